@@ -1,0 +1,19 @@
+"""Physical effects beside the lumped model; every module of this package is found by scanning it."""
+
+import importlib
+import pkgutil
+
+from piezoharvest.effects.base import Effect
+from piezoharvest.parameters import subclasses_by
+
+for _module in pkgutil.iter_modules(__path__):
+    importlib.import_module(f"{__name__}.{_module.name}")
+
+
+def registered() -> dict[str, type[Effect]]:
+    """All effects by name, those that a user's own script defines included."""
+    return subclasses_by("name", Effect)
+
+
+globals().update({cls.__name__: cls for cls in registered().values()})
+__all__ = ["Effect", "registered", *sorted(cls.__name__ for cls in registered().values())]

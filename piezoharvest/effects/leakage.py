@@ -1,0 +1,24 @@
+"""Leakage resistance across the electrodes."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest.circuit import Product
+from piezoharvest.effects.base import Effect
+from piezoharvest.parameters import quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leakage(Effect):
+    """A resistance across the electrodes: a meter's input, moisture; absent when infinite."""
+
+    name: ClassVar[str] = "leakage"
+    source: ClassVar[str] = "IEEE Std 176-1987"
+
+    resistance: float = quantity("ohm", "leakage resistance", above=0, null=float("inf"))
+
+    def current(self, port, z, dz):
+        return port.v / self.resistance
+
+    def losses(self, port, z, dz):
+        return [Product(1.0 / self.resistance, port.v, port.v)]

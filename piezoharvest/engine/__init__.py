@@ -1,0 +1,1 @@
+"""The event-driven engine: exact propagation of piecewise linear models."""

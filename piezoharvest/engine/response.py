@@ -1,0 +1,100 @@
+"""What a simulation gives back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Waveforms:
+    """Signals on a common time base, in SI units and the signs of INTERFACE section 1.
+
+    Attributes
+    ----------
+    time : (n,) array
+        s; one period in the steady state, the whole run in a transient.
+    drive : (n,) array
+        Force in N, or base acceleration in m/s^2.
+    displacement, velocity : (n,) array
+        Participation-weighted sum of the modes, m and m/s.
+    voltage, current : (n,) array
+        Electrode voltage v_p in V and load current i = -dq_p/dt (less what effects draw) in A.
+    charge : (n,) array
+        q_p in C.
+    hysteresis_voltage : (n,) array
+        v_h in V.
+    dc_voltage : (n,) array
+        Behind the bridge, V; zero where there is none.
+    event_times : (e,) array
+        s, increasing.
+    event_names : tuple of str
+        "switch closes", "switch opens", "diodes conduct", "diodes block", "voltage extracted", "hysteresis slips" or
+        "hysteresis sticks", one for each event time.
+    """
+
+    time: np.ndarray
+    drive: np.ndarray
+    displacement: np.ndarray
+    velocity: np.ndarray
+    voltage: np.ndarray
+    current: np.ndarray
+    charge: np.ndarray
+    hysteresis_voltage: np.ndarray
+    dc_voltage: np.ndarray
+    event_times: np.ndarray
+    event_names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Response:
+    """Outcome of one simulation: averages over one period, or over the whole of a transient.
+
+    Attributes
+    ----------
+    shunt : str
+        Kind of the shunt.
+    converged : bool
+        Whether the steady state was reached (a transient: whether it ran to its end) and energy closes.
+    message : str
+        What there is to know: why it did not converge, that the steady state found is unstable, ...; may be empty.
+    period : float
+        Period in s, or the length of the transient.
+    harvested_power, mechanical_power : float
+        Mean power that reaches the load, and that the excitation delivers, W.
+    displacement_amplitude, voltage_amplitude : float
+        Half of peak to peak, m and V.
+    dc_voltage : float
+        Mean voltage behind the bridge, V.
+    attenuation_db : float
+        20 log10 of the displacement amplitude against the short circuit.
+    energy : dict
+        Per period in J: "mechanical_in", "harvested", "damping", "hysteresis", "shunt_loss", where they occur "source"
+        (delivered by an active part) and the loss of each effect by its name; "stored" (change, transients only) and
+        "closure" (share of the energy supplied that no entry accounts for).
+    events_per_period : int
+        Changes of the circuit's configuration and of the hysteresis operators.
+    periods_evaluated : int
+        Periods simulated to find the answer.
+    """
+
+    shunt: str
+    converged: bool
+    message: str
+    period: float
+    harvested_power: float
+    mechanical_power: float
+    displacement_amplitude: float
+    voltage_amplitude: float
+    dc_voltage: float
+    attenuation_db: float
+    energy: dict[str, float]
+    events_per_period: int
+    periods_evaluated: int
+    waveforms: Waveforms | None = field(default=None, repr=False)
+
+    @property
+    def efficiency(self) -> float:
+        """Harvested over mechanical power, P_out/P_in; 0 where no power comes in."""
+        return self.harvested_power / self.mechanical_power if self.mechanical_power > 0 else 0.0

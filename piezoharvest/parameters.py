@@ -1,0 +1,133 @@
+"""Physical quantities as dataclass fields: unit, bounds and null value live on the field itself."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import MISSING, dataclass
+from typing import Any
+
+import numpy as np
+
+
+class ParameterError(ValueError):
+    """A value that physics or the interface does not allow.
+
+    Attributes
+    ----------
+    key : str
+        The field (or dotted path of fields) that holds the value.
+    """
+
+    def __init__(self, key: str, message: str):
+        super().__init__(f"{key}: {message}")
+        self.key = key
+        self.message = message
+
+    def within(self, prefix: str) -> ParameterError:
+        """Return the same error, with `prefix` put before its key path."""
+        return ParameterError(f"{prefix}.{self.key}", self.message)
+
+
+def quantity(
+    unit: str,
+    doc: str,
+    *,
+    default: Any = MISSING,
+    above: float | None = None,
+    at_least: float | None = None,
+    below: float | None = None,
+    at_most: float | None = None,
+    null: float | None = None,
+) -> Any:
+    """Declare a dataclass field that holds a quantity in SI units.
+
+    Parameters
+    ----------
+    unit : str
+        SI unit, in a form that pint reads; "" for a pure number.
+    doc : str
+        What the quantity is.
+    default : optional
+        Default value; the field is required without it.
+    above, at_least, below, at_most : float, optional
+        Open and closed bounds.
+    null : float, optional
+        The value at which the described effect is absent.
+    """
+    metadata = {
+        "unit": unit, "doc": doc, "above": above, "at_least": at_least, "below": below, "at_most": at_most, "null": null,
+    }  # fmt: skip
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+_COMPARISONS = {
+    "above": ("greater than", np.greater),
+    "at_least": ("at least", np.greater_equal),
+    "below": ("less than", np.less),
+    "at_most": ("at most", np.less_equal),
+}
+
+
+def allowed(field: dataclasses.Field) -> str:
+    """Say in words which values a quantity field allows."""
+    unit = f" {field.metadata['unit']}" if field.metadata.get("unit") else ""
+    bounds = [
+        f"{words} {field.metadata[key]:g}{unit}"
+        for key, (words, _) in _COMPARISONS.items()
+        if field.metadata.get(key) is not None
+    ]
+    return "a finite number" + (" " + " and ".join(bounds) if bounds else "")
+
+
+def check_quantity(field: dataclasses.Field, value: Any) -> None:
+    """Raise `ParameterError` unless `value` (a number, or a tuple or array of them) is finite and within the bounds.
+
+    Raises
+    ------
+    ParameterError
+        The value is not a number, not finite or outside the bounds.
+    """
+    if value is None and field.default is None:
+        return
+    numbers = np.asarray(value)
+    try:
+        if numbers.dtype.kind not in "fiu":
+            raise ValueError
+        fine = np.isfinite(numbers.astype(float))
+    except (TypeError, ValueError):
+        raise ParameterError(field.name, f"found {value!r}, allowed is {allowed(field)}") from None
+    for key, (_, compare) in _COMPARISONS.items():
+        if field.metadata.get(key) is not None:
+            fine &= compare(numbers, field.metadata[key])
+    if not np.all(fine):
+        found = value if numbers.ndim == 0 else numbers[~fine].flat[0]
+        raise ParameterError(field.name, f"found {found}, allowed is {allowed(field)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Component:
+    """Base of everything that carries physical quantities: an immutable record that checks itself.
+
+    Fields are SI numbers. A field may also hold an array of shape (designs, 1): the component then stands for a
+    batch of designs, and the matrices made from it carry the batch as their leading axis.
+
+    Raises
+    ------
+    ParameterError
+        A value is not finite or outside its bounds.
+    """
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            if "unit" in field.metadata:
+                check_quantity(field, getattr(self, field.name))
+
+
+def subclasses_by(attribute: str, base: type) -> dict[str, type]:
+    """Registered components: every subclass of `base` that names itself by the class attribute `attribute`."""
+    found: dict[str, type] = {}
+    for cls in base.__subclasses__():
+        if attribute in cls.__dict__:
+            found[cls.__dict__[attribute]] = cls
+        found.update(subclasses_by(attribute, cls))
+    return found

@@ -1,0 +1,24 @@
+"""A transducer with what is connected to it: the one physical description that every view starts from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from piezoharvest.shunts.base import Shunt
+from piezoharvest.shunts.short import Short
+from piezoharvest.transducer import Transducer
+
+
+@dataclass(frozen=True)
+class System:
+    """A transducer and its shunt.
+
+    Parameters
+    ----------
+    transducer : Transducer
+    shunt : Shunt
+        Shorted electrodes unless given.
+    """
+
+    transducer: Transducer
+    shunt: Shunt = Short()

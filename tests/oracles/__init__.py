@@ -1,0 +1,1 @@
+"""Oracles: independent, slow and plain reimplementations that the tests compare piezoharvest with."""
