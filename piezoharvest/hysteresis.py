@@ -105,7 +105,7 @@ class Hysteresis(Component):
         Returns
         -------
         thresholds : (n + 1,) array
-            Play thresholds in V; the first is 0 (the charge that follows at once).
+            Play thresholds in V; the first is 0 (the charge that follows at once). n counts the weights above zero.
         slopes : (n + 1,) array
             Weights in F: charge = sum_j slopes_j play(v; thresholds_j). Without capacitance the last slope, beyond
             saturation, would be infinite and is left out: n play operators.
@@ -116,7 +116,9 @@ class Hysteresis(Component):
         corners are at v(r_i); a play operator starts to move at its threshold with its slope. The thresholds of the
         play are the stop's initial-loading values because the operators are dual.
         """
-        r, w = np.array(self.thresholds), np.array(self.weights)
+        # Without weights beyond the last positive one, v_h is saturated and has no inverse.
+        pairs = [(r, w) for r, w in zip(self.thresholds, self.weights, strict=True) if w > 0]
+        r, w = np.array([r for r, _ in pairs]), np.array([w for _, w in pairs])
         base = 0.0 if capacitance is None else 1.0 / capacitance
         sticking = base + np.concatenate((np.cumsum(w[::-1])[::-1], [0.0]))
         corner = np.concatenate(([0.0], np.cumsum(sticking[:-1] * np.diff(r, prepend=0.0))))
@@ -169,6 +171,6 @@ class Hysteresis(Component):
         return gain
 
     def loss_per_cycle(self, amplitude: float) -> float:
-        """Energy in J lost in one closed loop of charge amplitude A (C): sum of 4 w r (A - r) over slipping elements."""
+        """Energy in J lost in a closed loop of charge amplitude A (C): sum of 4 w r (A - r) over slipping elements."""
         pairs = zip(self.thresholds, self.weights, strict=True)
         return sum(4.0 * w * r * (amplitude - r) for r, w in pairs if amplitude > r)

@@ -26,7 +26,7 @@ class ParallelSSHI(InductiveSwitch, Bridge):
 
     def equations(self, configuration, port, z, dz):
         sign, rectified = self._bridge(configuration, port, z)
-        port_equation = self.clamp(sign, port, dz) if sign else port.i - z.current
+        port_equation = self.clamp(sign, port, dz) if sign else port.i - self._loop(configuration, port, z)
         loop = self.loop_equation(configuration.startswith("closed"), port.v, port, z, dz)
         return [port_equation, loop, *self.dc_equations(rectified, z, dz)]
 
@@ -45,8 +45,10 @@ class ParallelSSHI(InductiveSwitch, Bridge):
     def opened(self, configuration):
         return configuration.replace("closed", "open")
 
-    @staticmethod
-    def _bridge(configuration, port, z):
+    def _loop(self, configuration, port, z):
+        return self.loop_current(configuration.startswith("closed"), port, z)
+
+    def _bridge(self, configuration, port, z):
         """Sign of the conducting diodes, and the current through them towards the dc side."""
         sign = sign_of(configuration)
-        return sign, sign * (port.i - z.current)
+        return sign, sign * (port.i - self._loop(configuration, port, z))

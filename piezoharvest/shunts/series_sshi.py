@@ -27,7 +27,7 @@ class SeriesSSHI(InductiveSwitch, Bridge):
     def equations(self, configuration, port, z, dz):
         sign = sign_of(configuration)
         loop = self.loop_equation(bool(sign), sign * self.excess(sign, port, z), port, z, dz)
-        return [port.i - z.current, loop, *self.dc_equations(sign * z.current, z, dz)]
+        return [port.i - self.loop_current(bool(sign), port, z), loop, *self.dc_equations(sign * z.current, z, dz)]
 
     def powers(self, configuration, port, z):
         powers = self.bridge_powers(sign_of(configuration) * z.current, port, z)

@@ -21,7 +21,8 @@ class SSDI(InductiveSwitch):
         return ("open", "closed")
 
     def equations(self, configuration, port, z, dz):
-        return [port.i - z.current, self.loop_equation(configuration == "closed", port.v, port, z, dz)]
+        closed = configuration == "closed"
+        return [port.i - self.loop_current(closed, port, z), self.loop_equation(closed, port.v, port, z, dz)]
 
     def powers(self, configuration, port, z):
         return {"shunt_loss": [Product(self.loop(port.capacitance)[1], z.current, z.current)]}

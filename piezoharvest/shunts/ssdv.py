@@ -30,7 +30,7 @@ class SSDV(InductiveSwitch):
     def equations(self, configuration, port, z, dz):
         sign = sign_of(configuration)
         drive = port.v - sign * self.source_voltage * port.one
-        return [port.i - z.current, self.loop_equation(bool(sign), drive, port, z, dz)]
+        return [port.i - self.loop_current(bool(sign), port, z), self.loop_equation(bool(sign), drive, port, z, dz)]
 
     def powers(self, configuration, port, z):
         sign = sign_of(configuration)

@@ -88,6 +88,10 @@ class InductiveSwitch(SynchronisedShunt):
         """Seconds that the switch stays closed."""
         return (1 + self.on_time_error) * self.nominal_flip_time(capacitance)
 
+    def loop_current(self, closed: bool, port, z):
+        """Current in the loop: the state while closed, plainly zero while open."""
+        return z.current if closed else 0.0 * port.one
+
     def loop_equation(self, closed: bool, drive, port, z, dz):
         """L di/dt + R i = drive while closed; the current stays where it is (at zero) while open."""
         if not closed:

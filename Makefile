@@ -1,0 +1,28 @@
+# make demo   install on first use and write the demonstration report to demo-report/
+# make test   run the tests
+# make check  lint and type check
+# make clean  remove the environment, caches, builds and the report
+
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: demo test check clean
+
+demo: .venv/.installed
+	$(BIN)/piezoharvest demo --out demo-report
+
+test: .venv/.installed
+	$(BIN)/python -m pytest -n 2 -q
+
+check: .venv/.installed
+	$(BIN)/ruff check .
+	$(BIN)/pyright
+
+.venv/.installed: pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,dev]'
+	touch $@
+
+clean:
+	rm -rf .venv build dist *.egg-info demo-report .pytest_cache .hypothesis .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,179 @@
+"""The command line: `piezoharvest simulate | design | export | demo`.
+
+typer only reads the arguments; each command hands back the work to be done, which `main` runs. Exit status: 0 done;
+1 ran, but the answer is not to be trusted; 2 bad input; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import piezoharvest
+
+Work = Callable[[], int]
+
+app = typer.Typer(
+    help="Piezoelectric shunt damping and energy harvesting: simulate, design and export studies written in TOML.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="Study file (TOML).", show_default=False)]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"piezoharvest {piezoharvest.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+    ] = False,
+) -> None:
+    """Take the options that stand before the command."""
+
+
+def _positive(value: float | None) -> float | None:
+    if value is not None and not 0 < value < math.inf:
+        raise typer.BadParameter(f"found {value}, allowed is a finite number greater than 0")
+    return value
+
+
+@app.command()
+def simulate(
+    study: StudyFile,
+    json: AsJson = False,
+    transient: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS", help="Simulate from rest for this long instead of the steady state.", callback=_positive
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Keep the waveforms: .csv, .npz, .h5 or .parquet.")
+    ] = None,
+) -> Work:
+    """Simulate every shunt of a study.
+
+    Finds the periodic steady state of a periodic excitation, and a transient otherwise or with --transient.
+
+    A waveform file is one long table with the columns shunt (from 0), kind, time_s, drive (N or m/s^2), displacement_m,
+    velocity_m_per_s, voltage_V, current_A, charge_C, hysteresis_voltage_V and dc_voltage_V.
+    """
+    from piezoharvest.cli import work
+
+    return partial(work.simulate, study, as_json=json, transient=transient, out=out)
+
+
+@app.command()
+def design(
+    study: StudyFile,
+    json: AsJson = False,
+    report: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write a report (HTML) into this directory.")
+    ] = None,
+) -> Work:
+    """Tune and rank the candidates of a study.
+
+    The table [design] says what is wanted; every candidate is set against the bound of passive linear shunts.
+    """
+    from piezoharvest.cli import work
+
+    return partial(work.design, study, as_json=json, report=report)
+
+
+@app.command()
+def export(
+    study: StudyFile,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.", show_default=False)],
+    form: Annotated[str, typer.Option("--format", metavar="FORMAT", help="Only spice: ngspice and LTspice.")] = "spice",
+    shunt: Annotated[
+        int | None, typer.Option(metavar="N", min=0, help="Which shunt of the study, from 0.", show_default="0")
+    ] = None,
+) -> Work:
+    """Write a netlist for circuit simulators."""
+    if form != "spice":
+        raise typer.BadParameter(f"found {form!r}, allowed is spice", param_hint="--format")
+    from piezoharvest.cli import work
+
+    return partial(work.export, study, out, shunt)
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Directory of the report.")] = Path("piezoharvest-demo"),
+) -> Work:
+    """Design a harvester from shipped input.
+
+    Ends with a report to look at: its path is the last line.
+    """
+    from piezoharvest.cli import work
+
+    return partial(work.demo, out)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Without the program's name; default `sys.argv[1:]`.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    if hasattr(sys.stdout, "reconfigure"):
+        sys.stdout.reconfigure(errors="replace")  # pyright: ignore[reportAttributeAccessIssue]
+    try:
+        result = app(arguments, prog_name="piezoharvest", standalone_mode=False)
+        status: Any = result() if callable(result) else result or 0
+        sys.stdout.flush()
+        return status
+    except KeyboardInterrupt:
+        return _say("interrupted", 130)
+    except BrokenPipeError:
+        # Who reads the results has left: nothing to say, and nothing to flush into the pipe at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    except Exception as error:
+        return _failed(error)
+
+
+def _failed(error: Exception) -> int:
+    """Say in one line what went wrong, and return the exit status."""
+    if hasattr(error, "format_message") and hasattr(error, "exit_code"):  # typer, of whichever version
+        context: Any = getattr(error, "ctx", None)
+        command = context.command_path if context else "piezoharvest"
+        return _say(f"{error.format_message().rstrip('.')} (see {command} --help)", 2)  # pyright: ignore
+    from piezoharvest.cli.work import BAD_INPUT
+
+    if isinstance(error, BAD_INPUT):
+        return _say(f"error: {error}", 2)
+    if isinstance(error, OSError):  # a full disk, say
+        return _say(f"error: {error}", 1)
+    if os.environ.get("PIEZOHARVEST_TRACEBACK"):
+        raise error
+    hint = "PIEZOHARVEST_TRACEBACK=1 shows where"
+    return _say(f"internal error, please report it: {type(error).__name__}: {error} ({hint})", 1)
+
+
+def _say(text: str, status: int) -> int:
+    print("piezoharvest:", " ".join(text.split()), file=sys.stderr)
+    return status

@@ -1,0 +1,277 @@
+"""The linear model M z' = N z + B w in rows: transducer, effects and what is connected, each by its own equations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from piezoharvest.circuit import Port, Product, Row, State
+from piezoharvest.parameters import ParameterError
+from piezoharvest.shunts.base import LinearShunt, Shunt
+from piezoharvest.transducer import Transducer
+
+OperatingPoint = str | Sequence[bool]
+Termination = Callable[[Port, SimpleNamespace, SimpleNamespace, Mapping[str, Row]], Sequence[Row]]
+CANCELLED = "found a circuit that cancels the transducer's exactly"
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """M z' = N z + B w, with outputs and powers as rows over [z | dz | w | 1].
+
+    For a batch of designs every array has the batch as its leading axis.
+
+    Attributes
+    ----------
+    states, inputs : tuple of str
+        Names of z (x1, u1, ... in m and m/s, q in C, then those of the effects and of the circuit) and of w.
+    M, N : (..., n, n) array
+    B : (..., n, m) array
+    rows : mapping of str to Row
+        "displacement" (m), "velocity" (m/s), "voltage" (V), "current" (load current, A), "charge" (q_p, C) and
+        "drive_velocity" (what the drive multiplies with to its power, W per N or per m/s^2).
+    powers : mapping of str to sequence of Product
+        Powers of the shunt by where they go, W.
+    """
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    M: np.ndarray
+    N: np.ndarray
+    B: np.ndarray
+    rows: Mapping[str, Row]
+    powers: Mapping[str, Sequence[Product]]
+
+    def split(self, row: Row) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Coefficients of z, of dz and of the inputs in a row."""
+        n = len(self.states)
+        return row[..., :n], row[..., n : 2 * n], row[..., 2 * n : -1]
+
+    def dynamics(self) -> tuple[np.ndarray, np.ndarray]:
+        """A and B of z' = A z + B w.
+
+        Raises
+        ------
+        ParameterError
+            M is singular: the circuit cancels the transducer's capacitance exactly.
+        """
+        try:
+            solution = np.linalg.solve(self.M, np.concatenate((self.N, self.B), axis=-1))
+        except np.linalg.LinAlgError:
+            raise ParameterError("capacitance", f"{CANCELLED}, allowed is another value") from None
+        return solution[..., : len(self.states)], solution[..., len(self.states) :]
+
+    def explicit(self, outputs: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """A, B, C, D of z' = A z + B w, y = C z + D w, with the named rows as outputs y; raises as `dynamics` does."""
+        a, b = self.dynamics()
+        parts = [self.split(self.rows[output]) for output in outputs]
+        z, dz, w = (np.stack(np.broadcast_arrays(*part), axis=-2) for part in zip(*parts, strict=True))
+        return a, b, z + dz @ a, w + dz @ b
+
+    def phasors(self, omega: np.ndarray) -> Callable[[Row], np.ndarray]:
+        """Function that gives the transfer functions of a row at angular frequencies `omega` (f,), rad/s.
+
+        It maps a row to an array (..., f, inputs), complex; `omega` may also be a scalar, without the axis f.
+        """
+        s = 1j * np.asarray(omega, float)[..., None]
+        m, n, b = (x[..., None, :, :] if x.ndim == 3 else x for x in (self.M, self.N, self.B))
+        states = np.linalg.solve(s[..., None] * m - n, b + 0j)
+
+        def transfer(row: Row) -> np.ndarray:
+            z, dz, w = self.split(row[..., None, :] if row.ndim == 2 else row)
+            return ((z + s * dz)[..., None, :] @ states)[..., 0, :] + w
+
+        return transfer
+
+
+def angular(frequencies: Any) -> np.ndarray:
+    """Angular frequencies in rad/s from Hz.
+
+    Raises
+    ------
+    ParameterError
+        A frequency is not finite or not above zero (open electrodes hold their charge for ever: no static gain).
+    """
+    require_positive("frequencies", frequencies, "Hz")
+    return 2 * np.pi * np.asarray(frequencies, float)
+
+
+def require_positive(key: str, value: Any, unit: str) -> None:
+    """Raise `ParameterError` unless the number, or every number of an array, is finite and greater than zero."""
+    numbers = np.asarray(value, float)
+    bad = numbers[~(np.isfinite(numbers) & (numbers > 0))]
+    if bad.size:
+        raise ParameterError(key, f"found {bad.flat[0]}, allowed is a finite number greater than 0 {unit}")
+
+
+def hysteresis_slope(
+    transducer: Transducer, operating_point: OperatingPoint = "stick", amplitude: float | None = None
+) -> complex:
+    """Slope dv_h/dq of the hysteresis in V/C.
+
+    Parameters
+    ----------
+    transducer : Transducer
+    operating_point : "stick", "slip" or sequence of bool
+        All operators stick (small signal), all slip, or for each of them whether it slips.
+    amplitude : float, optional
+        Charge amplitude in C; with it the describing function is given instead, complex.
+
+    Raises
+    ------
+    ParameterError
+        The operating point is none of these, or the amplitude is not positive.
+    """
+    hysteresis = transducer.hysteresis
+    if amplitude is not None:
+        require_positive("amplitude", amplitude, "C")
+        return 0.0 if hysteresis is None else hysteresis.describing_function(amplitude)
+    weights = () if hysteresis is None else hysteresis.weights
+    if isinstance(operating_point, str):
+        if operating_point not in ("stick", "slip"):
+            raise ParameterError("operating_point", f'found "{operating_point}", allowed is "stick", "slip" or flags')
+        operating_point = [operating_point == "slip"] * len(weights)
+    if len(operating_point) != len(weights):
+        found = f"found {len(operating_point)} flags for {len(weights)} operators"
+        raise ParameterError("operating_point", f"{found}, allowed is one for each")
+    return sum((w for w, slips in zip(weights, operating_point, strict=True) if not slips), 0.0)
+
+
+def assemble(transducer: Transducer, shunt: Shunt, *, slope: complex | None = None, base: bool = False) -> LinearModel:
+    """Rows of a transducer with its effects and a linear circuit across it.
+
+    Parameters
+    ----------
+    transducer : Transducer
+    shunt : LinearShunt
+    slope : complex, optional
+        Slope of the hysteresis in V/C; default all operators sticking. Complex for phasors.
+    base : bool
+        Whether the input is base acceleration (m/s^2) rather than force (N).
+
+    Raises
+    ------
+    ParameterError
+        The shunt is not a linear circuit.
+    """
+    if not isinstance(shunt, LinearShunt):
+        raise ParameterError("shunt", f"found {shunt.kind}, allowed is a linear circuit (no switches, no diodes)")
+    return connect(
+        transducer,
+        lambda port, z, dz, inputs: shunt.equations("linear", port, z, dz),
+        shunt.states(transducer.capacitance),
+        slope=slope,
+        base=base,
+        powers=lambda port, z: shunt.powers("linear", port, z),
+    )
+
+
+def connect(
+    transducer: Transducer,
+    terminate: Termination,
+    states: Sequence[State] = (),
+    *,
+    slope: complex | None = None,
+    resistance: float = 0.0,
+    base: bool = False,
+    electrical: str | None = None,
+    prefix: str = "shunt_",
+    powers: Callable[[Port, SimpleNamespace], Mapping[str, Sequence[Product]]] | None = None,
+) -> LinearModel:
+    """Rows of a transducer whose port is closed by `terminate`.
+
+    Parameters
+    ----------
+    transducer : Transducer
+    terminate : callable
+        Given (port, z, dz, inputs) it returns an equation for the port and one for each of `states`.
+    states : sequence of State
+        States of the termination.
+    slope, base
+        As in `assemble`.
+    resistance : float
+        In series with the transducer, ohm: what the hysteresis loses at one frequency.
+    electrical : str, optional
+        Name of a second, electrical input.
+    prefix : str
+        Put before the names of `states`.
+    powers : callable, optional
+        Powers by where they go, given (port, z).
+    """
+    effects = [(e, f"effect{n}_{e.name}_", e.states()) for n, e in enumerate(transducer.effects, 1)]
+    names = [f"{s}{n}" for n in range(1, len(transducer.all_modes) + 1) for s in "xu"] + ["q"]
+    names += [before + s.name for before, own in [(p, o) for _, p, o in effects] + [(prefix, states)] for s in own]
+    inputs = ["base_acceleration" if base else "force"] + ([electrical] if electrical else [])
+    z, dz, w, one = _unit_rows(names, inputs)
+    equations, rows = _mechanics(transducer, z, dz, w[inputs[0]], base)
+    port = _electrodes(transducer, z, dz, one, hysteresis_slope(transducer) if slope is None else slope, resistance)
+    current = -dz["q"]
+    for effect, before, own in effects:
+        own_z, own_dz = _own(z, before, own), _own(dz, before, own)
+        current = current - effect.current(port, own_z, own_dz)
+        equations += effect.equations(port, own_z, own_dz)
+    port = port._replace(i=current)
+    own_z = _own(z, prefix, states)
+    equations += terminate(port, own_z, _own(dz, prefix, states), w)
+    rows |= {"voltage": port.v, "current": current, "charge": z["q"]}
+    rows |= {prefix + name: row for name, row in vars(own_z).items()}
+    return _model(names, inputs, equations, rows, powers(port, own_z) if powers else {})
+
+
+def _electrodes(transducer: Transducer, z, dz, one: Row, slope: complex, resistance: float) -> Port:
+    """Electrode voltage and its derivative; the load current is not known yet, and nothing may use it."""
+    unknown = np.nan * one
+    voltage = _capacitor_voltage(transducer, z) + slope * z["q"] + resistance * dz["q"]
+    derivative = _capacitor_voltage(transducer, dz) + slope * dz["q"]
+    derivative = derivative if np.all(np.equal(resistance, 0)) else unknown
+    return Port(voltage, derivative, unknown, one, transducer.capacitance)
+
+
+def _capacitor_voltage(transducer: Transducer, z: Mapping[str, Row]) -> Row:
+    """Row of v_t = (q - sum T_i x_i)/C; of its derivative from the rows of the derivatives."""
+    strain_charge = sum(mode.coupling * z[f"x{n}"] for n, mode in enumerate(transducer.all_modes, 1))
+    return (z["q"] - strain_charge) / transducer.capacitance
+
+
+def _unit_rows(names: list[str], inputs: list[str]):
+    """Unit rows of the states, of their derivatives, of the inputs and of the constant."""
+    n, eye = len(names), np.eye(2 * len(names) + len(inputs) + 1)
+    z, dz = dict(zip(names, eye[:n], strict=True)), dict(zip(names, eye[n : 2 * n], strict=True))
+    return z, dz, dict(zip(inputs, eye[2 * n : -1], strict=True)), eye[-1]
+
+
+def _own(rows: Mapping[str, Row], prefix: str, states: Sequence[State]) -> SimpleNamespace:
+    """Rows of a component's states under the names that it gave them."""
+    return SimpleNamespace(**{state.name: rows[prefix + state.name] for state in states})
+
+
+def _mechanics(transducer: Transducer, z, dz, drive: Row, base: bool) -> tuple[list[Row], dict[str, Row]]:
+    """Equations of motion of the modes, and the rows of what is read from them."""
+    modes = list(enumerate(transducer.all_modes, 1))
+    v_t = _capacitor_voltage(transducer, z)
+    gains = {n: -mode.base_mass if base else mode.force_participation for n, mode in modes}
+    equations = []
+    for n, mode in modes:
+        x, u = z[f"x{n}"], z[f"u{n}"]
+        inertia = mode.mass * dz[f"u{n}"] + mode.damping * u + mode.stiffness * x
+        equations += [dz[f"x{n}"] - u, inertia - mode.coupling * v_t - gains[n] * drive]
+    return equations, {
+        "displacement": sum((mode.force_participation * z[f"x{n}"] for n, mode in modes), 0 * drive),
+        "velocity": sum((mode.force_participation * z[f"u{n}"] for n, mode in modes), 0 * drive),
+        "drive_velocity": sum((gains[n] * z[f"u{n}"] for n, _ in modes), 0 * drive),
+    }
+
+
+def _model(names, inputs, equations, rows, powers) -> LinearModel:
+    """Stack the equations and split them by columns."""
+    stacked = np.stack(np.broadcast_arrays(*equations), axis=-2)
+    if np.any(np.isnan(stacked)):
+        uses = "the load current, or with a describing function the derivative of the electrode voltage"
+        raise ParameterError("effects", f"found one that uses {uses}, allowed are the voltage and own states")
+    n = len(names)
+    m, minus_n, minus_b = stacked[..., n : 2 * n], stacked[..., :n], stacked[..., 2 * n : -1]
+    return LinearModel(tuple(names), tuple(inputs), m, -minus_n, -minus_b, rows, powers)

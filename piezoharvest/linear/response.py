@@ -1,0 +1,100 @@
+"""Frequency responses of a transducer with a linear circuit, by exact linear algebra at every frequency."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from piezoharvest.circuit import Product
+from piezoharvest.linear.assembly import OperatingPoint, angular, assemble, hysteresis_slope
+from piezoharvest.system import System
+
+
+@dataclass(frozen=True)
+class FrequencyResponse:
+    """Response to a force of peak value 1 N, or with `base` to a base acceleration of 1 m/s^2.
+
+    Arrays are of shape (f,), or (designs, f) for a batch of designs; powers grow with the square of the drive.
+
+    Attributes
+    ----------
+    frequencies : (f,) array
+        Hz.
+    displacement, velocity : complex array
+        m/N and m/s/N; participation-weighted sum of the modes.
+    voltage, current : complex array
+        Electrode voltage and load current, V/N and A/N.
+    charge : complex array
+        q_p, C/N.
+    harvested_power, mechanical_power : array
+        Mean power into the load and mean power that the drive delivers, W/N^2 (of the peak value).
+    base : bool
+        Units above per m/s^2 instead of N.
+    """
+
+    frequencies: np.ndarray
+    displacement: np.ndarray
+    velocity: np.ndarray
+    voltage: np.ndarray
+    current: np.ndarray
+    charge: np.ndarray
+    harvested_power: np.ndarray
+    mechanical_power: np.ndarray
+    base: bool = False
+
+    @property
+    def efficiency(self) -> np.ndarray:
+        """Conversion efficiency P_out/P_in."""
+        return self.harvested_power / self.mechanical_power
+
+
+def frequency_response(
+    system: System,
+    frequencies: Any,
+    *,
+    base: bool = False,
+    amplitude: float | None = None,
+    operating_point: OperatingPoint = "stick",
+) -> FrequencyResponse:
+    """Response of a transducer with a linear shunt to a unit force or unit base acceleration.
+
+    Parameters
+    ----------
+    system : System
+        The shunt must be linear. A component that holds arrays of shape (designs, 1) makes it a batch.
+    frequencies : (f,) array or float
+        Hz.
+    base : bool
+        Drive by base acceleration instead of force.
+    amplitude : float, optional
+        Charge amplitude in C at which the hysteresis enters by its describing function (first harmonic, with loss).
+    operating_point : "stick", "slip" or sequence of bool
+        Hysteresis by its slope, without `amplitude`.
+
+    Raises
+    ------
+    ParameterError
+        The shunt has switches or diodes, or a frequency is not above zero.
+    """
+    slope = hysteresis_slope(system.transducer, operating_point, amplitude)
+    model = assemble(system.transducer, system.shunt, slope=slope, base=base)
+    transfer = model.phasors(angular(frequencies))
+
+    def phasor(row: np.ndarray) -> np.ndarray:
+        return transfer(row)[..., 0]
+
+    def mean(products: Sequence[Product]) -> np.ndarray:
+        powers = [p.coefficient * np.real(phasor(p.first) * np.conj(phasor(p.second))) / 2 for p in products]
+        return sum(powers, np.zeros(np.shape(frequencies)))
+
+    names = ("displacement", "velocity", "voltage", "current", "charge")
+    return FrequencyResponse(
+        frequencies=np.asarray(frequencies, float),
+        **{name: phasor(model.rows[name]) for name in names},
+        harvested_power=mean(model.powers.get("harvested", ())),
+        mechanical_power=np.real(phasor(model.rows["drive_velocity"])) / 2,
+        base=base,
+    )

@@ -1,0 +1,134 @@
+"""Poles of the closed loop of a transducer and a linear circuit, and the check that they do not grow."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from piezoharvest.linear.assembly import CANCELLED, OperatingPoint, assemble, hysteresis_slope
+from piezoharvest.parameters import ParameterError
+from piezoharvest.shunts.base import LinearShunt
+from piezoharvest.system import System
+
+_RANK = 1e-13  # of the largest singular value: what rounding leaves of a zero
+_DOUBLINGS = 14  # of an unstable value, up and down, in search of a stable one
+_RELATIVE = 1e-9  # of its own size: what rounding leaves of an undamped pole's real part
+
+
+def poles(system: System, *, operating_point: OperatingPoint = "stick") -> np.ndarray:
+    """Poles of the closed loop, 1/s: generalised eigenvalues of M z' = N z.
+
+    Parameters
+    ----------
+    system : System
+        The shunt must be linear.
+    operating_point : "stick", "slip" or sequence of bool
+        Hysteresis by its slope: all operators stick, all slip, or for each of them whether it slips.
+
+    Returns
+    -------
+    (n,) complex array
+        Sorted by magnitude. A floating charge (open electrodes) and a constraint that a circuit gives by its
+        derivative (a short) are poles at exactly zero.
+
+    Raises
+    ------
+    ParameterError
+        The shunt has switches or diodes, or cancels the transducer's capacitance exactly.
+    """
+    model = assemble(system.transducer, system.shunt, slope=hysteresis_slope(system.transducer, operating_point))
+    # Without units: states by their energy, time by the first resonance, each equation by its largest term.
+    rate, scales = 2 * np.pi * system.transducer.short_circuit_frequency, _energy_scales(system)
+    m, n = model.M * scales * rate, model.N * scales
+    rows = np.max(np.abs(np.concatenate((m, n), axis=1)), axis=1, keepdims=True)
+    m, n = m / rows, n / rows
+    # What equations say of derivatives only (y N = 0) is conserved, y M z: poles at zero, taken out before rounding can
+    # move them.
+    left, singular, _ = np.linalg.svd(n)
+    conserved = left.T[singular < _RANK * singular[0]] @ m
+    motion = np.linalg.svd(conserved)[2][len(conserved) :].T if len(conserved) else np.eye(len(m))
+    try:
+        found = np.linalg.eigvals(motion.T @ np.linalg.solve(m, n @ motion)) * rate
+    except np.linalg.LinAlgError:
+        raise ParameterError("capacitance", f"{CANCELLED}, allowed is another value") from None
+    found = np.concatenate((np.zeros(len(conserved)), found)).astype(complex)
+    return found[np.lexsort((np.imag(found), np.abs(found)))]
+
+
+def _energy_scales(system: System) -> np.ndarray:
+    """Value of each state, in the order of the model, at which it holds an energy of 1/2 J."""
+    transducer = system.transducer
+    scales = [scale for mode in transducer.all_modes for scale in (mode.stiffness**-0.5, mode.mass**-0.5)]
+    states = [state for effect in transducer.effects for state in effect.states()]
+    states += system.shunt.states(transducer.capacitance)
+    return np.array([*scales, transducer.capacitance**0.5, *(abs(s.storage or 1.0) ** -0.5 for s in states)])
+
+
+def check_stability(system: System) -> None:
+    """Make sure that the closed loop is stable, with sticking and with slipping hysteresis.
+
+    A pole at zero (a floating charge) is not instability. Circuits with switches or diodes are passive and pass.
+
+    Raises
+    ------
+    ParameterError
+        A pole has a positive real part; says which value is to blame, what is allowed and which pole it is.
+    """
+    if not isinstance(system.shunt, LinearShunt):
+        return
+    worst = _growing(system)
+    if worst is None:
+        return
+    imaginary = f" ± {abs(worst.imag):.4g}j" if worst.imag else ""
+    reason = f"closed loop unstable: pole at +{worst.real:.4g}{imaginary} 1/s"
+    key = _active_field(system)
+    if key is None:
+        raise ParameterError("shunt", f"found {system.shunt.kind}, allowed is a stable closed loop ({reason})")
+    unit = next(field.metadata["unit"] for field in dataclasses.fields(system.shunt) if field.name == key)
+    found, allowed = getattr(system.shunt, key), _stable_values(system, key, unit)
+    raise ParameterError(key, f"found {found:g} {unit}, allowed is {allowed} ({reason})")
+
+
+def _growing(system: System) -> complex | None:
+    """The pole that grows fastest, or None where none does; infinite where the loop is singular."""
+    worst: complex | None = None
+    for operating_point in ("stick", "slip"):
+        try:
+            found = poles(system, operating_point=operating_point)
+        except ParameterError:
+            return complex(np.inf)
+        found = found[np.real(found) > np.maximum(_RELATIVE * np.abs(found), _RANK * np.max(np.abs(found)))]
+        if len(found) and (worst is None or np.real(found).max() > worst.real):
+            worst = complex(found[np.argmax(np.real(found))])
+    return worst
+
+
+def _active_field(system: System) -> str | None:
+    """Name of the shunt's field that is the magnitude of a negative storage element, if there is one."""
+    negative = [-state.storage for state in system.shunt.states(system.transducer.capacitance) if state.storage < 0]
+    for field in dataclasses.fields(system.shunt):
+        if "unit" in field.metadata and any(getattr(system.shunt, field.name) == value for value in negative):
+            return field.name
+    return None
+
+
+def _stable_values(system: System, key: str, unit: str) -> str:
+    """In words, the values of a field of the shunt that make the loop stable, by bisection."""
+    found = getattr(system.shunt, key)
+
+    def stable(value: float) -> bool:
+        shunt = dataclasses.replace(system.shunt, **{key: value})
+        return _growing(System(system.transducer, shunt)) is None
+
+    for doublings in range(1, _DOUBLINGS):
+        for factor, words in ((0.5, "less than"), (2.0, "greater than")):
+            good = found * factor**doublings
+            if not stable(good):
+                continue
+            bad = found * factor ** (doublings - 1)
+            while abs(good / bad - 1) > 1e-6:
+                middle = (good * bad) ** 0.5
+                good, bad = (middle, bad) if stable(middle) else (good, middle)
+            return f"{words} {good:.6g} {unit}"
+    return "no value of it with this transducer"

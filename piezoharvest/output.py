@@ -1,0 +1,180 @@
+"""Files that are whole or not there: atomic writes, and waveforms as tables."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from piezoharvest.engine.response import Response
+
+# Column of a waveform file: signal of `piezoharvest.engine.response.Waveforms`.
+WAVEFORM_COLUMNS = {
+    "time_s": "time",
+    "drive": "drive",
+    "displacement_m": "displacement",
+    "velocity_m_per_s": "velocity",
+    "voltage_V": "voltage",
+    "current_A": "current",
+    "charge_C": "charge",
+    "hysteresis_voltage_V": "hysteresis_voltage",
+    "dc_voltage_V": "dc_voltage",
+}
+
+
+class OutputError(ValueError):
+    """A file or a directory that cannot be written to."""
+
+
+def check_file(path: str | Path, suffixes: Sequence[str] = ()) -> Path:
+    """Make sure, before any work is done, that a file can be written; nothing is left behind.
+
+    Parameters
+    ----------
+    path : str or Path
+    suffixes : sequence of str
+        Allowed endings of the name; any, if empty.
+
+    Raises
+    ------
+    OutputError
+        Wrong ending, no such directory, no right to write there, or something there that is not a file.
+    """
+    path = Path(path)
+    if suffixes and path.suffix.lower() not in suffixes:
+        found = repr(path.suffix) if path.suffix else "no suffix"
+        raise OutputError(f"{path}: found {found}, allowed are files ending in {', '.join(suffixes)}")
+    target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_file():
+        raise OutputError(f"{path}: found something that is not a file, allowed is a new file or one to be replaced")
+    check_directory(target.parent)
+    return path
+
+
+def check_directory(path: str | Path, *, create: bool = False) -> Path:
+    """Make sure that files can be written into a directory, which is made if `create` says so.
+
+    Raises
+    ------
+    OutputError
+        It is not there, not a directory, or cannot be written to.
+    """
+    path = Path(path)
+    try:
+        if create:
+            path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            return path
+    except OSError as error:
+        found = f"found no directory to write to ({error.strerror})"
+        raise OutputError(f"{path}: {found}, allowed is one that exists and may be written to") from None
+
+
+@contextmanager
+def atomic(path: str | Path) -> Iterator[Path]:
+    """Name of a temporary file beside `path`, which takes the place of `path` once the block has ended without error.
+
+    A reader sees the old file or the whole new one; a killed run leaves the old one as it was.
+    """
+    target = Path(os.path.realpath(path))
+    temporary = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
+    try:
+        yield temporary
+        os.replace(temporary, target)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def waveform_table(responses: Sequence[Response]) -> dict[str, Any]:
+    """Waveforms of several simulations as the columns of one long table.
+
+    Columns are `shunt` (the position in the study), `kind`, then those of `WAVEFORM_COLUMNS`; `drive` is the force in N
+    or the base acceleration in m/s^2. Simulations without waveforms are left out.
+    """
+    import numpy as np
+
+    kept = [(n, response, response.waveforms) for n, response in enumerate(responses) if response.waveforms is not None]
+    lengths = [len(waveforms.time) for _, _, waveforms in kept]
+    columns: dict[str, Any] = {
+        "shunt": np.repeat(np.array([n for n, _, _ in kept], dtype=np.int64), lengths),
+        "kind": np.repeat(np.array([response.shunt for _, response, _ in kept], dtype=str), lengths),
+    }
+    for column, signal in WAVEFORM_COLUMNS.items():
+        parts = [np.broadcast_to(getattr(waveforms, signal), len(waveforms.time)) for _, _, waveforms in kept]
+        columns[column] = np.concatenate(parts) if parts else np.empty(0)
+    return columns
+
+
+def write_table(columns: Mapping[str, Any], path: str | Path) -> None:
+    """Write columns of equal length to .csv, .npz, .h5 or .parquet, atomically; in .npz and .h5 each is an array.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    path = check_file(path, TABLE_SUFFIXES)
+    try:
+        with atomic(path) as temporary:
+            _WRITERS[path.suffix.lower()](columns, temporary)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from None
+
+
+def write_text(text: str, path: str | Path) -> None:
+    """Write a text file in UTF-8, atomically.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    path = check_file(path)
+    try:
+        with atomic(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from None
+
+
+def _write_csv(columns: Mapping[str, Any], path: Path) -> None:
+    from pyarrow import csv
+
+    with path.open("wb") as stream:
+        stream.write((",".join(columns) + "\n").encode())
+        csv.write_csv(_arrow(columns), stream, csv.WriteOptions(include_header=False, quoting_style="none"))
+
+
+def _write_parquet(columns: Mapping[str, Any], path: Path) -> None:
+    from pyarrow import parquet
+
+    parquet.write_table(_arrow(columns), path)
+
+
+def _arrow(columns: Mapping[str, Any]) -> Any:
+    import pyarrow
+
+    return pyarrow.table({name: pyarrow.array(values) for name, values in columns.items()})
+
+
+def _write_npz(columns: Mapping[str, Any], path: Path) -> None:
+    import numpy as np
+
+    with path.open("wb") as stream:
+        np.savez(stream, **columns)
+
+
+def _write_h5(columns: Mapping[str, Any], path: Path) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        for name, values in columns.items():
+            file[name] = values.astype(h5py.string_dtype()) if values.dtype.kind == "U" else values
+
+
+_WRITERS = {".csv": _write_csv, ".npz": _write_npz, ".h5": _write_h5, ".parquet": _write_parquet}
+TABLE_SUFFIXES = tuple(_WRITERS)

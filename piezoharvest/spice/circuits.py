@@ -1,0 +1,144 @@
+"""Shunts as netlist elements between the electrodes, nodes `p` and 0: one function for each kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from piezoharvest.parameters import ParameterError
+from piezoharvest.shunts.base import Shunt
+from piezoharvest.spice.deck import Deck, number, total
+from piezoharvest.spice.scene import Circuit, Scene
+from piezoharvest.spice.switching import write_bridge, write_discharge, write_loop
+
+
+def write_shunt(deck: Deck, shunt: Shunt, scene: Scene) -> Circuit:
+    """Write a shunt of any kind that is known here.
+
+    Raises
+    ------
+    ParameterError
+        The kind is not known here, as one from a user's own script.
+    """
+    if shunt.kind not in WRITERS:
+        known = ", ".join(sorted(WRITERS))
+        raise ParameterError("shunt", f"found kind {shunt.kind!r} to be exported to SPICE, allowed are {known}")
+    deck.section(f"shunt: {shunt.kind}")
+    return WRITERS[shunt.kind](deck, shunt, scene)
+
+
+def _open(deck, shunt, scene):
+    deck.comment("Nothing is connected.")
+    return Circuit()
+
+
+def _short(deck, shunt, scene):
+    deck.add("Vshort p 0 0")
+    return Circuit()
+
+
+def _resistor(deck, shunt, scene):
+    deck.add("Rload p 0", shunt.resistance)
+    return _load("p", shunt)
+
+
+def _series_rl(deck, shunt, scene):
+    deck.add("Lshunt p r", shunt.inductance, "IC=0")
+    deck.add("Rload r 0", shunt.resistance)
+    return _load("r", shunt)
+
+
+def _parallel_rl(deck, shunt, scene):
+    deck.add("Lshunt p 0", shunt.inductance, "IC=0")
+    return _resistor(deck, shunt, scene)
+
+
+def _series_rlc(deck, shunt, scene):
+    deck.add("Lshunt p c", shunt.inductance, "IC=0")
+    deck.add("Cshunt c r", shunt.capacitance, "IC=0")
+    deck.add("Rload r 0", shunt.resistance)
+    return _load("r", shunt)
+
+
+def _parallel_rlc(deck, shunt, scene):
+    deck.add("Cshunt p 0", shunt.capacitance, "IC=0")
+    return _parallel_rl(deck, shunt, scene)
+
+
+def _negative_capacitance(deck, shunt, scene):
+    if shunt.topology == "parallel":
+        deck.comment("A copy of V(p) charges Cmirror; as much current is sent back into the electrodes.")
+        deck.add("Emirror m 0 p 0 1")
+        deck.add("Vmirror m n 0")
+        deck.add("Cmirror n 0", shunt.capacitance, "IC=0")
+        deck.add("Fnegative 0 p Vmirror 1")
+        return _resistor(deck, shunt, scene)
+    deck.comment("The current also charges Cmirror, whose voltage drives it on.")
+    deck.add("Rload p r", shunt.resistance)
+    deck.add("Vmirror r n 0")
+    deck.add("Fmirror 0 m Vmirror 1")
+    deck.add("Cmirror m 0", shunt.capacitance, "IC=0")
+    deck.add("Enegative n 0 m 0 -1")
+    return Circuit(f"(V(p)-V(r))*(V(p)-V(r))/{number(shunt.resistance)}")
+
+
+def _network(deck, shunt, scene):
+    nodes = {0: "0", 1: "p"}
+    harvested = []
+    for e in shunt.elements:
+        plus, minus = (nodes.get(node, f"net{node}") for node in e.nodes)
+        deck.add(f"{e.kind}_{e.name} {plus} {minus}", e.value, *([] if e.kind == "R" else ["IC=0"]))
+        if e.load:
+            across = f"({' - '.join(f'V({node})' for node in (plus, minus) if node != '0')})"
+            harvested.append((1 / e.value, f"{across}*{across}"))
+    return Circuit(total(harvested))
+
+
+def _rectifier(deck, shunt, scene):
+    return write_bridge(deck, shunt, scene, "p", scene.omega)
+
+
+def _parallel_sshi(deck, shunt, scene):
+    loop = write_loop(deck, shunt, scene, "0")
+    return write_bridge(deck, shunt, scene, "p", scene.omega)._replace(fastest=loop.on_time)
+
+
+def _series_sshi(deck, shunt, scene):
+    loop = write_loop(deck, shunt, scene, "b")
+    omega = 1 / (loop.impedance * scene.transducer.capacitance)
+    return write_bridge(deck, shunt, scene, "b", omega)._replace(fastest=loop.on_time)
+
+
+def _ssdi(deck, shunt, scene):
+    return Circuit(fastest=write_loop(deck, shunt, scene, "0").on_time)
+
+
+def _ssdv(deck, shunt, scene):
+    loop = write_loop(deck, shunt, scene, "source")
+    deck.comment("The source drives the inverted voltage further: up after a maximum, down after a minimum.")
+    deck.add(f"Bsource source 0 V={number(shunt.source_voltage)}*max(-1, min(1, 4*V(pulse)))")
+    return Circuit(fastest=loop.on_time)
+
+
+def _load(node: str, shunt) -> Circuit:
+    """Power in a load between `node` and ground."""
+    return Circuit(f"V({node})*V({node})/{number(shunt.resistance)}")
+
+
+WRITERS: dict[str, Callable[..., Circuit]] = {
+    "open": _open,
+    "short": _short,
+    "resistor": _resistor,
+    "series_rl": _series_rl,
+    "parallel_rl": _parallel_rl,
+    "series_rlc": _series_rlc,
+    "parallel_rlc": _parallel_rlc,
+    "negative_capacitance": _negative_capacitance,
+    "network": _network,
+    "rectifier": _rectifier,
+    "parallel_sshi": _parallel_sshi,
+    "series_sshi": _series_sshi,
+    "sece": write_discharge,
+    "ssds": write_discharge,
+    "ssdi": _ssdi,
+    "ssdv": _ssdv,
+}

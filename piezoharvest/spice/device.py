@@ -1,0 +1,146 @@
+"""Excitation, mechanics and transducer as netlist elements."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from piezoharvest.effects.base import Effect
+from piezoharvest.excitation import Ramps
+from piezoharvest.parameters import ParameterError
+from piezoharvest.spice.deck import Deck, number, total
+from piezoharvest.spice.scene import Scene
+
+# A stop operator leaves its slope over this share of its threshold; its loop area is wrong by about the square of it.
+KNEE = 0.02
+
+
+def write_drive(deck: Deck, scene: Scene) -> None:
+    """Node `drive`: force in N or base acceleration in m/s^2."""
+    deck.section("excitation: V(drive) is the " + ("base acceleration, m/s^2" if scene.excitation.base else "force, N"))
+    signal = scene.signal
+    if isinstance(signal, Ramps):
+        deck.add("Vdrive drive 0 PWL(", *_points(signal), ")")
+    elif len(signal.frequencies) == 1:
+        amplitude, phase = np.broadcast_to(signal.amplitudes, 1)[0], math.degrees(signal.phases[0])
+        sine = (signal.offset, amplitude, signal.frequencies[0], 0, 0, phase)
+        deck.add(f"Vdrive drive 0 SIN({' '.join(map(number, sine))})")
+    else:
+        tones = zip(signal.frequencies, signal.amplitudes, signal.phases, strict=True)
+        sines = [(a, f"sin({number(2 * np.pi * f)}*time+({number(phase)}))") for f, a, phase in tones]
+        deck.add("Bdrive drive 0 V=" + total([*sines, (signal.offset, "1")]))
+
+
+def _points(signal: Ramps) -> list[str]:
+    """Corners of a piecewise linear signal; a jump becomes a steep ramp, as PWL needs increasing times."""
+    jump = 1e-6 * float(np.min(np.diff(signal.times)))
+    ends = signal.starts + signal.slopes * np.diff(signal.times)
+    points = [(signal.times[0], signal.starts[0])]
+    for time, end, start in zip(signal.times[1:], ends, [*signal.starts[1:], None], strict=True):
+        points.append((time, end))
+        if start is not None and abs(start - end) > 1e-12 * np.max(np.abs(signal.starts)):
+            points.append((time + jump, start))
+    return [f"{time:.12g} {value:.9g}" for time, value in points]
+
+
+def gains(scene: Scene) -> list[float]:
+    """Force on each mode by unit of the drive."""
+    modes = scene.transducer.all_modes
+    return [-mode.base_mass if scene.excitation.base else mode.force_participation for mode in modes]
+
+
+def write_mechanics(deck: Deck, scene: Scene) -> None:
+    """Nodes `u1`, `f1`, ... of each mode, and the sums over the modes that are read out."""
+    deck.section("mechanics: force is current, velocity is voltage, mass is capacitance, damping is conductance")
+    deck.comment(
+        "Of mode n: V(un) velocity in m/s, V(fn) force of the spring in N (displacement times stiffness), into which "
+        "the velocity is integrated. No inductor is used: LTspice would give it a series resistance unasked."
+    )
+    for n, (mode, gain) in enumerate(zip(scene.transducer.all_modes, gains(scene), strict=True), 1):
+        deck.add(f"Cmass{n} u{n} 0", mode.mass, "IC=0")
+        if mode.damping:
+            deck.add(f"Rdamping{n} u{n} 0", 1 / mode.damping)
+        deck.add(f"Gdrive{n} 0 u{n} drive 0", gain)
+        deck.add(f"Gspring{n} u{n} 0 f{n} 0 1")
+        deck.add(f"Cspring{n} f{n} 0", 1 / mode.stiffness, f"IC={number(gain * scene.excitation.rest)}")
+        deck.add(f"Grate{n} 0 f{n} u{n} 0 1")
+        deck.add(f"Gcoupling{n} 0 u{n} t 0", mode.coupling)
+
+
+def displacement(scene: Scene) -> str:
+    """Expression of the displacement that is read, m."""
+    modes = enumerate(scene.transducer.all_modes, 1)
+    return total((mode.force_participation / mode.stiffness, f"V(f{n})") for n, mode in modes)
+
+
+def coupled_displacement(scene: Scene) -> str:
+    """Expression of sum T_i x_i, C."""
+    modes = enumerate(scene.transducer.all_modes, 1)
+    return total((mode.coupling / mode.stiffness, f"V(f{n})") for n, mode in modes)
+
+
+def coupled_velocity(scene: Scene) -> str:
+    """Expression of sum T_i x_i', A."""
+    return total((mode.coupling, f"V(u{n})") for n, mode in enumerate(scene.transducer.all_modes, 1))
+
+
+def mechanical_power(scene: Scene) -> str:
+    """Expression of the power that the drive delivers, W."""
+    return f"V(drive)*({total((gain, f'V(u{n})') for n, gain in enumerate(gains(scene), 1))})"
+
+
+def write_transducer(deck: Deck, scene: Scene) -> None:
+    """Electrode node `p`, clamped node `t`, hysteresis between them, and the effects across the electrodes."""
+    transducer = scene.transducer
+    deck.section("transducer: V(p) electrode voltage v_p, V(t) voltage v_t of the clamped capacitance")
+    deck.comment("I(Vport) is i_p, into the transducer's positive lead.")
+    inner = "h" if transducer.hysteresis else "t"
+    deck.add(f"Vport p {inner} 0")
+    deck.add("Ccl t 0", transducer.capacitance, "IC=0")
+    for n, mode in enumerate(transducer.all_modes, 1):
+        deck.add(f"Gstrain{n} t 0 u{n} 0", mode.coupling)
+    if transducer.hysteresis:
+        _write_hysteresis(deck, scene)
+    for n, effect in enumerate(transducer.effects, 1):
+        _write_effect(deck, effect, n)
+
+
+def _write_hysteresis(deck: Deck, scene: Scene) -> None:
+    """Stop operators, as capacitors that integrate the current while they stick."""
+    hysteresis = scene.transducer.hysteresis
+    assert hysteresis is not None
+    deck.section("hysteresis: V(h,t) is v_h, the sum of stop operators of the charge")
+    deck.comment(
+        f"V(s1), V(s2), ... are the operators over their thresholds, within -1 and 1. They follow the charge exactly "
+        f"until {KNEE:g} before the threshold, then approach it exponentially: the area of a loop is wrong by about "
+        f"{KNEE**2:.0e} of that of the square of side 2 r."
+    )
+    # Unit of current and of time for these nodes, so that all that is solved for is of order one.
+    deck.add("Hcurrent ip 0 Vport", 1 / scene.current)
+    voltages = []
+    for n, (r, w) in enumerate(zip(hysteresis.thresholds, hysteresis.weights, strict=True), 1):
+        rate = number(scene.current / (scene.omega * r))
+        deck.add(f"Cstop{n} s{n} 0", 1 / scene.omega, "IC=0")
+        slip_up = f"min(1, max(0, (1-V(s{n}))*{number(1 / KNEE)}))"
+        slip_down = f"min(1, max(0, (1+V(s{n}))*{number(1 / KNEE)}))"
+        deck.add(f"Bstop{n} 0 s{n} I={rate}*(max(V(ip), 0)*{slip_up} + min(V(ip), 0)*{slip_down})")
+        voltages.append((w * r, f"V(s{n})"))
+    deck.add("Bhysteresis h t V=" + total(voltages))
+
+
+def _write_effect(deck: Deck, effect: Effect, n: int) -> None:
+    """Elements of one effect across the electrodes."""
+    values = vars(effect)
+    if effect.name == "leakage":
+        deck.section("effect: leakage across the electrodes")
+        deck.add(f"Rleakage{n} p 0", values["resistance"])
+    elif effect.name == "dielectric_relaxation":
+        deck.section("effect: slow polarisation across the electrodes")
+        deck.add(f"Rrelaxation{n} p relaxation{n}", values["time_constant"] / values["capacitance"])
+        deck.add(f"Crelaxation{n} relaxation{n} 0", values["capacitance"], "IC=0")
+    else:
+        raise ParameterError(
+            f"transducer.effects.{effect.name}",
+            "found in a system to be exported to SPICE, allowed are leakage and dielectric_relaxation",
+        )

@@ -1,0 +1,349 @@
+"""Studies: TOML files, checked by pydantic models that are generated from the components' dataclasses."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import MISSING, dataclass
+from functools import cache
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Strict, ValidationError, create_model
+
+from piezoharvest import catalogue, effects, excitation, shunts
+from piezoharvest.effects import Effect
+from piezoharvest.excitation import Excitation
+from piezoharvest.parameters import Component, ParameterError, allowed, quantity
+from piezoharvest.shunts import Shunt
+from piezoharvest.system import System
+from piezoharvest.transducer import Transducer
+
+_T = TypeVar("_T")
+_C = TypeVar("_C", bound=Component)
+_WORDS: dict[Any, str] = {str: "a string", bool: "true or false", list: "a list of tables", dict: "a table"}
+_NEEDED = {"transducer": "a table", "excitation": "a table", "shunts": "a list of tables"}
+_TABLES = ("title", *_NEEDED, "design", "sweep", "bench")
+
+
+class StudyError(ValueError):
+    """What is wrong with a study file, in one sentence: file, key path, what was found, what is allowed.
+
+    Attributes
+    ----------
+    path, key, message : str
+        The three parts; the key is a dotted path as in "shunts.0.load_resistance", empty where the whole file is meant.
+    """
+
+    def __init__(self, path: str | Path, key: str, message: str):
+        text = ": ".join(part for part in (str(path), key, message) if part)
+        super().__init__("".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text))
+        self.path, self.key, self.message = str(path), key, message
+
+
+@dataclass(frozen=True, kw_only=True)
+class DesignOptions(Component):
+    """What is wanted of a design, and what is free: the table [design]."""
+
+    objective: Literal["harvest", "damping", "trade_off"] = "harvest"
+    band: tuple[float, float] | None = quantity("Hz", "lower and upper edge of the band", default=None, above=0)
+    candidates: tuple[str, ...] | None = None
+    parts: Literal["E3", "E6", "E12", "E24", "E48", "E96", "E192"] | None = None
+    max_voltage: float | None = quantity("V", "largest electrode voltage", default=None, above=0)
+    max_inductance: float | None = quantity("H", "largest inductance", default=None, above=0)
+    max_displacement: float | None = quantity("m", "largest displacement amplitude", default=None, above=0)
+    min_power: float | None = quantity("W", "least harvested power", default=None, at_least=0)
+    min_attenuation_db: float | None = quantity("dB", "least attenuation against the short circuit", default=None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.band is not None and not self.band[0] < self.band[1]:
+            raise ParameterError("band", f"found {list(self.band)}, allowed is [lower, upper] with lower < upper (Hz)")
+        if self.candidates is not None and not self.candidates:
+            raise ParameterError("candidates", "found an empty list, allowed is one kind of shunt or more")
+        for n, kind in enumerate(self.candidates or ()):
+            if kind not in shunts.registered():
+                raise _unknown(f"candidates.{n}", kind, shunts.registered())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """One transducer, one excitation and the shunts to compare.
+
+    Attributes
+    ----------
+    shunts : tuple of Shunt
+        Empty only where there is a table [design], which brings its own candidates.
+    path : Path
+        The file.
+    sweep, bench : mapping
+        The tables [sweep] and [bench] as they stand in the file; empty where there is none.
+    """
+
+    title: str
+    transducer: Transducer
+    excitation: Excitation
+    shunts: tuple[Shunt, ...]
+    path: Path
+    design: DesignOptions | None = None
+    sweep: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    bench: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def systems(self) -> tuple[System, ...]:
+        """The transducer with each of the shunts."""
+        return tuple(System(self.transducer, shunt) for shunt in self.shunts)
+
+
+def load_study(path: str | Path) -> Study:
+    """Read and check a study file.
+
+    Raises
+    ------
+    StudyError
+        The file cannot be read, or something in it is missing, unknown, of the wrong type or not physical.
+    """
+    path = Path(path)
+    try:
+        return study_from(read_toml(path), path)
+    except ParameterError as error:
+        raise StudyError(path, error.key, error.message) from None
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Tables of a TOML file.
+
+    Raises
+    ------
+    StudyError
+        The file cannot be read, is not UTF-8 or not TOML.
+    """
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise StudyError(path, "", f"found no readable file ({error.strerror}), allowed is a TOML file") from None
+    except UnicodeDecodeError as error:
+        found = f"byte {error.object[error.start]:#04x} at offset {error.start}"
+        raise StudyError(path, "", f"found {found}, allowed is text in UTF-8") from None
+    except (ValueError, RecursionError) as error:  # ValueError: a syntax error, or a number of thousands of digits
+        what = "tables nested too deep" if isinstance(error, RecursionError) else error
+        raise StudyError(path, "", f"found a TOML syntax error: {what}, allowed is a TOML file") from None
+
+
+def study_from(table: Mapping[str, Any], path: Path) -> Study:
+    """Build a study from the tables of its file; files that it names are relative to `path`.
+
+    Raises
+    ------
+    ParameterError
+        Something is missing, unknown, of the wrong type or not physical; its key is the path of the key.
+    """
+    for key in table:
+        if key not in _TABLES:
+            raise _unknown(key, key, _TABLES, "an unknown key")
+    for key, wanted in _NEEDED.items():
+        if key not in table and not (key == "shunts" and "design" in table):
+            raise ParameterError(key, f"found no such key, allowed is {wanted}")
+    if table.get("shunts") == []:
+        raise ParameterError("shunts", "found an empty list, allowed is a list of one table or more")
+    study = Study(
+        title=_typed(str, table.get("title", path.stem), "title"),
+        transducer=build_transducer(table["transducer"]),
+        excitation=build_excitation(table["excitation"], path.parent),
+        shunts=_build_list(table["shunts"], "shunts", build_shunt) if "shunts" in table else (),
+        path=path,
+        design=build(DesignOptions, table["design"], "design") if "design" in table else None,
+        sweep=_typed(dict, table.get("sweep", {}), "sweep"),
+        bench=_typed(dict, table.get("bench", {}), "bench"),
+    )
+    _check_systems(study)
+    return study
+
+
+def _check_systems(study: Study) -> None:
+    """Raise `ParameterError` where a shunt does not fit the excitation or makes the transducer unstable."""
+    from piezoharvest.linear import check_stability
+
+    for n, system in enumerate(study.systems):
+        try:
+            system.shunt.switch(study.transducer.capacitance, study.excitation.period)
+            with np.errstate(all="ignore"):
+                check_stability(system)
+        except ParameterError as error:
+            raise error.within(f"shunts.{n}") from None
+        except np.linalg.LinAlgError:
+            raise ParameterError(f"shunts.{n}", "found overflow in its equations, allowed is a real device") from None
+
+
+def build_transducer(table: Any, where: str = "transducer") -> Transducer:
+    """Transducer from its table; with `catalogue`, further keys override the entry's (tables key by key)."""
+    table = dict(_typed(dict, table, where))
+    if "catalogue" in table:
+        name = table.pop("catalogue")
+        if name not in catalogue.names():
+            raise _unknown(f"{where}.catalogue", name, catalogue.names())
+        table = catalogue.transducer_table(name, table)
+    return build(Transducer, table, where)
+
+
+def build_excitation(table: Any, folder: Path, where: str = "excitation") -> Excitation:
+    """Excitation from its table, by kind; a file that it names is relative to `folder`."""
+    cls, keys = _by_kind(table, excitation.registered(), where)
+    if isinstance(keys.get("file"), str):
+        keys["file"] = str(folder / keys["file"])
+    return build(cls, keys, where)
+
+
+def build_shunt(table: Any, where: str = "shunt") -> Shunt:
+    """Shunt from its table, by kind."""
+    return build(*_by_kind(table, shunts.registered(), where), where)
+
+
+def build(cls: type[_C], table: Any, where: str) -> _C:
+    """Build a component from a table, as tomllib gives it, whose keys are the fields of its dataclass.
+
+    Raises
+    ------
+    ParameterError
+        A key is missing, unknown, of the wrong type or out of bounds; its key begins with `where`, the table's path.
+    """
+    values = dict(_typed(dict, table, where))
+    hints = get_type_hints(cls)
+    for field in dataclasses.fields(cls):
+        part = _component_in(hints[field.name])
+        if part is not None and field.name in values:
+            values[field.name] = _build_part(part, hints[field.name], values[field.name], f"{where}.{field.name}")
+    try:
+        checked = _model(cls).model_validate(values)
+        return cls(**{name: _frozen(getattr(checked, name)) for name in checked.model_fields_set})
+    except ValidationError as error:
+        raise _explained(cls, error).within(where) from None
+    except ParameterError as error:
+        raise error.within(where) from None
+    except (ValueError, OSError) as error:
+        raise ParameterError(
+            where, f"found what {cls.__name__} refuses ({error}), allowed is what it documents"
+        ) from None
+
+
+def _build_part(part: type[Component], hint: Any, value: Any, where: str) -> Any:
+    """Component or tuple of components inside another one; effects stand in a table by name."""
+    if issubclass(part, Effect):
+        known = effects.registered()
+        for name in (name for name in _typed(dict, value, where) if name not in known):
+            raise _unknown(f"{where}.{name}", name, known, "an unknown effect")
+        return tuple(build(known[name], table, f"{where}.{name}") for name, table in value.items())
+    if get_origin(hint) is tuple:
+        return _build_list(value, where, lambda table, place: build(part, table, place))
+    return build(part, value, where)
+
+
+def _build_list(value: Any, where: str, make) -> tuple:
+    """Components from a list of tables."""
+    return tuple(make(table, f"{where}.{n}") for n, table in enumerate(_typed(list, value, where)))
+
+
+def _by_kind(table: Any, known: Mapping[str, type[_C]], where: str) -> tuple[type[_C], dict[str, Any]]:
+    """Class that the table's `kind` names, and the table's other keys."""
+    keys = dict(_typed(dict, table, where))
+    if "kind" not in keys:
+        raise ParameterError(f"{where}.kind", f"found no such key, allowed are {', '.join(sorted(known))}")
+    kind = keys.pop("kind")
+    if not isinstance(kind, str) or kind not in known:
+        raise _unknown(f"{where}.kind", kind, known)
+    return known[kind], keys
+
+
+def _component_in(hint: Any) -> type[Component] | None:
+    """Component class within an annotation such as `Hysteresis | None` or `tuple[Mode, ...]`."""
+    if get_origin(hint) is None:
+        return hint if isinstance(hint, type) and issubclass(hint, Component) else None
+    return next((part for part in map(_component_in, get_args(hint)) if part is not None), None)
+
+
+@cache
+def _model(cls: type[Component]) -> type[BaseModel]:
+    """Pydantic model with the fields of a component's dataclass: no further keys, numbers that are numbers."""
+    hints = get_type_hints(cls)
+    fields: dict[str, Any] = {
+        field.name: (_strict(hints[field.name]), ... if MISSING is field.default is field.default_factory else None)
+        for field in dataclasses.fields(cls)
+        if field.init
+    }
+    return create_model(cls.__name__, __config__=ConfigDict(extra="forbid", protected_namespaces=()), **fields)
+
+
+def _strict(hint: Any) -> Any:
+    """Annotation without conversions between types, but of an int to a float and of a list to a tuple.
+
+    A field that takes several types is left to the component's own check.
+    """
+    hint = _without_none(hint)
+    if hint in (float, int, str, bool):
+        return Annotated[hint, Strict()]
+    if get_origin(hint) is tuple:
+        return tuple[tuple(part if part is Ellipsis else _strict(part) for part in get_args(hint))]  # pyright: ignore
+    return hint if get_origin(hint) is Literal else Any
+
+
+def _without_none(hint: Any) -> Any:
+    """The annotation itself, or X for `X | None`."""
+    parts = [part for part in get_args(hint) if part is not NoneType]
+    return parts[0] if get_origin(hint) in (Union, UnionType) and len(parts) == 1 else hint
+
+
+def _explained(cls: type[Component], error: ValidationError) -> ParameterError:
+    """One pydantic error in words: an unknown key first, for it often explains a missing one."""
+    order = {"extra_forbidden": 0, "missing": 2}
+    first = min(error.errors(include_url=False), key=lambda detail: order.get(detail["type"], 1))
+    name, *inner = map(str, first["loc"])
+    fields = {field.name: field for field in dataclasses.fields(cls) if field.init}
+    if first["type"] == "extra_forbidden":
+        return _unknown(name, name, fields, "an unknown key")
+    hint, field = _without_none(get_type_hints(cls)[name]), fields[name]
+    if first["type"] != "missing" and inner:
+        name, hint = f"{name}.{inner[0]}", get_args(hint)[0]
+    # An element is missing where a list is too short: the list is what was found.
+    found = "no such key" if first["type"] == "missing" and not inner else _show(first["input"])
+    return ParameterError(name, f"found {found}, allowed is {_described(field, hint)}")
+
+
+def _described(field: dataclasses.Field, hint: Any) -> str:
+    """Say in words what a field allows."""
+    if get_origin(hint) is Literal:
+        return " or ".join(map(repr, get_args(hint)))
+    if get_origin(hint) is tuple:
+        parts = get_args(hint)
+        count = "" if Ellipsis in parts else f" of {len(parts)}"
+        return f"a list{count}, each {_described(field, parts[0])}"
+    if hint in (int, float):
+        return allowed(field).replace("finite", "whole" if hint is int else "finite")
+    return _WORDS.get(hint, "a string or a list")
+
+
+def _typed(wanted: type[_T], value: Any, where: str) -> _T:
+    if not isinstance(value, wanted):
+        raise ParameterError(where, f"found {_show(value)}, allowed is {_WORDS[wanted]}")
+    return value
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(map(_frozen, value)) if isinstance(value, list | tuple) else value
+
+
+def _unknown(key: str, name: Any, known: Iterable[str], what: str = "") -> ParameterError:
+    """Error for a name that is not among the known ones, with the nearest right one."""
+    names = {right.lower(): right for right in sorted(known)}
+    near = difflib.get_close_matches(str(name).lower(), names, n=1)
+    hint = f" (did you mean {names[near[0]]!r}?)" if near else ""
+    return ParameterError(key, f"found {what or _show(name)}{hint}, allowed are {', '.join(names.values())}")
+
+
+def _show(value: Any) -> str:
+    """A value as a message shows it, shortened."""
+    text = str(value).lower() if isinstance(value, bool) else repr(value)
+    return text if len(text) <= 80 else f"{text[:60]}..."
