@@ -6,17 +6,19 @@ import numpy as np
 from numba import njit
 
 from piezoharvest.engine import program as pg
-from piezoharvest.engine.march import NONE, TINY, dot, march, read_guards
+from piezoharvest.engine.algebra import dot
+from piezoharvest.engine.march import NONE, march
 from piezoharvest.engine.state import (
-    ACTED, CLOSED, CONFIGURATION, DIRECTION, LOGGED, NOW, OPENS, QUEUE, WAITING, set_tones,
+    ACTED, BETWEEN, CLOSED, COLUMNS, CONFIGURATION, DIRECTION, LOGGED, NOW, OPENS, QUEUE, WAITING, orient, set_tones,
 )  # fmt: skip
-from piezoharvest.engine.tables import find
+from piezoharvest.engine.tables import seek
 
-DONE, CHATTER, INVALID = range(3)
+DONE, MISSING, CHATTER, INVALID = range(4)
+TINY = 1e-12  # a guard this small, relative to its terms, is zero
 AT_ONCE = 60  # events at one instant beyond which the model chatters
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def log(S, code):
     """Write an event down."""
     if S.discrete[LOGGED] < len(S.log_time):
@@ -25,7 +27,7 @@ def log(S, code):
     S.discrete[LOGGED] += 1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def stored(P, z):
     """Stored energy, J."""
     total, own = 0.0, z[: P.storage.shape[0]]
@@ -34,17 +36,18 @@ def stored(P, z):
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def cut(P, S, state):
     """Set a current to zero; its energy is lost in the shunt."""
     before = stored(P, S.z)
     S.z[state] = 0.0
-    S.phi[state] = 0.0
+    for s in range(S.discrete[COLUMNS]):
+        S.phi[s, state] = 0.0
     if len(S.energy):
         S.energy[pg.SHUNT_LOSS] += before - stored(P, S.z)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def extract(P, S):
     """Take the electrode voltage to zero at once: charge moves, stops with it, piece by piece as they saturate."""
     delivered = 0.0
@@ -66,13 +69,10 @@ def extract(P, S):
                 reach = sign * P.stop_limit[j] - S.z[P.stop_state[j]]
                 if abs(reach) < abs(move):
                     move, first = reach, j
-        for s in range(S.phi.shape[1]):
-            if first == NONE:
-                shift = -dot(P.voltage_row, S.phi[:, s].copy()) / slope
-            else:
-                shift = -S.phi[P.stop_state[first], s]
-            _shift(P, S.phi[:, s], S.slip, shift)
-        delivered -= move * (voltage + 0.5 * slope * move)
+        for s in range(S.discrete[COLUMNS]):
+            shift = -dot(P.voltage_row, S.phi[s]) / slope if first == NONE else -S.phi[s, P.stop_state[first]]
+            _shift(P, S.phi[s], S.slip, shift)
+        delivered -= P.scale[P.charge] * move * (voltage + 0.5 * slope * move)
         if len(S.energy):
             for j in range(len(S.slip)):
                 if S.slip[j] != 0:
@@ -87,7 +87,7 @@ def extract(P, S):
         S.energy[pg.SHUNT_LOSS] += (1.0 - P.efficiency) * delivered
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _shift(P, z, slip, move):
     z[P.charge] += move
     for j in range(len(slip)):
@@ -95,7 +95,7 @@ def _shift(P, z, slip, move):
             z[P.stop_state[j]] += move
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def act(P, S, polarity):
     """The switch acts, at a maximum (polarity +1) or a minimum of sum T_i x_i."""
     if P.switched == 2:
@@ -111,7 +111,7 @@ def act(P, S, polarity):
     log(S, pg.CLOSE)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def release(P, S):
     """The switch opens; current that still flows is cut."""
     S.discrete[CLOSED] = 0
@@ -121,7 +121,7 @@ def release(P, S):
     log(S, pg.OPEN)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def extremum(P, S):
     """sum T_i x_i is at an extremum: an action is due after the lag, unless the last one was too short ago."""
     polarity = S.discrete[DIRECTION]
@@ -143,7 +143,7 @@ def extremum(P, S):
     S.discrete[WAITING] += 1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def happen(P, S, guard):
     """Carry out what a guard stands for."""
     own = P.guard_target.shape[1]
@@ -166,7 +166,7 @@ def happen(P, S, guard):
             log(S, pg.SLIP)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def active(P, S, guard):
     """Whether a guard exists in the mode now."""
     own = P.guard_target.shape[1]
@@ -178,7 +178,7 @@ def active(P, S, guard):
     return S.slip[j] == 0 or side == 0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _size(row, z):
     """Sum of the magnitudes of a form's terms."""
     total = 0.0
@@ -187,21 +187,21 @@ def _size(row, z):
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def overdue(P, T, S, slot):
     """First guard that is above zero, or at zero and about to rise: value, rate and second rate decide in turn."""
-    rows = T.guards[slot]
-    trigger = P.guard_target.shape[1]
+    rows = T.guards
     short = P.step * 0.5 ** T.finest[slot]
-    for g in range(rows.shape[0]):
+    for g in range(len(S.sign)):
         if not active(P, S, g):
             continue
-        sign = -1.0 * S.discrete[DIRECTION] if g == trigger else 1.0
         # Zero is judged against the terms of the guard and of what its rate makes of a short step.
-        terms = (_size(rows[g, 0], S.z), _size(rows[g, 1], S.z), _size(rows[g, 2], S.z))
         for k in range(3):
-            value = sign * dot(rows[g, k], S.z)
-            tolerance = TINY * 10.0**k * (terms[k] + (short * terms[k + 1] if k < 2 else 0.0))
+            value = S.sign[g] * dot(rows[slot, 3 * g + k], S.z)
+            tolerance = _size(rows[slot, 3 * g + k], S.z)
+            if k < 2:
+                tolerance += short * _size(rows[slot, 3 * g + k + 1], S.z)
+            tolerance *= TINY * 10.0**k
             if value > tolerance:
                 return g
             if value < -tolerance:
@@ -209,46 +209,63 @@ def overdue(P, T, S, slot):
     return NONE
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def _flow(matrix, z, out):
+    for i in range(len(z)):
+        out[i] = dot(matrix[i], z)
+
+
+@njit(cache=True, error_model="numpy")
 def enter_event(P, T, S, slot, guard):
     """Sensitivity of the time of an event, and the sensitivities of the state taken to that time."""
-    if S.phi.shape[1] == 0:
+    if S.discrete[COLUMNS] == 0:
         return
-    flow = T.matrix[slot] @ S.z
+    flow = S.work[6]
+    _flow(T.matrix[slot], S.z, flow)
     if guard != NONE:
-        # The sign by which the extremum's guard is read cancels in the quotient.
-        row = T.guards[slot, guard, 0]
+        # The sign with which the guard is read cancels in the quotient.
+        row = T.guards[slot, 3 * guard]
         rate = dot(row, flow)
-        if rate != 0.0:
-            S.event_phi[:] = -(row @ S.phi) / rate
-        else:
-            S.event_phi[:] = 0.0
-    S.phi[:] += np.outer(flow, S.event_phi)
-    S.phi[P.mass.shape[2] :] = 0.0
+        for s in range(S.discrete[COLUMNS]):
+            S.event_phi[s] = -dot(row, S.phi[s]) / rate if rate != 0.0 else 0.0
+    _move(P, S, flow, 1.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def leave_event(P, T, S, slot):
     """Sensitivities at fixed time again, on the motion after the event (the saltation)."""
-    if S.phi.shape[1]:
-        flow = T.matrix[slot] @ S.z
-        S.phi[:] -= np.outer(flow, S.event_phi)
-        S.phi[P.mass.shape[2] :] = 0.0
+    if S.discrete[COLUMNS]:
+        flow = S.work[6]
+        _flow(T.matrix[slot], S.z, flow)
+        _move(P, S, flow, -1.0)
 
 
-@njit(cache=True)
-def settle(P, T, S, slot):
-    """Carry out whatever is due at this instant without time passing, and return the mode, or NONE if it chatters."""
+@njit(cache=True, error_model="numpy")
+def _move(P, S, flow, sign):
+    for s in range(S.discrete[COLUMNS]):
+        for i in range(P.rate.shape[1]):
+            S.phi[s, i] += sign * flow[i] * S.event_phi[s]
+
+
+@njit(cache=True, error_model="numpy")
+def settle(P, T, S):
+    """Carry out whatever is due at this instant without time passing.
+
+    Returns DONE with the mode, or MISSING where the tables of the mode have to be built first, or CHATTER.
+    """
     for _ in range(AT_ONCE):
+        orient(P, S)
+        slot = seek(T, S.discrete[CONFIGURATION], S.slip)
+        if slot == NONE:
+            return MISSING, slot
         guard = overdue(P, T, S, slot)
         if guard == NONE:
-            return slot
+            return DONE, slot
         happen(P, S, guard)
-        slot = find(P, T, S.discrete[CONFIGURATION], S.slip)
-    return NONE
+    return CHATTER, NONE
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def clock_event(P, S):
     """The next scheduled event: its time, and whether the switch opens (1) or acts (0), or NONE."""
     due, kind = S.clock[OPENS], 1 if S.clock[OPENS] < np.inf else NONE
@@ -257,7 +274,7 @@ def clock_event(P, S):
     return due, kind
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def clock_happens(P, S, kind):
     """Carry out a scheduled event."""
     if kind == 1:
@@ -271,29 +288,37 @@ def clock_happens(P, S, kind):
     act(P, S, polarity)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def advance(P, T, S, t_end):
-    """Run to t_end through all events; returns DONE, CHATTER or INVALID (the state is not finite)."""
-    S.event_phi[:] = 0.0
-    slot = settle(P, T, S, find(P, T, S.discrete[CONFIGURATION], S.slip))
-    while slot != NONE:
+    """Run to t_end through all events; returns DONE, MISSING, CHATTER or INVALID (the state is not finite).
+
+    MISSING asks for the tables of the mode that the state is in; after that, call again: it goes on where it was.
+    """
+    busy, last = 0, S.clock[NOW]
+    while True:
+        status, slot = settle(P, T, S)
+        if status != DONE:
+            return status
+        if S.discrete[BETWEEN]:
+            leave_event(P, T, S, slot)
+            S.discrete[BETWEEN] = 0
         due, kind = clock_event(P, S)
         guard = march(P, T, S, slot, min(due, t_end))
         if not np.isfinite(S.z[0]):
             return INVALID
         if guard == NONE and due > t_end:
             return DONE
+        busy, last = busy + 1 if S.clock[NOW] == last else 0, S.clock[NOW]
+        if busy > AT_ONCE:
+            return CHATTER
         if P.signal_kind == pg.TONES:
             set_tones(P, S, S.clock[NOW])
+        if guard == NONE:
+            for s in range(S.discrete[COLUMNS]):
+                S.event_phi[s] = S.opens_phi[s] if kind == 1 else S.queue_phi[0, s]
+        enter_event(P, T, S, slot, guard)
+        S.discrete[BETWEEN] = 1
         if guard != NONE:
-            enter_event(P, T, S, slot, guard)
             happen(P, S, guard)
         else:
-            if S.phi.shape[1]:
-                S.event_phi[:] = S.opens_phi if kind == 1 else S.queue_phi[0]
-            enter_event(P, T, S, slot, NONE)
             clock_happens(P, S, kind)
-        slot = settle(P, T, S, find(P, T, S.discrete[CONFIGURATION], S.slip))
-        if slot != NONE:
-            leave_event(P, T, S, slot)
-    return CHATTER

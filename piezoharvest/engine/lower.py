@@ -14,9 +14,13 @@ from piezoharvest.system import System
 
 
 class Lowered(NamedTuple):
-    """A program with the names that its indices stand for, and the signal that drives it."""
+    """A program with the names that its indices stand for, and the signal that drives it.
+
+    `equilibrium` is the (scaled) state in which a unit of static excitation leaves the structure, electrodes relaxed.
+    """
 
     program: pg.Program
+    equilibrium: np.ndarray
     states: tuple[str, ...]
     configurations: tuple[str, ...]
     categories: tuple[str, ...]
@@ -35,8 +39,8 @@ class _Layout:
         self.shunt_states = shunt.states(transducer.capacitance)
         self.names = [f"{s}{i + 1}" for i in range(len(self.modes)) for s in "xu"] + ["q"]
         self.names += [f"stop{j + 1}" for j in range(len(self.stops))]
-        for effect, states in zip(transducer.effects, self.effect_states, strict=True):
-            self.names += [f"{effect.name}.{state.name}" for state in states]
+        for k, states in enumerate(self.effect_states):
+            self.names += [f"effect{k}.{state.name}" for state in states]
         self.names += [state.name for state in self.shunt_states]
         self.n = len(self.names)
         self.exogenous = 2 * len(signal.frequencies) + 1 if isinstance(signal, Tones) else 3
@@ -88,9 +92,10 @@ class _Physics:
         self.trigger = sum((mode.coupling * ui for mode, ui in zip(lay.modes, u, strict=True)), zero)
         self.effects = []
         drawn = zero
-        for effect, states in zip(tr.effects, lay.effect_states, strict=True):
-            rows = lay.group(f"{effect.name}.", states)
-            leads = Port(self.v, self.dv, zero, lay.one, tr.capacitance)
+        for k, effect in enumerate(tr.effects):
+            rows = lay.group(f"effect{k}.", lay.effect_states[k])
+            # An effect must not depend on the load current, which its own current decides.
+            leads = Port(self.v, self.dv, np.full(lay.width, np.nan), lay.one, tr.capacitance)
             drawn = drawn + effect.current(leads, *rows)
             self.effects.append((effect, leads, rows))
         self.port = Port(self.v, self.dv, -dq - drawn, lay.one, tr.capacitance)
@@ -198,16 +203,27 @@ def lower(system: System, excitation: Excitation) -> Lowered:
         tables.equations.append(_rows(rows, layout.width))
         tables.guards.append(list(shunt.guards(name, physics.port, z)))
         powers = shunt.powers(name, physics.port, z)
-        tables.products.append(
-            physics.products() + [(pg.CATEGORIES.index(key), product) for key in powers for product in powers[key]]
-        )
+        dc = shunt.dc_side(physics.port, z)
+        mean_dc = (len(pg.CATEGORIES) + len(physics.effects), Product(1.0, layout.one, dc))
+        own_powers = [(pg.CATEGORIES.index(key), product) for key in powers for product in powers[key]]
+        tables.products.append([*physics.products(), *own_powers, mean_dc])
         outputs = (physics.drive, physics.displacement, physics.velocity, physics.v, physics.port.i, layout.z("q"),
-                   physics.v_h, shunt.dc_side(physics.port, z))  # fmt: skip
+                   physics.v_h, dc)  # fmt: skip
         tables.outputs.append(_rows(outputs, layout.width))
     switch = shunt.switch(capacitance, excitation.period)
     program = _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
-    categories = (*pg.CATEGORIES, *(effect.name for effect in system.transducer.effects))
-    return Lowered(program, tuple(layout.names), names, categories, signal)
+    categories = (*pg.CATEGORIES, *(effect.name for effect in system.transducer.effects), pg.MEAN_DC)
+    return Lowered(program, _equilibrium(layout, excitation) / program.scale, tuple(layout.names), names, categories, signal)
+
+
+def _equilibrium(layout, excitation) -> np.ndarray:
+    """Displacements under a unit of static excitation, and the charge that leaves the electrodes without voltage."""
+    state = np.zeros(layout.n)
+    for i, mode in enumerate(layout.modes):
+        force = -mode.base_mass if excitation.base else mode.force_participation
+        state[2 * i] = force / mode.stiffness
+        state[layout.charge] += mode.coupling * state[2 * i]
+    return state
 
 
 def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation) -> pg.Program:
@@ -225,6 +241,8 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
     rate, mass = split(equations)
     size = np.max(np.abs(mass), axis=-1, keepdims=True)
     size = np.where(size > 0, size, 1.0)
+    stop_state = np.arange(layout.charge + 1, layout.charge + 1 + len(layout.stops))
+    inverse = np.linalg.inv(mass / size)
     guards = _pad([_rows([g.rises for g in guards], layout.width) for guards in tables.guards], -3)
     guard_z, guard_d = split(guards)
     largest = np.max(np.abs(guard_z), axis=-1, keepdims=True) + np.max(np.abs(guard_d), axis=-1, keepdims=True)
@@ -243,14 +261,14 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
     stop_input[:, layout.charge] = 1.0  # stop and charge have the same scale
     root = _scalar(tr.capacitance)[..., None] ** 0.5
     omega = 2 * np.pi * np.asarray(signal.frequencies, float) if isinstance(signal, Tones) else np.zeros(0)
-    return pg.Program(
-        mass=mass / size, rate=-rate / size, exosystem=_exosystem(layout, omega, exo_scale),
+    return _compact(pg.Program(
+        rate=inverse @ (-rate / size), stop_response=inverse[..., stop_state],
+        exosystem=_exosystem(layout, omega, exo_scale),
         signal_kind=pg.TONES if isinstance(signal, Tones) else pg.RAMPS,
         omega=omega, phase=np.asarray(signal.phases, float) if isinstance(signal, Tones) else np.zeros(0),
         exo_scale=exo_scale, scale=scale, odd=_parity(layout, physics.system),
         storage=storage * scale[..., :, None] * scale[..., None, :],
-        stop_state=np.arange(layout.charge + 1, layout.charge + 1 + len(layout.stops)),
-        stop_input=stop_input, stop_limit=thresholds / root, stop_weight=weights * root**2,
+        stop_state=stop_state, stop_input=stop_input, stop_limit=thresholds / root, stop_weight=weights * root**2,
         charge=layout.charge, voltage_row=voltage_row,
         guard_z=guard_z / largest, guard_d=guard_d / largest,
         guard_target=_integers(tables.guards, count, lambda g: index[g.target]),
@@ -263,9 +281,20 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
         closed=np.array([[index.get(shunt.closed(c, polarity), -1) for c in names] for polarity in (-1, 1)]),
         opened=np.array([index[shunt.opened(c)] for c in names]), cut=current,
         mirror=np.array([index[shunt.mirrored(c)] for c in names]),
-        output_z=output_z, output_d=output_d, categories=len(pg.CATEGORIES) + len(physics.effects),
+        output_z=output_z, output_d=output_d, categories=len(pg.CATEGORIES) + len(physics.effects) + 1,
         step=_largest_step(excitation, signal), **products,
-    )  # fmt: skip
+    ))  # fmt: skip
+
+
+def _compact(program: pg.Program) -> pg.Program:
+    """Plain numbers and contiguous arrays, so that every system has the same types and one compilation serves all."""
+
+    def plain(value):
+        value = np.asarray(value)
+        kind = np.int64 if value.dtype.kind in "iu" else np.float64
+        return kind(value) if value.ndim == 0 else np.ascontiguousarray(value, kind)
+
+    return pg.Program(*(plain(value) for value in program))
 
 
 def _products(layout, products, split) -> dict:

@@ -10,6 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
+
+from piezoharvest.engine.reference import reference
 
 TONES, RAMPS = 0, 1
 
@@ -33,6 +36,7 @@ DISPLACEMENT, VOLTAGE, DC_VOLTAGE = 1, 3, 7
 
 # Where energy goes; the effects' own losses follow.
 CATEGORIES = ("mechanical_in", "damping", "hysteresis", "harvested", "shunt_loss", "source")
+MEAN_DC = "mean_dc"  # not an energy: the dc voltage over the time, for its mean
 MECHANICAL_IN, DAMPING, HYSTERESIS, HARVESTED, SHUNT_LOSS, SOURCE = range(6)
 
 
@@ -42,8 +46,8 @@ class Program(NamedTuple):
     A linear form has a part over the augmented state (`*_z`, length a) and one over the derivative (`*_d`, length n).
     """
 
-    mass: np.ndarray  # (c, n, n): mass z' = rate [z | exogenous], stop rows left to the mode
-    rate: np.ndarray  # (c, n, a)
+    rate: np.ndarray  # (c, n, a): z' = rate [z | exogenous] with every stop slipping
+    stop_response: np.ndarray  # (c, n, h): z' that a rate of each stop alone brings about
     exosystem: np.ndarray  # (w, w)
     signal_kind: int  # TONES or RAMPS
     omega: np.ndarray  # (k,) rad/s
@@ -82,3 +86,12 @@ class Program(NamedTuple):
     output_d: np.ndarray  # (c, outputs, n)
     categories: int
     step: float  # largest step, s
+
+
+ProgramRef, ProgramType = reference(Program)
+
+
+@njit(cache=True)
+def point(program):
+    """The program by pointer, for compiled code."""
+    return ProgramRef(*program)

@@ -8,11 +8,12 @@ import numpy as np
 from numba import njit
 
 from piezoharvest.engine import program as pg
+from piezoharvest.engine.reference import reference
 
 QUEUE = 4  # actions of the switch that may be waiting at one time
 
-# Places in `State.discrete`.
-CONFIGURATION, DIRECTION, WAITING, CLOSED, LOGGED, SAMPLED, STEPS = range(7)
+# Places in `State.discrete`. COLUMNS counts the sensitivities that are carried, BETWEEN marks an event half carried out.
+CONFIGURATION, DIRECTION, WAITING, CLOSED, LOGGED, SAMPLED, STEPS, COLUMNS, BETWEEN = range(9)
 # Places in `State.clock`: now, when the switch opens, when it last acted.
 NOW, OPENS, ACTED = range(3)
 
@@ -26,7 +27,7 @@ class State(NamedTuple):
     slip: np.ndarray  # (h,) int64: 0 sticks, +1 and -1 slip
     queue: np.ndarray  # (q,) times of waiting actions, s
     queue_polarity: np.ndarray  # (q,) int64
-    phi: np.ndarray  # (a, s) derivative of z
+    phi: np.ndarray  # (s, a) derivative of z, a row for each parameter
     queue_phi: np.ndarray  # (q, s) derivative of the waiting actions' times
     opens_phi: np.ndarray  # (s,) derivative of the time at which the switch opens
     event_phi: np.ndarray  # (s,) derivative of the last event's time
@@ -36,9 +37,19 @@ class State(NamedTuple):
     log_code: np.ndarray
     sample_time: np.ndarray
     samples: np.ndarray  # (times, outputs)
-    work: np.ndarray  # (8, a) scratch
-    guard_now: np.ndarray  # (g, 3) scratch
-    guard_next: np.ndarray  # (g, 3)
+    sign: np.ndarray  # (g,) sign with which each guard is read
+    work: np.ndarray  # (9, a) scratch
+    guard_now: np.ndarray  # (3 g,) scratch: value, rate, second rate of every guard
+    guard_next: np.ndarray  # (3 g,)
+
+
+StateRef, StateType = reference(State)
+
+
+@njit(cache=True)
+def point(state):
+    """The state by pointer, for compiled code; its arrays are shared."""
+    return StateRef(*state)
 
 
 def rest(
@@ -51,17 +62,17 @@ def rest(
     sample_time: np.ndarray | None = None,
 ) -> State:
     """State at rest at time zero, with room for what is to be recorded."""
-    n, a = program.mass.shape[-1], program.rate.shape[-1]
+    a = program.rate.shape[-1]
     guards = program.guard_target.shape[1] + 1 + 2 * len(program.stop_state)
     times = np.zeros(0) if sample_time is None else np.ascontiguousarray(sample_time, float)
     state = State(
         z=np.zeros(a),
-        discrete=np.zeros(7, np.int64),
+        discrete=np.zeros(9, np.int64),
         clock=np.array([0.0, np.inf, -np.inf]),
         slip=np.zeros(len(program.stop_state), np.int64),
         queue=np.zeros(QUEUE),
         queue_polarity=np.zeros(QUEUE, np.int64),
-        phi=np.zeros((a, sensitivities)),
+        phi=np.zeros((sensitivities, a)),
         queue_phi=np.zeros((QUEUE, sensitivities)),
         opens_phi=np.zeros(sensitivities),
         event_phi=np.zeros(sensitivities),
@@ -71,18 +82,28 @@ def rest(
         log_code=np.empty(log, np.int64),
         sample_time=times,
         samples=np.empty((len(times), len(pg.OUTPUTS))),
-        work=np.empty((8, a)),
-        guard_now=np.empty((guards, 3)),
-        guard_next=np.empty((guards, 3)),
+        sign=np.ones(guards),
+        work=np.empty((9, a)),
+        guard_now=np.empty(3 * guards),
+        guard_next=np.empty(3 * guards),
     )
     state.discrete[DIRECTION] = 1
     return state
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def orient(P, S):
+    """Set the signs of the guards: the extremum's by the direction of motion, a slipping stop's by its side."""
+    extremum = P.guard_target.shape[1]
+    S.sign[extremum] = -S.discrete[DIRECTION]
+    for j in range(len(S.slip)):
+        S.sign[extremum + 1 + 2 * j] = 1.0 if S.slip[j] == 0 else S.slip[j]
+
+
+@njit(cache=True, error_model="numpy")
 def set_tones(P, S, t):
     """Exogenous states of a sum of tones, from the phase itself so that nothing drifts."""
-    n = P.mass.shape[2]
+    n = P.rate.shape[1]
     for k in range(len(P.omega)):
         angle = P.omega[k] * t + P.phase[k]
         S.z[n + 2 * k] = np.sin(angle) / P.exo_scale[2 * k]
@@ -90,10 +111,10 @@ def set_tones(P, S, t):
     S.z[-1] = 1.0 / P.exo_scale[-1]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def set_ramp(P, S, value, slope):
     """Exogenous states of a straight piece of signal."""
-    n = P.mass.shape[2]
+    n = P.rate.shape[1]
     S.z[n] = value / P.exo_scale[0]
     S.z[n + 1] = slope / P.exo_scale[1]
     S.z[-1] = 1.0 / P.exo_scale[-1]

@@ -1,4 +1,4 @@
-"""Transient simulation: from rest through a given time."""
+"""Running a lowered system through time."""
 
 from __future__ import annotations
 
@@ -6,39 +6,70 @@ import numpy as np
 from numba import njit
 
 from piezoharvest.engine import program as pg
-from piezoharvest.engine.events import DONE, advance
-from piezoharvest.engine.state import NOW, set_ramp, set_tones
+from piezoharvest.engine import state as st
+from piezoharvest.engine import tables as tb
+from piezoharvest.engine.events import DONE, MISSING, advance
+from piezoharvest.engine.lower import Lowered
+from piezoharvest.excitation import Tones
 
 
 @njit(cache=True)
-def run_tones(P, T, S, t_end):
-    """Run under a sum of tones from the time now to t_end."""
-    set_tones(P, S, S.clock[NOW])
-    return advance(P, T, S, t_end)
+def through_ramps(P, T, S, times, starts, slopes, piece, t_end):
+    """Run through straight pieces of signal from the `piece` that holds now; returns the status and the piece reached.
 
-
-@njit(cache=True)
-def run_ramps(P, T, S, times, starts, slopes, t_end):
-    """Run under straight pieces of signal; beyond the last one its end value is held."""
+    Beyond the last piece its end value is held.
+    """
     count = len(starts)
-    for k in range(count):
-        if times[k] >= t_end:
-            return DONE
-        set_ramp(P, S, starts[k], slopes[k])
-        status = advance(P, T, S, min(times[k + 1], t_end))
+    for k in range(piece, count + 1):
+        begins, ends = times[k], times[k + 1] if k < count else np.inf
+        if begins >= t_end:
+            return DONE, k
+        if k < count:
+            st.set_ramp(P, S, starts[k] + slopes[k] * (S.clock[st.NOW] - begins), slopes[k])
+        else:
+            st.set_ramp(P, S, starts[k - 1] + slopes[k - 1] * (begins - times[k - 1]), 0.0)
+        status = advance(P, T, S, min(ends, t_end))
         if status != DONE:
-            return status
-    if t_end > times[count]:
-        set_ramp(P, S, starts[count - 1] + slopes[count - 1] * (times[count] - times[count - 1]), 0.0)
-        return advance(P, T, S, t_end)
-    return DONE
+            return status, k
+    return DONE, count
 
 
-def run(lowered, tables, state, t_end: float) -> int:
-    """Run a lowered system from the state's time to t_end (s); returns the engine's status."""
-    signal = lowered.signal
-    if lowered.program.signal_kind == pg.TONES:
-        return run_tones(lowered.program, tables, state, t_end)
-    return run_ramps(lowered.program, tables, state, signal.times, signal.starts, signal.slopes, t_end)
+class Machine:
+    """A lowered system with its tables: what runs.
 
+    Parameters
+    ----------
+    lowered : Lowered
+    ledger : bool
+        Whether energies are accounted for.
+    """
 
+    def __init__(self, lowered: Lowered, ledger: bool = False):
+        self.lowered = lowered
+        self.program = pg.point(lowered.program)
+        self.tables = tb.allocate(lowered.program, ledger)
+        self.ledger = ledger
+
+    def state(self, rest: float = 0.0, **recorded) -> st.State:
+        """State at rest under a static excitation `rest`; `recorded` as in `state.rest`."""
+        state = st.rest(self.lowered.program, ledger=self.ledger, **recorded)
+        n = len(self.lowered.states)
+        state.z[:n] = rest * self.lowered.equilibrium
+        return state
+
+    def run(self, state: st.State, t_end: float) -> int:
+        """Run to t_end (s) and return the engine's status; the state's arrays are changed in place."""
+        signal, S = self.lowered.signal, st.point(state)
+        piece = 0
+        if isinstance(signal, Tones):
+            st.set_tones(self.program, S, state.clock[st.NOW])
+        else:
+            piece = int(np.searchsorted(signal.times, state.clock[st.NOW], side="right")) - 1
+        while True:
+            if isinstance(signal, Tones):
+                status = advance(self.program, self.tables, S, t_end)
+            else:
+                status, piece = through_ramps(self.program, self.tables, S, *signal, piece, t_end)
+            if status != MISSING:
+                return status
+            tb.build(self.program, self.tables, state.discrete[st.CONFIGURATION], state.slip)

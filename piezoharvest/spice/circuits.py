@@ -8,7 +8,7 @@ from piezoharvest.parameters import ParameterError
 from piezoharvest.shunts.base import Shunt
 from piezoharvest.spice.deck import Deck, number, total
 from piezoharvest.spice.scene import Circuit, Scene
-from piezoharvest.spice.switching import write_bridge, write_discharge, write_loop
+from piezoharvest.spice.switching import write_bridge, write_discharge, write_loop, write_series_bridge
 
 
 def write_shunt(deck: Deck, shunt: Shunt, scene: Scene) -> Circuit:
@@ -38,13 +38,14 @@ def _short(deck, shunt, scene):
 
 def _resistor(deck, shunt, scene):
     deck.add("Rload p 0", shunt.resistance)
-    return _load("p", shunt)
+    capacitance = scene.transducer.capacitance + getattr(shunt, "capacitance", 0.0)
+    return _load("p", shunt, 2 * shunt.resistance * capacitance)
 
 
 def _series_rl(deck, shunt, scene):
     deck.add("Lshunt p r", shunt.inductance, "IC=0")
     deck.add("Rload r 0", shunt.resistance)
-    return _load("r", shunt)
+    return _load("r", shunt, 2 * shunt.inductance / shunt.resistance)
 
 
 def _parallel_rl(deck, shunt, scene):
@@ -56,7 +57,7 @@ def _series_rlc(deck, shunt, scene):
     deck.add("Lshunt p c", shunt.inductance, "IC=0")
     deck.add("Cshunt c r", shunt.capacitance, "IC=0")
     deck.add("Rload r 0", shunt.resistance)
-    return _load("r", shunt)
+    return _load("r", shunt, 2 * shunt.inductance / shunt.resistance)
 
 
 def _parallel_rlc(deck, shunt, scene):
@@ -78,7 +79,8 @@ def _negative_capacitance(deck, shunt, scene):
     deck.add("Fmirror 0 m Vmirror 1")
     deck.add("Cmirror m 0", shunt.capacitance, "IC=0")
     deck.add("Enegative n 0 m 0 -1")
-    return Circuit(f"(V(p)-V(r))*(V(p)-V(r))/{number(shunt.resistance)}")
+    power = f"(V(p)-V(r))*(V(p)-V(r))/{number(shunt.resistance)}"
+    return Circuit(power, slowest=shunt.resistance * shunt.capacitance)
 
 
 def _network(deck, shunt, scene):
@@ -94,18 +96,17 @@ def _network(deck, shunt, scene):
 
 
 def _rectifier(deck, shunt, scene):
-    return write_bridge(deck, shunt, scene, "p", scene.omega)
+    return write_bridge(deck, shunt, scene)
 
 
 def _parallel_sshi(deck, shunt, scene):
     loop = write_loop(deck, shunt, scene, "0")
-    return write_bridge(deck, shunt, scene, "p", scene.omega)._replace(fastest=loop.on_time)
+    return write_bridge(deck, shunt, scene)._replace(fastest=loop.on_time)
 
 
 def _series_sshi(deck, shunt, scene):
     loop = write_loop(deck, shunt, scene, "b")
-    omega = 1 / (loop.impedance * scene.transducer.capacitance)
-    return write_bridge(deck, shunt, scene, "b", omega)._replace(fastest=loop.on_time)
+    return write_series_bridge(deck, shunt, scene, "b", scene.voltage / loop.impedance)._replace(fastest=loop.on_time)
 
 
 def _ssdi(deck, shunt, scene):
@@ -119,9 +120,9 @@ def _ssdv(deck, shunt, scene):
     return Circuit(fastest=loop.on_time)
 
 
-def _load(node: str, shunt) -> Circuit:
-    """Power in a load between `node` and ground."""
-    return Circuit(f"V({node})*V({node})/{number(shunt.resistance)}")
+def _load(node: str, shunt, slowest: float) -> Circuit:
+    """Power in a load between `node` and ground, and the longest time constant."""
+    return Circuit(f"V({node})*V({node})/{number(shunt.resistance)}", slowest=slowest)
 
 
 WRITERS: dict[str, Callable[..., Circuit]] = {

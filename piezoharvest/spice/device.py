@@ -74,10 +74,13 @@ def displacement(scene: Scene) -> str:
     return total((mode.force_participation / mode.stiffness, f"V(f{n})") for n, mode in modes)
 
 
-def coupled_displacement(scene: Scene) -> str:
-    """Expression of sum T_i x_i, C."""
-    modes = enumerate(scene.transducer.all_modes, 1)
-    return total((mode.coupling / mode.stiffness, f"V(f{n})") for n, mode in modes)
+def coupled_acceleration(scene: Scene) -> str:
+    """Expression of sum T_i x_i'', A/s."""
+    terms = []
+    for n, (mode, gain) in enumerate(zip(scene.transducer.all_modes, gains(scene), strict=True), 1):
+        forces = [(gain, "V(drive)"), (mode.coupling, "V(t)"), (-mode.damping, f"V(u{n})"), (-1.0, f"V(f{n})")]
+        terms += [(mode.coupling / mode.mass * factor, signal) for factor, signal in forces]
+    return total(terms)
 
 
 def coupled_velocity(scene: Scene) -> str:

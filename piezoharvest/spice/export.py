@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from piezoharvest.excitation import Excitation
+from piezoharvest.excitation import Excitation, Tones
 from piezoharvest.parameters import ParameterError
 from piezoharvest.shunts.base import Shunt
 from piezoharvest.spice.circuits import write_shunt
@@ -13,10 +13,19 @@ from piezoharvest.spice.device import displacement, mechanical_power, write_driv
 from piezoharvest.spice.scene import Circuit, Scene, make_scene
 from piezoharvest.transducer import Transducer
 
-# Default run: this many of the longest time constant, at most so many periods; steps in the shortest pulse.
+# Default run: this many of the longest time constant, within these numbers of periods; steps in the shortest pulse.
 SETTLING = 10.0
-MOST_PERIODS = 500
+FEWEST_PERIODS, MOST_PERIODS = 10, 500
 STEPS_IN_PULSE = 20
+# The highest tone of several gets this many times fewer steps than the strongest.
+STEPS_FEWER = 5
+MEASUREMENTS = {
+    "harvested_power": "AVG V(harvested)",
+    "mechanical_power": "AVG V(mechanical)",
+    "displacement_pp": "PP V(x)",
+    "voltage_pp": "PP V(p)",
+    "dc_voltage": "AVG V(vdc)",
+}
 
 
 def export_spice(
@@ -29,6 +38,7 @@ def export_spice(
     measured_periods: int = 4,
     steps_per_period: int = 1000,
     dc_start: float = 0.0,
+    tolerance: float = 1e-5,
 ) -> str:
     """Write a system as a netlist for transient analysis, from rest.
 
@@ -48,6 +58,8 @@ def export_spice(
         Time steps in a period at least; switched shunts take more, 20 in the shortest pulse.
     dc_start : float
         Voltage of the smoothing capacitor at the beginning, V: near the final one, it shortens the run.
+    tolerance : float
+        Relative tolerance of the time steps (reltol).
 
     Returns
     -------
@@ -61,11 +73,6 @@ def export_spice(
     ParameterError
         A shunt or an effect is of a kind that is not known here, or a count of periods or steps is not positive.
     """
-    for key, value in (("measured_periods", measured_periods), ("steps_per_period", steps_per_period)):
-        if value < 1:
-            raise ParameterError(key, f"found {value}, allowed is a whole number of at least 1")
-    if periods is not None and periods < measured_periods:
-        raise ParameterError("periods", f"found {periods}, allowed is at least measured_periods ({measured_periods})")
     scene = make_scene(transducer, excitation, dc_start)
     deck = Deck(title or f"piezoharvest: {shunt.kind}")
     _write_introduction(deck)
@@ -74,7 +81,9 @@ def export_spice(
     write_transducer(deck, scene)
     circuit = write_shunt(deck, shunt, scene)
     _write_readings(deck, scene, circuit)
-    _write_analysis(deck, scene, circuit, periods, measured_periods, steps_per_period)
+    deck.section("analysis")
+    window = _write_window(deck, scene, circuit, periods, measured_periods)
+    _write_analysis(deck, scene, window, _largest_step(scene, circuit, steps_per_period), tolerance)
     return deck.text()
 
 
@@ -96,43 +105,61 @@ def _write_readings(deck: Deck, scene: Scene, circuit: Circuit) -> None:
     deck.add("Bvdc vdc 0 V=" + circuit.dc)
 
 
-def _write_analysis(deck: Deck, scene: Scene, circuit: Circuit, periods: int | None, measured: int, steps: int) -> None:
-    """Simulation command, tolerances and measurements."""
-    deck.section("analysis")
+def _write_window(
+    deck: Deck, scene: Scene, circuit: Circuit, periods: int | None, measured: int
+) -> tuple[float, float]:
+    """Say how long the run is; beginning and end of what is measured, s."""
     period, length = scene.excitation.period, scene.excitation.length
-    cycle = 2 * math.pi / scene.omega
-    if period is None and length is not None:
-        begin, end = 0.0, length
-    else:
-        period = period or cycle
-        settled = SETTLING * max(circuit.slowest, *_decay_times(scene.transducer))
-        wanted = measured + math.ceil(min(settled / period, 1e9))
-        if periods is None:
-            periods = max(measured, min(wanted, MOST_PERIODS))
-        begin, end = (periods - measured) * period, periods * period
-        deck.comment(f"{periods} periods of {number(period)} s from rest, of which the last {measured} are measured.")
-        if periods < wanted:
-            deck.comment(
-                f"This may be short: transients last about {wanted} periods. Lengthen .tran and move the window of "
-                ".meas, or start the smoothing capacitor (IC of Csmoothing) near its final voltage."
-            )
-    step = min(cycle / steps, circuit.fastest / STEPS_IN_PULSE)
+    if period is None:
+        if length is None:
+            raise ParameterError("excitation", "found neither a period nor a length, allowed is one that has either")
+        deck.comment("The excitation is not periodic: one run through it, measured from beginning to end.")
+        return 0.0, length
+    slowest = max(circuit.slowest, *_decay_times(scene.transducer))
+    wanted = measured + math.ceil(max(FEWEST_PERIODS, min(SETTLING * slowest / period, 1e9)))
+    if periods is None:
+        periods = max(measured + 1, min(wanted, MOST_PERIODS))
+    for key, value, least in (("measured_periods", measured, 1), ("periods", periods, measured)):
+        if value < least:
+            raise ParameterError(key, f"found {value}, allowed is a whole number of at least {least}")
+    deck.comment(f"{periods} periods of {number(period)} s from rest, of which the last {measured} are measured.")
+    if periods < wanted:
+        deck.comment(
+            f"This may be short: transients may last about {wanted} periods. Lengthen .tran and move the window of "
+            ".meas, or start the smoothing capacitor (IC of Csmoothing) near its final voltage."
+        )
+    return (periods - measured) * period, periods * period
+
+
+def _largest_step(scene: Scene, circuit: Circuit, steps: int) -> float:
+    """Largest time step, s: a share of the period, of that of the highest tone and of the shortest pulse."""
+    if steps < 1:
+        raise ParameterError("steps_per_period", f"found {steps}, allowed is a whole number of at least 1")
+    share = [2 * math.pi / scene.omega / steps, circuit.fastest / STEPS_IN_PULSE]
+    if isinstance(scene.signal, Tones):
+        share.append(STEPS_FEWER / (steps * float(max(scene.signal.frequencies))))
+    return min(share)
+
+
+def _write_analysis(deck: Deck, scene: Scene, window: tuple[float, float], step: float, tolerance: float) -> None:
+    """Simulation command, tolerances and measurements."""
+    begin, end = (number(time) for time in window)
     deck.comment(
         "The fourth number of .tran is the largest time step: halve it to see how far the results are converged."
     )
     deck.add(".tran", step, end, 0, step, "uic")
     deck.comment("Gear integration damps what trapezoidal integration lets ring after a switch has opened.")
-    small = f"abstol={number(1e-9 * scene.current)} vntol={number(1e-7 * min(1.0, scene.voltage))}"
-    deck.add(f".options method=gear reltol=1e-5 trtol=1 {small} chgtol={number(1e-9 * scene.current / scene.omega)}")
+    charge, voltage = 1e-9 * scene.current / scene.omega, 1e-7 * min(1.0, scene.voltage)
+    deck.add(
+        f".options method=gear reltol={number(tolerance)} trtol=1 abstol={number(1e-9 * scene.current)} "
+        f"vntol={number(voltage)} chgtol={number(charge)}"
+    )
     deck.add(".save V(drive) V(x) V(p) V(vdc) V(harvested) V(mechanical) I(Vport)")
-    window = f"from={number(begin)} to={number(end)}"
-    deck.add(".meas tran harvested_power AVG V(harvested)", window)
-    deck.add(".meas tran mechanical_power AVG V(mechanical)", window)
-    deck.add(".meas tran displacement_pp PP V(x)", window)
-    deck.add(".meas tran voltage_pp PP V(p)", window)
-    deck.add(".meas tran dc_voltage AVG V(vdc)", window)
+    for name, what in MEASUREMENTS.items():
+        deck.add(f".meas tran {name} {what} from={begin} to={end}")
 
 
 def _decay_times(transducer: Transducer) -> list[float]:
-    """Time constants of the modes' free decay, s."""
-    return [2 * mode.mass / mode.damping if mode.damping else math.inf for mode in transducer.all_modes]
+    """Time constants of the modes' free decay and of the effects, s."""
+    modes = [2 * mode.mass / mode.damping if mode.damping else math.inf for mode in transducer.all_modes]
+    return modes + [getattr(effect, "time_constant", 0.0) for effect in transducer.effects]

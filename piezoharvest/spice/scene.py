@@ -73,7 +73,8 @@ def make_scene(transducer: Transducer, excitation: Excitation, dc_start: float) 
         omega = 2 * np.pi * float(frequencies[np.argmax(amplitudes)])
         tones = [(2 * np.pi * f, a) for f, a in zip(frequencies, amplitudes, strict=True)]
     else:
-        omega, tones = own, [(own, float(np.max(np.abs(signal.starts))))]
+        # A sudden load moves a mode twice as far as a slow one.
+        omega, tones = own, [(0.0, 2 * float(np.max(np.abs(signal.starts))))]
     voltage = sum(_voltage(transducer, excitation.base, w, a) for w, a in tones)
     return Scene(transducer, excitation, signal, omega, max(voltage, dc_start) or 1.0, dc_start)
 
@@ -83,7 +84,7 @@ def _voltage(transducer: Transducer, base: bool, omega: float, amplitude: float)
     charge = 0.0
     for mode in transducer.all_modes:
         gain = mode.base_mass if base else abs(mode.force_participation)
-        damping = mode.damping + mode.coupling**2 / (2 * omega * transducer.capacitance)
-        elasticity = abs(mode.stiffness - mode.mass * omega**2 + 1j * omega * damping)
+        loss = omega * mode.damping + mode.coupling**2 / (2 * transducer.capacitance)
+        elasticity = abs(mode.stiffness - mode.mass * omega**2 + 1j * loss)
         charge += abs(mode.coupling) * gain * amplitude / elasticity
     return charge / transducer.capacitance

@@ -11,18 +11,19 @@ from piezoharvest.circuit import Switch
 from piezoharvest.shunts.bridge import Bridge
 from piezoharvest.shunts.switching import InductiveSwitch, SynchronisedShunt
 from piezoharvest.spice.deck import Deck, number
-from piezoharvest.spice.device import coupled_displacement, coupled_velocity
+from piezoharvest.spice.device import coupled_acceleration, coupled_velocity
 from piezoharvest.spice.scene import Circuit, Scene
 
 # Bridge: ratio of its resistance to 1/(w C), and of the rounding of its corner to the expected voltage.
 BRIDGE = 1e-4
-CORNER = 1e-4
-# Switch: conductance while closed and open, relative to 1/sqrt(L/C); shares of the on-time in which it changes over.
-CLOSED, OPEN = 1e4, 1e-8
+CORNER = 1e-5
+# Switched loop: how much more than sqrt(L/C) the resistance is that takes up the current cut when the switch opens, and
+# how much less the switch's while closed; conductance of the open switch over 1/sqrt(L/C).
+IDEAL, OPEN = 1e4, 1e-8
+# The pulse that closes a switch rises and falls over this share of its length to each side; logarithm of the switch's
+# conductance, per unit of the pulse.
 EDGE = 0.1
 STEEPNESS = 200.0
-# Resistance across the inductor, over sqrt(L/C), that takes up the current cut when the switch opens.
-SNUBBER = 1e4
 # Instantaneous discharges take this share of a period, and end at exp(-14) of the voltage.
 DISCHARGE, DECAY = 1 / 200, 14.0
 
@@ -36,9 +37,9 @@ def write_timing(deck: Deck, switch: Switch, on_time: float, scene: Scene) -> No
         "is left out: the switch acts at every extremum."
     )
     deck.add("Brate rate 0 V=(" + coupled_velocity(scene) + f")/{number(scene.current)}")
-    width = number(EDGE * on_time * scene.omega**2 / scene.current)
-    deck.add("Bwidth width 0 V=(" + coupled_displacement(scene) + f")*{width}")
-    deck.add("Bextremum extremum 0 V=V(rate)/sqrt(V(rate)*V(rate) + V(width)*V(width) + 1e-12)")
+    width = number(EDGE * on_time / scene.current)
+    deck.add("Bwidth width 0 V=(" + coupled_acceleration(scene) + f")*{width}")
+    deck.add("Bextremum extremum 0 V=max(-1, min(1, V(rate)/sqrt(V(width)*V(width)+1e-12)))")
     begin = "extremum"
     if switch.lag > 1e-4 * on_time:
         begin = "begin"
@@ -83,19 +84,20 @@ def write_loop(deck: Deck, shunt: InductiveSwitch, scene: Scene, end: str) -> Lo
         "closed is left out of Rloop."
     )
     deck.add("Lloop p l", inductance, "IC=0")
-    deck.add("Rsnubber p l", SNUBBER * impedance)
-    deck.add("Rloop l k", resistance - impedance / SNUBBER - impedance / CLOSED)
+    ideal = impedance * max(IDEAL, 100 * float(shunt.quality))
+    deck.add("Rsnubber p l", ideal)
+    deck.add("Rloop l k", resistance - 2 * impedance**2 / ideal)
     # The switch changes by a factor e in the time 2 EDGE on_time/STEEPNESS. A current that a resistance kappa L/time *
     # exp(t/time) cuts loses the charge of having ended at t = -(ln kappa + Euler's gamma) time, and one that it lets
     # begin starts at the mirror image: with kappa = exp(-gamma) both happen at t = 0.
     change = math.exp(-np.euler_gamma) * inductance * STEEPNESS / (2 * EDGE * switch.on_time)
-    write_switch(deck, ("k", end), 1 / change, CLOSED / impedance, OPEN / impedance)
+    write_switch(deck, ("k", end), 1 / change, ideal / impedance**2, OPEN / impedance)
     return Loop(switch.on_time, impedance)
 
 
-def write_bridge(deck: Deck, shunt: Bridge, scene: Scene, node: str, omega: float) -> Circuit:
-    """Bridge from `node` to the dc side, for currents that change at the angular frequency `omega`."""
-    conductance = number(0.5 * omega * scene.transducer.capacitance / BRIDGE)
+def write_bridge(deck: Deck, shunt: Bridge, scene: Scene) -> Circuit:
+    """Bridge across the electrodes: currents that follow from the voltage."""
+    conductance = number(0.5 * scene.omega * scene.transducer.capacitance / BRIDGE)
     corner = number((CORNER * scene.voltage) ** 2)
     deck.section("bridge: V(dc) is the voltage behind it")
     deck.comment(
@@ -104,10 +106,33 @@ def write_bridge(deck: Deck, shunt: Bridge, scene: Scene, node: str, omega: floa
     )
     pairs = []
     for sign in ("", "-"):
-        excess = f"({sign}V({node})-V(dc)-{number(2 * shunt.diode_drop)})"
+        excess = f"({sign}V(p)-V(dc)-{number(2 * shunt.diode_drop)})"
         pairs.append(f"{conductance}*({excess} + sqrt({excess}*{excess}+{corner}))")
-    deck.add(f"Bin {node} 0 I={pairs[0]} - {pairs[1]}")
+    deck.add(f"Bin p 0 I={pairs[0]} - {pairs[1]}")
     deck.add(f"Bout 0 dc I={pairs[0]} + {pairs[1]}")
+    return _write_dc_side(deck, shunt, scene)
+
+
+def write_series_bridge(deck: Deck, shunt: Bridge, scene: Scene, node: str, current: float) -> Circuit:
+    """Bridge from `node` to ground, in line with an inductor: a voltage that follows from the current.
+
+    `current` (A) is what flows through it at the peak.
+    """
+    deck.section("bridge in line with the inductor: V(dc) is the voltage behind it")
+    deck.comment(
+        "V(direction) is the sign of the current, rounded near zero; the bridge opposes it with V(dc) and two drops, "
+        "and passes its magnitude on. To try real diodes, put four of them in the place of Vbridge, Bin and Bout."
+    )
+    deck.add(f"Vbridge {node} opposed 0")
+    deck.add("Hbridge through 0 Vbridge", 1 / current)
+    deck.add(f"Bdirection direction 0 V=V(through)/sqrt(V(through)*V(through)+{number(BRIDGE**2)})")
+    deck.add(f"Bin opposed 0 V=V(direction)*(V(dc)+{number(2 * shunt.diode_drop)})")
+    deck.add(f"Bout 0 dc I={number(current)}*V(through)*V(direction)")
+    return _write_dc_side(deck, shunt, scene)
+
+
+def _write_dc_side(deck: Deck, shunt: Bridge, scene: Scene) -> Circuit:
+    """Smoothing capacitor and load, or constant voltage, at the node `dc`."""
     if shunt.dc_voltage is not None:
         deck.add("Vdc dc 0", float(shunt.dc_voltage))
         return Circuit("V(dc)*I(Vdc)", "V(dc)")

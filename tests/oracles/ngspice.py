@@ -11,11 +11,16 @@ from pathlib import Path
 import pytest
 
 NGSPICE = shutil.which("ngspice")
-needs_ngspice = pytest.mark.skipif(NGSPICE is None, reason="ngspice is not on the PATH (Debian: apt install ngspice)")
+_SKIP = pytest.mark.skipif(NGSPICE is None, reason="ngspice is not on the PATH (Debian: apt install ngspice)")
 
-_MEASUREMENT = re.compile(r"^(\w+)\s+=\s+([-+]?[\d.]+(?:e[-+]?\d+)?)", re.MULTILINE | re.IGNORECASE)
+_MEASUREMENT = re.compile(r"^(\w+)\s+=\s+([-+]?[\d.]+(?:e[-+]?\d+)?)\s+from=", re.MULTILINE | re.IGNORECASE)
 # ngspice ends with status 0 after some of these, and goes on from others with numbers that mean nothing.
 _FAILURES = re.compile(r"error|aborted|fatal|singular|too small|meas .* failed|unknown|unrecognized", re.IGNORECASE)
+
+
+def needs_ngspice(test):
+    """Mark a test or a class of tests as `spice`, and skip it where ngspice is absent."""
+    return pytest.mark.spice(_SKIP(test))
 
 
 class NgspiceError(RuntimeError):

@@ -1,0 +1,199 @@
+"""Candidates before tuning: which kinds fit, what of them is free, and what is assumed where no template says it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from piezoharvest.circuit import Port
+from piezoharvest.parameters import ParameterError
+from piezoharvest.shunts import LinearShunt, Open, Short, Shunt, registered
+from piezoharvest.shunts.bridge import Bridge
+from piezoharvest.shunts.switching import InductiveSwitch
+from piezoharvest.study import DesignOptions
+from piezoharvest.transducer import Transducer
+
+# Inversion by exp(-pi/(2 Q)) = 0.77 of the voltage: the middle of what small coils of some 10 ohm to kohm reach.
+QUALITY = 6.0
+FLIP_SHARE = 1 / 50  # of the period: short beside it, and still slow enough for a coil
+RIPPLE_PERIODS = 50.0  # R C_s in periods: the dc voltage then moves by 1 % in a half period
+NEGATIVE_SHARE = 0.5  # of the clamped capacitance: doubles K^2, with as much again to the limit of stability
+_TUNED_UNITS = ("ohm", "H", "F")
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """A shunt with first values, and the fields that tuning may change.
+
+    Attributes
+    ----------
+    shunt : Shunt
+    free : tuple of str
+        Names of the fields to tune.
+    assumed : tuple of str
+        What no template said, in words.
+    smoothing : float or None
+        Where the smoothing capacitance is assumed: its time constant with the load, s.
+    """
+
+    shunt: Shunt
+    free: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
+    smoothing: float | None = None
+
+    @property
+    def kind(self) -> str:
+        """Kind of the shunt."""
+        return self.shunt.kind
+
+    def first(self) -> dict[str, float]:
+        """Values of the free fields that the shunt has now."""
+        return {name: getattr(self.shunt, name) for name in self.free}
+
+    def with_values(self, values: Mapping[str, Any]) -> Shunt:
+        """The shunt with other values of its free fields; an assumed smoothing capacitance goes with the load."""
+        values = dict(values)
+        if self.smoothing is not None and "load_resistance" in values:
+            values["smoothing_capacitance"] = self.smoothing / values["load_resistance"]
+        return dataclasses.replace(self.shunt, **values)
+
+
+@dataclass
+class Drafting:
+    """Makes the drafts of a design.
+
+    Attributes
+    ----------
+    transducer : Transducer
+    templates : sequence of Shunt
+        The shunts of the study: what of them is not tuned is kept.
+    options : DesignOptions
+    frequency : float
+        Hz, where impedances are compared.
+    left_out : list of str
+        Why kinds that were named, or would fit, are not among the drafts.
+    """
+
+    transducer: Transducer
+    templates: Sequence[Shunt]
+    options: DesignOptions
+    frequency: float
+    left_out: list[str] = field(default_factory=list)
+
+    def drafts(self) -> list[Draft]:
+        """One draft for each kind, or for each template of it.
+
+        Raises
+        ------
+        ParameterError
+            No kind is left.
+        """
+        named = self.options.candidates
+        found: list[Draft] = []
+        for kind, cls in registered().items() if named is None else [(k, registered()[k]) for k in dict.fromkeys(named)]:
+            own = [shunt for shunt in self.templates if shunt.kind == kind]
+            drafts = [self._from_template(shunt) for shunt in own] or self._assume(cls, named is not None)
+            found += [draft for draft in drafts if named is not None or self._fits(draft.shunt, bool(own))]
+        if not found:
+            reasons = "; ".join(self.left_out) or "no kind of shunt that fits the objective"
+            raise ParameterError("design.candidates", f"found {reasons}, allowed are kinds that need nothing else")
+        return _distinct(found)
+
+    def _fits(self, shunt: Shunt, templated: bool) -> bool:
+        """Whether a kind that was not named is worth a try."""
+        if isinstance(shunt, Open | Short):
+            return False
+        if not templated and any(state.storage < 0 for state in shunt.states(self.transducer.capacitance)):
+            return False  # active parts only where they are wanted
+        gives = harvests(shunt, self.transducer.capacitance, 1 / self.frequency)
+        return gives if self.options.objective == "harvest" else isinstance(shunt, LinearShunt) or not gives
+
+    def _from_template(self, shunt: Shunt) -> Draft:
+        return Draft(shunt, self._free(shunt))
+
+    def _free(self, shunt: Shunt) -> tuple[str, ...]:
+        """Fields to tune: the parts of linear circuits but for active ones, and what loads a bridge."""
+        if isinstance(shunt, Bridge):
+            return ("load_resistance",) if shunt.smoothed else ("dc_voltage",)
+        if not isinstance(shunt, LinearShunt):
+            return ()
+        active = [-state.storage for state in shunt.states(self.transducer.capacitance) if state.storage < 0]
+        return tuple(name for name in _parts(type(shunt)) if getattr(shunt, name) not in active)
+
+    def _assume(self, cls: type[Shunt], wanted: bool) -> list[Draft]:
+        """Draft of a kind without a template, by typical values; none where one cannot be assumed."""
+        values, notes = self._typical(cls)
+        needed = [
+            f.name for f in dataclasses.fields(cls)
+            if f.init and f.default is MISSING and f.default_factory is MISSING and f.name not in values
+        ]  # fmt: skip
+        if needed:
+            if wanted or cls.kind in ("network", "ssdv"):
+                names = " and ".join(needed)
+                self.left_out.append(f"{cls.kind} without {names}, which only a [[shunts]] table can give")
+            return []
+        shunt = cls(**values)
+        period = 1 / self.frequency
+        smoothing = RIPPLE_PERIODS * period if isinstance(shunt, Bridge) else None
+        return [Draft(shunt, self._free(shunt), notes, smoothing)]
+
+    def _typical(self, cls: type[Shunt]) -> tuple[dict[str, Any], tuple[str, ...]]:
+        """Typical values of a kind's fields, and what is to be said of them."""
+        capacitance, omega = self.transducer.capacitance, 2 * np.pi * self.frequency
+        if issubclass(cls, LinearShunt):
+            scale = {"ohm": 1 / (omega * capacitance), "H": 1 / (omega**2 * capacitance), "F": capacitance}
+            values = {name: scale[unit] for name, unit in _parts(cls).items()}
+            if cls.kind == "negative_capacitance":
+                values["capacitance"] = NEGATIVE_SHARE * capacitance
+                return values, (f"C_n = {NEGATIVE_SHARE:g} C = {values['capacitance']:.4g} F in parallel (a margin to "
+                                "instability of as much again), without losses of the active circuit",)  # fmt: skip
+            return values, ()
+        values, notes = {}, []
+        if issubclass(cls, Bridge):
+            load = np.pi / (2 * omega * capacitance)
+            values |= {"load_resistance": load, "smoothing_capacitance": RIPPLE_PERIODS / (self.frequency * load)}
+            notes.append(f"ideal diodes, R C_s = {RIPPLE_PERIODS:g} periods (1 % ripple)")
+        if issubclass(cls, InductiveSwitch):
+            values |= {"quality": QUALITY, "inductance": self._switched_inductance()}
+            inversion = np.exp(-np.pi / (2 * QUALITY))
+            notes.append(f"switched loop of quality {QUALITY:g} (inverts to {inversion:.2f} of the voltage) and "
+                         f"{values['inductance']:.3g} H")  # fmt: skip
+        return values, tuple(notes)
+
+    def _switched_inductance(self) -> float:
+        """Inductance in H that flips the voltage in a share of the period, or faster where the limit asks for it."""
+        flip = FLIP_SHARE / self.frequency
+        inductance = (flip / np.pi) ** 2 * (1 - 0.25 / QUALITY**2) / self.transducer.capacitance
+        return float(min(inductance, self.options.max_inductance or np.inf))
+
+
+def harvests(shunt: Shunt, capacitance: float, period: float | None) -> bool:
+    """Whether any configuration of a circuit, or its switch, brings power to a load."""
+    states = [state.name for state in shunt.states(capacitance)]
+    rows = np.eye(len(states) + 4)
+    port = Port(*rows[-4:], capacitance)
+    z = SimpleNamespace(**dict(zip(states, rows, strict=False)))
+    if any(shunt.powers(name, port, z).get("harvested") for name in shunt.configurations()):
+        return True
+    switch = shunt.switch(capacitance, period)
+    return switch is not None and switch.efficiency > 0
+
+
+def _parts(cls: type[Shunt]) -> dict[str, str]:
+    """Resistances, inductances and capacitances that a kind needs, with their units."""
+    fields = [f for f in dataclasses.fields(cls) if f.default is MISSING and f.metadata.get("unit") in _TUNED_UNITS]
+    return {f.name: f.metadata["unit"] for f in fields}
+
+
+def _distinct(drafts: list[Draft]) -> list[Draft]:
+    """Drafts that differ in more than their first values."""
+    kept: dict[Any, Draft] = {}
+    for draft in drafts:
+        fixed = tuple((f.name, getattr(draft.shunt, f.name)) for f in dataclasses.fields(draft.shunt) if f.name not in draft.free)
+        kept.setdefault((draft.kind, draft.free, fixed), draft)
+    return list(kept.values())

@@ -1,0 +1,113 @@
+"""What a design is judged by: the objective and the limits, as one number to be made small."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from piezoharvest.shunts import Shunt
+from piezoharvest.study import DesignOptions
+
+if TYPE_CHECKING:
+    from piezoharvest.engine.response import Response
+
+MARGIN = 1e-3  # tuning keeps this share away from a limit, so that what it finds does not violate it by rounding
+PENALTY = 100.0  # merit for one e-fold beyond a limit: far above any trade between the logarithms of these figures
+_TOLERANCE = 1e-6
+_LEAST = 1e-30  # W or m, in place of zero under a logarithm
+
+
+class Figures(NamedTuple):
+    """What a shunt does where the design has to hold.
+
+    Attributes
+    ----------
+    harvested_power : float
+        W; over a band its mean.
+    displacement_amplitude, voltage_amplitude : float
+        m and V; over a band the largest.
+    attenuation_db : float
+        Displacement against the short circuit's; over a band worst peak against worst peak.
+    converged : bool
+    message : str
+        What there is to know about the simulation.
+    response : Response or None
+        A simulation, over a band that of the largest displacement; None for figures of the linear two-port.
+    """
+
+    harvested_power: float
+    displacement_amplitude: float
+    voltage_amplitude: float
+    attenuation_db: float
+    converged: bool = True
+    message: str = ""
+    response: Response | None = None
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Objective and limits of a design.
+
+    `min_attenuation_db` is read without its sign: 6 and -6 both ask for at least 6 dB less displacement than with
+    shorted electrodes.
+    """
+
+    options: DesignOptions
+
+    @property
+    def damping(self) -> bool:
+        """Whether displacement is to be made small, rather than harvested power large."""
+        return self.options.objective == "damping"
+
+    def largest_displacement(self, shorted: float) -> float:
+        """Largest displacement allowed in m, given that with shorted electrodes; infinite without a limit."""
+        limits = [np.inf]
+        if self.options.max_displacement is not None:
+            limits.append(self.options.max_displacement)
+        if self.options.min_attenuation_db is not None:
+            limits.append(shorted * 10 ** (-abs(self.options.min_attenuation_db) / 20))
+        return min(limits)
+
+    def excess(self, figures: Figures) -> dict[str, float]:
+        """By how many e-folds each limit is exceeded; negative inside."""
+        o, found = self.options, {}
+        if o.max_voltage is not None:
+            found["max_voltage"] = _log(figures.voltage_amplitude) - np.log(o.max_voltage)
+        if o.max_displacement is not None:
+            found["max_displacement"] = _log(figures.displacement_amplitude) - np.log(o.max_displacement)
+        if o.min_power is not None:
+            found["min_power"] = _log(o.min_power) - _log(figures.harvested_power)
+        if o.min_attenuation_db is not None:
+            found["min_attenuation_db"] = (figures.attenuation_db + abs(o.min_attenuation_db)) * np.log(10) / 20
+        return found
+
+    def violated(self, figures: Figures, shunt: Shunt, capacitance: float) -> tuple[str, ...]:
+        """Names of the limits that are not kept; not-a-number counts as not kept."""
+        broken = [name for name, by in self.excess(figures).items() if not by <= _TOLERANCE]
+        limit = self.options.max_inductance
+        if limit is not None and largest_inductance(shunt, capacitance) > limit * (1 + _TOLERANCE):
+            broken.append("max_inductance")
+        return tuple(broken)
+
+    def score(self, figures: Figures) -> float:
+        """The objective alone, smaller is better: logarithm of displacement, or of one over power."""
+        return _log(figures.displacement_amplitude) if self.damping else -_log(figures.harvested_power)
+
+    def merit(self, figures: Figures) -> float:
+        """The one number that every tuning makes small: objective, and a penalty on what exceeds the limits."""
+        beyond = sum(max(0.0, by + MARGIN) for by in self.excess(figures).values())
+        untrusted = 0.0 if figures.converged else PENALTY
+        merit = self.score(figures) + PENALTY * beyond + untrusted
+        return merit if np.isfinite(merit) else 1e6
+
+
+def largest_inductance(shunt: Shunt, capacitance: float) -> float:
+    """Largest inductance of a circuit in H: the storage of its states of current; 0 without any."""
+    states = shunt.states(capacitance)
+    return max((float(s.storage) for s in states if s.name.startswith("current")), default=0.0)
+
+
+def _log(value: float) -> float:
+    return float(np.log(max(value, _LEAST)))

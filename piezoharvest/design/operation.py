@@ -1,0 +1,158 @@
+"""Where a design has to hold: the excitation as spectral lines, for the linear two-port, and as single runs."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezoharvest.excitation import Excitation, Multisine, Tones
+from piezoharvest.linear import poles, resonances
+from piezoharvest.parameters import ParameterError
+from piezoharvest.shunts import Open, Short
+from piezoharvest.system import System
+from piezoharvest.transducer import Transducer
+
+_EXACT = 1e-9  # relative error of a mean over a band, on the two-port
+_MOST_NODES = 400
+_SAMPLES = 2**16  # of a signal whose spectrum is taken
+_BINS = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Operation:
+    """Excitation and band that a design is made for.
+
+    Attributes
+    ----------
+    excitation : Excitation
+    band : tuple of float or None
+        Hz; where given, the excitation is a sine that goes through the band with its amplitude kept.
+    frequencies, squares : (n,) array
+        Lines in Hz and their squared peak values, with which linear powers add up: over a band the nodes and weights
+        of a Gauss-Legendre mean, for noise those of its integral.
+    apart : bool
+        Whether the lines are one sine at a time, not all at once.
+    """
+
+    excitation: Excitation
+    band: tuple[float, float] | None
+    frequencies: np.ndarray
+    squares: np.ndarray
+    apart: bool
+
+    @property
+    def base(self) -> bool:
+        """Whether the excitation is base acceleration."""
+        return self.excitation.base
+
+    @property
+    def periodic(self) -> bool:
+        """Whether there is a steady state."""
+        return self.excitation.period is not None
+
+    @property
+    def amplitude(self) -> float:
+        """Peak value of the sine (of excitations that are one)."""
+        return float(np.sqrt(np.sum(self.squares)))
+
+    def centre(self, transducer: Transducer) -> float:
+        """Frequency in Hz that closed forms are evaluated at: a resonance that is driven, else the strongest line."""
+        if self.apart and self.band is None:
+            return float(self.frequencies[0])
+        found = resonances(transducer)
+        both = np.sqrt(found.short_circuit.undamped * found.open_circuit.undamped)
+        inside = both[(both >= self.frequencies[0]) & (both <= self.frequencies[-1])]
+        if len(inside) and not isinstance(self.excitation, Multisine):
+            return float(inside[0])
+        return float(self.frequencies[np.argmax(self.squares)])
+
+    def at(self, frequency: float) -> Excitation:
+        """The sine at another frequency (Hz)."""
+        return dataclasses.replace(self.excitation, frequency=frequency)
+
+
+def operation_of(excitation: Excitation, band: tuple[float, float] | None, transducer: Transducer) -> Operation:
+    """Operation from an excitation; `band` is used with a sine only.
+
+    Raises
+    ------
+    ParameterError
+        The excitation moves nothing.
+    """
+    if is_sine(excitation):
+        if band is None:
+            lines = np.array([excitation.frequency]), np.ones(1)  # pyright: ignore[reportAttributeAccessIssue]
+        else:
+            lines = mean_nodes(band, transducer, _EXACT, _MOST_NODES)
+        square = excitation.amplitude**2  # pyright: ignore[reportAttributeAccessIssue]
+        operation = Operation(excitation, band, lines[0], lines[1] * square, apart=True)
+    else:
+        operation = Operation(excitation, None, *_lines(excitation, transducer), apart=False)
+    if not np.sum(operation.squares) > 0:
+        raise ParameterError("excitation", f"found {excitation.kind} of zero strength, allowed is one to design for")
+    return operation
+
+
+def is_sine(excitation: Excitation) -> bool:
+    """Whether the excitation is one tone that can be moved through a band."""
+    return hasattr(excitation, "frequency") and hasattr(excitation, "amplitude")
+
+
+def mean_nodes(
+    band: tuple[float, float], transducer: Transducer, tolerance: float, most: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (Hz) and weights of the mean over a band of what the transducer answers, by Gauss-Legendre quadrature.
+
+    Notes
+    -----
+    The error of n nodes falls as rho^(-2 n), rho being the size of the Bernstein ellipse through the nearest pole of
+    the integrand (Trefethen, SIAM Review 50(1), 67-87, 2008). The poles with shorted and with open electrodes are
+    taken: a load that takes power damps more. `most` caps the number.
+    """
+    middle, half = 0.5 * (band[0] + band[1]), 0.5 * (band[1] - band[0])
+    found = np.concatenate([poles(System(transducer, shunt)) for shunt in (Short(), Open())])
+    found = found[found.imag > 0]
+    places = (found / (2j * np.pi) - middle) / half  # of real frequency: the pole's damping is its distance from it
+    root = np.sqrt(places**2 - 1 + 0j)
+    ellipse = float(np.min(np.maximum(np.abs(places + root), np.abs(places - root)), initial=1e3))
+    needed = np.log(1 / tolerance) / (2 * np.log(max(ellipse, 1 + 1e-9)))
+    nodes, weights = np.polynomial.legendre.leggauss(int(np.clip(np.ceil(needed) + 1, 5, most)))
+    return middle + half * nodes, 0.5 * weights
+
+
+def _lines(excitation: Excitation, transducer: Transducer) -> tuple[np.ndarray, np.ndarray]:
+    """Lines and squared peak values of an excitation that is not one sine."""
+    psd = getattr(excitation, "psd", None)
+    if psd is not None:
+        band: tuple[float, float] = excitation.band  # pyright: ignore[reportAttributeAccessIssue]
+        band = (max(band[0], 1e-6 * band[1]), band[1])
+        nodes, weights = mean_nodes(band, transducer, _EXACT, _MOST_NODES)
+        # The expectation, not one realisation: a load should not be fitted to the seed.
+        return nodes, 2 * psd * (band[1] - band[0]) * weights
+    signal = excitation.signal()
+    if isinstance(signal, Tones):
+        phasors = signal.amplitudes * np.exp(1j * signal.phases)
+        frequencies, where = np.unique(signal.frequencies, return_inverse=True)
+        total = np.zeros(len(frequencies), complex)
+        np.add.at(total, where, phasors)
+        return frequencies, np.abs(total) ** 2
+    return _spectrum(signal, excitation, transducer)
+
+
+def _spectrum(signal, excitation: Excitation, transducer: Transducer) -> tuple[np.ndarray, np.ndarray]:
+    """Lines of a signal of finite length, up to twice the highest resonance, gathered in bins."""
+    length = float(excitation.length or signal.times[-1])
+    highest = 2 * float(np.max(resonances(transducer).open_circuit.undamped))
+    count = int(np.clip(4 * highest * length, 256, _SAMPLES))
+    values = signal.at(np.arange(count) * (length / count)) - excitation.rest
+    squares = np.abs(2 * np.fft.rfft(values) / count)[1:] ** 2
+    frequencies = np.arange(1, len(squares) + 1) / length
+    inside = frequencies <= max(highest, frequencies[0])
+    frequencies, squares = frequencies[inside], squares[inside]
+    if len(frequencies) > _BINS:
+        edges = np.linspace(0, len(frequencies), _BINS + 1).astype(int)[:-1]
+        frequencies = np.add.reduceat(frequencies, edges) / np.diff(edges, append=len(frequencies))
+        squares = np.add.reduceat(squares, edges)
+    return frequencies, squares

@@ -1,0 +1,137 @@
+"""What a design gives back."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from piezoharvest.netlist import Element
+from piezoharvest.shunts import Shunt
+
+if TYPE_CHECKING:
+    from piezoharvest.engine.response import Response
+
+
+@dataclass(frozen=True)
+class Bound:
+    """What no passive linear shunt can pass; None where no bound holds or none has been computed."""
+
+    harvested_power: float | None = None
+    attenuation_db: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """A tuned shunt, checked by the nonlinear simulation.
+
+    Attributes
+    ----------
+    shunt : Shunt
+    harvested_power : float
+        W, by simulation; over a band its mean.
+    attenuation_db : float
+        Displacement against the short circuit, by simulation; over a band worst peak against worst peak.
+    displacement_amplitude, voltage_amplitude : float
+        m and V, by simulation; over a band the largest.
+    converged : bool
+        Whether every simulation behind these figures can be trusted.
+    violates : tuple of str
+        Names of the limits that are not kept; empty for a feasible candidate.
+    start : str
+        Formula that the tuning set out from.
+    method : str
+        How it was tuned.
+    iterations : int
+        Iterations of the optimiser, or simulations where it tuned on them.
+    gap_to_bound : float or None
+        Share of the bound that is not reached.
+    response : Response
+        The simulation; over a band that of the largest displacement.
+    """
+
+    shunt: Shunt
+    harvested_power: float
+    attenuation_db: float
+    displacement_amplitude: float
+    voltage_amplitude: float
+    converged: bool
+    violates: tuple[str, ...] = ()
+    start: str = ""
+    method: str = ""
+    iterations: int = 0
+    gap_to_bound: float | None = None
+    response: Response | None = field(default=None, repr=False)
+
+    @property
+    def feasible(self) -> bool:
+        """Whether all limits are kept."""
+        return not self.violates
+
+    def as_json(self) -> dict[str, Any]:
+        """Candidate as the interface gives it."""
+        names = ("harvested_power", "attenuation_db", "gap_to_bound", "converged", "displacement_amplitude",
+                 "voltage_amplitude", "violates", "start", "method", "iterations")  # fmt: skip
+        values = {name: getattr(self, name) for name in names}
+        return {"shunt": shunt_table(self.shunt), **values, "violates": list(self.violates)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class DesignResult:
+    """Outcome of a design.
+
+    Attributes
+    ----------
+    candidates : tuple of Candidate
+        Best first; those that violate a limit after those that keep them all, those not to be trusted last.
+    bound : Bound
+    trade_off : tuple of mapping
+        Front between harvesting and damping.
+    notes : tuple of str
+        What was assumed, left out or found remarkable.
+    """
+
+    candidates: tuple[Candidate, ...]
+    bound: Bound = Bound()
+    trade_off: tuple[Mapping[str, Any], ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def best(self) -> Candidate:
+        """The first candidate."""
+        return self.candidates[0]
+
+    @property
+    def converged(self) -> bool:
+        """Whether the best candidate can be trusted."""
+        return self.best.converged
+
+    def as_json(self) -> dict[str, Any]:
+        """Result as the interface gives it."""
+        return {
+            "bound": dataclasses.asdict(self.bound),
+            "candidates": [candidate.as_json() for candidate in self.candidates],
+            "best": 0,
+            "trade_off": [dict(point) for point in self.trade_off],
+            "notes": list(self.notes),
+        }
+
+
+def shunt_table(shunt: Shunt) -> dict[str, Any]:
+    """Table of a shunt as it stands in a study file: its kind and the keys that differ from their defaults."""
+    table: dict[str, Any] = {"kind": shunt.kind}
+    for item in dataclasses.fields(shunt):
+        value = getattr(shunt, item.name)
+        if value is not None and value != item.default:
+            table[item.name] = _plain(value)
+    return table
+
+
+def _plain(value: Any) -> Any:
+    """The value in types of TOML and JSON."""
+    if isinstance(value, Element):
+        return {**vars(value), "nodes": list(value.nodes)}
+    if isinstance(value, tuple | list):
+        return [_plain(inner) for inner in value]
+    return value.item() if hasattr(value, "item") else value

@@ -1,0 +1,232 @@
+"""The simulator as users call it: a system and an excitation in, a response out."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from piezoharvest.engine import program as pg
+from piezoharvest.engine import state as st
+from piezoharvest.engine.events import DONE, stored
+from piezoharvest.engine.lower import Lowered, lower
+from piezoharvest.engine.response import Response, Waveforms
+from piezoharvest.engine.steady import ACCEPTED, EngineError, Orbit, Shooting
+from piezoharvest.engine.transient import Machine
+from piezoharvest.excitation import Excitation, Ramps
+from piezoharvest.shunts.short import Short
+from piezoharvest.system import System
+
+CLOSURE = 1e-8  # energy that no entry accounts for, relative, beyond which a result is not trusted
+LONGEST_LOG = 100_000
+UNSETTLED_PERIODS = 64  # averaged over where there is no periodic steady state
+
+
+def simulate(system: System, excitation: Excitation, *, transient: float | None = None, samples: int = 512) -> Response:
+    """Simulate a system exactly, event by event.
+
+    Parameters
+    ----------
+    system : System
+        Transducer and shunt.
+    excitation : Excitation
+    transient : float, optional
+        Length in s of a run from rest. Without it a periodic excitation gives the periodic steady state, found
+        directly; any other excitation is run from rest through its length.
+    samples : int
+        Waveform samples in a period, or in the length of an excitation without one.
+
+    Returns
+    -------
+    Response
+        Averages over one period, or over the whole transient.
+
+    Notes
+    -----
+    Piecewise linear models are propagated by matrix exponentials, so there is no time step to choose: events are
+    located to 1e-12 s and energy closes to 1e-10.
+    """
+    lowered = lower(system, excitation)
+    try:
+        if transient is None and excitation.period is not None:
+            response = _steady(lowered, excitation, samples, system.shunt.kind)
+        else:
+            response = _transient(lowered, excitation, transient, samples, system.shunt.kind)
+    except EngineError as error:
+        return _failed(system.shunt.kind, str(error))
+    if isinstance(system.shunt, Short):
+        return response
+    reference = _short_amplitude(system.transducer, excitation, transient)
+    ratio = response.displacement_amplitude / reference if reference > 0 else np.nan
+    return _with(response, attenuation_db=20 * np.log10(ratio) if ratio > 0 else np.nan)
+
+
+@lru_cache(maxsize=64)
+def _short_amplitude(transducer, excitation: Excitation, transient: float | None) -> float:
+    """Displacement amplitude with shorted electrodes, against which attenuation is measured."""
+    return simulate(System(transducer, Short()), excitation, transient=transient, samples=1).displacement_amplitude
+
+
+def _with(response: Response, **changes) -> Response:
+    from dataclasses import replace
+
+    return replace(response, **changes)
+
+
+def _symmetric(lowered: Lowered, excitation: Excitation) -> bool:
+    """Whether the system mirrors itself in half a period: the signal, and every configuration and its mirror."""
+    program = lowered.program
+    if not excitation.antisymmetric:
+        return False
+    signs = np.concatenate([program.odd, -np.ones(program.rate.shape[-1] - len(program.odd) - 1), [1.0]])
+    image = program.odd[:, None] * program.rate * signs
+    return bool(np.allclose(image, program.rate[program.mirror], rtol=1e-12, atol=0))
+
+
+def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str) -> Response:
+    assert excitation.period is not None
+    period, rest = excitation.period, excitation.rest
+    mirrored = _symmetric(lowered, excitation)
+    shooting = Shooting(Machine(lowered), period, mirrored, rest)
+    orbit = shooting.find()
+    evaluations = orbit.evaluations
+    if mirrored and not orbit.converged:
+        # A symmetric orbit may lose its stability to one that is not.
+        shooting = Shooting(Machine(lowered), period, False, rest)
+        orbit = shooting.find()
+        evaluations += orbit.evaluations
+    if not orbit.converged:
+        return _unsettled(lowered, excitation, samples, kind, orbit, evaluations)
+    # Begin at a multiple of the period, so that waveforms start at phase zero.
+    recorder = Shooting(Machine(lowered, ledger=True), period, mirrored, rest)
+    begin = orbit.time
+    times = begin + np.arange(samples) * period / samples
+    state = recorder.load(orbit.section, begin, sensitivities=0, track=True, log=LONGEST_LOG, sample_time=times)
+    _check(recorder.machine.run(state, begin + period))
+    phase = np.mod(begin, period)
+    response = _response(lowered, state, kind, period, begin, 0.0, samples)
+    response = _rotated(response, phase, period, excitation)
+    return _finish(response, "", evaluations)
+
+
+def _check(status: int) -> None:
+    if status != DONE:
+        raise EngineError(status)
+
+
+def _rotated(response: Response, phase: float, period: float, excitation: Excitation) -> Response:
+    """Put the samples of a period that begins at a phase (s) in the order of a period that begins at zero."""
+    w = response.waveforms
+    assert w is not None
+    time = np.mod(w.time + phase, period)
+    # Samples are shifted by less than their spacing, so that the first one has phase zero or more.
+    order = np.argsort(time, kind="stable")
+    signals = {
+        name: getattr(w, name)[order]
+        for name in ("drive", "displacement", "velocity", "voltage", "current", "charge", "hysteresis_voltage", "dc_voltage")
+    }
+    events = np.mod(w.event_times + phase, period)
+    sequence = np.argsort(events, kind="stable")
+    names = tuple(w.event_names[k] for k in sequence)
+    return _with(response, waveforms=Waveforms(time[order], **signals, event_times=events[sequence], event_names=names))
+
+
+def _transient(lowered, excitation: Excitation, length: float | None, samples: int, kind: str) -> Response:
+    t_end = length if length is not None else excitation.length
+    if t_end is None:
+        raise ValueError(f"{excitation.kind} has no length, a transient needs one")
+    if excitation.period is not None:
+        count = max(int(np.ceil(samples * t_end / excitation.period)), 1)
+        times = np.arange(count + 1) * excitation.period / samples
+        times = times[times <= t_end]
+    else:
+        times = np.linspace(0.0, t_end, 8 * samples + 1)
+        if isinstance(lowered.signal, Ramps):
+            inside = lowered.signal.times[lowered.signal.times <= t_end]
+            times = np.union1d(times, inside) if len(inside) < len(times) else inside
+    machine = Machine(lowered, ledger=True)
+    state = machine.state(excitation.rest, track=True, log=LONGEST_LOG, sample_time=times)
+    before = stored(machine.program, state.z)
+    _check(machine.run(state, t_end))
+    change = stored(machine.program, state.z) - before
+    return _finish(_response(lowered, state, kind, t_end, 0.0, change, samples), "", np.nan)
+
+
+def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evaluations: float) -> Response:
+    """Averages of a long run from rest where no periodic steady state was found."""
+    period, skipped = excitation.period, 10 * UNSETTLED_PERIODS
+    machine = Machine(lowered, ledger=True)
+    state = machine.state(excitation.rest)
+    _check(machine.run(state, skipped * period))
+    begin, window = skipped * period, UNSETTLED_PERIODS * period
+    times = begin + np.arange(samples * UNSETTLED_PERIODS) * period / samples
+    recorder = machine.state(track=True, log=LONGEST_LOG, sample_time=times)
+    for name in ("z", "discrete", "clock", "slip", "queue", "queue_polarity"):
+        getattr(recorder, name)[:] = getattr(state, name)
+    recorder.discrete[st.LOGGED] = recorder.discrete[st.SAMPLED] = 0
+    before = stored(machine.program, recorder.z)
+    _check(machine.run(recorder, begin + window))
+    change = stored(machine.program, recorder.z) - before
+    response = _response(lowered, recorder, kind, window, begin, change, samples)
+    energy = {key: value / UNSETTLED_PERIODS if key != "closure" else value for key, value in response.energy.items()}
+    reason = (
+        f"the periodic solution is unstable (multiplier {orbit.radius:.4g})"
+        if orbit.residual <= ACCEPTED
+        else f"no periodic solution was found (relative change over a period {orbit.residual:.1e})"
+    )
+    message = f"no steady state: {reason}; averages are over {UNSETTLED_PERIODS} periods after {skipped}"
+    events = response.events_per_period // UNSETTLED_PERIODS
+    response = _with(response, period=period, energy=energy, events_per_period=events)
+    return _with(response, converged=False, message=message, periods_evaluated=evaluations + skipped)
+
+
+def _response(lowered: Lowered, state: st.State, kind: str, length: float, begin: float, change: float, samples) -> Response:
+    """Read a response off the state at the end of a run of the given length (s) that began at `begin`."""
+    energy = {name: float(e) for name, e in zip(lowered.categories, state.energy, strict=True)}
+    dc_time = energy.pop(pg.MEAN_DC)
+    for optional in ("source",):
+        if energy[optional] == 0.0:
+            del energy[optional]
+    supplied = energy["mechanical_in"] + energy.get("source", 0.0)
+    spent = sum(value for name, value in energy.items() if name not in ("mechanical_in", "source"))
+    if change != 0.0:
+        energy["stored"] = change
+    largest = max(abs(supplied), *(abs(e) for e in energy.values()))
+    energy["closure"] = abs(supplied - spent - change) / largest if largest > 0 else 0.0
+    count = min(int(state.discrete[st.LOGGED]), len(state.log_time))
+    drawn = slice(0, int(state.discrete[st.SAMPLED]))
+    waveforms = Waveforms(
+        state.sample_time[drawn] - begin,
+        *(state.samples[drawn, o].copy() for o in range(len(pg.OUTPUTS))),
+        event_times=state.log_time[:count] - begin,
+        event_names=tuple(pg.EVENT_NAMES[c] for c in state.log_code[:count]),
+    )
+    half = 0.5 * (state.extremes[:, 1] - state.extremes[:, 0])
+    return Response(
+        shunt=kind,
+        converged=energy["closure"] <= CLOSURE,
+        message="",
+        period=length,
+        harvested_power=energy["harvested"] / length,
+        mechanical_power=energy["mechanical_in"] / length,
+        displacement_amplitude=float(half[0]),
+        voltage_amplitude=float(half[1]),
+        dc_voltage=dc_time / length,
+        attenuation_db=0.0,
+        energy=energy,
+        events_per_period=int(state.discrete[st.LOGGED]),
+        periods_evaluated=0,
+        waveforms=waveforms,
+    )
+
+
+def _finish(response: Response, message: str, evaluations: float) -> Response:
+    if not response.converged:
+        message = f"energy does not close: {response.energy['closure']:.1e} of it is unaccounted for"
+    return _with(response, message=message, periods_evaluated=evaluations)
+
+
+def _failed(kind: str, reason: str) -> Response:
+    """A response that only says why there is none."""
+    nothing = {"mechanical_in": 0.0, "harvested": 0.0, "damping": 0.0, "hysteresis": 0.0, "shunt_loss": 0.0, "closure": 1.0}
+    return Response(kind, False, f"simulation failed: {reason}", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.nan, nothing, 0, 0)

@@ -1,0 +1,81 @@
+"""Steady states found by shooting against those that the oracle waits for."""
+
+import pytest
+
+from conftest import DRIVE, LOOP, SECOND, STOPS, bench, solve
+from oracles.reference import steady
+from random_studies import random_study
+
+DEFAULT = [0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 19, 20, 24, 26, 27, 29, 30, 33, 34, 37, 42, 43, 44, 54]
+MORE = [21, 22, 25, 45, 48, 50, 53, 56, 57, 59, 61, 65, 66, 69, 74, 77, 78, 90]
+
+
+def check(study, relative=1e-6, **options):
+    wanted = steady(study, 0, tol=1e-10, max_periods=300, samples_per_period=0, **options)
+    assert wanted.converged
+    found = solve(study)
+    assert found.converged, found.message
+    size = max(wanted.harvested_power, 1e-3 * abs(wanted.mechanical_power))
+    assert found.harvested_power == pytest.approx(wanted.harvested_power, abs=relative * size)
+    assert found.mechanical_power == pytest.approx(wanted.mechanical_power, rel=relative)
+    assert found.displacement_amplitude == pytest.approx(wanted.displacement_amplitude, rel=relative)
+    assert found.voltage_amplitude == pytest.approx(wanted.voltage_amplitude, rel=relative)
+    assert found.dc_voltage == pytest.approx(wanted.dc_voltage, rel=relative, abs=1e-12)
+    for name in ("damping", "hysteresis", "shunt_loss"):
+        assert found.energy[name] == pytest.approx(wanted.energy[name], abs=relative * wanted.energy["mechanical_in"]), name
+    assert found.energy.get("source", 0.0) == pytest.approx(
+        wanted.energy["source"], abs=relative * wanted.energy["mechanical_in"]
+    )
+    assert abs(found.energy["closure"]) < 1e-10
+    return found, wanted
+
+
+@pytest.mark.parametrize("seed", DEFAULT)
+def test_random_study(seed):
+    check(random_study(seed))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", MORE)
+def test_more_random_studies(seed):
+    check(random_study(seed))
+
+
+SMOOTH = {"smoothing_capacitance": 1e-6, "load_resistance": 1e5}
+CASES = {
+    "rectifier": {"kind": "rectifier", **SMOOTH, "diode_drop": 0.3},
+    "parallel_sshi": {"kind": "parallel_sshi", **SMOOTH, "load_resistance": 3e5, "phase_lag": 0.1, **LOOP},
+    "series_sshi": {"kind": "series_sshi", **SMOOTH, "load_resistance": 3e4, "diode_drop": 0.1, **LOOP},
+    "sece": {"kind": "sece", "efficiency": 0.8, "phase_lag": -0.1},
+    "ssds": {"kind": "ssds"},
+    "ssdi": {"kind": "ssdi", **LOOP},
+    "ssdv": {"kind": "ssdv", "source_voltage": 0.5, **LOOP},
+    "resistor": {"kind": "resistor", "resistance": 8e4},
+}
+
+
+@pytest.mark.parametrize("case", ["rectifier", "parallel_sshi", "sece", "ssdi"])
+def test_two_modes_with_hysteresis_on_a_moving_base(case):
+    base = {"kind": "sine_base", "amplitude": 2.0, "frequency": 50.6}
+    check(bench(CASES[case], base, hysteresis=STOPS, modes=[SECOND], effective_mass=0.012))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_sine_with_offset(case):
+    check(bench(CASES[case], {**DRIVE, "offset": 0.03}))
+
+
+@pytest.mark.parametrize("frequency", [10.0, 45.0, 50.0, 55.0, 400.0])
+@pytest.mark.parametrize("case", ["rectifier", "series_sshi", "sece"])
+def test_away_from_the_resonances(case, frequency):
+    check(bench(CASES[case], {**DRIVE, "frequency": frequency, "amplitude": 0.1}))
+
+
+@pytest.mark.parametrize("case", ["rectifier", "parallel_sshi", "series_sshi"])
+def test_large_smoothing_capacitor_from_a_charged_start(case):
+    """The oracle need not charge 100 uF (a time constant of 500 periods) when it starts where the engine ends."""
+    shunt = {**CASES[case], "smoothing_capacitance": 1e-4}
+    found = solve(bench(shunt))
+    start = steady(bench(CASES[case]), 0, tol=1e-6, max_periods=300).final
+    start["shunt"] = {**start["shunt"], "dc_voltage": found.dc_voltage}
+    check(bench(shunt), z0=start)

@@ -1,0 +1,101 @@
+"""Closed forms of switched damping (REFERENCE.md section 4) against the engine's steady states."""
+
+import math
+
+import numpy as np
+import pytest
+
+from conftest import inversion
+from piezoharvest.engine import simulate
+from piezoharvest.excitation import SineForce
+from piezoharvest.shunts import SSDI, SSDS, SSDV, Short
+from piezoharvest.system import System
+from piezoharvest.transducer import Transducer
+
+FORCE = 0.02
+
+
+def host(coupling_squared, mechanical_quality):
+    """Transducer of given k_e^2 and Q_m, resonant at 50 Hz."""
+    mass, capacitance = 0.01, 40e-9
+    stiffness = mass * (2 * math.pi * 50.0) ** 2
+    return Transducer(
+        mass=mass,
+        damping=math.sqrt(stiffness * mass) / mechanical_quality,
+        stiffness=stiffness,
+        coupling=math.sqrt(coupling_squared * stiffness * capacitance),
+        capacitance=capacitance,
+    )
+
+
+def amplitude(device, shunt, frequency):
+    response = simulate(System(device, shunt), SineForce(amplitude=FORCE, frequency=frequency), samples=16)
+    assert response.converged, response.message
+    return response.displacement_amplitude
+
+
+def attenuation(device, shunt):
+    """At the open-circuit resonance, in dB against the short circuit at its own resonance."""
+    damped = amplitude(device, shunt, device.open_circuit_frequency)
+    return 20 * math.log10(damped / (FORCE / (device.damping * 2 * math.pi * device.short_circuit_frequency)))
+
+
+@pytest.mark.parametrize("loop_quality", [2.0, 6.0, 20.0])
+@pytest.mark.parametrize(("coupling_squared", "mechanical_quality"), [(0.001, 200.0), (0.01, 50.0), (0.02, 100.0)])
+def test_ssdi_at_resonance(coupling_squared, mechanical_quality, loop_quality):
+    """x/x_0 = 1/[1 + (4/pi) k_e^2 Q_m (1+q)/(1-q)]."""
+    device, q = host(coupling_squared, mechanical_quality), inversion(loop_quality)
+    shunt = SSDI(quality=loop_quality, flip_time=1e-5 / device.open_circuit_frequency)
+    wanted = 1 / (1 + 4 / math.pi * coupling_squared * mechanical_quality * (1 + q) / (1 - q))
+    assert attenuation(device, shunt) == pytest.approx(20 * math.log10(wanted), abs=0.1)
+
+
+@pytest.mark.parametrize(("coupling_squared", "mechanical_quality"), [(0.001, 200.0), (0.01, 50.0), (0.02, 100.0)])
+def test_ssds_is_ssdi_without_inversion(coupling_squared, mechanical_quality):
+    device = host(coupling_squared, mechanical_quality)
+    wanted = 1 / (1 + 4 / math.pi * coupling_squared * mechanical_quality)
+    assert attenuation(device, SSDS()) == pytest.approx(20 * math.log10(wanted), abs=0.1)
+
+
+def test_ssdi_formula_is_off_at_the_short_circuit_resonance():
+    """The formula holds at the open-circuit resonance; at the short-circuit one it is off by most of a decibel."""
+    device, q = host(0.02, 50.0), inversion(6.0)
+    shunt = SSDI(quality=6.0, flip_time=1e-5 / device.open_circuit_frequency)
+    x_0 = FORCE / (device.damping * 2 * math.pi * device.short_circuit_frequency)
+    formula = -20 * math.log10(1 + 4 / math.pi * 0.02 * 50.0 * (1 + q) / (1 - q))
+    found = 20 * math.log10(amplitude(device, shunt, device.short_circuit_frequency) / x_0)
+    assert abs(attenuation(device, shunt) - formula) < 0.1
+    assert 0.2 < abs(found - formula) < 2.0
+
+
+@pytest.mark.parametrize("source_voltage", [0.2, 0.5])
+def test_ssdv_adds_its_source_to_the_inverted_voltage(source_voltage):
+    """Balance of the fundamental: b w X + (4/pi) T V_m = F with V_m (1-q) = (1+q) (T X/C + V_s) about resonance.
+
+    The voltage is a square wave of height (T X/C + V_s)(1+q)/(1-q) beside the open-circuit response.
+    """
+    device, q = host(0.005, 100.0), inversion(6.0)
+    shunt = SSDV(quality=6.0, flip_time=1e-5 / device.open_circuit_frequency, source_voltage=source_voltage)
+    omega, gain = 2 * math.pi * device.open_circuit_frequency, 4 / math.pi * (1 + q) / (1 - q)
+    stiffness = device.damping * omega + gain * device.coupling**2 / device.capacitance
+    wanted = (FORCE - gain * device.coupling * source_voltage) / stiffness
+    assert amplitude(device, shunt, device.open_circuit_frequency) == pytest.approx(wanted, rel=5e-3)
+
+
+def test_attenuation_reported_is_against_the_short_circuit_at_the_same_frequency():
+    device = host(0.01, 50.0)
+    f = device.open_circuit_frequency
+    shunt = SSDI(quality=6.0, flip_time=1e-5 / f)
+    response = simulate(System(device, shunt), SineForce(amplitude=FORCE, frequency=f))
+    ratio = amplitude(device, shunt, f) / amplitude(device, Short(), f)
+    assert response.attenuation_db == pytest.approx(20 * math.log10(ratio), abs=1e-8)
+
+
+@pytest.mark.parametrize("phase_lag", [-0.6, -0.3, 0.3, 0.6])
+def test_switching_out_of_time_damps_less(phase_lag):
+    device = host(0.005, 50.0)
+    f = device.open_circuit_frequency
+    in_time = amplitude(device, SSDI(quality=4.0, flip_time=1e-5 / f), f)
+    off = amplitude(device, SSDI(quality=4.0, flip_time=1e-5 / f, phase_lag=phase_lag), f)
+    assert off > in_time * (1 + 0.2 * phase_lag**2)
+    assert np.isfinite(off)

@@ -1,0 +1,280 @@
+"""SPICE export: the netlists run in ngspice, and say the same as phasors, formulas of the literature and the engine."""
+
+import re
+
+import numpy as np
+import pytest
+from conftest import BENCH, SECOND, STOPS, bench, inversion, objects, solve
+from oracles.ngspice import NgspiceError, needs_ngspice, run_netlist
+
+from piezoharvest.excitation import RandomBase, Record, StepForce
+from piezoharvest.linear import frequency_response
+from piezoharvest.parameters import ParameterError
+from piezoharvest.shunts import SSDV, Open, ParallelSSHI, Resistor, Shunt, registered
+from piezoharvest.spice import export_spice
+from piezoharvest.spice.circuits import WRITERS
+
+# Damped so much that it is steady after a dozen periods.
+DAMPED = {"damping": 0.6, "coupling": 3e-4}
+DRIVE = {"kind": "sine_force", "amplitude": 0.02, "frequency": 48.0}
+PERIOD = 1 / DRIVE["frequency"]
+OMEGA = 2 * np.pi * DRIVE["frequency"]
+CAPACITANCE = BENCH["capacitance"]
+LOAD = {"load_resistance": 1.6e5, "smoothing_capacitance": 2 * PERIOD / 1.6e5}
+LOOP = {"flip_time": PERIOD / 50, "quality": 5.0}
+NETWORK = "L1 1 2 150\nC1 2 0 30n\nR1 2 3 20k\nC2 3 0 100n\nR2 3 0 200k load\nR3 3 1 1meg load"
+LOOPS = "C1 1 0 10n\nC2 1 2 20n\nC3 2 0 30n\nR1 2 0 90k load\nL1 2 3 20\nL2 3 4 30\nR2 4 0 50k\nL3 3 0 500"
+EFFECTS = {"leakage": {"resistance": 4e5}, "dielectric_relaxation": {"capacitance": 15e-9, "time_constant": 5e-3}}
+
+LINEAR = {
+    "open": {"kind": "open"},
+    "short": {"kind": "short"},
+    "resistor": {"kind": "resistor", "resistance": 8e4},
+    "series_rl": {"kind": "series_rl", "inductance": 200.0, "resistance": 2e4},
+    "parallel_rl": {"kind": "parallel_rl", "inductance": 200.0, "resistance": 2e5},
+    "series_rlc": {"kind": "series_rlc", "inductance": 300.0, "resistance": 2e4, "capacitance": 80e-9},
+    "parallel_rlc": {"kind": "parallel_rlc", "inductance": 100.0, "resistance": 1e5, "capacitance": 40e-9},
+    "negative_capacitance": {"kind": "negative_capacitance", "resistance": 1e5, "capacitance": 20e-9},
+    "series negative": {
+        "kind": "negative_capacitance", "resistance": 1e5, "capacitance": 100e-9, "topology": "series",
+    },
+    "network": {"kind": "network", "netlist": NETWORK},
+    "network with loops and cutsets": {"kind": "network", "netlist": LOOPS},
+}  # fmt: skip
+SWITCHED = {
+    "rectifier": {"kind": "rectifier", **LOAD, "diode_drop": 0.01},
+    "parallel_sshi": {"kind": "parallel_sshi", **LOAD, **LOOP},
+    "series_sshi": {"kind": "series_sshi", **LOAD, **LOOP, "diode_drop": 0.01},
+    "sece": {"kind": "sece", "efficiency": 0.9},
+    "ssds": {"kind": "ssds"},
+    "ssdi": {"kind": "ssdi", **LOOP},
+    "ssdv": {"kind": "ssdv", **LOOP, "source_voltage": 1.0},
+}
+MISTIMED = {
+    "late": {"phase_lag": 0.3},
+    "early": {"phase_lag": -0.3},
+    "closed too long": {"on_time_error": 0.2},
+    "closed too briefly": {"on_time_error": -0.2},
+}
+
+
+def netlist(study, **options):
+    system, excitation = objects(study)
+    return export_spice(system.transducer, system.shunt, excitation, **options)
+
+
+def compare_with_engine(study, tolerance):
+    """Run a study's netlist, started near the final dc voltage, and compare it with the engine's steady state."""
+    response = solve(study)
+    found = run_netlist(netlist(study, dc_start=response.dc_voltage))
+    expected = {
+        "harvested_power": response.harvested_power,
+        "mechanical_power": response.mechanical_power,
+        "displacement_pp": 2 * response.displacement_amplitude,
+        "voltage_pp": 2 * response.voltage_amplitude,
+        "dc_voltage": response.dc_voltage,
+    }
+    assert response.converged, response.message
+    assert found == pytest.approx(expected, rel=tolerance, abs=1e-12)
+
+
+@needs_ngspice
+class TestRuns:
+    @pytest.mark.parametrize("kind", [*LINEAR, *SWITCHED])
+    @pytest.mark.parametrize("hysteresis", [None, STOPS])
+    def test_every_kind(self, kind, hysteresis):
+        transducer = {**DAMPED, **({"hysteresis": hysteresis} if hysteresis else {})}
+        study = bench({**LINEAR, **SWITCHED}[kind], DRIVE, **transducer)
+        found = run_netlist(netlist(study, periods=3, measured_periods=2, steps_per_period=500))
+        assert found["displacement_pp"] > 1e-5
+        assert found["mechanical_power"] > 0
+        assert (found["harvested_power"] > 0) == (kind not in ("open", "short", "ssds", "ssdi", "ssdv"))
+
+    def test_every_excitation(self, tmp_path):
+        (tmp_path / "force.csv").write_text("time,force\n" + "".join(f"{n / 500},{n % 7 - 3}\n" for n in range(50)))
+        system, _ = objects(bench({"kind": "parallel_sshi", **LOAD, **LOOP}, DRIVE, **DAMPED, modes=[SECOND]))
+        for excitation in (
+            Record(file=str(tmp_path / "force.csv"), column="force", sample_rate=500.0),
+            RandomBase(psd=1e-2, band=(20.0, 80.0), duration=0.1, seed=1),
+            StepForce(amplitude=0.5, duration=0.05, rise_time=0.01, offset=0.1),
+        ):
+            found = run_netlist(export_spice(system.transducer, system.shunt, excitation))
+            assert found["harvested_power"] > 0
+            assert found["displacement_pp"] > 0
+
+    def test_a_preload_alone_leaves_it_at_rest(self):
+        system, _ = objects(bench({"kind": "resistor", "resistance": 1e5}, hysteresis=STOPS, modes=[SECOND]))
+        found = run_netlist(export_spice(*_parts(system), StepForce(amplitude=0.0, duration=0.05, offset=0.3)))
+        assert found["displacement_pp"] < 1e-9 * 0.3 / BENCH["stiffness"]
+
+    def test_what_does_not_run_is_an_error(self):
+        system, excitation = objects(bench({"kind": "open"}, DRIVE))
+        text = export_spice(*_parts(system), excitation, periods=2, measured_periods=1)
+        with pytest.raises(NgspiceError):
+            run_netlist(text.replace("Gspring1", "Xspring1"))
+
+
+@needs_ngspice
+class TestAgainstPhasors:
+    @pytest.mark.parametrize("kind", LINEAR)
+    def test_one_mode(self, kind):
+        self.compare(bench(LINEAR[kind], DRIVE, **DAMPED))
+
+    def test_modes_base_excitation_and_effects(self):
+        drive = {"kind": "sine_base", "amplitude": 2.0, "frequency": 48.0}
+        keys = {**DAMPED, "modes": [SECOND], "effective_mass": 0.013, "effects": EFFECTS}
+        self.compare(bench(LINEAR["resistor"], drive, **keys))
+
+    @staticmethod
+    def compare(study):
+        system, excitation = objects(study)
+        response = frequency_response(system, [excitation.frequency], base=excitation.base)
+        found = run_netlist(netlist(study, periods=30))
+        amplitude = excitation.amplitude
+        assert found["harvested_power"] == pytest.approx(amplitude**2 * response.harvested_power[0], rel=1e-3)
+        assert found["mechanical_power"] == pytest.approx(amplitude**2 * response.mechanical_power[0], rel=1e-3)
+        assert found["displacement_pp"] == pytest.approx(2 * amplitude * abs(response.displacement[0]), rel=1e-3)
+        assert found["voltage_pp"] == pytest.approx(2 * amplitude * abs(response.voltage[0]), rel=1e-3, abs=1e-9)
+
+
+@needs_ngspice
+class TestAgainstFormulas:
+    """Prescribed displacement, that is weak coupling: Guyomar, Badel, Lefeuvre & Richard 2005; Lefeuvre et al. 2005."""
+
+    COUPLING = 1e-5
+
+    def harvested(self, shunt, **options):
+        study = bench(shunt, DRIVE, damping=0.6, coupling=self.COUPLING)
+        return run_netlist(netlist(study, periods=24, **options))["harvested_power"]
+
+    def open_voltage(self):
+        """Open-circuit voltage amplitude, V."""
+        elasticity = BENCH["stiffness"] - BENCH["mass"] * OMEGA**2 + 0.6j * OMEGA
+        return self.COUPLING * DRIVE["amplitude"] / abs(elasticity) / CAPACITANCE
+
+    def test_rectifier(self):
+        voltage = self.open_voltage()
+        found = self.harvested({"kind": "rectifier", "dc_voltage": voltage / 2})
+        assert found == pytest.approx(OMEGA * CAPACITANCE * voltage**2 / (2 * np.pi), rel=2e-3)
+
+    def test_parallel_sshi(self):
+        voltage = self.open_voltage()
+        loss = 1 - inversion(LOOP["quality"])
+        shunt = {"kind": "parallel_sshi", "dc_voltage": voltage / loss, **LOOP, "flip_time": PERIOD / 200}
+        assert self.harvested(shunt) == pytest.approx(OMEGA * CAPACITANCE * voltage**2 / (np.pi * loss), rel=1e-2)
+
+    def test_sece(self):
+        expected = 2 * OMEGA * CAPACITANCE * self.open_voltage() ** 2 / np.pi
+        assert self.harvested({"kind": "sece"}) == pytest.approx(expected, rel=2e-3)
+
+    def test_half_the_step_changes_nothing(self):
+        shunt = {"kind": "parallel_sshi", "dc_voltage": 2 * self.open_voltage(), **LOOP}
+        coarse, fine = self.harvested(shunt), self.harvested(shunt, steps_per_period=2000)
+        assert coarse == pytest.approx(fine, rel=1e-3)
+
+
+@needs_ngspice
+class TestAgainstEngine:
+    @pytest.mark.parametrize("kind", SWITCHED)
+    def test_switched(self, kind):
+        compare_with_engine(bench(SWITCHED[kind], DRIVE, **DAMPED), 3e-3)
+
+    @pytest.mark.parametrize("timing", MISTIMED)
+    @pytest.mark.parametrize("kind", ["parallel_sshi", "series_sshi"])
+    def test_mistimed(self, kind, timing):
+        compare_with_engine(bench({**SWITCHED[kind], **MISTIMED[timing]}, DRIVE, **DAMPED), 1e-2)
+
+    def test_source_switched_early(self):
+        compare_with_engine(bench({**SWITCHED["ssdv"], "phase_lag": -0.1}, DRIVE, **DAMPED), 1e-2)
+
+    @pytest.mark.parametrize("kind", ["short", "resistor", "parallel_sshi", "sece"])
+    def test_hysteresis(self, kind):
+        # Thresholds that the charge passes, so that the operators slip.
+        stops = {"thresholds": [1e-9, 5e-9], "weights": [1e7, 5e6]}
+        study = bench({**LINEAR, **SWITCHED}[kind], DRIVE, **DAMPED, hysteresis=stops)
+        compare_with_engine(study, 5e-3)
+
+    @pytest.mark.parametrize("kind", ["rectifier", "sece"])
+    def test_step(self, kind):
+        drive = {"kind": "step_force", "amplitude": 0.5, "duration": 0.2, "rise_time": 0.01, "offset": 0.1}
+        study = bench(SWITCHED[kind], drive, **DAMPED)
+        response = solve(study)
+        found = run_netlist(netlist(study))
+        assert found["harvested_power"] == pytest.approx(response.harvested_power, rel=1e-2)
+        assert found["displacement_pp"] == pytest.approx(2 * response.displacement_amplitude, rel=1e-3)
+
+
+class TestText:
+    def test_every_kind_of_the_package_is_known(self):
+        assert set(WRITERS) == {k for k, cls in registered().items() if cls.__module__.startswith("piezoharvest.")}
+
+    @pytest.mark.parametrize("kind", [*LINEAR, *SWITCHED])
+    def test_only_what_both_simulators_read(self, kind):
+        study = bench({**LINEAR, **SWITCHED}[kind], DRIVE, hysteresis=STOPS, modes=[SECOND], effects=EFFECTS)
+        text = netlist(study)
+        joined = text.replace("\n+ ", " ").splitlines()
+        for line in joined:
+            if line.startswith("*"):
+                continue
+            assert not re.search(r"[\^?&|~{}']|\*\*", line), line
+            functions = set(re.findall(r"([a-z]+)\(", line.partition("=")[2])) if line.startswith("B") else set()
+            assert functions <= {"abs", "exp", "max", "min", "sin", "sqrt"}, line
+        names = [line.split()[0].lower() for line in joined if line[:1].isalpha()]
+        assert len(names) == len(set(names))
+        assert text.endswith(".end\n")
+        assert max(map(len, text.splitlines())) <= 120
+        assert "nan" not in text
+        assert "inf" not in text
+
+    def test_title_is_one_line(self):
+        system, excitation = objects(bench({"kind": "open"}, DRIVE))
+        text = export_spice(*_parts(system), excitation, title="a\nb  c")
+        assert text.splitlines()[0] == "* a b c"
+
+    def test_a_run_that_is_cut_says_so(self):
+        loads = {"load_resistance": 1e6, "smoothing_capacitance": 1e-4}
+        assert "may be short" in netlist(bench({"kind": "rectifier", **loads}, DRIVE))
+        assert "may be short" not in netlist(bench({"kind": "rectifier", **LOAD}, DRIVE, **DAMPED))
+
+    def test_unknown_shunt(self):
+        system, excitation = objects(bench({"kind": "open"}, DRIVE))
+        shunt = Open()
+        object.__setattr__(shunt, "kind", "mine")  # not a class of its own, which would stay registered
+        with pytest.raises(ParameterError, match=r"found kind 'mine' .* allowed are .*network, open"):
+            export_spice(system.transducer, shunt, excitation)
+
+    def test_unknown_effect(self):
+        system, excitation = objects(bench({"kind": "open"}, DRIVE, effects=EFFECTS))
+        object.__setattr__(system.transducer.effects[0], "name", "mine")
+        with pytest.raises(ParameterError, match=r"effects\.mine: found .* allowed are leakage"):
+            export_spice(*_parts(system), excitation)
+
+    @pytest.mark.parametrize(
+        ("options", "key"),
+        [
+            ({"periods": 2}, "periods"),
+            ({"measured_periods": 0}, "measured_periods"),
+            ({"steps_per_period": 0}, "steps_per_period"),
+        ],
+    )
+    def test_counts(self, options, key):
+        system, excitation = objects(bench({"kind": "open"}, DRIVE))
+        with pytest.raises(ParameterError) as caught:
+            export_spice(*_parts(system), excitation, **options)
+        assert caught.value.key == key
+
+    def test_angle_without_a_period(self):
+        system, _ = objects(bench({"kind": "open"}))
+        shunts: list[Shunt] = [ParallelSSHI(**LOAD, **LOOP, phase_lag=0.1), SSDV(**LOOP, source_voltage=1, phase_lag=1)]
+        for shunt in shunts:
+            with pytest.raises(ParameterError, match="time_lag"):
+                export_spice(system.transducer, shunt, StepForce(amplitude=1.0, duration=1.0))
+
+    def test_no_damping_and_no_coupling(self):
+        system, excitation = objects(bench({"kind": "open"}, DRIVE, damping=0.0, coupling=0.0))
+        text = export_spice(system.transducer, Resistor(resistance=1e3), excitation)
+        assert "Rdamping" not in text
+
+
+def _parts(system):
+    return system.transducer, system.shunt
