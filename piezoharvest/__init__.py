@@ -33,7 +33,6 @@ _HOMES = {
         "TwoPort", "admittance", "closed_loop", "coupling_factor", "frequency_response", "linearize", "resonances",
     ),
     "piezoharvest.study": ("Study", "StudyError", "load_study"),
-    "piezoharvest.design": ("design",),
     "piezoharvest.report": ("write_report",),
 }  # fmt: skip
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

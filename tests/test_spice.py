@@ -182,10 +182,10 @@ class TestAgainstEngine:
     @pytest.mark.parametrize("timing", MISTIMED)
     @pytest.mark.parametrize("kind", ["parallel_sshi", "series_sshi"])
     def test_mistimed(self, kind, timing):
-        compare_with_engine(bench({**SWITCHED[kind], **MISTIMED[timing]}, DRIVE, **DAMPED), 1e-2)
+        compare_with_engine(bench({**SWITCHED[kind], **MISTIMED[timing]}, DRIVE, **DAMPED), 5e-3)
 
     def test_source_switched_early(self):
-        compare_with_engine(bench({**SWITCHED["ssdv"], "phase_lag": -0.1}, DRIVE, **DAMPED), 1e-2)
+        compare_with_engine(bench({**SWITCHED["ssdv"], "phase_lag": -0.1}, DRIVE, **DAMPED), 5e-3)
 
     @pytest.mark.parametrize("kind", ["short", "resistor", "parallel_sshi", "sece"])
     def test_hysteresis(self, kind):

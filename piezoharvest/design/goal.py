@@ -61,6 +61,12 @@ class Goal:
         """Whether displacement is to be made small, rather than harvested power large."""
         return self.options.objective == "damping"
 
+    @property
+    def limits_levels(self) -> bool:
+        """Whether displacement or voltage has a limit."""
+        o = self.options
+        return any(limit is not None for limit in (o.max_voltage, o.max_displacement, o.min_attenuation_db))
+
     def largest_displacement(self, shorted: float) -> float:
         """Largest displacement allowed in m, given that with shorted electrodes; infinite without a limit."""
         limits = [np.inf]

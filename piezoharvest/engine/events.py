@@ -179,29 +179,23 @@ def active(P, S, guard):
 
 
 @njit(cache=True, error_model="numpy")
-def _size(row, z):
-    """Sum of the magnitudes of a form's terms."""
-    total = 0.0
-    for i in range(len(z)):
-        total += abs(row[i] * z[i])
-    return total
-
-
-@njit(cache=True, error_model="numpy")
 def overdue(P, T, S, slot):
-    """First guard that is above zero, or at zero and about to rise: value, rate and second rate decide in turn."""
-    rows = T.guards
-    short = P.step * 0.5 ** T.finest[slot]
+    """First guard that is above zero, or at zero and about to rise: value, rate and second rate decide in turn.
+
+    Zero is judged against the size of the guard's terms and of what its rate makes of a short step.
+    """
+    size = 0.0
+    for i in range(len(S.z)):
+        size += abs(S.z[i])
+    short = 0.5 ** T.finest[slot] * P.step
     for g in range(len(S.sign)):
         if not active(P, S, g):
             continue
-        # Zero is judged against the terms of the guard and of what its rate makes of a short step.
         for k in range(3):
-            value = S.sign[g] * dot(rows[slot, 3 * g + k], S.z)
-            tolerance = _size(rows[slot, 3 * g + k], S.z)
-            if k < 2:
-                tolerance += short * _size(rows[slot, 3 * g + k + 1], S.z)
-            tolerance *= TINY * 10.0**k
+            r = 3 * g + k
+            value = S.sign[g] * dot(T.guards[slot, r], S.z)
+            tolerance = T.guard_size[slot, r] + (short * T.guard_size[slot, r + 1] if k < 2 else 0.0)
+            tolerance *= TINY * 10.0**k * size
             if value > tolerance:
                 return g
             if value < -tolerance:

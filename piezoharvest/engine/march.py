@@ -8,7 +8,7 @@ from numba import njit
 from piezoharvest.engine import program as pg
 from piezoharvest.engine.algebra import dot
 from piezoharvest.engine.state import COLUMNS, CONFIGURATION, NOW, SAMPLED, STEPS
-from piezoharvest.engine.tables import NODES, ORDER, WEIGHTS, quadratic
+from piezoharvest.engine.tables import FIRST, NODES, ORDER, WEIGHTS, quadratic
 
 NONE = -1
 _FAST = {"reassoc", "contract"}  # sums may be reordered, so that they run in vector registers
@@ -27,7 +27,7 @@ def grow(growth, slot, level, z, out):
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
 def taylor(matrix, z, tau, term):
-    """Advance z in place by a step so short that |A| tau <= 1/2; `term` is scratch of shape (2, a)."""
+    """Advance z in place by a step no longer than the finest level; `term` is scratch of shape (2, a)."""
     a = len(z)
     for i in range(a):
         term[0, i] = z[i]
@@ -115,31 +115,54 @@ def may_cross(now, then, g, h):
 
 
 @njit(cache=True, error_model="numpy")
-def locate(P, T, slot, z, guard, sign, low, high, out, scratch):
-    """Time at which a guard rises through zero between low and high (s from z): safeguarded Newton on the exact motion.
+def interpolated_root(now, then, g, h, low, high):
+    """Fraction of a step at which the interpolated guard rises through zero, between low and high."""
+    x, slope_step = 0.5 * (low + high), 1e-6
+    for _ in range(8):
+        value = quintic(now, then, g, h, x)
+        if value > 0.0:
+            high = x
+        else:
+            low = x
+        slope = (quintic(now, then, g, h, x + slope_step) - value) / slope_step
+        target = x - value / slope if slope > 0.0 else 0.5 * (low + high)
+        if not low < target < high:
+            target = 0.5 * (low + high)
+        done = abs(target - x) < 1e-9
+        x = target
+        if done:
+            break
+    return x
 
-    Leaves the state there in `out`.
+
+@njit(cache=True, error_model="numpy")
+def locate(P, T, slot, z, guard, sign, low, high, tau, out, scratch):
+    """Time at which a guard rises through zero between low and high (s from z), from the estimate tau.
+
+    Safeguarded Newton on the exact motion; leaves the state there in `out`.
     """
     value_row, rate_row, matrix = T.guards[slot, 3 * guard], T.guards[slot, 3 * guard + 1], T.matrix[slot]
-    tau = 0.5 * (low + high)
-    short = 0.5 * P.step * 0.5 ** T.finest[slot]
+    finest = P.step * 0.5 ** T.finest[slot]
     exact(T, slot, P.step, z, tau, out, scratch)
     for _ in range(80):
         value, rate = sign * dot(value_row, out), sign * dot(rate_row, out)
         if value > 0.0:
-            high = tau
+            high = min(high, tau)
         else:
-            low = tau
+            low = max(low, tau)
+        # The interpolation that gave the bracket is not exact: a Newton step may leave it by a little.
+        slack = 1e-3 * (high - low)
         target = tau - value / rate if rate > 0.0 else 0.5 * (low + high)
-        if not low <= target <= high:
+        if not max(low - slack, 0.0) <= target <= high + slack:
             target = 0.5 * (low + high)
         shift = target - tau
-        if abs(shift) < short:
+        if abs(shift) <= finest:
             taylor(matrix, out, shift, scratch)
         else:
             exact(T, slot, P.step, z, target, out, scratch)
         tau = target
-        if abs(shift) <= 1e-15 * P.step or high - low <= 1e-15 * P.step:
+        # Newton's next step would be about the square of this one.
+        if abs(shift) <= 1e-9 * finest or high - low <= 1e-15 * P.step:
             break
     return tau
 
@@ -157,7 +180,8 @@ def _earliest(P, T, S, slot, step):
             continue
         tau = 0.0
         if high > 0.0:
-            tau = locate(P, T, slot, S.z, g, S.sign[g], low * step, high * step, S.work[4], S.work[1:3])
+            guess = step * interpolated_root(now, then, g, step, low, high)
+            tau = locate(P, T, slot, S.z, g, S.sign[g], low * step, high * step, guess, S.work[4], S.work[1:3])
         else:
             S.work[4] = S.z
         if tau < best_tau:
@@ -283,7 +307,7 @@ def march(P, T, S, slot, t_stop):
     guards, growth, sign = T.guards, T.growth, S.sign
     now, then, arrived, z = S.guard_now, S.guard_next, S.work[0], S.z
     count, finest, longest = len(sign), T.finest[slot], P.step
-    level = finest
+    level = max(finest - FIRST, 0)
     watching = len(S.sample_time) > 0 or len(S.extremes) > 0
     read_guards(guards, slot, sign, z, now)
     while True:

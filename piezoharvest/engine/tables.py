@@ -16,7 +16,10 @@ from piezoharvest.engine.algebra import dot, product, row_product
 from piezoharvest.engine.reference import reference
 
 MODES = 64  # kept at once; met again after that, they are built anew
-ORDER = 14  # Taylor terms: at |A| h <= 1/2 the rest is below 1e-16
+# |A| h on the finest level: a Taylor series over less than that is short. A step begins FIRST levels above it, where
+# |A| h is 1/2 and every motion of the mode is still followed.
+FINEST, FIRST = 1.0 / 16.0, 3
+ORDER = 9  # Taylor terms: on the finest level the rest is below 1e-17
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 NODES, WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 
@@ -28,8 +31,9 @@ class Tables(NamedTuple):
     key: np.ndarray  # (m,) int64
     matrix: np.ndarray  # (m, a, a): z' = matrix z
     growth: np.ndarray  # (m, l, a, a): exp(A h) - 1 at h = step / 2^level
-    finest: np.ndarray  # (m,) int, level at which |A| h <= 1/2
+    finest: np.ndarray  # (m,) int, level at which |A| h <= FINEST
     guards: np.ndarray  # (m, 3 g, a): value, rate and second rate of every guard
+    guard_size: np.ndarray  # (m, 3 g): largest coefficient of each
     products: np.ndarray  # (m, p, 2, a)
     gramian: np.ndarray  # (m, l, e, a, a): z gramian z is the energy of a step
     outputs: np.ndarray  # (m, o, a)
@@ -60,6 +64,7 @@ def allocate(program: pg.Program, ledger: bool, levels: int = 60):
         growth=np.empty((modes, levels, a, a)),
         finest=np.zeros(modes, np.int64),
         guards=np.zeros((modes, 3 * (guards + 1 + 2 * stops), a)),
+        guard_size=np.zeros((modes, 3 * (guards + 1 + 2 * stops))),
         products=np.zeros((modes, program.product_category.shape[1] + stops, 2, a)),
         gramian=np.empty((modes, levels if ledger else 0, energy, a, a)),
         outputs=np.empty((modes, len(pg.OUTPUTS), a)),
@@ -158,6 +163,10 @@ def _forms(P, T, slot, configuration, slip):
     for g in range(rows.shape[0] // 3):
         row_product(rows[3 * g], matrix, a, rows[3 * g + 1])
         row_product(rows[3 * g + 1], matrix, a, rows[3 * g + 2])
+    for r in range(rows.shape[0]):
+        T.guard_size[slot, r] = 0.0
+        for j in range(a):
+            T.guard_size[slot, r] = max(T.guard_size[slot, r], abs(rows[r, j]))
     count = P.product_category.shape[1]
     for p in range(count):
         for k in range(2):
@@ -176,7 +185,7 @@ def _forms(P, T, slot, configuration, slip):
 
 @njit(cache=True, error_model="numpy")
 def _exponentials(T, slot, longest):
-    """exp(A h) - 1 where |A| h <= 1/2 by its Taylor series, then doubled up to the longest step."""
+    """exp(A h) - 1 on the finest level by its Taylor series, then doubled up to the longest step."""
     a = T.matrix.shape[1]
     matrix, growth, powers, square = T.matrix[slot], T.growth[slot], T.powers, T.square
     norm = 0.0
@@ -186,7 +195,7 @@ def _exponentials(T, slot, longest):
             total += abs(matrix[i, j])
         norm = max(norm, total)
     finest, h = 0, longest
-    while norm * h > 0.5 and finest < growth.shape[0] - 1:
+    while norm * h > FINEST and finest < growth.shape[0] - 1:
         finest += 1
         h *= 0.5
     T.finest[slot] = finest

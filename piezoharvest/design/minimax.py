@@ -1,0 +1,178 @@
+"""Tuning of linear shunts: sequential quadratic programming on logarithms, in the smooth epigraph form.
+
+Displacement is made small as the smallest t with log |x(f)| <= t at every frequency of a set, to which the exact peaks
+of each answer are added until none of them stands out (exchange method for semi-infinite programs, Hettich & Kortanek,
+SIAM Review 35(3), 380-429, 1993). Limits are constraints with one common slack at a price, so that a goal that cannot
+be met still has an answer: the one that misses it by least.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+
+from piezoharvest.design.drafts import Draft
+from piezoharvest.design.goal import MARGIN, PENALTY
+from piezoharvest.design.starts import Start
+from piezoharvest.design.twoport import LinearView
+from piezoharvest.shunts import Shunt
+
+SPAN = np.log(1e4)  # e-folds about a part's typical size within which it is sought
+_REACH = 3.0  # e-folds about the start of a round
+_STEP = 1e-5  # of central differences, in e-folds: the error of the gradient is 1e-10
+_ROUNDS = 15
+_STANDS_OUT = 1e-6
+
+
+class Tuned(NamedTuple):
+    """Outcome of a tuning: the shunt, its merit, where it came from and what it took."""
+
+    shunt: Shunt
+    merit: float
+    start: str
+    method: str
+    iterations: int
+
+
+def tune(view: LinearView, draft: Draft, start: Start, scale: dict[str, float]) -> Tuned:
+    """Tune the free parts of a linear shunt from one start.
+
+    Parameters
+    ----------
+    view : LinearView
+    draft : Draft
+    start : Start
+    scale : dict
+        Typical size of every free part.
+    """
+    names = list(draft.free)
+    lower = np.log([scale[name] for name in names]) - SPAN
+    upper = lower + 2 * SPAN
+    limit = view.goal.options.max_inductance
+    if limit is not None and "inductance" in names:
+        n = names.index("inductance")
+        upper[n] = min(upper[n], np.log(limit))
+        lower[n] = min(lower[n], upper[n] - SPAN)
+    program = _Program(view, draft, lower, upper)
+    p = np.clip(np.log([start.values[name] for name in names]), lower, upper)
+    best, best_merit, iterations = p, program.merit(p), 0
+    program.widen(p)
+    for _ in range(_ROUNDS):
+        p, steps = program.solve(best)
+        iterations += steps
+        merit = program.merit(p)
+        done = not program.widen(p) and merit >= best_merit - _STANDS_OUT
+        if merit < best_merit:
+            best, best_merit = p, merit
+        if done:
+            break
+    return Tuned(program.shunt(best), best_merit, start.formula, "SLSQP on the two-port", iterations)
+
+
+@dataclass
+class _Program:
+    """The nonlinear program on one set of frequencies.
+
+    Variables are the logarithms p of the parts, the level t and the common slack s.
+    """
+
+    view: LinearView
+    draft: Draft
+    lower: np.ndarray
+    upper: np.ndarray
+    grid: np.ndarray = field(default_factory=lambda: np.empty(0))
+    _at: tuple = (None, None, None)
+
+    def shunt(self, p: np.ndarray) -> Shunt:
+        return self.draft.with_values({name: float(np.exp(x)) for name, x in zip(self.draft.free, p, strict=True)})
+
+    def merit(self, p: np.ndarray) -> float:
+        return self.view.goal.merit(self.view.figures(self.shunt(p)))
+
+    def widen(self, p: np.ndarray) -> bool:
+        """Add the exact peaks at p to the set; whether one of them stood out."""
+        goal = self.view.goal
+        if not self.view.operation.apart or not (goal.damping or goal.limits_levels):
+            return False
+        peaks = self.view.grid(self.shunt(p))
+        before = self._heights(p, self.grid) if len(self.grid) else np.full(2, -np.inf)
+        self.grid = np.union1d(self.grid, peaks)
+        self._at = (None, None, None)
+        return bool(np.any(self._heights(p, self.grid) > before + _STANDS_OUT))
+
+    def _heights(self, p: np.ndarray, grid: np.ndarray) -> np.ndarray:
+        levels = self.view.levels(self.shunt(p), grid)
+        return np.log([np.max(levels.displacement), max(np.max(levels.voltage), 1e-300)])
+
+    def solve(self, start: np.ndarray) -> tuple[np.ndarray, int]:
+        """Solve on the present set of frequencies; gives p and the iterations."""
+        n = len(start)
+        value, _ = self._forms(start)
+        level = float(np.max(value[1])) if self.view.goal.damping else 0.0
+        y = np.concatenate((start, [level, 0.0]))
+        y[-1] = max(0.0, -np.min(self._constraints(y), initial=0.0))
+        low, high = np.maximum(self.lower, start - _REACH), np.minimum(self.upper, start + _REACH)
+        bounds = [*zip(low, high, strict=True), (level - 50, level + 50) if self.view.goal.damping else (0, 0), (0, None)]
+        constraints = [{"type": "ineq", "fun": self._constraints, "jac": self._constraints_slope}]
+        found = minimize(
+            self._objective, y, jac=True, bounds=bounds, method="SLSQP", options={"maxiter": 100, "ftol": 1e-10},
+            constraints=constraints if len(self._constraints(y)) else (),
+        )  # fmt: skip
+        return np.clip(found.x[:n], self.lower, self.upper), int(found.nit)
+
+    def _forms(self, p: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Logarithms of power, displacement and voltage at p, and their slopes by central differences in one batch."""
+        if self._at[0] is None or not np.array_equal(p, self._at[0]):
+            n = len(p)
+            batch = p + _STEP * np.concatenate((np.zeros((1, n)), np.eye(n), -np.eye(n)))
+            values = {name: np.exp(batch[:, k : k + 1]) for k, name in enumerate(self.draft.free)}
+            levels = self.view.levels(self.draft.with_values(values), self.grid)
+            power = levels.power[:, None]
+            logs = [np.log(np.maximum(x, 1e-300)) for x in (power, levels.displacement, levels.voltage)]
+            slopes = [(x[1 : n + 1] - x[n + 1 :]).T / (2 * _STEP) for x in logs]
+            self._at = (p.copy(), [x[0] for x in logs], slopes)
+        return self._at[1], self._at[2]
+
+    def _objective(self, y: np.ndarray) -> tuple[float, np.ndarray]:
+        slope = np.zeros(len(y))
+        slope[-1] = PENALTY
+        if self.view.goal.damping:
+            slope[-2] = 1.0
+            return float(y[-2] + PENALTY * y[-1]), slope
+        value, gradient = self._forms(y[:-2])
+        slope[:-2] = -gradient[0][0]
+        return float(-value[0][0] + PENALTY * y[-1]), slope
+
+    def _constraints(self, y: np.ndarray) -> np.ndarray:
+        (power, displacement, voltage), _ = self._forms(y[:-2])
+        parts = [y[-2] - displacement] if self.view.goal.damping else []
+        for limit, sign, levels in self._limits(power, displacement, voltage):
+            parts.append(sign * (limit - levels) - MARGIN + y[-1])
+        return np.concatenate(parts) if parts else np.empty(0)
+
+    def _constraints_slope(self, y: np.ndarray) -> np.ndarray:
+        _, slopes = self._forms(y[:-2])
+        parts = [_block(-slopes[1], 1.0, 0.0)] if self.view.goal.damping else []
+        parts += [_block(-sign * slope, 0.0, 1.0) for _, sign, slope in self._limits(*slopes)]
+        return np.concatenate(parts) if parts else np.empty((0, len(y)))
+
+    def _limits(self, power, displacement, voltage):
+        """Limits in e-folds, the side that they are on (+1 from above) and what they limit."""
+        options, found = self.view.goal.options, []
+        if options.min_power:
+            found.append((np.log(options.min_power), -1.0, power))
+        largest = self.view.goal.largest_displacement(self.view.shorted)
+        if np.isfinite(largest):
+            found.append((np.log(largest), 1.0, displacement))
+        if options.max_voltage is not None:
+            found.append((np.log(options.max_voltage), 1.0, voltage))
+        return found
+
+
+def _block(slopes: np.ndarray, level: float, slack: float) -> np.ndarray:
+    """Rows of the constraints' Jacobian: slopes in p, and in t and s."""
+    extra = np.broadcast_to([level, slack], (len(slopes), 2))
+    return np.hstack((slopes, extra))

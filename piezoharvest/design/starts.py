@@ -1,0 +1,186 @@
+"""Closed forms that the tuning of linear shunts sets out from.
+
+Sources: Hagood & von Flotow, J. Sound Vib. 146(2), 243-268, 1991 (resistor, transfer-function rule, pole placement);
+Yamada, Matsuhisa, Utsuno & Sawada, J. Sound Vib. 329(24), 4980-4997, 2010 (near-H-infinity rule); Kong, Ha, Erturk &
+Inman, J. Intell. Mater. Syst. Struct. 21(13), 1293-1302, 2010 (conjugate match of the load).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from piezoharvest.design.drafts import Draft
+from piezoharvest.design.twoport import LinearView
+from piezoharvest.linear import TwoPort, resonances
+from piezoharvest.shunts import LinearShunt, NegativeCapacitance
+
+
+class Start(NamedTuple):
+    """Values to begin with, and the formula that they come from."""
+
+    formula: str
+    values: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Host:
+    """What the closed forms need to know of a transducer, at the mode nearest to a frequency.
+
+    Attributes
+    ----------
+    omega, short, opened : float
+        Frequency looked at, and the mode's short- and open-circuit resonance, rad/s.
+    capacitance : float
+        Clamped capacitance, F.
+    coupling : float
+        K^2 of the mode.
+    impedance : complex
+        Of the leads at `omega`, ohm.
+    """
+
+    omega: float
+    short: float
+    opened: float
+    capacitance: float
+    coupling: float
+    impedance: complex
+
+    @classmethod
+    def of(cls, view: LinearView) -> Host:
+        """Host at the centre of the view's operation."""
+        transducer = view.transducer
+        frequency = view.operation.centre(transducer)
+        found = resonances(transducer)
+        n = int(np.argmin(np.abs(np.log(found.short_circuit.undamped / frequency))))
+        short, opened = (2 * np.pi * r.undamped[n] for r in (found.short_circuit, found.open_circuit))
+        with np.errstate(all="ignore"):
+            impedance = complex(TwoPort.of(transducer, frequency, amplitude=view.amplitude).impedance()[0])
+        coupling = (opened**2 - short**2) / short**2
+        return cls(2 * np.pi * frequency, short, opened, view.capacitance, coupling, impedance)
+
+
+def starts(draft: Draft, host: Host) -> list[Start]:
+    """Values to begin the tuning of a linear shunt with, those that come from a formula of its own first."""
+    own = {
+        "resistor": _resistor, "series_rl": _series_rl, "parallel_rl": _parallel_rl, "series_rlc": _series_rlc,
+        "parallel_rlc": _parallel_rlc, "negative_capacitance": _negative_capacitance,
+    }.get(draft.kind)  # fmt: skip
+    found = own(host, draft.shunt) if own else []
+    found.append(Start("impedance of the clamped capacitance", _by_unit(draft, host)))
+    return [s for s in found if all(np.isfinite(v) and v > 0 for v in s.values.values())]
+
+
+def scales(draft: Draft, host: Host) -> dict[str, float]:
+    """Typical size of every free part, by its unit: of the capacitance's impedance at the frequency."""
+    return _by_unit(draft, host)
+
+
+def _by_unit(draft: Draft, host: Host) -> dict[str, float]:
+    c, w = host.capacitance, host.omega
+    scale = {"ohm": 1 / (w * c), "H": 1 / (w**2 * c), "F": c}
+    units = {name: type(draft.shunt).__dataclass_fields__[name].metadata["unit"] for name in draft.free}
+    return {name: scale[unit] for name, unit in units.items()}
+
+
+def _resistor(host: Host, _: LinearShunt) -> list[Start]:
+    c, w = host.capacitance, host.omega
+    fixed_point = np.sqrt((host.short**2 + host.opened**2) / 2)
+    return [
+        Start("R = |Z| of the leads", {"resistance": abs(host.impedance)}),
+        Start("R = 1/(C w_F) (Hagood & von Flotow 1991)", {"resistance": 1 / (c * fixed_point)}),
+        # Over a band that holds both resonances, one optimum suits each of them.
+        *(Start(f"R = {s:g}/(C w)", {"resistance": s / (c * w)}) for s in (0.1, 10.0)),
+    ]
+
+
+def _series_rl(host: Host, _: LinearShunt) -> list[Start]:
+    c, k2, sc, oc = host.capacitance, host.coupling, host.short, host.opened
+    share = 1 - sc**2 / oc**2
+    return [
+        *_matched(host, lambda z: {"inductance": -z.imag / host.omega, "resistance": z.real}),
+        Start(
+            "near-H-infinity rule (Yamada et al. 2010)",
+            {"inductance": 1 / (c * oc**2), "resistance": np.sqrt(3 * share / (2 - share)) / (c * oc)},
+        ),
+        Start(
+            "transfer-function rule (Hagood & von Flotow 1991)",
+            {"inductance": 1 / (c * oc**2), "resistance": np.sqrt(2 * k2) / (1 + k2) / (c * sc)},
+        ),
+        Start(
+            "pole placement (Hagood & von Flotow 1991)",
+            {
+                "inductance": 1 / (c * (sc * (1 + k2)) ** 2),
+                "resistance": 2 * np.sqrt(k2 / (1 + k2) ** 3) / (c * sc),
+            },
+        ),
+    ]
+
+
+def _parallel_rl(host: Host, shunt: LinearShunt) -> list[Start]:
+    def match(z: complex) -> dict[str, float]:
+        y = 1 / z
+        return {"inductance": 1 / (host.omega * y.imag), "resistance": 1 / y.real}
+
+    found = _matched(host, match)
+    for formula, values in _rules(host, shunt):
+        # The same impedance at the open-circuit resonance, as a parallel circuit.
+        resistance, reactance = values["resistance"], host.opened * values["inductance"]
+        square = resistance**2 + reactance**2
+        parallel = {"inductance": square / reactance / host.opened, "resistance": square / resistance}
+        found.append(Start(f"{formula}, as a parallel circuit", parallel))
+    return found
+
+
+def _series_rlc(host: Host, shunt: LinearShunt) -> list[Start]:
+    found = []
+    for ratio in (10.0, 1.0):
+        capacitance = ratio * host.capacitance
+        extra = 1 / (host.opened**2 * capacitance)
+        found += [
+            Start(
+                f"{formula}, with C = {ratio:g} times the clamped one in series",
+                {**values, "inductance": values["inductance"] + extra, "capacitance": capacitance},
+            )
+            for formula, values in _series_rl(host, shunt)[:2]
+        ]
+    return found
+
+
+def _parallel_rlc(host: Host, shunt: LinearShunt) -> list[Start]:
+    found = []
+    for ratio in (0.1, 1.0, 10.0):
+        capacitance = ratio * host.capacitance
+        susceptance = host.opened**2 * capacitance
+        found += [
+            Start(
+                f"{formula}, with C = {ratio:g} times the clamped one beside it",
+                {**values, "inductance": 1 / (1 / values["inductance"] + susceptance), "capacitance": capacitance},
+            )
+            for formula, values in _parallel_rl(host, shunt)[:2]
+        ]
+    return found
+
+
+def _negative_capacitance(host: Host, shunt: LinearShunt) -> list[Start]:
+    assert isinstance(shunt, NegativeCapacitance)
+    c, c_n = host.capacitance, shunt.capacitance
+    if shunt.topology == "parallel":
+        left = c - c_n
+        w_f = host.short * np.sqrt(1 + 0.5 * host.coupling * c / left) if left > 0 else np.nan
+        return [Start("R = 1/((C - C_n) w_F) (K^2 raised by C/(C - C_n))", {"resistance": 1 / (left * w_f)})]
+    return [Start("R = (1/C - 1/C_n)/w", {"resistance": (1 / c - 1 / c_n) / host.omega})]
+
+
+def _rules(host: Host, shunt: LinearShunt) -> list[Start]:
+    """The series-RL rules that do not match impedances."""
+    return [start for start in _series_rl(host, shunt) if not start.formula.startswith("conjugate")]
+
+
+def _matched(host: Host, parts) -> list[Start]:
+    """Load equal to the conjugate of the leads' impedance, where parts above zero make that up."""
+    with np.errstate(all="ignore"):
+        values = parts(host.impedance)
+    return [Start("conjugate match of the leads (Kong et al. 2010)", values)] if min(values.values()) > 0 else []

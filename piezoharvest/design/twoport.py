@@ -1,0 +1,154 @@
+"""Linear shunts on the exact two-port: figures, exact peaks, and tuning by a smooth minimax problem."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from piezoharvest.design.goal import Figures, Goal
+from piezoharvest.design.operation import Operation
+from piezoharvest.linear import frequency_response, hysteresis_slope, poles
+from piezoharvest.linear.response import FrequencyResponse
+from piezoharvest.shunts import Open, Resistor, Short, Shunt
+from piezoharvest.system import System
+from piezoharvest.transducer import Transducer
+
+_GRID = 61  # points of a band between which the poles tell where else to look
+_AMPLITUDE_STEPS = 60
+
+
+class Levels(NamedTuple):
+    """Power (..., ) in W; displacement (..., g) in m and voltage (..., g) in V: on a grid of frequencies, or for lines
+    that act at once the amplitude of a sine with the same mean square."""
+
+    power: np.ndarray
+    displacement: np.ndarray
+    voltage: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class LinearView:
+    """A transducer in its operation, seen as a two-port.
+
+    Attributes
+    ----------
+    transducer : Transducer
+    operation : Operation
+    goal : Goal
+    amplitude : float or None
+        Charge amplitude in C at which the hysteresis enters by its describing function.
+    """
+
+    transducer: Transducer
+    operation: Operation
+    goal: Goal
+    amplitude: float | None = None
+
+    @property
+    def capacitance(self) -> float:
+        """Clamped capacitance in F as the leads see it: that of the hysteresis, at this amplitude, in series."""
+        slope = hysteresis_slope(self.transducer, amplitude=self.amplitude) if self.amplitude else 0.0
+        return float(1 / (1 / self.transducer.capacitance + np.real(slope)))
+
+    def response(self, shunt: Shunt, frequencies: Any) -> FrequencyResponse:
+        """Response to a unit drive."""
+        system = System(self.transducer, shunt)
+        return frequency_response(system, frequencies, base=self.operation.base, amplitude=self.amplitude)
+
+    def levels(self, shunt: Shunt, grid: np.ndarray) -> Levels:
+        """Levels of a shunt, or of a batch of designs; `grid` in Hz is used where the lines act one at a time."""
+        op = self.operation
+        if op.apart:
+            nodes = len(op.frequencies)
+            found = self.response(shunt, np.concatenate((op.frequencies, grid)))
+            power = found.harvested_power[..., :nodes] @ op.squares
+            return Levels(power, *(op.amplitude * np.abs(x[..., nodes:]) for x in (found.displacement, found.voltage)))
+        found = self.response(shunt, op.frequencies)
+        both = (np.sqrt(np.abs(x) ** 2 @ op.squares)[..., None] for x in (found.displacement, found.voltage))
+        return Levels(found.harvested_power @ op.squares, *both)
+
+    def peaks(self, shunt: Shunt, of: Callable[[FrequencyResponse], np.ndarray]) -> np.ndarray:
+        """Frequencies in Hz of all local maxima in the band, its edges included: exact, by a search in each bracket."""
+        band = self.operation.band
+        if band is None:
+            return self.operation.frequencies if self.operation.apart else np.empty(0)
+        grid = np.unique(np.concatenate((np.linspace(*band, _GRID), self._near_poles(shunt, band))))
+        height = np.abs(of(self.response(shunt, grid)))
+        padded = np.concatenate(([-np.inf], height, [-np.inf]))
+        tops = np.flatnonzero((height >= padded[:-2]) & (height > padded[2:]))
+        return np.array([self._top(shunt, of, grid, n) for n in tops])
+
+    def _top(self, shunt: Shunt, of, grid: np.ndarray, n: int) -> float:
+        left, right = grid[max(n - 1, 0)], grid[min(n + 1, len(grid) - 1)]
+        found = minimize_scalar(
+            lambda f: -float(np.abs(of(self.response(shunt, f)))),
+            bounds=(left, right), method="bounded", options={"xatol": 1e-7 * (right - left)},
+        )  # fmt: skip
+        at_node = np.abs(of(self.response(shunt, grid[n])))
+        return float(found.x) if -found.fun > at_node else float(grid[n])
+
+    def _near_poles(self, shunt: Shunt, band: tuple[float, float]) -> np.ndarray:
+        """Frequencies around the poles, as close as their damping makes the response change."""
+        found = poles(System(self.transducer, shunt))
+        found = found[found.imag > 0]
+        spread = np.array([-2, -1, -0.5, 0, 0.5, 1, 2])
+        places = (found.imag[:, None] + found.real[:, None] * spread).ravel() / (2 * np.pi)
+        return places[(places > band[0]) & (places < band[1])]
+
+    def grid(self, shunt: Shunt) -> np.ndarray:
+        """Frequencies in Hz at which levels are largest: peaks of displacement, and of voltage where it is limited."""
+        found = [self.peaks(shunt, lambda r: r.displacement)]
+        if self.goal.options.max_voltage is not None and self.operation.band is not None:
+            found.append(self.peaks(shunt, lambda r: r.voltage))
+        return np.unique(np.concatenate(found))
+
+    @cached_property
+    def shorted(self) -> float:
+        """Displacement in m with shorted electrodes, the worst in a band; infinite where nothing holds it."""
+        try:
+            with np.errstate(all="ignore"):
+                found = float(np.max(self.levels(Short(), self.peaks(Short(), lambda r: r.displacement)).displacement))
+        except np.linalg.LinAlgError:
+            return float("inf")
+        return found if np.isfinite(found) else float("inf")
+
+    def figures(self, shunt: Shunt) -> Figures:
+        """Figures as the linear two-port has them, with exact peaks."""
+        power, displacement, voltage = self.levels(shunt, self.grid(shunt))
+        worst = float(np.max(displacement))
+        with np.errstate(divide="ignore"):
+            attenuation = 20 * float(np.log10(worst / self.shorted))
+        return Figures(float(power), worst, float(np.max(voltage)), attenuation)
+
+    def working(self, shunt: Shunt | None = None) -> LinearView:
+        """The view at the charge amplitude that this drive brings about with a shunt: a fixed point, by damped steps.
+
+        Without a shunt, with the resistance that equals the capacitance's impedance. Without hysteresis, as it is.
+        """
+        if self.transducer.hysteresis is None:
+            return self
+        frequency = self.operation.centre(self.transducer)
+        if shunt is None:
+            shunt = Resistor(resistance=1 / (2 * np.pi * frequency * self.transducer.capacitance))
+        view, lines = self, self.operation.frequencies
+        for _ in range(_AMPLITUDE_STEPS):
+            charge = np.abs(view.response(shunt, lines).charge)
+            op = self.operation
+            new = op.amplitude * np.max(charge) if op.apart else np.sqrt(charge**2 @ op.squares)
+            old = view.amplitude or new
+            view = replace(view, amplitude=float(np.sqrt(new * old)))
+            if abs(new / old - 1) < 1e-4 and view.amplitude:
+                break
+        return view
+
+
+def open_like(view: LinearView, shunt: Shunt) -> bool:
+    """Whether open or shorted electrodes do within 0.1 % what the shunt does to the displacement."""
+    worst = view.figures(shunt).displacement_amplitude
+    others = [view.figures(Open()).displacement_amplitude, view.shorted]
+    return any(abs(worst / other - 1) < 1e-3 for other in others if np.isfinite(other) and other > 0)

@@ -1,0 +1,64 @@
+"""An example of every component, made from the units of its fields: a new component needs nothing here to be tested."""
+
+import dataclasses
+import itertools
+
+from conftest import BENCH, DRIVE
+from piezoharvest.parameters import ParameterError
+
+OMEGA = 2 * 3.141592653589793 * DRIVE["frequency"]
+IMPEDANCE = 1 / (OMEGA * BENCH["capacitance"])
+# Of the size that suits the bench, by unit; a loop's inductance is small, its quality a pure number.
+TYPICAL = {"ohm": IMPEDANCE, "F": 0.6 * BENCH["capacitance"], "H": 0.01, "V": 1.0, "s": 2e-4, "C": 1e-7, "A": 1e-8, "": 6.0}
+# Fields that have no unit.
+GIVEN = {"network": {"netlist": "L1 1 2 150\nC1 2 0 30n\nR1 2 0 100k load"}}
+# Combinations beside the plainest ones that are worth a run.
+VARIANTS = {
+    "rectifier": [{"dc_voltage": 1.0, "diode_drop": 0.2}],
+    "parallel_sshi": [{"phase_lag": 0.2, "on_time_error": 0.2}, {"phase_lag": -0.2, "on_time_error": -0.2}],
+    "series_sshi": [{"phase_lag": 0.2, "on_time_error": 0.4}, {"phase_lag": -0.2, "on_time_error": -0.2}],
+    "sece": [{"efficiency": 0.7, "phase_lag": -0.2}],
+    "ssds": [{"phase_lag": 0.2}],
+    "ssdi": [{"phase_lag": 0.2, "on_time_error": 0.4}],
+    "ssdv": [{"phase_lag": -0.1, "on_time_error": -0.2}],
+    "negative_capacitance": [{"topology": "series", "capacitance": 3 * BENCH["capacitance"]}],
+}
+
+
+def typical(field):
+    """Value of a quantity field, within its bounds."""
+    value = TYPICAL[field.metadata["unit"]]
+    if field.metadata.get("at_most") is not None:
+        value = min(value, field.metadata["at_most"])
+    return value
+
+
+def plain_examples(cls, given):
+    """Every smallest set of keys with which a component can be built."""
+    fields = [f for f in dataclasses.fields(cls) if "unit" in f.metadata and f.name not in given]
+    needed = {f.name: typical(f) for f in fields if f.default is dataclasses.MISSING}
+    optional = [f for f in fields if f.default is None]
+    found = []
+    for count in range(len(optional) + 1):
+        for chosen in itertools.combinations(optional, count):
+            names = {f.name for f in chosen}
+            if any(set(smaller) <= names for smaller, _ in found):
+                continue
+            try:
+                found.append((names, cls(**given, **needed, **{f.name: typical(f) for f in chosen})))
+            except ParameterError:
+                continue
+    return [example for _, example in found]
+
+
+def examples(registered):
+    """Every component's examples by a readable name."""
+    named = {}
+    for name, cls in registered.items():
+        plain = plain_examples(cls, GIVEN.get(name, {}))
+        assert plain, f"{name}: no example could be made of the units of its fields; give one in {__file__}"
+        for n, example in enumerate(plain):
+            named[f"{name} {n}" if len(plain) > 1 else name] = example
+        for variant in VARIANTS.get(name, []):
+            named[f"{name} {variant}"] = dataclasses.replace(plain[0], **variant)
+    return named

@@ -1,0 +1,157 @@
+"""What holds for every shunt, whoever wrote it: run over all that are registered."""
+
+import dataclasses
+
+import numpy as np
+import pint
+import pytest
+
+from conftest import BENCH, DRIVE, LOOP, SECOND, STOPS, distance
+from examples import examples
+from piezoharvest import effects, shunts
+from piezoharvest.engine import simulate
+from piezoharvest.excitation import SineForce
+from piezoharvest.hysteresis import Hysteresis
+from piezoharvest.linear import frequency_response
+from piezoharvest.shunts import LinearShunt
+from piezoharvest.system import System
+from piezoharvest.transducer import Mode, Transducer
+
+EXAMPLES = examples(shunts.registered())
+UNITS = pint.UnitRegistry()
+BENCH = Transducer(**BENCH)
+DRIVE = SineForce(amplitude=DRIVE["amplitude"], frequency=DRIVE["frequency"])
+LEAKY = (
+    effects.Leakage(resistance=4e5),
+    effects.DielectricRelaxation(capacitance=15e-9, time_constant=5e-3),
+)
+DEVICES = {
+    "bench": BENCH,
+    "hysteresis": dataclasses.replace(BENCH, hysteresis=Hysteresis(**STOPS)),
+    "all": dataclasses.replace(BENCH, hysteresis=Hysteresis(**STOPS), modes=(Mode(**SECOND),), effects=LEAKY),
+}
+each_shunt = pytest.mark.parametrize("shunt", EXAMPLES.values(), ids=list(EXAMPLES))
+each_device = pytest.mark.parametrize("device", DEVICES)
+
+
+@pytest.mark.parametrize("cls", shunts.registered().values(), ids=list(shunts.registered()))
+def test_names_its_source_and_its_units(cls):
+    assert cls.kind == cls.kind.lower().strip()
+    assert len(cls.source) > 5
+    assert cls.__doc__
+    for field in dataclasses.fields(cls):
+        if "unit" not in field.metadata:
+            assert field.name in ("netlist", "topology"), f"{field.name} has no unit"
+            continue
+        UNITS.parse_units(field.metadata["unit"])
+        assert field.metadata["doc"]
+
+
+@each_device
+@each_shunt
+def test_energy_closes(shunt, device):
+    found = simulate(System(DEVICES[device], shunt), DRIVE)
+    assert found.converged, found.message
+    assert abs(found.energy["closure"]) < 1e-10
+    ledger = {name: value for name, value in found.energy.items() if name not in ("mechanical_in", "source", "closure")}
+    supplied = found.energy["mechanical_in"] + found.energy.get("source", 0.0)
+    assert sum(ledger.values()) == pytest.approx(supplied, rel=1e-9)
+    # Nothing but a source delivers: all that is lost or harvested counts as positive.
+    for name, value in ledger.items():
+        assert value >= -1e-12 * supplied, name
+    assert found.energy.get("source", 0.0) >= 0.0
+    assert found.harvested_power == pytest.approx(found.energy["harvested"] / found.period, rel=1e-12)
+    assert found.mechanical_power == pytest.approx(found.energy["mechanical_in"] / found.period, rel=1e-12)
+
+
+@each_shunt
+def test_energy_of_a_run_from_rest_closes(shunt):
+    found = simulate(System(DEVICES["all"], shunt), DRIVE, transient=5.3 / DRIVE.frequency)
+    assert found.converged, found.message
+    assert abs(found.energy["closure"]) < 1e-10
+    assert found.energy["harvested"] >= 0.0
+
+
+@each_device
+@each_shunt
+def test_second_half_of_the_period_mirrors_the_first(shunt, device):
+    found = simulate(System(DEVICES[device], shunt), DRIVE, samples=250)
+    waves = found.waveforms
+    assert found.converged, found.message
+    assert len(waves.time) == 250
+    for name in ("drive", "displacement", "velocity", "voltage", "current", "charge", "hysteresis_voltage"):
+        signal = getattr(waves, name)
+        size = max(np.abs(signal).max(), 1e-9)
+        assert np.abs(signal[125:] + signal[:125]).max() < 1e-7 * size, name
+    assert distance(waves.dc_voltage[125:], waves.dc_voltage[:125]) < 1e-7
+    half = 0.5 * found.period
+    times, names = waves.event_times, waves.event_names
+    early = [(n, t) for n, t in zip(names, times, strict=True) if t < half - 1e-9 * half]
+    late = [(n, t - half) for n, t in zip(names, times, strict=True) if t >= half - 1e-9 * half]
+    assert len(early) == len(late)
+    for kind in set(names):
+        first, second = (sorted(t for n, t in group if n == kind) for group in (early, late))
+        assert np.allclose(first, second, rtol=0, atol=1e-7 * half), kind
+
+
+@each_shunt
+def test_hysteresis_loses_the_area_of_its_loop(shunt):
+    found = simulate(System(DEVICES["hysteresis"], shunt), DRIVE, samples=20000)
+    q, v = found.waveforms.charge, found.waveforms.hysteresis_voltage
+    area = 0.5 * np.dot(v + np.roll(v, -1), np.roll(q, -1) - q)
+    assert found.energy["hysteresis"] == pytest.approx(area, rel=1e-5, abs=1e-6 * found.energy["mechanical_in"])
+
+
+@each_shunt
+def test_hysteresis_voltage_is_that_of_the_operators(shunt):
+    """From rest, through samples that miss the turning points by little."""
+    waves = simulate(System(DEVICES["hysteresis"], shunt), DRIVE, transient=3 / DRIVE.frequency, samples=20000).waveforms
+    assert distance(Hysteresis(**STOPS).voltage(waves.charge), waves.hysteresis_voltage) < 1e-4
+
+
+@each_shunt
+def test_hysteresis_without_weight_changes_nothing(shunt):
+    plain = simulate(System(BENCH, shunt), DRIVE)
+    null = dataclasses.replace(BENCH, hysteresis=Hysteresis(thresholds=(1e-8, 1e-7), weights=(0.0, 0.0)))
+    found = simulate(System(null, shunt), DRIVE)
+    assert found.displacement_amplitude == pytest.approx(plain.displacement_amplitude, rel=1e-9)
+    assert found.harvested_power == pytest.approx(plain.harvested_power, rel=1e-9, abs=1e-18)
+    assert found.energy["hysteresis"] == 0.0
+
+
+@each_device
+@pytest.mark.parametrize("name", [name for name, shunt in EXAMPLES.items() if isinstance(shunt, LinearShunt)])
+def test_linear_shunt_matches_its_frequency_response(name, device):
+    system = System(dataclasses.replace(DEVICES[device], hysteresis=None), EXAMPLES[name])
+    for frequency in (20.0, 50.6, 141.0):
+        wanted = frequency_response(system, [frequency])
+        found = simulate(system, SineForce(amplitude=0.02, frequency=frequency))
+        assert found.displacement_amplitude == pytest.approx(0.02 * abs(wanted.displacement[0]), rel=1e-9)
+        assert found.voltage_amplitude == pytest.approx(0.02 * abs(wanted.voltage[0]), rel=1e-9, abs=1e-12)
+        assert found.harvested_power == pytest.approx(0.02**2 * wanted.harvested_power[0], rel=1e-9, abs=1e-18)
+
+
+@pytest.mark.parametrize("name", [name for name, shunt in EXAMPLES.items() if hasattr(shunt, "phase_lag")])
+def test_switch_acts_twice_a_period_and_in_time(name):
+    shunt = EXAMPLES[name]
+    found = simulate(System(BENCH, shunt), DRIVE, samples=4000)
+    waves = found.waveforms
+    acts = [t for n, t in zip(waves.event_names, waves.event_times, strict=True) if n in ("switch closes", "voltage extracted")]
+    opens = [t for n, t in zip(waves.event_names, waves.event_times, strict=True) if n == "switch opens"]
+    assert len(acts) == 2
+    on_time = shunt.switch(BENCH.capacitance, found.period).on_time
+    for closed in acts:
+        at = np.mod(closed - shunt.phase_lag / (2 * np.pi) * found.period, found.period)
+        # The extremum is where the velocity changes sign; an early switch expects it half a period after the last.
+        u = np.interp(at, waves.time, waves.velocity, period=found.period)
+        assert abs(u) < 2e-5 * np.abs(waves.velocity).max()
+        if opens:
+            assert min(abs(np.mod(o - closed, found.period) - on_time) for o in opens) < 1e-9 * found.period
+
+
+def test_better_loops_harvest_more():
+    powers = [
+        simulate(System(BENCH, shunts.ParallelSSHI(dc_voltage=1.0, quality=q, inductance=LOOP["inductance"])), DRIVE).harvested_power
+        for q in (0.6, 2.0, 6.0)
+    ]  # fmt: skip
+    assert powers == sorted(powers)

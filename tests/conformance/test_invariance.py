@@ -1,0 +1,111 @@
+"""Results do not depend on the units: mass, length, time and current rescaled, every field by the powers in its unit."""
+
+import dataclasses
+
+import pint
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from conftest import BENCH, DRIVE, STOPS
+from examples import examples
+from piezoharvest import effects, shunts
+from piezoharvest.engine import simulate
+from piezoharvest.excitation import SineForce
+from piezoharvest.hysteresis import Hysteresis
+from piezoharvest.system import System
+from piezoharvest.transducer import Transducer
+
+UNITS = pint.UnitRegistry()
+DIMENSIONS = ("[mass]", "[length]", "[time]", "[current]")
+DEVICE = Transducer(**BENCH, hysteresis=Hysteresis(**STOPS), effects=(effects.Leakage(resistance=1e6),))
+DRIVE = SineForce(amplitude=DRIVE["amplitude"], frequency=DRIVE["frequency"])
+EXAMPLES = {name: shunt for name, shunt in examples(shunts.registered()).items() if not isinstance(shunt, shunts.Network)}
+decades = st.floats(-3, 3)
+few = settings(max_examples=4, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+each_shunt = pytest.mark.parametrize("name", EXAMPLES)
+
+
+def factor(unit, scales):
+    """Number that a quantity of this unit is multiplied by."""
+    powers = UNITS.get_dimensionality(unit)
+    result = 1.0
+    for dimension, scale in zip(DIMENSIONS, scales, strict=True):
+        result *= scale ** float(powers.get(dimension, 0))
+    return result
+
+
+def rescaled(component, scales):
+    """The same component in other units."""
+    changes = {}
+    for field in dataclasses.fields(component):
+        value = getattr(component, field.name)
+        if dataclasses.is_dataclass(value):
+            changes[field.name] = rescaled(value, scales)
+        elif isinstance(value, tuple) and value and dataclasses.is_dataclass(value[0]):
+            changes[field.name] = tuple(rescaled(part, scales) for part in value)
+        elif "unit" in field.metadata and value is not None:
+            # Of the units in the alternative, the first is that of a force.
+            by = factor(field.metadata["unit"].split(" or ")[0], scales)
+            changes[field.name] = tuple(by * v for v in value) if isinstance(value, tuple) else by * value
+    return dataclasses.replace(component, **changes)
+
+
+def check(name, scales, tolerance=1e-8):
+    plain = simulate(System(DEVICE, EXAMPLES[name]), DRIVE)
+    found = simulate(System(rescaled(DEVICE, scales), rescaled(EXAMPLES[name], scales)), rescaled(DRIVE, scales))
+    assert plain.converged, plain.message
+    assert found.converged, found.message
+    for field, unit in (
+        ("harvested_power", "W"),
+        ("mechanical_power", "W"),
+        ("displacement_amplitude", "m"),
+        ("voltage_amplitude", "V"),
+        ("dc_voltage", "V"),
+        ("period", "s"),
+    ):
+        by = factor(unit, scales)
+        wanted = getattr(plain, field)
+        assert getattr(found, field) / by == pytest.approx(wanted, rel=tolerance, abs=1e-15 * abs(wanted)), field
+    assert found.attenuation_db == pytest.approx(plain.attenuation_db, abs=1e-6)
+    assert found.events_per_period == plain.events_per_period
+
+
+@few
+@given(decades, decades, decades, decades)
+@each_shunt
+def test_any_units_will_do(name, kilogram, metre, second, ampere):
+    check(name, tuple(10**decade for decade in (kilogram, metre, second, ampere)))
+
+
+@few
+@given(decades)
+@each_shunt
+def test_power_grows_with_the_square_of_the_force(name, decade):
+    """Force, voltages and charge thresholds times s, with nothing else touched: kilogram s^2, ampere s at m/s, s."""
+    s = 10**decade
+
+    def scaled(component):
+        changes = {f.name: getattr(component, f.name) for f in dataclasses.fields(component) if f.metadata.get("unit") in ("V", "C")}
+        return dataclasses.replace(component, **{
+            k: v if v is None else tuple(s * x for x in v) if isinstance(v, tuple) else s * v for k, v in changes.items()
+        })  # fmt: skip
+
+    device = dataclasses.replace(DEVICE, hysteresis=scaled(DEVICE.hysteresis))
+    plain = simulate(System(DEVICE, EXAMPLES[name]), DRIVE)
+    drive = dataclasses.replace(DRIVE, amplitude=s * DRIVE.amplitude)
+    found = simulate(System(device, scaled(EXAMPLES[name])), drive)
+    assert found.converged, found.message
+    assert found.harvested_power == pytest.approx(s**2 * plain.harvested_power, rel=1e-8, abs=1e-30)
+    assert found.displacement_amplitude == pytest.approx(s * plain.displacement_amplitude, rel=1e-8)
+    assert found.energy["hysteresis"] == pytest.approx(s**2 * plain.energy["hysteresis"], rel=1e-7, abs=1e-30)
+
+
+@each_shunt
+def test_mirrored_coupling_is_mirrored_electrodes(name):
+    """Swapping the leads changes the sign of every electrical signal and nothing else."""
+    plain = simulate(System(DEVICE, EXAMPLES[name]), DRIVE)
+    found = simulate(System(dataclasses.replace(DEVICE, coupling=-DEVICE.coupling), EXAMPLES[name]), DRIVE)
+    assert found.harvested_power == pytest.approx(plain.harvested_power, rel=1e-9, abs=1e-18)
+    assert found.displacement_amplitude == pytest.approx(plain.displacement_amplitude, rel=1e-9)
+    assert found.voltage_amplitude == pytest.approx(plain.voltage_amplitude, rel=1e-9)
