@@ -122,8 +122,8 @@ def _element(table: Mapping[str, Any], key: str, number: int) -> Element:
             raise ParameterError(f"{key}.{name}", f"found an unknown key, allowed are {', '.join(known)}")
     kind = _kind(table, key)
     name = table.get("name", f"{kind}{number}")
-    if not isinstance(name, str) or not name.strip() or len(name.split()) > 1:
-        raise ParameterError(f"{key}.name", f"found {name!r}, allowed is one word")
+    if not isinstance(name, str) or not re.fullmatch(r"[\w-]+", name, re.ASCII):
+        raise ParameterError(f"{key}.name", f"found {name!r}, allowed are letters, digits, _ and -")
     load = table.get("load", False)
     if not isinstance(load, bool):
         raise ParameterError(f"{key}.load", f"found {load!r}, allowed is true or false")

@@ -226,6 +226,12 @@ class TestText:
         assert "nan" not in text
         assert "inf" not in text
 
+    def test_base_acceleration_pushes_backwards(self):
+        drive = {"kind": "sine_base", "amplitude": 2.0, "frequency": 48.0}
+        text = netlist(bench({"kind": "open"}, drive, modes=[SECOND], effective_mass=0.013))
+        assert "Gdrive1 0 u1 drive 0 -0.013\n" in text
+        assert f"Gdrive2 0 u2 drive 0 -{SECOND['mass']}\n" in text
+
     def test_title_is_one_line(self):
         system, excitation = objects(bench({"kind": "open"}, DRIVE))
         text = export_spice(*_parts(system), excitation, title="a\nb  c")

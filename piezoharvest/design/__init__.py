@@ -1,1 +1,6 @@
-"""Choice of the shunt: optimal loads and tuning."""
+"""Choice of the shunt: optimal loads and tuning, checked by simulation, best first."""
+
+from piezoharvest.design.result import Bound, Candidate, DesignResult
+from piezoharvest.design.search import design
+
+__all__ = ["Bound", "Candidate", "DesignResult", "design"]

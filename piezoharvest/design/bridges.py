@@ -7,7 +7,7 @@ two-port leaves when its capacitance is taken out, so that further modes and eff
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -16,8 +16,10 @@ from piezoharvest.design.drafts import Draft
 from piezoharvest.design.starts import Start
 from piezoharvest.design.twoport import LinearView
 from piezoharvest.linear import TwoPort
-from piezoharvest.shunts import Open, ParallelSSHI, SeriesSSHI
 from piezoharvest.shunts.bridge import Bridge
+from piezoharvest.shunts.open import Open
+from piezoharvest.shunts.parallel_sshi import ParallelSSHI
+from piezoharvest.shunts.series_sshi import SeriesSSHI
 
 _LOADS = np.geomspace(1e-4, 1e4, 801)  # R C w, before the local maxima are polished
 _DROP_STEPS = 40
@@ -65,7 +67,9 @@ def bridge_starts(view: LinearView, draft: Draft) -> list[Start]:
     found = []
     for n in np.flatnonzero((values <= padded[:-2]) & (values < padded[2:])):
         bounds = (logs[max(n - 1, 0)], logs[min(n + 1, len(logs) - 1)])
-        best = minimize_scalar(lambda x: float(merit(x)[0]), bounds=bounds, method="bounded", options={"xatol": 1e-6})
+        best: Any = minimize_scalar(
+            lambda x: float(merit(x)[0]), bounds=bounds, method="bounded", options={"xatol": 1e-6}
+        )
         found.append((best.fun, scale * float(np.exp(best.x))))
     name = "equivalent impedance (Liang & Liao 2012)"
     return [_start(name, draft, bridge, load, source, capacitance) for _, load in sorted(found)[:3]]

@@ -12,16 +12,20 @@ import numpy as np
 
 from piezoharvest.circuit import Port
 from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts import LinearShunt, Open, Short, Shunt, registered
+from piezoharvest.shunts import LinearShunt, Shunt, registered
 from piezoharvest.shunts.bridge import Bridge
-from piezoharvest.shunts.switching import InductiveSwitch
+from piezoharvest.shunts.open import Open
+from piezoharvest.shunts.short import Short
+from piezoharvest.shunts.switching import InductiveSwitch, SynchronisedShunt
 from piezoharvest.study import DesignOptions
 from piezoharvest.transducer import Transducer
 
 # Inversion by exp(-pi/(2 Q)) = 0.77 of the voltage: the middle of what small coils of some 10 ohm to kohm reach.
 QUALITY = 6.0
 FLIP_SHARE = 1 / 50  # of the period: short beside it, and still slow enough for a coil
-RIPPLE_PERIODS = 50.0  # R C_s in periods: the dc voltage then moves by 1 % in a half period
+# R C_s in periods. In the steady state, which takes as long to find with any, the dc voltage then moves by 0.5 % in a
+# half period and the best load by 0.2 %; where charging up counts, by 2.5 % and 1 %.
+STEADY_PERIODS, TRANSIENT_PERIODS = 100.0, 20.0
 NEGATIVE_SHARE = 0.5  # of the clamped capacitance: doubles K^2, with as much again to the limit of stability
 _TUNED_UNITS = ("ohm", "H", "F")
 
@@ -75,6 +79,8 @@ class Drafting:
     options : DesignOptions
     frequency : float
         Hz, where impedances are compared.
+    steady : bool
+        Whether the excitation has a steady state.
     left_out : list of str
         Why kinds that were named, or would fit, are not among the drafts.
     """
@@ -83,6 +89,7 @@ class Drafting:
     templates: Sequence[Shunt]
     options: DesignOptions
     frequency: float
+    steady: bool
     left_out: list[str] = field(default_factory=list)
 
     def drafts(self) -> list[Draft]:
@@ -95,7 +102,8 @@ class Drafting:
         """
         named = self.options.candidates
         found: list[Draft] = []
-        for kind, cls in registered().items() if named is None else [(k, registered()[k]) for k in dict.fromkeys(named)]:
+        for kind in registered() if named is None else dict.fromkeys(named):
+            cls = registered()[kind]
             own = [shunt for shunt in self.templates if shunt.kind == kind]
             drafts = [self._from_template(shunt) for shunt in own] or self._assume(cls, named is not None)
             found += [draft for draft in drafts if named is not None or self._fits(draft.shunt, bool(own))]
@@ -133,14 +141,22 @@ class Drafting:
             if f.init and f.default is MISSING and f.default_factory is MISSING and f.name not in values
         ]  # fmt: skip
         if needed:
-            if wanted or cls.kind in ("network", "ssdv"):
-                names = " and ".join(needed)
-                self.left_out.append(f"{cls.kind} without {names}, which only a [[shunts]] table can give")
+            if wanted or self._may_fit(cls):
+                self.left_out.append(f"{cls.kind}, whose {' and '.join(needed)} only a [[shunts]] table can give")
             return []
         shunt = cls(**values)
-        period = 1 / self.frequency
-        smoothing = RIPPLE_PERIODS * period if isinstance(shunt, Bridge) else None
-        return [Draft(shunt, self._free(shunt), notes, smoothing)]
+        return [Draft(shunt, self._free(shunt), notes, self._smoothing if isinstance(shunt, Bridge) else None)]
+
+    @property
+    def _smoothing(self) -> float:
+        """Time constant in s of an assumed smoothing capacitance with the load."""
+        return (STEADY_PERIODS if self.steady else TRANSIENT_PERIODS) / self.frequency
+
+    def _may_fit(self, cls: type[Shunt]) -> bool:
+        """Whether a kind that cannot be built could be of use: what only switches does not harvest."""
+        if self.options.objective == "damping" or issubclass(cls, Bridge) or not issubclass(cls, SynchronisedShunt):
+            return True
+        return cls.harvested_share is not SynchronisedShunt.harvested_share
 
     def _typical(self, cls: type[Shunt]) -> tuple[dict[str, Any], tuple[str, ...]]:
         """Typical values of a kind's fields, and what is to be said of them."""
@@ -156,8 +172,8 @@ class Drafting:
         values, notes = {}, []
         if issubclass(cls, Bridge):
             load = np.pi / (2 * omega * capacitance)
-            values |= {"load_resistance": load, "smoothing_capacitance": RIPPLE_PERIODS / (self.frequency * load)}
-            notes.append(f"ideal diodes, R C_s = {RIPPLE_PERIODS:g} periods (1 % ripple)")
+            values |= {"load_resistance": load, "smoothing_capacitance": self._smoothing / load}
+            notes.append(f"ideal diodes, R C_s = {self._smoothing * self.frequency:g} periods")
         if issubclass(cls, InductiveSwitch):
             values |= {"quality": QUALITY, "inductance": self._switched_inductance()}
             inversion = np.exp(-np.pi / (2 * QUALITY))
@@ -176,7 +192,8 @@ def harvests(shunt: Shunt, capacitance: float, period: float | None) -> bool:
     """Whether any configuration of a circuit, or its switch, brings power to a load."""
     states = [state.name for state in shunt.states(capacitance)]
     rows = np.eye(len(states) + 4)
-    port = Port(*rows[-4:], capacitance)
+    v, dv, i, one = rows[-4:]
+    port = Port(v, dv, i, one, capacitance)
     z = SimpleNamespace(**dict(zip(states, rows, strict=False)))
     if any(shunt.powers(name, port, z).get("harvested") for name in shunt.configurations()):
         return True
@@ -194,6 +211,7 @@ def _distinct(drafts: list[Draft]) -> list[Draft]:
     """Drafts that differ in more than their first values."""
     kept: dict[Any, Draft] = {}
     for draft in drafts:
-        fixed = tuple((f.name, getattr(draft.shunt, f.name)) for f in dataclasses.fields(draft.shunt) if f.name not in draft.free)
+        names = [f.name for f in dataclasses.fields(draft.shunt) if f.name not in draft.free]
+        fixed = tuple(getattr(draft.shunt, name) for name in names)
         kept.setdefault((draft.kind, draft.free, fixed), draft)
     return list(kept.values())

@@ -101,6 +101,12 @@ class Goal:
         """The objective alone, smaller is better: logarithm of displacement, or of one over power."""
         return _log(figures.displacement_amplitude) if self.damping else -_log(figures.harvested_power)
 
+    def agree(self, first: Figures, second: Figures, within: float) -> bool:
+        """Whether two judgements of a shunt are the same: in e-folds of what counts, and on the side of each limit."""
+        a, b = ([self.score(f), *self.excess(f).values()] for f in (first, second))
+        sides = [(x > _TOLERANCE) == (y > _TOLERANCE) for x, y in zip(a[1:], b[1:], strict=True)]
+        return bool(np.allclose(a, b, rtol=0, atol=within)) and all(sides)
+
     def merit(self, figures: Figures) -> float:
         """The one number that every tuning makes small: objective, and a penalty on what exceeds the limits."""
         beyond = sum(max(0.0, by + MARGIN) for by in self.excess(figures).values())

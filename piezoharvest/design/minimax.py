@@ -9,18 +9,18 @@ be met still has an answer: the one that misses it by least.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
 
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.goal import MARGIN, PENALTY
+from piezoharvest.design.region import Region
 from piezoharvest.design.starts import Start
 from piezoharvest.design.twoport import LinearView
 from piezoharvest.shunts import Shunt
 
-SPAN = np.log(1e4)  # e-folds about a part's typical size within which it is sought
 _REACH = 3.0  # e-folds about the start of a round
 _STEP = 1e-5  # of central differences, in e-folds: the error of the gradient is 1e-10
 _ROUNDS = 15
@@ -37,29 +37,12 @@ class Tuned(NamedTuple):
     iterations: int
 
 
-def tune(view: LinearView, draft: Draft, start: Start, scale: dict[str, float]) -> Tuned:
-    """Tune the free parts of a linear shunt from one start.
-
-    Parameters
-    ----------
-    view : LinearView
-    draft : Draft
-    start : Start
-    scale : dict
-        Typical size of every free part.
-    """
-    names = list(draft.free)
-    lower = np.log([scale[name] for name in names]) - SPAN
-    upper = lower + 2 * SPAN
-    limit = view.goal.options.max_inductance
-    if limit is not None and "inductance" in names:
-        n = names.index("inductance")
-        upper[n] = min(upper[n], np.log(limit))
-        lower[n] = min(lower[n], upper[n] - SPAN)
-    program = _Program(view, draft, lower, upper)
-    p = np.clip(np.log([start.values[name] for name in names]), lower, upper)
-    best, best_merit, iterations = p, program.merit(p), 0
-    program.widen(p)
+def tune(view: LinearView, draft: Draft, start: Start, region: Region) -> Tuned:
+    """Tune the free parts of a linear shunt from one start, within a region."""
+    program = _Program(view, draft, region)
+    best = region.logs(start.values)
+    best_merit, iterations = program.merit(best), 0
+    program.widen(best)
     for _ in range(_ROUNDS):
         p, steps = program.solve(best)
         iterations += steps
@@ -81,13 +64,12 @@ class _Program:
 
     view: LinearView
     draft: Draft
-    lower: np.ndarray
-    upper: np.ndarray
+    region: Region
     grid: np.ndarray = field(default_factory=lambda: np.empty(0))
     _at: tuple = (None, None, None)
 
     def shunt(self, p: np.ndarray) -> Shunt:
-        return self.draft.with_values({name: float(np.exp(x)) for name, x in zip(self.draft.free, p, strict=True)})
+        return self.draft.with_values(self.region.values(p))
 
     def merit(self, p: np.ndarray) -> float:
         return self.view.goal.merit(self.view.figures(self.shunt(p)))
@@ -109,19 +91,20 @@ class _Program:
 
     def solve(self, start: np.ndarray) -> tuple[np.ndarray, int]:
         """Solve on the present set of frequencies; gives p and the iterations."""
-        n = len(start)
+        n, region = len(start), self.region
         value, _ = self._forms(start)
         level = float(np.max(value[1])) if self.view.goal.damping else 0.0
         y = np.concatenate((start, [level, 0.0]))
         y[-1] = max(0.0, -np.min(self._constraints(y), initial=0.0))
-        low, high = np.maximum(self.lower, start - _REACH), np.minimum(self.upper, start + _REACH)
-        bounds = [*zip(low, high, strict=True), (level - 50, level + 50) if self.view.goal.damping else (0, 0), (0, None)]
+        low, high = np.maximum(region.lower, start - _REACH), np.minimum(region.upper, start + _REACH)
+        levels = (level - 50, level + 50) if self.view.goal.damping else (0.0, 0.0)
+        bounds = [*zip(low, high, strict=True), levels, (0.0, None)]
         constraints = [{"type": "ineq", "fun": self._constraints, "jac": self._constraints_slope}]
-        found = minimize(
+        found: Any = minimize(
             self._objective, y, jac=True, bounds=bounds, method="SLSQP", options={"maxiter": 100, "ftol": 1e-10},
             constraints=constraints if len(self._constraints(y)) else (),
         )  # fmt: skip
-        return np.clip(found.x[:n], self.lower, self.upper), int(found.nit)
+        return region.clip(found.x[:n]), int(found.nit)
 
     def _forms(self, p: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """Logarithms of power, displacement and voltage at p, and their slopes by central differences in one batch."""
@@ -151,12 +134,16 @@ class _Program:
         parts = [y[-2] - displacement] if self.view.goal.damping else []
         for limit, sign, levels in self._limits(power, displacement, voltage):
             parts.append(sign * (limit - levels) - MARGIN + y[-1])
+        if np.any(self.region.coil):
+            parts.append(np.atleast_1d(self.region.coil @ y[:-2] - self.region.offset))
         return np.concatenate(parts) if parts else np.empty(0)
 
     def _constraints_slope(self, y: np.ndarray) -> np.ndarray:
         _, slopes = self._forms(y[:-2])
         parts = [_block(-slopes[1], 1.0, 0.0)] if self.view.goal.damping else []
         parts += [_block(-sign * slope, 0.0, 1.0) for _, sign, slope in self._limits(*slopes)]
+        if np.any(self.region.coil):
+            parts.append(_block(self.region.coil[None], 0.0, 0.0))
         return np.concatenate(parts) if parts else np.empty((0, len(y)))
 
     def _limits(self, power, displacement, voltage):

@@ -10,7 +10,8 @@ import numpy as np
 from piezoharvest.excitation import Excitation, Multisine, Tones
 from piezoharvest.linear import poles, resonances
 from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts import Open, Short
+from piezoharvest.shunts.open import Open
+from piezoharvest.shunts.short import Short
 from piezoharvest.system import System
 from piezoharvest.transducer import Transducer
 
@@ -113,7 +114,7 @@ def mean_nodes(
     """
     middle, half = 0.5 * (band[0] + band[1]), 0.5 * (band[1] - band[0])
     found = np.concatenate([poles(System(transducer, shunt)) for shunt in (Short(), Open())])
-    found = found[found.imag > 0]
+    found = found[np.imag(found) > 0]
     places = (found / (2j * np.pi) - middle) / half  # of real frequency: the pole's damping is its distance from it
     root = np.sqrt(places**2 - 1 + 0j)
     ellipse = float(np.min(np.maximum(np.abs(places + root), np.abs(places - root)), initial=1e3))

@@ -15,7 +15,8 @@ import numpy as np
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.twoport import LinearView
 from piezoharvest.linear import TwoPort, resonances
-from piezoharvest.shunts import LinearShunt, NegativeCapacitance
+from piezoharvest.shunts import LinearShunt
+from piezoharvest.shunts.negative_capacitance import NegativeCapacitance
 
 
 class Start(NamedTuple):
@@ -46,7 +47,7 @@ class Host:
     opened: float
     capacitance: float
     coupling: float
-    impedance: complex
+    impedance: np.complex128
 
     @classmethod
     def of(cls, view: LinearView) -> Host:
@@ -57,7 +58,7 @@ class Host:
         n = int(np.argmin(np.abs(np.log(found.short_circuit.undamped / frequency))))
         short, opened = (2 * np.pi * r.undamped[n] for r in (found.short_circuit, found.open_circuit))
         with np.errstate(all="ignore"):
-            impedance = complex(TwoPort.of(transducer, frequency, amplitude=view.amplitude).impedance()[0])
+            impedance = np.complex128(TwoPort.of(transducer, frequency, amplitude=view.amplitude).impedance()[0])
         coupling = (opened**2 - short**2) / short**2
         return cls(2 * np.pi * frequency, short, opened, view.capacitance, coupling, impedance)
 
@@ -120,7 +121,7 @@ def _series_rl(host: Host, _: LinearShunt) -> list[Start]:
 
 
 def _parallel_rl(host: Host, shunt: LinearShunt) -> list[Start]:
-    def match(z: complex) -> dict[str, float]:
+    def match(z: np.complex128) -> dict[str, float]:
         y = 1 / z
         return {"inductance": 1 / (host.omega * y.imag), "resistance": 1 / y.real}
 

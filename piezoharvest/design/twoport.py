@@ -14,7 +14,9 @@ from piezoharvest.design.goal import Figures, Goal
 from piezoharvest.design.operation import Operation
 from piezoharvest.linear import frequency_response, hysteresis_slope, poles
 from piezoharvest.linear.response import FrequencyResponse
-from piezoharvest.shunts import Open, Resistor, Short, Shunt
+from piezoharvest.shunts import Shunt
+from piezoharvest.shunts.resistor import Resistor
+from piezoharvest.shunts.short import Short
 from piezoharvest.system import System
 from piezoharvest.transducer import Transducer
 
@@ -23,8 +25,10 @@ _AMPLITUDE_STEPS = 60
 
 
 class Levels(NamedTuple):
-    """Power (..., ) in W; displacement (..., g) in m and voltage (..., g) in V: on a grid of frequencies, or for lines
-    that act at once the amplitude of a sine with the same mean square."""
+    """Power (...) in W, displacement (..., g) in m and voltage (..., g) in V.
+
+    Amplitudes on a grid of frequencies; for lines that act at once, that of a sine with the same mean square.
+    """
 
     power: np.ndarray
     displacement: np.ndarray
@@ -81,11 +85,11 @@ class LinearView:
         height = np.abs(of(self.response(shunt, grid)))
         padded = np.concatenate(([-np.inf], height, [-np.inf]))
         tops = np.flatnonzero((height >= padded[:-2]) & (height > padded[2:]))
-        return np.array([self._top(shunt, of, grid, n) for n in tops])
+        return np.array([self._top(shunt, of, grid, int(n)) for n in tops])
 
     def _top(self, shunt: Shunt, of, grid: np.ndarray, n: int) -> float:
         left, right = grid[max(n - 1, 0)], grid[min(n + 1, len(grid) - 1)]
-        found = minimize_scalar(
+        found: Any = minimize_scalar(
             lambda f: -float(np.abs(of(self.response(shunt, f)))),
             bounds=(left, right), method="bounded", options={"xatol": 1e-7 * (right - left)},
         )  # fmt: skip
@@ -95,9 +99,9 @@ class LinearView:
     def _near_poles(self, shunt: Shunt, band: tuple[float, float]) -> np.ndarray:
         """Frequencies around the poles, as close as their damping makes the response change."""
         found = poles(System(self.transducer, shunt))
-        found = found[found.imag > 0]
+        found = found[np.imag(found) > 0]
         spread = np.array([-2, -1, -0.5, 0, 0.5, 1, 2])
-        places = (found.imag[:, None] + found.real[:, None] * spread).ravel() / (2 * np.pi)
+        places = (np.imag(found)[:, None] + np.real(found)[:, None] * spread).ravel() / (2 * np.pi)
         return places[(places > band[0]) & (places < band[1])]
 
     def grid(self, shunt: Shunt) -> np.ndarray:
@@ -133,11 +137,11 @@ class LinearView:
         if self.transducer.hysteresis is None:
             return self
         frequency = self.operation.centre(self.transducer)
-        if shunt is None:
-            shunt = Resistor(resistance=1 / (2 * np.pi * frequency * self.transducer.capacitance))
+        matched = Resistor(resistance=1 / (2 * np.pi * frequency * self.transducer.capacitance))
+        load = matched if shunt is None else shunt
         view, lines = self, self.operation.frequencies
         for _ in range(_AMPLITUDE_STEPS):
-            charge = np.abs(view.response(shunt, lines).charge)
+            charge = np.abs(view.response(load, lines).charge)
             op = self.operation
             new = op.amplitude * np.max(charge) if op.apart else np.sqrt(charge**2 @ op.squares)
             old = view.amplitude or new
@@ -145,10 +149,3 @@ class LinearView:
             if abs(new / old - 1) < 1e-4 and view.amplitude:
                 break
         return view
-
-
-def open_like(view: LinearView, shunt: Shunt) -> bool:
-    """Whether open or shorted electrodes do within 0.1 % what the shunt does to the displacement."""
-    worst = view.figures(shunt).displacement_amplitude
-    others = [view.figures(Open()).displacement_amplitude, view.shorted]
-    return any(abs(worst / other - 1) < 1e-3 for other in others if np.isfinite(other) and other > 0)

@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine.algebra import dot
+from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.march import NONE, march
 from piezoharvest.engine.state import (
-    ACTED, BETWEEN, CLOSED, COLUMNS, CONFIGURATION, DIRECTION, LOGGED, NOW, OPENS, QUEUE, WAITING, orient, set_tones,
+    ACTED,
+    BETWEEN,
+    CLOSED,
+    COLUMNS,
+    CONFIGURATION,
+    DIRECTION,
+    LOGGED,
+    NOW,
+    OPENS,
+    QUEUE,
+    WAITING,
+    orient,
+    set_tones,
 )  # fmt: skip
 from piezoharvest.engine.tables import seek
 
@@ -18,7 +30,7 @@ TINY = 1e-12  # a guard this small, relative to its terms, is zero
 AT_ONCE = 60  # events at one instant beyond which the model chatters
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def log(S, code):
     """Write an event down."""
     if S.discrete[LOGGED] < len(S.log_time):
@@ -27,7 +39,7 @@ def log(S, code):
     S.discrete[LOGGED] += 1
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def stored(P, z):
     """Stored energy, J."""
     total, own = 0.0, z[: P.storage.shape[0]]
@@ -36,7 +48,7 @@ def stored(P, z):
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def cut(P, S, state):
     """Set a current to zero; its energy is lost in the shunt."""
     before = stored(P, S.z)
@@ -47,7 +59,7 @@ def cut(P, S, state):
         S.energy[pg.SHUNT_LOSS] += before - stored(P, S.z)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def extract(P, S):
     """Take the electrode voltage to zero at once: charge moves, stops with it, piece by piece as they saturate."""
     delivered = 0.0
@@ -87,7 +99,7 @@ def extract(P, S):
         S.energy[pg.SHUNT_LOSS] += (1.0 - P.efficiency) * delivered
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _shift(P, z, slip, move):
     z[P.charge] += move
     for j in range(len(slip)):
@@ -95,7 +107,7 @@ def _shift(P, z, slip, move):
             z[P.stop_state[j]] += move
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def act(P, S, polarity):
     """The switch acts, at a maximum (polarity +1) or a minimum of sum T_i x_i."""
     if P.switched == 2:
@@ -111,7 +123,7 @@ def act(P, S, polarity):
     log(S, pg.CLOSE)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def release(P, S):
     """The switch opens; current that still flows is cut."""
     S.discrete[CLOSED] = 0
@@ -121,9 +133,9 @@ def release(P, S):
     log(S, pg.OPEN)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def extremum(P, S):
-    """sum T_i x_i is at an extremum: an action is due after the lag, unless the last one was too short ago."""
+    """Sum T_i x_i is at an extremum: an action is due after the lag, unless the last one was too short ago."""
     polarity = S.discrete[DIRECTION]
     S.discrete[DIRECTION] = -polarity
     if P.switched == 0:
@@ -143,7 +155,7 @@ def extremum(P, S):
     S.discrete[WAITING] += 1
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def happen(P, S, guard):
     """Carry out what a guard stands for."""
     own = P.guard_target.shape[1]
@@ -166,35 +178,29 @@ def happen(P, S, guard):
             log(S, pg.SLIP)
 
 
-@njit(cache=True, error_model="numpy")
-def active(P, S, guard):
-    """Whether a guard exists in the mode now."""
-    own = P.guard_target.shape[1]
-    if guard < own:
-        return P.guard_target[S.discrete[CONFIGURATION], guard] >= 0
-    if guard == own:
-        return True
-    j, side = (guard - own - 1) // 2, (guard - own - 1) % 2
-    return S.slip[j] == 0 or side == 0
-
-
-@njit(cache=True, error_model="numpy")
+@compiled
 def overdue(P, T, S, slot):
     """First guard that is above zero, or at zero and about to rise: value, rate and second rate decide in turn.
 
     Zero is judged against the size of the guard's terms and of what its rate makes of a short step.
     """
+    z, sign, guards, sizes, slip = S.z, S.sign, T.guards, T.guard_size, S.slip
+    targets, configuration, own = P.guard_target, S.discrete[CONFIGURATION], P.guard_target.shape[1]
     size = 0.0
-    for i in range(len(S.z)):
-        size += abs(S.z[i])
+    for i in range(len(z)):
+        size += abs(z[i])
     short = 0.5 ** T.finest[slot] * P.step
-    for g in range(len(S.sign)):
-        if not active(P, S, g):
+    for g in range(len(sign)):
+        if g < own and targets[configuration, g] < 0:
+            continue
+        if g > own and (g - own - 1) % 2 == 1 and slip[(g - own - 1) // 2] != 0:
             continue
         for k in range(3):
-            r = 3 * g + k
-            value = S.sign[g] * dot(T.guards[slot, r], S.z)
-            tolerance = T.guard_size[slot, r] + (short * T.guard_size[slot, r + 1] if k < 2 else 0.0)
+            value = 0.0
+            for i in range(len(z)):
+                value += guards[slot, 3 * g + k, i] * z[i]
+            value *= sign[g]
+            tolerance = sizes[slot, 3 * g + k] + (short * sizes[slot, 3 * g + k + 1] if k < 2 else 0.0)
             tolerance *= TINY * 10.0**k * size
             if value > tolerance:
                 return g
@@ -203,13 +209,13 @@ def overdue(P, T, S, slot):
     return NONE
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _flow(matrix, z, out):
     for i in range(len(z)):
         out[i] = dot(matrix[i], z)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def enter_event(P, T, S, slot, guard):
     """Sensitivity of the time of an event, and the sensitivities of the state taken to that time."""
     if S.discrete[COLUMNS] == 0:
@@ -225,7 +231,7 @@ def enter_event(P, T, S, slot, guard):
     _move(P, S, flow, 1.0)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def leave_event(P, T, S, slot):
     """Sensitivities at fixed time again, on the motion after the event (the saltation)."""
     if S.discrete[COLUMNS]:
@@ -234,14 +240,14 @@ def leave_event(P, T, S, slot):
         _move(P, S, flow, -1.0)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _move(P, S, flow, sign):
     for s in range(S.discrete[COLUMNS]):
         for i in range(P.rate.shape[1]):
             S.phi[s, i] += sign * flow[i] * S.event_phi[s]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def settle(P, T, S):
     """Carry out whatever is due at this instant without time passing.
 
@@ -259,7 +265,7 @@ def settle(P, T, S):
     return CHATTER, NONE
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def clock_event(P, S):
     """The next scheduled event: its time, and whether the switch opens (1) or acts (0), or NONE."""
     due, kind = S.clock[OPENS], 1 if S.clock[OPENS] < np.inf else NONE
@@ -268,7 +274,7 @@ def clock_event(P, S):
     return due, kind
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def clock_happens(P, S, kind):
     """Carry out a scheduled event."""
     if kind == 1:
@@ -282,7 +288,7 @@ def clock_happens(P, S, kind):
     act(P, S, polarity)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def advance(P, T, S, t_end):
     """Run to t_end through all events; returns DONE, MISSING, CHATTER or INVALID (the state is not finite).
 

@@ -178,7 +178,11 @@ def _join(*parts: np.ndarray) -> np.ndarray:
 def _pad(blocks, axis: int) -> np.ndarray:
     """Blocks of one configuration each, zero-padded to the same length and stacked along `axis` from the end."""
     longest = max(1, *(b.shape[-2] for b in blocks))
-    padded = [np.concatenate([b, np.zeros((*b.shape[:-2], longest - b.shape[-2], b.shape[-1]))], axis=-2) for b in blocks]
+
+    def pad(block):
+        return np.concatenate([block, np.zeros((*block.shape[:-2], longest - block.shape[-2], block.shape[-1]))], axis=-2)
+
+    padded = [pad(block) for block in blocks]
     return np.stack(np.broadcast_arrays(*padded), axis=axis)
 
 
@@ -213,7 +217,8 @@ def lower(system: System, excitation: Excitation) -> Lowered:
     switch = shunt.switch(capacitance, excitation.period)
     program = _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
     categories = (*pg.CATEGORIES, *(effect.name for effect in system.transducer.effects), pg.MEAN_DC)
-    return Lowered(program, _equilibrium(layout, excitation) / program.scale, tuple(layout.names), names, categories, signal)
+    equilibrium = _equilibrium(layout, excitation) / program.scale
+    return Lowered(program, equilibrium, tuple(layout.names), names, categories, signal)
 
 
 def _equilibrium(layout, excitation) -> np.ndarray:

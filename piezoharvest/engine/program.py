@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.reference import reference
 
 TONES, RAMPS = 0, 1
@@ -91,7 +91,7 @@ class Program(NamedTuple):
 ProgramRef, ProgramType = reference(Program)
 
 
-@njit(cache=True)
+@compiled
 def point(program):
     """The program by pointer, for compiled code."""
     return ProgramRef(*program)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -68,8 +69,6 @@ def _short_amplitude(transducer, excitation: Excitation, transient: float | None
 
 
 def _with(response: Response, **changes) -> Response:
-    from dataclasses import replace
-
     return replace(response, **changes)
 
 
@@ -88,13 +87,24 @@ def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str) -
     period, rest = excitation.period, excitation.rest
     mirrored = _symmetric(lowered, excitation)
     shooting = Shooting(Machine(lowered), period, mirrored, rest)
-    orbit = shooting.find()
+    orbit, message = shooting.find(), ""
     evaluations = orbit.evaluations
     if mirrored and not orbit.converged:
         # A symmetric orbit may lose its stability to one that is not.
-        shooting = Shooting(Machine(lowered), period, False, rest)
+        mirrored = False
+        shooting = Shooting(Machine(lowered), period, mirrored, rest)
         orbit = shooting.find()
         evaluations += orbit.evaluations
+    if orbit.converged:
+        arrives, here = shooting.from_rest(orbit)
+        if not arrives:
+            shooting = Shooting(Machine(lowered), period, False, rest)
+            reached = shooting.nearby(here, orbit.time)
+            away = np.linalg.norm(reached.section.z - here.z)
+            if not reached.converged or away > 0.05 * np.linalg.norm(here.z):
+                return _unsettled(lowered, excitation, samples, kind, orbit, evaluations)
+            message = "several periodic steady states exist; this is the one that a motion from rest comes to"
+            orbit, mirrored = reached, False
     if not orbit.converged:
         return _unsettled(lowered, excitation, samples, kind, orbit, evaluations)
     # Begin at a multiple of the period, so that waveforms start at phase zero.
@@ -104,9 +114,9 @@ def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str) -
     state = recorder.load(orbit.section, begin, sensitivities=0, track=True, log=LONGEST_LOG, sample_time=times)
     _check(recorder.machine.run(state, begin + period))
     phase = np.mod(begin, period)
-    response = _response(lowered, state, kind, period, begin, 0.0, samples)
-    response = _rotated(response, phase, period, excitation)
-    return _finish(response, "", evaluations)
+    response = _response(lowered, state, kind, period, begin, 0.0)
+    response = _rotated(response, phase, period)
+    return _finish(response, message, evaluations)
 
 
 def _check(status: int) -> None:
@@ -114,17 +124,14 @@ def _check(status: int) -> None:
         raise EngineError(status)
 
 
-def _rotated(response: Response, phase: float, period: float, excitation: Excitation) -> Response:
+def _rotated(response: Response, phase: float, period: float) -> Response:
     """Put the samples of a period that begins at a phase (s) in the order of a period that begins at zero."""
     w = response.waveforms
     assert w is not None
     time = np.mod(w.time + phase, period)
     # Samples are shifted by less than their spacing, so that the first one has phase zero or more.
     order = np.argsort(time, kind="stable")
-    signals = {
-        name: getattr(w, name)[order]
-        for name in ("drive", "displacement", "velocity", "voltage", "current", "charge", "hysteresis_voltage", "dc_voltage")
-    }
+    signals = {name: getattr(w, name)[order] for name in pg.OUTPUTS}
     events = np.mod(w.event_times + phase, period)
     sequence = np.argsort(events, kind="stable")
     names = tuple(w.event_names[k] for k in sequence)
@@ -149,7 +156,7 @@ def _transient(lowered, excitation: Excitation, length: float | None, samples: i
     before = stored(machine.program, state.z)
     _check(machine.run(state, t_end))
     change = stored(machine.program, state.z) - before
-    return _finish(_response(lowered, state, kind, t_end, 0.0, change, samples), "", np.nan)
+    return _finish(_response(lowered, state, kind, t_end, 0.0, change), "", np.nan)
 
 
 def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evaluations: float) -> Response:
@@ -167,26 +174,26 @@ def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evalu
     before = stored(machine.program, recorder.z)
     _check(machine.run(recorder, begin + window))
     change = stored(machine.program, recorder.z) - before
-    response = _response(lowered, recorder, kind, window, begin, change, samples)
+    response = _response(lowered, recorder, kind, window, begin, change)
     energy = {key: value / UNSETTLED_PERIODS if key != "closure" else value for key, value in response.energy.items()}
-    reason = (
-        f"the periodic solution is unstable (multiplier {orbit.radius:.4g})"
-        if orbit.residual <= ACCEPTED
-        else f"no periodic solution was found (relative change over a period {orbit.residual:.1e})"
-    )
+    if orbit.converged:
+        reason = "a periodic solution exists and is stable, but a motion from rest does not come to it"
+    elif orbit.residual <= ACCEPTED:
+        reason = f"the periodic solution is unstable (multiplier {orbit.radius:.4g})"
+    else:
+        reason = f"no periodic solution was found (relative change over a period {orbit.residual:.1e})"
     message = f"no steady state: {reason}; averages are over {UNSETTLED_PERIODS} periods after {skipped}"
     events = response.events_per_period // UNSETTLED_PERIODS
     response = _with(response, period=period, energy=energy, events_per_period=events)
     return _with(response, converged=False, message=message, periods_evaluated=evaluations + skipped)
 
 
-def _response(lowered: Lowered, state: st.State, kind: str, length: float, begin: float, change: float, samples) -> Response:
+def _response(lowered: Lowered, state: st.State, kind: str, length: float, begin: float, change: float) -> Response:
     """Read a response off the state at the end of a run of the given length (s) that began at `begin`."""
     energy = {name: float(e) for name, e in zip(lowered.categories, state.energy, strict=True)}
     dc_time = energy.pop(pg.MEAN_DC)
-    for optional in ("source",):
-        if energy[optional] == 0.0:
-            del energy[optional]
+    if energy["source"] == 0.0:
+        del energy["source"]
     supplied = energy["mechanical_in"] + energy.get("source", 0.0)
     spent = sum(value for name, value in energy.items() if name not in ("mechanical_in", "source"))
     if change != 0.0:
@@ -228,5 +235,5 @@ def _finish(response: Response, message: str, evaluations: float) -> Response:
 
 def _failed(kind: str, reason: str) -> Response:
     """A response that only says why there is none."""
-    nothing = {"mechanical_in": 0.0, "harvested": 0.0, "damping": 0.0, "hysteresis": 0.0, "shunt_loss": 0.0, "closure": 1.0}
+    nothing = dict.fromkeys(("mechanical_in", "harvested", "damping", "hysteresis", "shunt_loss"), 0.0) | {"closure": 1.0}
     return Response(kind, False, f"simulation failed: {reason}", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.nan, nothing, 0, 0)

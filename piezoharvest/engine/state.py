@@ -5,15 +5,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from piezoharvest.engine import program as pg
+from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.reference import reference
 
 QUEUE = 4  # actions of the switch that may be waiting at one time
 
-# Places in `State.discrete`. COLUMNS counts the sensitivities that are carried, BETWEEN marks an event half carried out.
-CONFIGURATION, DIRECTION, WAITING, CLOSED, LOGGED, SAMPLED, STEPS, COLUMNS, BETWEEN = range(9)
+# Places in `State.discrete`. COLUMNS counts the sensitivities that are carried, BETWEEN marks an event half done.
+CONFIGURATION, DIRECTION, WAITING, CLOSED, LOGGED, SAMPLED, COLUMNS, BETWEEN = range(8)
 # Places in `State.clock`: now, when the switch opens, when it last acted.
 NOW, OPENS, ACTED = range(3)
 
@@ -46,7 +46,7 @@ class State(NamedTuple):
 StateRef, StateType = reference(State)
 
 
-@njit(cache=True)
+@compiled
 def point(state):
     """The state by pointer, for compiled code; its arrays are shared."""
     return StateRef(*state)
@@ -67,7 +67,7 @@ def rest(
     times = np.zeros(0) if sample_time is None else np.ascontiguousarray(sample_time, float)
     state = State(
         z=np.zeros(a),
-        discrete=np.zeros(9, np.int64),
+        discrete=np.zeros(8, np.int64),
         clock=np.array([0.0, np.inf, -np.inf]),
         slip=np.zeros(len(program.stop_state), np.int64),
         queue=np.zeros(QUEUE),
@@ -91,7 +91,7 @@ def rest(
     return state
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def orient(P, S):
     """Set the signs of the guards: the extremum's by the direction of motion, a slipping stop's by its side."""
     extremum = P.guard_target.shape[1]
@@ -100,7 +100,7 @@ def orient(P, S):
         S.sign[extremum + 1 + 2 * j] = 1.0 if S.slip[j] == 0 else S.slip[j]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def set_tones(P, S, t):
     """Exogenous states of a sum of tones, from the phase itself so that nothing drifts."""
     n = P.rate.shape[1]
@@ -111,7 +111,7 @@ def set_tones(P, S, t):
     S.z[-1] = 1.0 / P.exo_scale[-1]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def set_ramp(P, S, value, slope):
     """Exogenous states of a straight piece of signal."""
     n = P.rate.shape[1]

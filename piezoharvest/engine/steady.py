@@ -23,6 +23,8 @@ ITERATIONS = 24
 TOLERANCE = 1e-12  # aimed at
 ACCEPTED = 1e-9  # good enough where rounding allows no more
 STABLE = 1 + 1e-6
+# A motion from rest is compared with the orbit every so many periods, so many times at most.
+CHECKED, PATIENCE = 100, 15
 
 
 @dataclass(frozen=True)
@@ -113,12 +115,10 @@ class Shooting:
         state = self.machine.state(self.rest, log=4096)
         best, spans = None, 0
         for count in WARM_UP:
+            self._run(state, (spans + count - 1) * self.span)
             state.discrete[st.LOGGED] = 0
-            for _ in range(count):
-                self._run(state, (spans + 1) * self.span)
-                if spans == 0 or count > 1:
-                    state.discrete[st.LOGGED] = 0 if _ < count - 1 else state.discrete[st.LOGGED]
-                spans += 1
+            spans += count
+            self._run(state, spans * self.span)
             time = spans * self.span + self._quiet(state)
             self._run(state, time)
             orbit = self._newton(self._save(state, time)[0], time)
@@ -146,6 +146,34 @@ class Shooting:
         gaps = np.diff(times, append=times[0] + self.span)
         k = int(np.argmax(gaps))
         return float(np.mod(times[k] + 0.5 * gaps[k], self.span))
+
+    def from_rest(self, orbit: Orbit) -> tuple[bool, Section]:
+        """Whether a motion from rest goes to an orbit, and where it has come to.
+
+        The smoothing capacitor begins with the orbit's voltage, so that its slow charging is not waited for. A motion
+        that still comes closer when the patience ends is taken to arrive.
+        """
+        start = replace(
+            orbit.section, z=np.where(self.odd < 0, 0.0, orbit.section.z), slip=0 * orbit.section.slip,
+            configuration=0, opens=None, waiting=(), polarity=(), acted=-np.inf,
+        )  # fmt: skip
+        state = self.load(start, orbit.time, sensitivities=0)
+        size, before, time = np.linalg.norm(orbit.section.z), np.inf, orbit.time
+        for _ in range(PATIENCE):
+            time += CHECKED * self.period
+            self._run(state, time)
+            here = self._save(state, time, plain=True)[0]
+            distance = np.linalg.norm(here.z - orbit.section.z)
+            if distance <= 0.02 * size:
+                return True, here
+            if distance > 0.98 * before:
+                return False, here
+            before = distance
+        return True, here
+
+    def nearby(self, section: Section, time: float) -> Orbit:
+        """Newton's method from a given section."""
+        return self._newton(section, time)
 
     def _newton(self, start: Section, time: float) -> Orbit:
         """Newton's method with a line search; where it does not help, the map itself is followed."""
@@ -212,17 +240,18 @@ class Shooting:
                 state.opens_phi[-1] = 1.0
         return state
 
-    def _save(self, state: st.State, time: float, columns: int = 0) -> tuple[Section, np.ndarray]:
-        """Section reached at `time`, mirrored where the span is half a period, and its derivative."""
+    def _save(self, state: st.State, time: float, columns: int = 0, plain: bool = False) -> tuple[Section, np.ndarray]:
+        """Section reached at `time`, mirrored where the span is half a period unless `plain`, and its derivative."""
         n, w = self.n, int(state.discrete[st.WAITING])
         closed = bool(state.discrete[st.CLOSED])
-        sign = -1 if self.mirrored else 1
-        parity = self.odd if self.mirrored else np.ones(n)
+        mirrored = self.mirrored and not plain
+        sign = -1 if mirrored else 1
+        parity = self.odd if mirrored else np.ones(n)
         configuration = int(state.discrete[st.CONFIGURATION])
         section = Section(
             z=parity * state.z[:n],
             slip=sign * state.slip,
-            configuration=int(self.mirror[configuration]) if self.mirrored else configuration,
+            configuration=int(self.mirror[configuration]) if mirrored else configuration,
             direction=sign * int(state.discrete[st.DIRECTION]),
             opens=state.clock[st.OPENS] - time if closed else None,
             waiting=tuple(state.queue[:w] - time),

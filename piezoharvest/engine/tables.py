@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine.algebra import dot, product, row_product
+from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.reference import reference
 
 MODES = 64  # kept at once; met again after that, they are built anew
@@ -44,7 +44,7 @@ class Tables(NamedTuple):
 TablesRef, TablesType = reference(Tables)
 
 
-@njit(cache=True)
+@compiled
 def point(tables):
     """The tables by pointer, for compiled code."""
     return TablesRef(*tables)
@@ -74,7 +74,7 @@ def allocate(program: pg.Program, ledger: bool, levels: int = 60):
     return point(tables)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def seek(T, configuration, slip):
     """Index of a mode in the tables, or -1."""
     key = mode_key(configuration, slip)
@@ -84,7 +84,7 @@ def seek(T, configuration, slip):
     return -1
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def mode_key(configuration, slip):
     """One number for a mode."""
     key = np.int64(configuration)
@@ -93,7 +93,7 @@ def mode_key(configuration, slip):
     return key
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def build(P, T, configuration, slip):
     """Tables of a mode that is not there yet; the oldest are dropped where there is no room left."""
     if T.size[0] == len(T.key):
@@ -108,9 +108,9 @@ def build(P, T, configuration, slip):
         _energies(P, T, slot, configuration)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _motion(P, T, slot, configuration, slip):
-    """z' = matrix z, the sticking stops tied to their inputs one after the other (Sherman-Morrison)."""
+    """Z' = matrix z, the sticking stops tied to their inputs one after the other (Sherman-Morrison)."""
     n, a = P.rate.shape[1], P.rate.shape[2]
     matrix = T.matrix[slot]
     matrix[:n] = P.rate[configuration]
@@ -140,7 +140,7 @@ def _motion(P, T, slot, configuration, slip):
                 response[i, other] += response[i, j] * shared / gain
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _forms(P, T, slot, configuration, slip):
     """Guards (the circuit's, the extremum, two for each stop), products and outputs over the augmented state."""
     n, a = P.rate.shape[1], P.rate.shape[2]
@@ -183,7 +183,7 @@ def _forms(P, T, slot, configuration, slip):
         T.outputs[slot, o] += P.output_z[configuration, o]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _exponentials(T, slot, longest):
     """exp(A h) - 1 on the finest level by its Taylor series, then doubled up to the longest step."""
     a = T.matrix.shape[1]
@@ -216,7 +216,7 @@ def _exponentials(T, slot, longest):
         growth[level - 1] += growth[level]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _energies(P, T, slot, configuration):
     """Energies of a step as quadratic forms of the state at its beginning, on every level.
 
@@ -257,9 +257,9 @@ def _energies(P, T, slot, configuration):
                         gramian[level - 1, e, i, j] += factor * scratch[k, j]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def quadratic(form, z):
-    """z form z."""
+    """Z form z."""
     total = 0.0
     for i in range(len(z)):
         total += z[i] * dot(form[i], z)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
+from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.events import DONE, MISSING, advance
 from piezoharvest.engine.lower import Lowered
 from piezoharvest.excitation import Tones
 
 
-@njit(cache=True)
+@compiled
 def through_ramps(P, T, S, times, starts, slopes, piece, t_end):
     """Run through straight pieces of signal from the `piece` that holds now; returns the status and the piece reached.
 

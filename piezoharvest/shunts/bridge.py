@@ -30,7 +30,7 @@ class Bridge(Shunt):
         super().__post_init__()
         smoothed = self.smoothing_capacitance is not None and self.load_resistance is not None
         neither = self.smoothing_capacitance is None and self.load_resistance is None
-        if not (smoothed and self.dc_voltage is None or neither and self.dc_voltage is not None):
+        if not ((smoothed and self.dc_voltage is None) or (neither and self.dc_voltage is not None)):
             given = [k for k in ("smoothing_capacitance", "load_resistance", "dc_voltage") if getattr(self, k) is not None]
             raise ParameterError(
                 "dc_voltage" if self.dc_voltage is not None else "smoothing_capacitance",

@@ -81,10 +81,12 @@ class Network(LinearShunt):
         return cut[np.ix_(rows, [n for n, e in enumerate(links) if e.kind == link])]
 
     def states(self, capacitance):
+        """Voltage of every capacitor and current of every inductor."""
         storing = [e for e in self.elements if e.kind != "R"]
         return tuple(State(_state(e), e.value) for e in storing)
 
     def equations(self, configuration, port, z, dz):
+        """Current law at the port and of tree capacitors, voltage law of link inductors, ties of redundant states."""
         tree, links, cut = self._topology
         none = 0.0 * port.one
         link_currents, tree_voltages = self._resistors(port, z)
@@ -110,6 +112,7 @@ class Network(LinearShunt):
         return equations
 
     def powers(self, configuration, port, z):
+        """Power of each resistor: harvested in loads, lost in others."""
         link_currents, tree_voltages = self._resistors(port, z)
         powers: dict[str, list[Product]] = {"harvested": [], "shunt_loss": []}
         for e, current in link_currents.items():

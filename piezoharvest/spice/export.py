@@ -91,6 +91,10 @@ def _write_introduction(deck: Deck) -> None:
     deck.comment("Written by piezoharvest, for ngspice (ngspice -b FILE) and LTspice (open FILE, run).")
     deck.comment("Results of the .meas commands: ngspice prints them; in LTspice, View > SPICE Output Log.")
     deck.comment(
+        "LTspice gives every inductor 1 milliohm in series and, unless this is turned off (Control Panel > Hacks), "
+        "some damping in parallel; plotwinsize=0 keeps it from compressing waveforms before it measures."
+    )
+    deck.comment(
         "All in SI units, a volt or an ampere of the netlist standing for one of them. Signs: force and displacement "
         "are positive in the same direction; m x'' + b x' + k x = F + T v_t, q = C v_t + T x, v_p = v_t + v_h; the "
         "electrode voltage V(p) times the current that leaves node p into the shunt is power given to the shunt."
@@ -151,7 +155,7 @@ def _write_analysis(deck: Deck, scene: Scene, window: tuple[float, float], step:
     deck.comment("Gear integration damps what trapezoidal integration lets ring after a switch has opened.")
     charge, voltage = 1e-9 * scene.current / scene.omega, 1e-7 * min(1.0, scene.voltage)
     deck.add(
-        f".options method=gear reltol={number(tolerance)} trtol=1 abstol={number(1e-9 * scene.current)} "
+        f".options method=gear reltol={number(tolerance)} trtol=1 plotwinsize=0 abstol={number(1e-9 * scene.current)} "
         f"vntol={number(voltage)} chgtol={number(charge)}"
     )
     deck.add(".save V(drive) V(x) V(p) V(vdc) V(harvested) V(mechanical) I(Vport)")

@@ -4,12 +4,18 @@ import dataclasses
 import itertools
 
 from conftest import BENCH, DRIVE
+
 from piezoharvest.parameters import ParameterError
+from piezoharvest.shunts import LinearShunt
 
 OMEGA = 2 * 3.141592653589793 * DRIVE["frequency"]
 IMPEDANCE = 1 / (OMEGA * BENCH["capacitance"])
-# Of the size that suits the bench, by unit; a loop's inductance is small, its quality a pure number.
-TYPICAL = {"ohm": IMPEDANCE, "F": 0.6 * BENCH["capacitance"], "H": 0.01, "V": 1.0, "s": 2e-4, "C": 1e-7, "A": 1e-8, "": 6.0}
+# Of the size that suits the bench, by unit: an inductance resonates with the electrodes, a pure number is a quality.
+TYPICAL = {
+    "ohm": IMPEDANCE, "F": 0.6 * BENCH["capacitance"], "H": IMPEDANCE / OMEGA, "V": 1.0, "s": 2e-4, "C": 1e-7, "A": 1e-8,
+    "": 6.0,
+}  # fmt: skip
+SWITCHED_INDUCTANCE = 0.01
 # Fields that have no unit.
 GIVEN = {"network": {"netlist": "L1 1 2 150\nC1 2 0 30n\nR1 2 0 100k load"}}
 # Combinations beside the plainest ones that are worth a run.
@@ -25,9 +31,11 @@ VARIANTS = {
 }
 
 
-def typical(field):
+def typical(cls, field):
     """Value of a quantity field, within its bounds."""
     value = TYPICAL[field.metadata["unit"]]
+    if field.metadata["unit"] == "H" and not issubclass(cls, LinearShunt):
+        value = SWITCHED_INDUCTANCE
     if field.metadata.get("at_most") is not None:
         value = min(value, field.metadata["at_most"])
     return value
@@ -36,7 +44,7 @@ def typical(field):
 def plain_examples(cls, given):
     """Every smallest set of keys with which a component can be built."""
     fields = [f for f in dataclasses.fields(cls) if "unit" in f.metadata and f.name not in given]
-    needed = {f.name: typical(f) for f in fields if f.default is dataclasses.MISSING}
+    needed = {f.name: typical(cls, f) for f in fields if f.default is dataclasses.MISSING}
     optional = [f for f in fields if f.default is None]
     found = []
     for count in range(len(optional) + 1):
@@ -45,7 +53,7 @@ def plain_examples(cls, given):
             if any(set(smaller) <= names for smaller, _ in found):
                 continue
             try:
-                found.append((names, cls(**given, **needed, **{f.name: typical(f) for f in chosen})))
+                found.append((names, cls(**given, **needed, **{f.name: typical(cls, f) for f in chosen})))
             except ParameterError:
                 continue
     return [example for _, example in found]

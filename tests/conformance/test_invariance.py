@@ -4,11 +4,11 @@ import dataclasses
 
 import pint
 import pytest
+from conftest import BENCH, DRIVE, STOPS
+from examples import examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from conftest import BENCH, DRIVE, STOPS
-from examples import examples
 from piezoharvest import effects, shunts
 from piezoharvest.engine import simulate
 from piezoharvest.excitation import SineForce
@@ -20,7 +20,13 @@ UNITS = pint.UnitRegistry()
 DIMENSIONS = ("[mass]", "[length]", "[time]", "[current]")
 DEVICE = Transducer(**BENCH, hysteresis=Hysteresis(**STOPS), effects=(effects.Leakage(resistance=1e6),))
 DRIVE = SineForce(amplitude=DRIVE["amplitude"], frequency=DRIVE["frequency"])
-EXAMPLES = {name: shunt for name, shunt in examples(shunts.registered()).items() if not isinstance(shunt, shunts.Network)}
+# A network's elements are not fields; a series negative capacitance is unstable beside a leakage.
+EXAMPLES = {
+    name: shunt
+    for name, shunt in examples(shunts.registered()).items()
+    if shunt.kind != "network" and getattr(shunt, "topology", "") != "series"
+}
+VOLTAGE = 2.0  # what strain makes of open electrodes
 decades = st.floats(-3, 3)
 few = settings(max_examples=4, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
 each_shunt = pytest.mark.parametrize("name", EXAMPLES)
@@ -66,7 +72,7 @@ def check(name, scales, tolerance=1e-8):
     ):
         by = factor(unit, scales)
         wanted = getattr(plain, field)
-        assert getattr(found, field) / by == pytest.approx(wanted, rel=tolerance, abs=1e-15 * abs(wanted)), field
+        assert getattr(found, field) / by == pytest.approx(wanted, rel=tolerance, abs=1e-9 * VOLTAGE * (unit == "V")), field
     assert found.attenuation_db == pytest.approx(plain.attenuation_db, abs=1e-6)
     assert found.events_per_period == plain.events_per_period
 

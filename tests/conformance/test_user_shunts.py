@@ -6,8 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-
 from conftest import BENCH, DRIVE, LOOP
+
 from piezoharvest import shunts
 from piezoharvest.circuit import Guard, Product, State
 from piezoharvest.engine import simulate

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-
 from conftest import inversion
 
 KINDS = ("rectifier", "parallel_sshi", "series_sshi", "sece", "ssds", "ssdi", "ssdv", "resistor")

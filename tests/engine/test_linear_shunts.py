@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-
 from conftest import BENCH, DRIVE, SECOND, STOPS, bench, distance, objects, one_period, phasor, solve
+
 from piezoharvest.engine import simulate
 from piezoharvest.excitation import Multisine
-from piezoharvest.linear import frequency_response
+from piezoharvest.linear import check_stability, frequency_response
+from piezoharvest.parameters import ParameterError
 
 NEGATIVE = {"kind": "negative_capacitance", "resistance": 1e5}
 CIRCUITS = {
@@ -45,6 +46,13 @@ def test_steady_state_is_the_frequency_response(circuit, device):
     study = bench(CIRCUITS[circuit], drive, **keys)
     system, excitation = objects(study)
     amplitude = excitation.amplitude
+    try:
+        check_stability(system)
+    except ParameterError:
+        assert circuit == "series negative" and device == "effects"
+        # A leakage discharges what floats, and the negative capacitance grows with it.
+        assert not solve(study).converged
+        return
     wanted = frequency_response(system, [excitation.frequency], base=excitation.base)
     found = solve(study)
     assert found.converged, found.message

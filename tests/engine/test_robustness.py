@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from conftest import BENCH, DRIVE, LOOP, STOPS, bench, distance, one_period, solve
 
 PERIOD = 1 / 50.6

@@ -1,7 +1,6 @@
 """Steady states found by shooting against those that the oracle waits for."""
 
 import pytest
-
 from conftest import DRIVE, LOOP, SECOND, STOPS, bench, solve
 from oracles.reference import steady
 from random_studies import random_study

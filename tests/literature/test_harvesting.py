@@ -5,9 +5,9 @@ import math
 
 import numpy as np
 import pytest
+from conftest import inversion
 from scipy.optimize import brentq, minimize, minimize_scalar
 
-from conftest import inversion
 from piezoharvest.engine import simulate
 from piezoharvest.excitation import SineForce
 from piezoharvest.shunts import SECE, NegativeCapacitance, ParallelSSHI, Rectifier, Resistor, SeriesRL, SeriesSSHI

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-
 from conftest import inversion
+
 from piezoharvest.engine import simulate
 from piezoharvest.excitation import SineForce
 from piezoharvest.shunts import SSDI, SSDS, SSDV, Short

@@ -1,0 +1,82 @@
+"""Where the parts of a linear shunt are sought: a box in logarithms, and what an inductor can be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezoharvest.design.drafts import Draft
+from piezoharvest.design.starts import Host, scales
+
+SPAN = np.log(1e4)  # e-folds about a part's typical size
+COIL_QUALITY = 100.0  # w L/R that hardly a coil or gyrator passes; without it a tuning would end in lossless resonances
+_AT_BOUND = 0.01  # e-folds
+_SERIES = {"series_rl": 1.0, "series_rlc": 1.0, "parallel_rl": -1.0, "parallel_rlc": -1.0}
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """Values allowed for the free parts of a draft, as logarithms in the order of `draft.free`.
+
+    Attributes
+    ----------
+    names : tuple of str
+    lower, upper : (n,) array
+    coil : (n,) array
+        Row of the linear condition coil @ p >= offset: the resistance is no less (in parallel no more) than that of an
+        inductor of quality `COIL_QUALITY`. Zero where there is none.
+    offset : float
+    """
+
+    names: tuple[str, ...]
+    lower: np.ndarray
+    upper: np.ndarray
+    coil: np.ndarray
+    offset: float
+
+    @classmethod
+    def of(cls, draft: Draft, host: Host, max_inductance: float | None) -> Region:
+        """Region of a draft across a host."""
+        middle = np.log(list(scales(draft, host).values()))
+        lower, upper, coil = middle - SPAN, middle + SPAN, np.zeros(len(middle))
+        names = list(draft.free)
+        if max_inductance is not None and "inductance" in names:
+            n = names.index("inductance")
+            upper[n] = min(upper[n], np.log(max_inductance))
+            lower[n] = min(lower[n], upper[n] - SPAN)
+        sign = _SERIES.get(draft.kind, 0.0)
+        if sign:
+            coil[names.index("resistance")], coil[names.index("inductance")] = sign, -sign
+        return cls(draft.free, lower, upper, coil, float(sign * np.log(host.omega) - np.log(COIL_QUALITY)))
+
+    def logs(self, values: Mapping[str, float]) -> np.ndarray:
+        """Logarithms of values, brought into the region."""
+        return self.clip(np.log([values[name] for name in self.names]))
+
+    def values(self, p: np.ndarray) -> dict[str, float]:
+        """Values from their logarithms."""
+        return {name: float(np.exp(x)) for name, x in zip(self.names, p, strict=True)}
+
+    def clip(self, p: np.ndarray) -> np.ndarray:
+        """The nearest point inside: into the box, then by the resistance alone to what the coil allows."""
+        p = np.clip(p, self.lower, self.upper)
+        missing = self.offset - self.coil @ p
+        if np.any(self.coil) and missing > 0:
+            n = self.names.index("resistance")
+            p[n] += self.coil[n] * missing
+        return p
+
+    def told(self, p: np.ndarray) -> list[str]:
+        """What is to be said of a point at the region's border, in words."""
+        found = []
+        if np.any(self.coil) and self.coil @ p - self.offset < _AT_BOUND:
+            found.append(
+                f"the resistance is what a coil of quality {COIL_QUALITY:g} has by itself, nothing is left for a load"
+            )
+        for n, name in enumerate(self.names):
+            if name != "inductance" and min(p[n] - self.lower[n], self.upper[n] - p[n]) < _AT_BOUND:
+                side = "smallest" if p[n] < 0.5 * (self.lower[n] + self.upper[n]) else "largest"
+                found.append(f"the {side} {name} tried is the best: it might as well be left out")
+        return found

@@ -1,0 +1,171 @@
+"""The design itself: draft candidates, tune each, check it by simulation, rank them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from piezoharvest.design.bridges import bridge_starts
+from piezoharvest.design.drafts import Draft, Drafting
+from piezoharvest.design.goal import Goal, largest_inductance
+from piezoharvest.design.minimax import Tuned, tune
+from piezoharvest.design.operation import is_sine, operation_of
+from piezoharvest.design.refine import refine
+from piezoharvest.design.region import Region
+from piezoharvest.design.result import Candidate, DesignResult
+from piezoharvest.design.starts import Host, Start, starts
+from piezoharvest.design.trial import Trial
+from piezoharvest.design.twoport import LinearView
+from piezoharvest.parameters import ParameterError
+from piezoharvest.shunts import LinearShunt
+from piezoharvest.shunts.bridge import Bridge
+from piezoharvest.study import DesignOptions, Study
+
+LARGEST_COIL = 1.0  # H; beyond, "discrete inductors are limited" (Fleming, Behrens & Moheimani, SMS 12, 57-64, 2003)
+_AGREES = 2e-3  # the two-port and the simulation, whose mean over a band is good to 1e-3
+_AMPLITUDE_ROUNDS = 3
+
+Progress = Callable[[str], object]
+
+
+def design(study: Study, progress: Progress | None = None) -> DesignResult:
+    """Tune every candidate of a study, check it by nonlinear simulation and rank them.
+
+    Parameters
+    ----------
+    study : Study
+        `study.design` says what is wanted; without it the defaults of `DesignOptions` hold. `study.shunts` are
+        templates: what of them is not tuned (diode drop, quality, smoothing capacitance, ...) is kept.
+    progress : callable, optional
+        Called with short texts on the way.
+
+    Returns
+    -------
+    DesignResult
+
+    Raises
+    ------
+    ParameterError
+        No candidate is left, the excitation moves nothing, or the objective is one that is still to come.
+
+    Notes
+    -----
+    Linear shunts are tuned on the exact two-port from the closed forms of the literature (`starts`, `minimax`), and
+    on the engine from there where the two disagree (hysteresis, an excitation of several tones). Rectifying shunts
+    are tuned on the engine from every optimum of their equivalent impedance (`bridges`, `refine`). Over a band the
+    drive is a sine of unchanged amplitude: harvested power is its mean, displacement the worst peak.
+    """
+    options = study.design or DesignOptions()
+    for key, allowed in (("objective", ("harvest", "damping")), ("parts", (None,))):
+        if getattr(options, key) not in allowed:
+            words = " or ".join(repr(value) for value in allowed if value) or "to leave it out"
+            later = f"found {getattr(options, key)!r}, which this version cannot do yet, allowed is {words}"
+            raise ParameterError(f"design.{key}", later)
+    return _Design(study, options, progress or (lambda _: None)).run()
+
+
+@dataclass
+class _Design:
+    study: Study
+    options: DesignOptions
+    progress: Progress
+    notes: list[str] = field(default_factory=list)
+
+    def run(self) -> DesignResult:
+        study, options = self.study, self.options
+        if options.band is not None and not is_sine(study.excitation):
+            self.notes.append(f"design.band is not used: {study.excitation.kind} has a spectrum of its own")
+        self.operation = operation_of(study.excitation, options.band, study.transducer)
+        self.goal = Goal(options)
+        self.view = LinearView(study.transducer, self.operation, self.goal).working()
+        self.trial = Trial(self.view)
+        self.host = Host.of(self.view)
+        drafting = Drafting(
+            study.transducer, study.shunts, options, self.host.omega / (2 * np.pi), self.operation.periodic
+        )
+        drafts = drafting.drafts()
+        if drafting.left_out:
+            self.notes.append(f"left out: {'; '.join(drafting.left_out)}")
+        candidates = tuple(sorted((self._candidate(draft) for draft in drafts), key=self._rank))
+        if not candidates[0].feasible:
+            self.notes.insert(0, "no candidate keeps all limits")
+        return DesignResult(candidates=candidates, notes=tuple(self.notes))
+
+    def _rank(self, candidate: Candidate) -> tuple:
+        value = candidate.displacement_amplitude if self.goal.damping else -candidate.harvested_power
+        return not candidate.converged, not candidate.feasible, value if np.isfinite(value) else np.inf
+
+    def _candidate(self, draft: Draft) -> Candidate:
+        """Tune a draft and check it."""
+        self.progress(f"{draft.kind}: tuning {', '.join(draft.free) or 'nothing'}")
+        tuned = self._tuned(draft)
+        figures = self.trial.figures(tuned.shunt, complete=True)
+        capacitance = self.study.transducer.capacitance
+        violates = self.goal.violated(figures, tuned.shunt, capacitance)
+        found = Candidate(
+            shunt=tuned.shunt, harvested_power=figures.harvested_power, attenuation_db=figures.attenuation_db,
+            displacement_amplitude=figures.displacement_amplitude, voltage_amplitude=figures.voltage_amplitude,
+            converged=figures.converged, violates=violates, start=tuned.start, method=tuned.method,
+            iterations=tuned.iterations, response=figures.response,
+        )  # fmt: skip
+        self._tell(draft, found, figures.message)
+        return found
+
+    def _tuned(self, draft: Draft) -> Tuned:
+        if not draft.free:
+            return Tuned(draft.shunt, np.nan, "as given", "nothing to tune", 0)
+        if isinstance(draft.shunt, LinearShunt):
+            return self._linear(draft)
+        assert isinstance(draft.shunt, Bridge)
+        found = bridge_starts(self.view, draft) or [Start("as given", draft.first())]
+        return _best(refine(self.trial, draft, start) for start in found)
+
+    def _linear(self, draft: Draft) -> Tuned:
+        """On the two-port; on the engine from there where the simulation says otherwise."""
+        view, region = self.view, self._region(draft)
+        best = _best(tune(view, draft, start, region) for start in starts(draft, self.host))
+        for _ in range(_AMPLITUDE_ROUNDS if view.amplitude else 0):
+            # The describing function at the amplitude that the tuned shunt brings about, not at a guessed one.
+            view = view.working(best.shunt)
+            best = tune(view, draft, _start_at(draft, best), region)._replace(start=best.start)
+        if not view.amplitude and not self.operation.periodic:
+            return best  # made for what is expected of a random signal, not for this one realisation
+        if self.goal.agree(view.figures(best.shunt), self.trial.figures(best.shunt), _AGREES):
+            return best
+        refined = refine(self.trial, draft, _start_at(draft, best), region)
+        steps = best.iterations + refined.iterations
+        return refined._replace(method=f"{best.method}, {refined.method}", iterations=steps)
+
+    def _region(self, draft: Draft) -> Region:
+        return Region.of(draft, self.host, self.options.max_inductance)
+
+    def _tell(self, draft: Draft, found: Candidate, message: str) -> None:
+        """Notes on a candidate: assumptions, parts that cannot be bought, optima at their bounds, limits."""
+        kind, tell = found.shunt.kind, self.notes.append
+        self.progress(f"{kind}: {found.harvested_power:.4g} W, {found.attenuation_db:.2f} dB")
+        for text in draft.assumed:
+            tell(f"{kind}: assumed {text}")
+        inductance = largest_inductance(found.shunt, self.study.transducer.capacitance)
+        if inductance > LARGEST_COIL:
+            tell(f"{kind}: {inductance:.3g} H needs a synthetic inductor (coils end at about {LARGEST_COIL:g} H)")
+        if draft.free and isinstance(found.shunt, LinearShunt):
+            region = self._region(draft)
+            for text in region.told(np.log([getattr(found.shunt, name) for name in draft.free])):
+                tell(f"{kind}: {text}")
+        if not found.converged:
+            tell(f"{kind}: not to be trusted: {message or 'a simulation did not converge'}")
+        elif message:
+            tell(f"{kind}: {message}")
+        if found.violates:
+            tell(f"{kind}: does not keep {', '.join(found.violates)}")
+
+
+def _best(tried: Iterable[Tuned]) -> Tuned:
+    """The best; of those that end in the same optimum the first, which is named after the better known formula."""
+    return min(tried, key=lambda tuned: round(tuned.merit, 5))
+
+
+def _start_at(draft: Draft, tuned: Tuned) -> Start:
+    return Start(tuned.start, {name: getattr(tuned.shunt, name) for name in draft.free})

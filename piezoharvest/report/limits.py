@@ -1,0 +1,96 @@
+"""What a transducer can do with any interface: limits of power, and the figures of its two-port."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezoharvest.excitation import Excitation, Tones
+from piezoharvest.linear import resonances
+from piezoharvest.transducer import Transducer
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Power in W that no interface can exceed, with the formula that it comes from."""
+
+    power: float
+    formula: str
+
+
+def power_limit(transducer: Transducer, excitation: Excitation) -> Limit | None:
+    """Most power that any interface, linear or not, can draw; None where nothing limits it or none is known.
+
+    Notes
+    -----
+    Of F u - b u^2, averaged, no velocity u makes more than F^2/(8 b) for a sine of peak F: the limit of REFERENCE
+    section 3. Every mode takes its own share of the force, and tones of different frequencies add up; the sum over
+    modes and tones is a limit although not always one that can be reached. For noise the same mean square counts.
+    """
+    square, words = _mean_square(excitation)
+    if square is None:
+        return None
+    modes = transducer.all_modes
+    gains = [mode.base_mass if excitation.base else mode.force_participation for mode in modes]
+    driven = [(gain, mode.damping) for gain, mode in zip(gains, modes, strict=True) if gain]
+    if not driven or min(damping for _, damping in driven) <= 0:
+        return None
+    total = sum(gain**2 / (4 * damping) for gain, damping in driven)
+    formula = words.replace("F", "(m a)") if excitation.base else words
+    return Limit(float(square * total), f"sum over modes of {formula}" if len(driven) > 1 else formula)
+
+
+def _mean_square(excitation: Excitation) -> tuple[float | None, str]:
+    """Mean square of the driving signal without its static part, and the limit's formula for one mode."""
+    psd = getattr(excitation, "psd", None)
+    if psd is not None:
+        low, high = excitation.band  # pyright: ignore[reportAttributeAccessIssue]
+        return float(psd * (high - low)), "mean F²/(4 b)"
+    signal = excitation.signal()
+    if not isinstance(signal, Tones):
+        return None, ""
+    phasors: dict[float, complex] = {}
+    for frequency, amplitude, phase in zip(*np.broadcast_arrays(*signal[:3]), strict=True):
+        phasors[float(frequency)] = phasors.get(float(frequency), 0) + amplitude * np.exp(1j * phase)
+    square = 0.5 * sum(abs(phasor) ** 2 for phasor in phasors.values())
+    return float(square), "F²/(8 b)" if len(phasors) == 1 else "sum over tones of F²/(8 b)"
+
+
+@dataclass(frozen=True)
+class ModeFigures:
+    """Figures of one mode's two-port; frequencies in Hz.
+
+    Attributes
+    ----------
+    short_circuit, open_circuit : float
+        Undamped resonances.
+    coupling_squared : float
+        k_e^2 = (w_oc^2 - w_sc^2)/w_sc^2.
+    quality : float
+        Mechanical quality Q_m = sqrt(k m)/b, infinite without damping.
+    """
+
+    short_circuit: float
+    open_circuit: float
+    coupling_squared: float
+    quality: float
+
+    @property
+    def merit(self) -> float:
+        """k_e^2 Q_m: from 2 on a resistor, from pi on a rectifier reaches the limit of power."""
+        return self.coupling_squared * self.quality
+
+
+def mode_figures(transducer: Transducer, operating_point: str = "stick") -> tuple[ModeFigures, ...]:
+    """Figures of all modes; `operating_point` says whether hysteresis sticks or slips."""
+    found = resonances(transducer, operating_point=operating_point)
+    short, opened = found.short_circuit.undamped, found.open_circuit.undamped
+    modes = sorted(transducer.all_modes, key=lambda mode: mode.stiffness / mode.mass)
+    quality = [
+        np.sqrt(mode.stiffness * mode.mass) / mode.damping if mode.damping > 0 else float("inf") for mode in modes
+    ]
+    return tuple(
+        ModeFigures(float(sc), float(oc), float((oc**2 - sc**2) / sc**2), float(q))
+        for sc, oc, q in zip(short, opened, quality, strict=True)
+    )

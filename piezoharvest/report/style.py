@@ -1,0 +1,122 @@
+"""One look for all figures: size, fonts, colours, and how they are written."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter
+
+from piezoharvest.output import atomic
+
+WIDTH = 7.4  # inches: page width at the page's font size
+INK, MUTED, GRID, PAPER = "#1d232b", "#68717d", "#d9dde3", "#fffffe"
+LIMIT = "#b3123f"
+# Okabe & Ito 2008, "Color Universal Design": told apart with any colour vision; without its yellow and black.
+PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+DASHES = ("-", (0, (5, 1.6)), (0, (1.4, 1.3)), (0, (6, 1.6, 1.4, 1.6)))
+# Colours that follow the page's light or dark scheme where the figure stands in it.
+THEMED = {
+    INK: "currentColor", MUTED: "var(--muted)", GRID: "var(--grid)", PAPER: "var(--paper)", LIMIT: "var(--limit)",
+    **{colour: f"var(--series-{n})" for n, colour in enumerate(PALETTE, 1)},
+}  # fmt: skip
+_DPI = 180
+_SETTINGS = {
+    "font.family": "DejaVu Sans", "font.size": 9.0, "axes.titlesize": 9.0, "axes.labelsize": 9.0,
+    "xtick.labelsize": 8.5, "ytick.labelsize": 8.5, "legend.fontsize": 8.5, "axes.titlelocation": "left",
+    "text.color": INK, "axes.labelcolor": INK, "axes.edgecolor": MUTED, "xtick.color": MUTED, "ytick.color": MUTED,
+    "xtick.labelcolor": INK, "ytick.labelcolor": INK, "axes.linewidth": 0.7, "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7, "xtick.minor.width": 0.5, "ytick.minor.width": 0.5, "axes.spines.top": False,
+    "axes.spines.right": False, "axes.grid": True, "axes.axisbelow": True, "grid.color": GRID, "grid.linewidth": 0.6,
+    "lines.linewidth": 1.5, "legend.frameon": False, "legend.handlelength": 2.4, "axes.unicode_minus": True,
+    "axes.facecolor": "none", "svg.fonttype": "path", "svg.hashsalt": "piezoharvest", "path.simplify_threshold": 0.2,
+    "axes.formatter.useoffset": False,
+}  # fmt: skip
+
+
+def line_style(n: int) -> dict[str, Any]:
+    """Colour and dashes of the n-th line: colours first, then dashes too."""
+    dashes = DASHES[(n // len(PALETTE)) % len(DASHES)]
+    return {"color": PALETTE[n % len(PALETTE)], "linestyle": dashes}
+
+
+def grid_of_axes(rows: int, columns: int = 1, *, height: float, **options: Any) -> tuple[Figure, Any]:
+    """Figure of page width with a grid of axes; `height` in inches.
+
+    Returns
+    -------
+    Figure
+    Axes or array of Axes
+        One for a single cell, else of shape (rows,), (columns,) or (rows, columns).
+    """
+    with rc_context(_SETTINGS):
+        figure = Figure(figsize=(WIDTH, height), layout="constrained", facecolor="none")
+        FigureCanvasAgg(figure)
+        return figure, figure.subplots(rows, columns, **options)
+
+
+def legend_above(figure: Figure, handles: Sequence[Any], columns: int = 4) -> None:
+    """Legend in a strip above all axes, where it cannot cover data."""
+    if handles:
+        with rc_context(_SETTINGS):
+            figure.legend(handles=list(handles), loc="outside upper left", ncols=min(columns, len(handles)))
+
+
+def resistance_axis(axes: Axes, unit: str = "Ω") -> None:
+    """Logarithmic axis with engineering tick labels, such as "10 kΩ"."""
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(EngFormatter(unit=unit, sep="\u202f"))
+
+
+def frequency_axis(axes: Axes, logarithmic: bool, label: str = "frequency in Hz") -> None:
+    """Frequency axis in Hz, with tick labels in engineering form where it is logarithmic."""
+    if logarithmic:
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+    axes.set_xlabel(label)
+
+
+def mark(axes: Axes, x: float, y: float, style: dict[str, Any]) -> None:
+    """Marker of a tuned point."""
+    axes.plot([x], [y], marker="o", markersize=6, markerfacecolor=style["color"], markeredgecolor=PAPER, linestyle="none",
+              markeredgewidth=1.0, zorder=5)  # fmt: skip
+
+
+def write_png(figure: Figure, path: Path) -> None:
+    """Write a figure on white, atomically."""
+    with rc_context(_SETTINGS), atomic(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=_DPI, facecolor="white")
+
+
+def inline_svg(figure: Figure, name: str, label: str) -> str:
+    """Figure as SVG to stand in an HTML page: transparent, in the page's colours, without a reference to anything.
+
+    Parameters
+    ----------
+    figure : Figure
+    name : str
+        Unique on the page: put before every id.
+    label : str
+        What is to be seen, for those who cannot see it.
+    """
+    stream = BytesIO()
+    metadata = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+    with rc_context(_SETTINGS):
+        figure.savefig(stream, format="svg", transparent=True, metadata=metadata)
+    text = stream.getvalue().decode()
+    body = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") + 4 :], flags=re.S)
+    opening, body = body.split(">", 1)
+    box = re.search(r'viewBox="[^"]*"', opening)
+    for colour, themed in THEMED.items():
+        body = body.replace(colour, themed)
+    body = re.sub(r'\bid="', f'id="{name}-', body)
+    body = re.sub(r'xlink:href="#', f'href="#{name}-', body).replace("url(#", f"url(#{name}-")
+    title = label.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
+    return f'<svg {box.group() if box else ""} role="img" aria-label="{title}">{body}'

@@ -1,0 +1,108 @@
+"""The candidates of a design as figures and tables show them: one name, one colour, one line style throughout."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from piezoharvest.design.result import Candidate, shunt_table
+from piezoharvest.engine.response import Response, Waveforms
+from piezoharvest.report.style import line_style
+from piezoharvest.report.units import kind_name, quantity_text, symbol
+from piezoharvest.shunts import LinearShunt, Shunt
+
+LOADS = ("load_resistance", "resistance", "dc_voltage")
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A candidate with its place in the ranking.
+
+    Attributes
+    ----------
+    candidate : Candidate
+    label : str
+        Name by which it is told apart.
+    rank : int
+        From 0, best first.
+    """
+
+    candidate: Candidate
+    label: str
+    rank: int
+
+    @property
+    def shunt(self) -> Shunt:
+        """The tuned circuit."""
+        return self.candidate.shunt
+
+    @property
+    def response(self) -> Response | None:
+        """Its simulation."""
+        return self.candidate.response
+
+    @property
+    def waveforms(self) -> Waveforms | None:
+        """Signals of its simulation, None where there are none to draw."""
+        found = self.response.waveforms if self.response else None
+        return found if found is not None and len(found.time) > 1 else None
+
+    @property
+    def linear(self) -> bool:
+        """Whether it has neither switches nor diodes."""
+        return isinstance(self.shunt, LinearShunt)
+
+    @property
+    def switched(self) -> bool:
+        """Whether a synchronised switch acts in it."""
+        return hasattr(self.shunt, "phase_lag")
+
+    @property
+    def load_field(self) -> str | None:
+        """Name of the field that holds the load, None where there is no single one."""
+        return next((name for name in LOADS if getattr(self.shunt, name, None) is not None), None)
+
+    @property
+    def harvests(self) -> bool:
+        """Whether power reaches a load at all."""
+        return self.candidate.harvested_power > 0
+
+    @property
+    def style(self) -> dict[str, Any]:
+        """Colour and dashes of its line."""
+        return line_style(self.rank)
+
+    def with_load(self, value: float) -> Shunt:
+        """The circuit with another load, everything else as tuned."""
+        assert self.load_field is not None
+        return dataclasses.replace(self.shunt, **{self.load_field: value})
+
+
+def subjects_of(candidates: Iterable[Candidate]) -> tuple[Subject, ...]:
+    """Candidates in their order, those of one kind numbered."""
+    candidates = tuple(candidates)
+    total = Counter(candidate.shunt.kind for candidate in candidates)
+    seen: Counter[str] = Counter()
+    found = []
+    for rank, candidate in enumerate(candidates):
+        kind = candidate.shunt.kind
+        seen[kind] += 1
+        label = kind_name(kind) + (f" ({seen[kind]})" if total[kind] > 1 else "")
+        found.append(Subject(candidate, label, rank))
+    return tuple(found)
+
+
+def values_of(shunt: Shunt) -> Iterator[tuple[str, str]]:
+    """Symbol and value, with unit, of every key of a shunt that is not at its default."""
+    fields = {field.name: field for field in dataclasses.fields(shunt)}
+    for key, value in shunt_table(shunt).items():
+        if key == "netlist":
+            yield "netlist", ", ".join(f"{e['kind']} {quantity_text(e['value'], _PART_UNITS[e['kind']])}" for e in value)
+        elif key != "kind":
+            yield symbol(key), quantity_text(value, fields[key].metadata.get("unit"))
+
+
+_PART_UNITS = {"R": "ohm", "L": "H", "C": "F"}

@@ -1,0 +1,119 @@
+"""Numbers for people: engineering notation, units and names as they are printed."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from typing import Any
+
+_PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_ACRONYMS = {"rl", "rlc", "sshi", "sece", "ssds", "ssdi", "ssdv"}
+_SYMBOLS = {
+    "resistance": "R", "inductance": "L", "capacitance": "C", "load_resistance": "R_load", "dc_voltage": "V_dc",
+    "smoothing_capacitance": "C_s", "quality": "Q_i", "source_voltage": "V_s", "flip_time": "flip time",
+}  # fmt: skip
+NONE = "–"  # noqa: RUF001
+SPACE = "\u202f"  # narrow, and no line break: between a number and its unit
+
+
+def pretty_unit(unit: str) -> str:
+    """Unit as it is printed: "N s/m" becomes "N·s/m", "ohm" the Greek letter, "m/s^2" has a raised 2."""
+    unit = unit.replace("ohm", "Ω").replace(" or ", " | ")
+    unit = re.sub(r"(?<=\w) (?=\w)", "·", unit).replace(" | ", " or ")
+    return re.sub(r"\^(-?\d+)", lambda found: found.group(1).translate(_SUPERSCRIPT), unit)
+
+
+def takes_prefix(unit: str) -> bool:
+    """Whether an SI prefix can stand before the unit: not before a power, a percentage or a choice of units."""
+    return bool(unit) and unit[0].isalpha() and " or " not in unit and unit not in ("dB", "rad") and "^" not in unit.split("/")[0]
+
+
+def prefix_of(largest: float, unit: str = "W") -> tuple[float, str]:
+    """Factor and prefix that bring a number between 1 and 1000; mass is counted in grams, for kg has a prefix already.
+
+    Parameters
+    ----------
+    largest : float
+        The number, in the unit.
+    unit : str
+        SI unit.
+
+    Returns
+    -------
+    float
+        What a value in the unit has to be multiplied with.
+    str
+        Prefixed unit, as it is printed.
+    """
+    base, scale = ("g" + unit[2:], 1e3) if unit.startswith("kg") else (unit, 1.0)
+    size = abs(largest) * scale
+    if not takes_prefix(unit) or size == 0 or not math.isfinite(size):
+        return 1.0, pretty_unit(unit)
+    # Of the number as it is shown, so that 999.96 counts as 1000.
+    power = 3 * (int(f"{size:.3e}".partition("e")[2]) // 3)
+    power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
+    return scale / 10.0**power, _PREFIXES[power] + pretty_unit(base)
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Number with significant digits, with a true minus sign; a dash for what is not finite."""
+    if value is None or not math.isfinite(value):
+        return NONE
+    text = f"{value:#.{digits}g}".rstrip(".") if value else "0"
+    mantissa, _, exponent = text.partition("e")
+    if exponent:
+        text = f"{mantissa.rstrip('.')}·10{str(int(exponent)).translate(_SUPERSCRIPT)}"
+    return text.replace("-", "\u2212")
+
+
+def engineering(value: float | None, unit: str = "", digits: int = 3) -> str:
+    """Number with its unit and an SI prefix, such as "98.1 kΩ"; a dash for what is not finite."""
+    if value is None or not math.isfinite(value):
+        return NONE
+    factor, printed = prefix_of(value, unit)
+    text = number(value * factor, digits)
+    return f"{text}{SPACE}{printed}" if printed else text
+
+
+def listed(values: Iterable[float], unit: str = "", digits: int = 3) -> str:
+    """Numbers of one unit with a common prefix, such as "0.1, 0.3, 0.7 µC"."""
+    values = list(values)
+    factor, printed = prefix_of(max(map(abs, values), default=0.0), unit)
+    text = ", ".join(number(value * factor, digits) for value in values)
+    return f"{text}{SPACE}{printed}" if printed else text
+
+
+def percent(share: float | None, digits: int = 3) -> str:
+    """Share as a percentage."""
+    return NONE if share is None or not math.isfinite(share) else f"{number(100 * share, digits)}{SPACE}%"
+
+
+def decibel(value: float | None) -> str:
+    """Decibels with a sign and one decimal, as such figures are read off."""
+    if value is None or not math.isfinite(value):
+        return NONE
+    text = f"{value:+.1f}".replace("-", "\u2212")
+    return f"{'0.0' if float(f'{value:.1f}') == 0 else text}{SPACE}dB"
+
+
+def kind_name(kind: str) -> str:
+    """Kind of a shunt or an excitation as it is read: "parallel_sshi" becomes "parallel SSHI"."""
+    return " ".join(word.upper() if word in _ACRONYMS else word for word in kind.split("_"))
+
+
+def symbol(name: str) -> str:
+    """Symbol or words for a shunt's key."""
+    return _SYMBOLS.get(name, name.replace("_", " "))
+
+
+def quantity_text(value: Any, unit: str | None, digits: int = 3) -> str:
+    """A field's value as it is printed: number, list of numbers, or whatever else it is."""
+    if value is None:
+        return NONE
+    if isinstance(value, list | tuple) and value and all(isinstance(v, int | float) for v in value):
+        return listed(value, unit or "", digits)
+    if isinstance(value, bool | str) or not isinstance(value, int | float):
+        return str(value)
+    return engineering(float(value), unit or "", digits)
