@@ -98,7 +98,7 @@ def crossing(now, then, g, h):
 
     low > high if it does not rise.
     """
-    c = quintic(now, then, g, h)
+    c, d0 = quintic(now, then, g, h), now[3 * g + 1]
     noise = 1e-13 * (abs(c[0]) + abs(then[3 * g]) + abs(c[1]) + h * abs(then[3 * g + 1]))
     low, before = 0.0, c[0]
     for k in range(1, 9):
@@ -115,7 +115,25 @@ def crossing(now, then, g, h):
                 return 0.0, 0.0, 0.0
             return low, x, _root(c, low, x)
         low, before = x, value
+    if d0 > 0.0 and then[3 * g + 1] < 0.0:
+        # It may rise and fall between two samples: look at the top.
+        x = _root_of_rate(c)
+        if at(c, x) > noise:
+            return 0.0, x, _root(c, 0.0, x)
     return 1.0, 0.0, 0.0
+
+
+@compiled
+def _root_of_rate(c):
+    """Where the interpolation has its top: bisection on its derivative, which falls through zero."""
+    low, high = 0.0, 1.0
+    for _ in range(30):
+        x = 0.5 * (low + high)
+        if c[1] + x * (2 * c[2] + x * (3 * c[3] + x * (4 * c[4] + x * 5 * c[5]))) > 0.0:
+            low = x
+        else:
+            high = x
+    return 0.5 * (low + high)
 
 
 @compiled
@@ -146,20 +164,19 @@ def may_cross(now, then, g, h):
 
 
 @compiled
-def locate(guards, matrix, growth, slot, finest, longest, z, guard, sign, low, high, tau, out, scratch):
+def locate(guards, matrix, growth, slot, finest, longest, z, guard, sign, low, high, tau, rises, out, scratch):
     """Time at which a guard rises through zero between low and high (s from z), from the estimate tau.
 
-    Safeguarded Newton on the exact motion; leaves the state there in `out`. Infinite where the interpolation that gave
-    the bracket was mistaken and the guard only comes close to zero.
+    Safeguarded Newton on the exact motion; leaves the state there in `out`. `rises` tells that the guard is known to be
+    above zero at `high`; without that the time is infinite where it only comes close to zero.
     """
     value_row, rate_row = guards[slot, 3 * guard], guards[slot, 3 * guard + 1]
     short = longest * 0.5**finest
     exact(matrix, growth, slot, finest, longest, z, tau, out, scratch)
-    rose = False
     for _ in range(80):
         value, rate = sign * dot(value_row, out), sign * dot(rate_row, out)
         if value > 0.0:
-            high, rose = tau, True
+            high, rises = tau, True
         else:
             low = tau
         target = tau - value / rate if rate > 0.0 else 0.5 * (low + high)
@@ -172,11 +189,11 @@ def locate(guards, matrix, growth, slot, finest, longest, z, guard, sign, low, h
             exact(matrix, growth, slot, finest, longest, z, target, out, scratch)
         tau = target
         # Newton's next step would be about the square of this one.
-        if abs(shift) <= 1e-7 * short and rate > 0.0 and low < target < high:
+        if abs(shift) <= 1e-7 * short and rate > 0.0:
             return tau
         if high - low <= 1e-15 * longest:
             break
-    return tau if rose else np.inf
+    return tau if rises else np.inf
 
 
 @compiled
@@ -197,15 +214,28 @@ def _earliest(P, T, S, slot, step):
             # The interpolation is not exact, but at the ends of the step the guard is known.
             if now[3 * g] <= 0.0:
                 low = 0.0
-            if then[3 * g] > 0.0:
+            certain = then[3 * g] > 0.0
+            if certain:
                 high = 1.0
             tau = locate(guards, matrix, growth, slot, finest, longest, z, g, sign[g], low * step, high * step,
-                         guess * step, trial, scratch)  # fmt: skip
+                         guess * step, certain, trial, scratch)  # fmt: skip
         else:
             trial[:] = z
         if tau < best_tau:
             best, best_tau = g, tau
             found[:] = trial
+    # A guard that is above zero there has risen before, too briefly for its interpolation: diodes that begin to conduct
+    # just before the extremum do so as a rule.
+    for g in range(len(sign)):
+        if best == NONE or g == best or now[3 * g] > 0.0:
+            continue
+        value = sign[g] * dot(guards[slot, 3 * g], found)
+        if value > 1e-12 * (abs(now[3 * g]) + step * abs(now[3 * g + 1])):
+            tau = locate(guards, matrix, growth, slot, finest, longest, z, g, sign[g], 0.0, best_tau, 0.5 * best_tau,
+                         True, trial, scratch)  # fmt: skip
+            if tau < best_tau:
+                best, best_tau = g, tau
+                found[:] = trial
     return best, best_tau
 
 

@@ -187,18 +187,21 @@ class Shooting:
                 residual = self._distance(start, end)
                 continue
             step = _solve_conserving(np.eye(len(jacobian)) - jacobian, end.vector - start.vector)
-            for damping in (1.0, 0.5, 0.25, 0.0):
-                trial = end if damping == 0.0 else end.moved(start.vector + damping * step, self.limits, self.stops)
+            before = residual
+            trials = (end.moved(start.vector + damping * step, self.limits, self.stops) for damping in (1.0, 0.5, 0.25))
+            for trial in (*trials, end):
                 try:
                     trial_end, trial_jacobian = self._map(trial, time)
                 except EngineError:
                     # Newton's method may propose what no motion leads to, a negative dc voltage for one.
                     continue
-                trial_residual = self._distance(trial, trial_end)
-                if trial_residual < residual:
+                distance = self._distance(trial, trial_end)
+                if distance < before or trial is end:
+                    start, end, jacobian, residual = trial, trial_end, trial_jacobian, distance
                     break
-            improved = trial_residual < 0.5 * residual
-            start, end, jacobian, residual = trial, trial_end, trial_jacobian, trial_residual
+            else:
+                return best
+            improved = residual < 0.5 * before
             if residual < best.residual:
                 best = Orbit(start, time, residual, _radius(jacobian), 0.0)
             if best.residual <= TOLERANCE or (best.residual <= ACCEPTED and not improved):

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import wraps
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -16,6 +17,7 @@ from matplotlib.ticker import EngFormatter
 
 from piezoharvest.output import atomic
 
+P, R = ParamSpec("P"), TypeVar("R")
 WIDTH = 7.4  # inches: page width at the page's font size
 INK, MUTED, GRID, PAPER = "#1d232b", "#68717d", "#d9dde3", "#fffffe"
 LIMIT = "#b3123f"
@@ -41,6 +43,17 @@ _SETTINGS = {
 }  # fmt: skip
 
 
+def styled(draw: Callable[P, R]) -> Callable[P, R]:
+    """Let a function draw in this style, and leave matplotlib's own settings as they are."""
+
+    @wraps(draw)
+    def wrapped(*arguments: P.args, **options: P.kwargs) -> R:
+        with rc_context(_SETTINGS):
+            return draw(*arguments, **options)
+
+    return wrapped
+
+
 def line_style(n: int) -> dict[str, Any]:
     """Colour and dashes of the n-th line: colours first, then dashes too."""
     dashes = DASHES[(n // len(PALETTE)) % len(DASHES)]
@@ -56,17 +69,15 @@ def grid_of_axes(rows: int, columns: int = 1, *, height: float, **options: Any) 
     Axes or array of Axes
         One for a single cell, else of shape (rows,), (columns,) or (rows, columns).
     """
-    with rc_context(_SETTINGS):
-        figure = Figure(figsize=(WIDTH, height), layout="constrained", facecolor="none")
-        FigureCanvasAgg(figure)
-        return figure, figure.subplots(rows, columns, **options)
+    figure = Figure(figsize=(WIDTH, height), layout="constrained", facecolor="none")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, **options)
 
 
 def legend_above(figure: Figure, handles: Sequence[Any], columns: int = 4) -> None:
     """Legend in a strip above all axes, where it cannot cover data."""
     if handles:
-        with rc_context(_SETTINGS):
-            figure.legend(handles=list(handles), loc="outside upper left", ncols=min(columns, len(handles)))
+        figure.legend(handles=list(handles), loc="outside upper left", ncols=min(columns, len(handles)))
 
 
 def resistance_axis(axes: Axes, unit: str = "Ω") -> None:
@@ -89,12 +100,14 @@ def mark(axes: Axes, x: float, y: float, style: dict[str, Any]) -> None:
               markeredgewidth=1.0, zorder=5)  # fmt: skip
 
 
+@styled
 def write_png(figure: Figure, path: Path) -> None:
     """Write a figure on white, atomically."""
-    with rc_context(_SETTINGS), atomic(path) as temporary:
+    with atomic(path) as temporary:
         figure.savefig(temporary, format="png", dpi=_DPI, facecolor="white")
 
 
+@styled
 def inline_svg(figure: Figure, name: str, label: str) -> str:
     """Figure as SVG to stand in an HTML page: transparent, in the page's colours, without a reference to anything.
 
@@ -108,8 +121,7 @@ def inline_svg(figure: Figure, name: str, label: str) -> str:
     """
     stream = BytesIO()
     metadata = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-    with rc_context(_SETTINGS):
-        figure.savefig(stream, format="svg", transparent=True, metadata=metadata)
+    figure.savefig(stream, format="svg", transparent=True, metadata=metadata)
     text = stream.getvalue().decode()
     body = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") + 4 :], flags=re.S)
     opening, body = body.split(">", 1)

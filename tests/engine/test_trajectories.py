@@ -96,7 +96,9 @@ def check(study, length, tolerance=1e-8, jumps=()):
         size = max(np.abs(oracle).max(), 1e-3 * floor)
         error = np.abs(signal - oracle).max()
         assert error <= tolerance * size, f"{ours} off by {error / size:.2e} of its size, at {wanted.t[smooth][np.abs(signal - oracle).argmax()]} s"
-    compare_events(study, found, wanted, tolerance * length)
+    # A bridge onto a short opens again quadratically in time: the oracle's slack on the voltage delays it by its root.
+    blunt = 1e3 if study["shunts"][0].get("dc_voltage") == 0.0 else 1.0
+    compare_events(study, found, wanted, blunt * tolerance * length)
     return found, wanted
 
 

@@ -1,0 +1,140 @@
+"""Power, efficiency and damping along the load and along the frequency."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from piezoharvest.report import style
+from piezoharvest.report.spans import Span
+from piezoharvest.report.subjects import Subject
+from piezoharvest.report.sweeps import Curve
+from piezoharvest.report.units import prefix_of
+
+_LIMIT = {"color": style.LIMIT, "linestyle": (0, (8, 2, 2, 2)), "linewidth": 1.2}
+_SHORT = {"color": style.MUTED, "linestyle": "-", "linewidth": 1.2}
+_FILLED = 40  # points from which a curve is drawn without its points
+
+
+@style.styled
+def power_along_loads(curves: Sequence[Curve], level: Sequence[Subject], limit: float | None) -> Figure:
+    """Harvested power and efficiency against the load; `level` are candidates whose power does not depend on one."""
+    figure, (power, efficiency) = style.grid_of_axes(2, height=4.9, sharex=True, height_ratios=(1.5, 1))
+    factor, unit = _power_unit(curves, level)
+    for curve in curves:
+        _line(power, curve, factor * curve.harvested)
+        _line(efficiency, curve, 100 * curve.efficiency)
+        _tuned(power, efficiency, curve, factor)
+    for subject in level:
+        power.axhline(factor * subject.candidate.harvested_power, linewidth=1.5, **subject.style)
+        if subject.response is not None:
+            efficiency.axhline(100 * subject.response.efficiency, linewidth=1.5, **subject.style)
+    handles = _handles([c.subject for c in curves]) + _handles(level, ", any load")
+    handles += _limit(power, limit, factor)
+    _finish_powers(power, efficiency, unit)
+    style.resistance_axis(efficiency)
+    efficiency.set_xlabel("load resistance (dots: as tuned)")
+    style.legend_above(figure, handles)
+    return figure
+
+
+@style.styled
+def power_along_frequencies(curves: Sequence[Curve], span: Span, limit: float | None, marks: dict[str, Any]) -> Figure:
+    """Harvested power and efficiency against the frequency of the sine; `marks` as for `_marks`."""
+    figure, (power, efficiency) = style.grid_of_axes(2, height=4.9, sharex=True, height_ratios=(1.5, 1))
+    factor, unit = _power_unit(curves, [])
+    for curve in curves:
+        _line(power, curve, factor * curve.harvested)
+        _line(efficiency, curve, 100 * curve.efficiency)
+    handles = _handles([c.subject for c in curves]) + _limit(power, limit, factor)
+    handles += _marks((power, efficiency), **marks)
+    _finish_powers(power, efficiency, unit)
+    style.frequency_axis(efficiency, span.logarithmic, "frequency of the drive in Hz")
+    efficiency.set_xlim(span.low, span.high)
+    style.legend_above(figure, handles)
+    return figure
+
+
+@style.styled
+def damping(curves: Sequence[Curve], short: tuple[np.ndarray, np.ndarray], span: Span, marks: dict[str, Any]) -> Figure:
+    """Displacement amplitude and its attenuation against the frequency; `short`: frequencies and m when shorted."""
+    figure, (level, attenuation) = style.grid_of_axes(2, height=4.9, sharex=True)
+    largest = max([np.nanmax(c.displacement, initial=0.0) for c in curves] + [float(np.nanmax(short[1], initial=0.0))])
+    factor, unit = prefix_of(largest, "m")
+    level.plot(short[0], factor * short[1], **_SHORT)
+    attenuation.axhline(0, **_SHORT)
+    for curve in curves:
+        _line(level, curve, factor * curve.displacement)
+        _line(attenuation, curve, curve.attenuation)
+    handles = [Line2D([], [], label="shorted", **_SHORT), *_handles([c.subject for c in curves])]
+    handles += _marks((level, attenuation), **marks)
+    level.set_ylabel(f"displacement in {unit}")
+    level.set_ylim(bottom=0)
+    attenuation.set_ylabel("against shorted, in dB")
+    style.frequency_axis(attenuation, span.logarithmic, "frequency of the drive in Hz")
+    attenuation.set_xlim(span.low, span.high)
+    style.legend_above(figure, handles)
+    return figure
+
+
+def _line(axes: Axes, curve: Curve, values: np.ndarray) -> None:
+    """A curve; small dots show where it was simulated, if these are few."""
+    few = not curve.exact and len(curve.x) < _FILLED
+    axes.plot(curve.x, values, marker="." if few else None, markersize=3.5, **curve.subject.style)
+
+
+def _tuned(power: Axes, efficiency: Axes, curve: Curve, factor: float) -> None:
+    """Mark the point of a curve that is the tuned one."""
+    subject = curve.subject
+    assert subject.load_field is not None
+    load = getattr(subject.shunt, subject.load_field)
+    if subject.load_field == "dc_voltage":
+        found = subject.candidate.harvested_power
+        load = load**2 / found if found > 0 else np.nan
+    n = int(np.argmin(np.abs(np.log(np.where(np.isfinite(curve.x), curve.x, np.inf) / load))))
+    style.mark(power, curve.x[n], factor * curve.harvested[n], subject.style)
+    style.mark(efficiency, curve.x[n], 100 * curve.efficiency[n], subject.style)
+
+
+def _power_unit(curves: Sequence[Curve], level: Sequence[Subject]) -> tuple[float, str]:
+    """Factor and unit for power, by the largest to be drawn."""
+    found = [np.nanmax(curve.harvested, initial=0.0) for curve in curves]
+    return prefix_of(float(max(found + [s.candidate.harvested_power for s in level], default=0.0)), "W")
+
+
+def _handles(subjects: Sequence[Subject], words: str = "") -> list[Line2D]:
+    return [Line2D([], [], label=s.label + words, **s.style) for s in subjects]
+
+
+def _limit(power: Axes, limit: float | None, factor: float) -> list[Line2D]:
+    """Draw what no interface can exceed, unless it is so far up that the curves would lie flat below it."""
+    top = power.dataLim.ymax
+    if limit is None or not top > 0 or factor * limit > 5 * top:
+        return []
+    power.axhline(factor * limit, **_LIMIT)
+    return [Line2D([], [], label="limit of any interface", **_LIMIT)]
+
+
+def _marks(axes: Sequence[Axes], drive: float | None, band: tuple[float, float] | None) -> list[Line2D]:
+    """Mark the frequency of the drive, or the band of the design, in Hz."""
+    line = {"color": style.MUTED, "linestyle": ":", "linewidth": 1.0}
+    for one in axes:
+        if band is not None:
+            one.axvspan(*band, color=style.GRID, alpha=0.5, linewidth=0, zorder=0)
+        elif drive is not None:
+            one.axvline(drive, **line)
+    if band is not None:
+        return [Line2D([], [], label="band of the design", color=style.GRID, linewidth=7)]
+    return [Line2D([], [], label="drive of the study", **line)] if drive is not None else []
+
+
+def _finish_powers(power: Axes, efficiency: Axes, unit: str) -> None:
+    power.set_ylabel(f"harvested power in {unit}")
+    power.set_ylim(bottom=0)
+    efficiency.set_ylabel("efficiency in %")
+    efficiency.set_ylim(0, None)

@@ -1,0 +1,144 @@
+"""Signals over time: one period of a steady state, or a whole run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from piezoharvest.engine.response import Waveforms
+from piezoharvest.report import style
+from piezoharvest.report.units import prefix_of
+
+_PANELS = (
+    ("drive", "", ""), ("displacement", "displacement", "m"), ("voltage", "voltage", "V"), ("current", "load current", "A"),
+)  # fmt: skip
+_COLOURS = {
+    "drive": style.INK, "displacement": style.PALETTE[0], "voltage": style.PALETTE[1], "current": style.PALETTE[2],
+}  # fmt: skip
+_DC = {"color": style.INK, "linestyle": (0, (5, 1.6)), "linewidth": 1.1}
+# Marker, and whether it is filled, of what happens in the circuit.
+_EVENTS = {
+    "switch closes": ("v", True), "switch opens": ("^", False), "voltage extracted": ("D", True),
+    "diodes conduct": ("o", True), "diodes block": ("o", False),
+}  # fmt: skip
+_ACTIONS = ("switch closes", "voltage extracted")
+_MOST_EVENTS = 80  # beyond, markers would be a blur
+_MOST_SAMPLES = 6000
+_PIXELS = 1500
+
+
+class Window(NamedTuple):
+    """Part of a run to draw, in s, and what stands above it."""
+
+    begin: float
+    end: float
+    title: str
+
+
+@style.styled
+def waveforms(signals: Waveforms, windows: Sequence[Window], base: bool) -> Figure:
+    """Drive, displacement, voltage (with the dc side's) and load current, in one column for each window.
+
+    Parameters
+    ----------
+    signals : Waveforms
+    windows : sequence of Window
+    base : bool
+        Whether the drive is base acceleration.
+    """
+    figure, axes = style.grid_of_axes(
+        len(_PANELS), len(windows), height=5.6, sharex="col", sharey="row", squeeze=False,
+        height_ratios=(0.75, 1, 1.3, 1),
+    )  # fmt: skip
+    shown = set()
+    for column, window in enumerate(windows):
+        time_factor, time_unit = prefix_of(window.end - window.begin, "s")
+        for one, (name, _, _) in zip(axes[:, column], _PANELS, strict=True):
+            factor, _ = _unit(signals, name, base)
+            _draw(one, signals, name, window, (time_factor, factor))
+        shown |= _mark_events(axes[:, column], signals, window, time_factor, _unit(signals, "voltage", base)[0])
+        axes[0, column].set_title(window.title)
+        axes[0, column].set_xlim(time_factor * window.begin, time_factor * window.end)
+        axes[-1, column].set_xlabel(f"time in {time_unit}")
+    for one, (name, words, _) in zip(axes[:, 0], _PANELS, strict=True):
+        drive = "base acceleration" if base else "force"
+        one.set_ylabel(f"{words or drive}\nin {_unit(signals, name, base)[1]}")
+    figure.align_ylabels(axes[:, 0])
+    style.legend_above(figure, _legend(signals, shown), 6)
+    return figure
+
+
+def cut(signals: Waveforms, length: float, periodic: bool) -> Waveforms:
+    """Waveforms to draw: a steady period closed by its own beginning, and of one not reached the last `length` (s)."""
+    names = ("drive", "displacement", "velocity", "voltage", "current", "charge", "hysteresis_voltage", "dc_voltage")
+    values = {name: np.broadcast_to(getattr(signals, name), signals.time.shape) for name in names}
+    times, end = signals.time, float(signals.time[-1])
+    if periodic and end < length:
+        values = {name: np.append(one, one[0]) for name, one in values.items()}
+        return Waveforms(np.append(times, length), **values, event_times=signals.event_times, event_names=signals.event_names)
+    if not periodic:
+        return signals
+    keep, late = times >= end - length, signals.event_times >= end - length
+    events = tuple(name for name, kept in zip(signals.event_names, late, strict=True) if kept)
+    values = {name: one[keep] for name, one in values.items()}
+    return Waveforms(times[keep], **values, event_times=signals.event_times[late], event_names=events)
+
+
+def _unit(signals: Waveforms, name: str, base: bool) -> tuple[float, str]:
+    """Factor and unit of a panel, by its largest value."""
+    unit = {"drive": "m/s^2" if base else "N"}.get(name) or next(u for panel, _, u in _PANELS if panel == name)
+    values = np.abs(getattr(signals, name))
+    return prefix_of(float(np.max(values, initial=0.0)), unit)
+
+
+def _draw(axes: Axes, signals: Waveforms, name: str, window: Window, factors: tuple[float, float]) -> None:
+    """One signal in one window; of very many samples the least and the largest of each pixel."""
+    inside = (signals.time >= window.begin) & (signals.time <= window.end)
+    times, values = _thinned(signals.time[inside], np.broadcast_to(getattr(signals, name), inside.shape)[inside])
+    axes.plot(factors[0] * times, factors[1] * values, color=_COLOURS[name], linewidth=1.3 if len(times) < _PIXELS else 0.8)
+    if name == "voltage" and np.any(signals.dc_voltage):
+        times, values = _thinned(signals.time[inside], np.broadcast_to(signals.dc_voltage, inside.shape)[inside])
+        axes.plot(factors[0] * times, factors[1] * values, **_DC)
+
+
+def _thinned(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    if len(times) <= _MOST_SAMPLES:
+        return times, values
+    edges = np.linspace(0, len(times), _PIXELS + 1).astype(int)[:-1]
+    low, high = np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)
+    return np.repeat(times[edges], 2), np.column_stack((low, high)).ravel()
+
+
+def _mark_events(axes: Sequence[Axes], signals: Waveforms, window: Window, time_factor: float, factor: float) -> set[str]:
+    """Lines through all panels where the switch acts, markers on the voltage for every event; names of those shown."""
+    events = [
+        (time, name) for time, name in zip(signals.event_times, signals.event_names, strict=True)
+        if name in _EVENTS and window.begin <= time <= window.end
+    ]  # fmt: skip
+    if len(events) > _MOST_EVENTS:
+        return set()
+    for time, name in events:
+        if name in _ACTIONS:
+            for one in axes:
+                one.axvline(time_factor * time, color=style.MUTED, linewidth=0.8, linestyle=":", zorder=1)
+        marker, filled = _EVENTS[name]
+        voltage = factor * float(np.interp(time, signals.time, np.broadcast_to(signals.voltage, signals.time.shape)))
+        axes[2].plot([time_factor * time], [voltage], marker=marker, markersize=5, markeredgecolor=style.INK, zorder=4,
+                     markerfacecolor=style.INK if filled else style.PAPER, markeredgewidth=0.9)  # fmt: skip
+    return {name for _, name in events}
+
+
+def _legend(signals: Waveforms, shown: set[str]) -> list[Line2D]:
+    """What the markers and the dashed line mean."""
+    handles = [Line2D([], [], label="dc voltage", **_DC)] if np.any(signals.dc_voltage) else []
+    for name, (marker, filled) in _EVENTS.items():
+        if name in shown:
+            face = style.INK if filled else style.PAPER
+            handles.append(Line2D([], [], marker=marker, linestyle="none", markersize=5, markeredgecolor=style.INK,
+                                  markerfacecolor=face, label=name))  # fmt: skip
+    return handles

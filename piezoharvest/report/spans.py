@@ -1,0 +1,95 @@
+"""Where to look: frequencies and loads at which curves are drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from piezoharvest.linear import resonances
+from piezoharvest.report.limits import ModeFigures, mode_figures
+from piezoharvest.report.subjects import Subject
+from piezoharvest.study import Study
+from piezoharvest.transducer import Transducer
+
+_WIDTHS = 4.0  # half-power widths, or distances of the two resonances, to each side
+_DECADE = 10.0
+_WIDEST = 1e3  # of a load against the impedance of the capacitance
+
+
+class Span(NamedTuple):
+    """Range of frequencies in Hz."""
+
+    low: float
+    high: float
+    logarithmic: bool
+
+    def points(self, count: int) -> np.ndarray:
+        """Frequencies that look evenly spaced on the axis, Hz."""
+        return np.geomspace(self.low, self.high, count) if self.logarithmic else np.linspace(self.low, self.high, count)
+
+
+def design_band(study: Study) -> tuple[float, float] | None:
+    """Band in Hz that the design is for; None for one excitation as it is."""
+    band = study.design.band if study.design else None
+    return band if band is not None and drive_frequency(study) is not None else None
+
+
+def drive_frequency(study: Study) -> float | None:
+    """Frequency in Hz of an excitation that is one sine; None for any other."""
+    return getattr(study.excitation, "frequency", None)
+
+
+def large_signal(transducer: Transducer) -> tuple[ModeFigures, ...]:
+    """Figures of all modes with the hysteresis, if there is one, slipping."""
+    return mode_figures(transducer, "slip")
+
+
+def resonance_span(study: Study) -> Span:
+    """Around the mode that is driven, or the first; the design's band and the drive, where near, are within it."""
+    modes = large_signal(study.transducer)
+    wanted = [f for f in (drive_frequency(study), *(design_band(study) or ())) if f is not None]
+    at = float(np.sqrt(wanted[0] * wanted[-1])) if wanted else modes[0].short_circuit
+    mode = min(modes, key=lambda m: abs(np.log(m.short_circuit / at)))
+    half = _WIDTHS * max(mode.short_circuit / mode.quality, mode.open_circuit - mode.short_circuit)
+    half = max(half, 0.02 * mode.short_circuit)
+    low, high = max(mode.short_circuit - half, 0.4 * mode.short_circuit), min(mode.open_circuit + half, 2 * mode.open_circuit)
+    near = [f for f in wanted if 0.4 * mode.short_circuit <= f <= 2.5 * mode.open_circuit]
+    return Span(min([low, *(0.98 * f for f in near)]), max([high, *(1.02 * f for f in near)]), False)
+
+
+def sweep_span(study: Study) -> Span:
+    """Frequencies to sweep a sine through: around the resonance, or around a drive that is far from it."""
+    drive, around = drive_frequency(study), resonance_span(study)
+    band = design_band(study)
+    if drive is None or around.low <= drive <= around.high or band is not None:
+        return around
+    return Span(drive / _DECADE, drive * _DECADE, True)
+
+
+def wide_span(transducer: Transducer) -> Span:
+    """From the static line below the first mode to the mass line above the last."""
+    modes = large_signal(transducer)
+    return Span(modes[0].short_circuit / 5, 5 * modes[-1].open_circuit, True)
+
+
+def dense(span: Span, transducer: Transducer, count: int = 400) -> np.ndarray:
+    """Frequencies in Hz for a smooth curve through every resonance within a span."""
+    found = [span.points(count)]
+    for point in ("stick", "slip"):
+        for resonance in resonances(transducer, operating_point=point):
+            for natural, damping in zip(resonance.natural, resonance.damping_ratio, strict=True):
+                reach = np.sinh(np.linspace(-5, 5, 61)) * natural * max(damping, 1e-6)
+                found.append(natural + reach)
+    merged = np.unique(np.concatenate(found))
+    return merged[(merged >= span.low) & (merged <= span.high)]
+
+
+def loads(subjects: Sequence[Subject], study: Study, count: int) -> np.ndarray:
+    """Load resistances in ohm on a logarithmic grid that holds every tuned one and the impedance of the capacitance."""
+    frequency = drive_frequency(study) or large_signal(study.transducer)[0].short_circuit
+    scale = 1 / (2 * np.pi * frequency * study.transducer.capacitance)
+    tuned = [getattr(s.shunt, s.load_field) for s in subjects if s.load_field not in (None, "dc_voltage")]
+    inside = [scale, *(value for value in tuned if scale / _WIDEST <= value <= scale * _WIDEST)]
+    return np.geomspace(min(inside) / 20, max(inside) * 20, count)

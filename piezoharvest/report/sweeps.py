@@ -1,0 +1,211 @@
+"""Curves of a report: linear circuits exactly on the two-port, everything else by simulation within a time budget."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from piezoharvest.design.operation import mean_nodes
+from piezoharvest.engine import simulate
+from piezoharvest.excitation import Excitation
+from piezoharvest.linear import frequency_response
+from piezoharvest.parameters import ParameterError
+from piezoharvest.report.spans import design_band, drive_frequency
+from piezoharvest.report.subjects import Subject
+from piezoharvest.shunts import Short, Shunt
+from piezoharvest.study import Study
+from piezoharvest.system import System
+
+BUDGET = 6.0  # s of simulation for one figure
+FEWEST = 5  # points that make a curve
+_AGREES = 1e-3  # of two-port and simulation, relative
+_MEAN_ERROR, _MOST_NODES = 1e-3, 21
+
+
+class Point(NamedTuple):
+    """Powers in W, displacement amplitude in m, attenuation in dB; not-a-number where there is no answer to trust."""
+
+    harvested: float
+    mechanical: float
+    displacement: float
+    attenuation: float
+
+
+NOTHING = Point(*[float("nan")] * 4)
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A candidate along one variable.
+
+    Attributes
+    ----------
+    subject : Subject
+    x : (n,) array
+        Load in ohm or frequency in Hz.
+    harvested, mechanical : (n,) array
+        W.
+    displacement : (n,) array
+        m.
+    attenuation : (n,) array
+        dB against shorted electrodes at the same frequency.
+    exact : bool
+        From the two-port; else by simulation.
+    """
+
+    subject: Subject
+    x: np.ndarray
+    harvested: np.ndarray
+    mechanical: np.ndarray
+    displacement: np.ndarray
+    attenuation: np.ndarray
+    exact: bool
+
+    @property
+    def efficiency(self) -> np.ndarray:
+        """Harvested over mechanical power."""
+        with np.errstate(all="ignore"):
+            return np.where(self.mechanical > 0, self.harvested / self.mechanical, np.nan)
+
+    @property
+    def missing(self) -> int:
+        """How many points have no answer to trust."""
+        return int(np.sum(~np.isfinite(self.displacement)))
+
+
+@dataclass
+class Bench:
+    """Evaluates circuits in the study's operation.
+
+    Attributes
+    ----------
+    study : Study
+    budget : float
+        Seconds of simulation for one set of curves.
+    cut_short : bool
+        Whether some curve has fewer points than it was to have, for lack of time.
+    """
+
+    study: Study
+    budget: float = BUDGET
+    cut_short: bool = field(default=False, init=False)
+
+    def simulated(self, shunt: Shunt, excitation: Excitation) -> Point:
+        """One simulation."""
+        try:
+            r = simulate(System(self.study.transducer, shunt), excitation, samples=2)
+        except (ParameterError, ValueError, np.linalg.LinAlgError):
+            return NOTHING
+        if not r.converged:
+            return NOTHING
+        return Point(r.harvested_power, r.mechanical_power, r.displacement_amplitude, float(r.attenuation_db))
+
+    def two_port(self, shunt: Shunt, frequencies: np.ndarray) -> list[np.ndarray]:
+        """Arrays as in `Point` for the study's sine at other frequencies, by exact linear algebra."""
+        excitation = self.study.excitation
+        amplitude = excitation.amplitude  # pyright: ignore[reportAttributeAccessIssue]
+        found, short = (
+            frequency_response(System(self.study.transducer, s), frequencies, base=excitation.base) for s in (shunt, Short())
+        )
+        square, displacement = amplitude**2, amplitude * np.abs(found.displacement)
+        with np.errstate(all="ignore"):
+            attenuation = 20 * np.log10(np.abs(found.displacement) / np.abs(short.displacement))
+        return [square * found.harvested_power, square * found.mechanical_power, displacement, attenuation]
+
+    def exact(self, subject: Subject) -> bool:
+        """Whether the two-port says the same as the simulation of a candidate, so that it can stand for it."""
+        found = subject.response
+        if drive_frequency(self.study) is None or not subject.linear or found is None or not found.converged:
+            return False
+        if self.study.transducer.hysteresis is not None or not found.period > 0:
+            return False
+        power, _, displacement, _ = (x[0] for x in self.two_port(subject.shunt, np.array([1 / found.period])))
+        pairs = ((power, found.harvested_power), (displacement, found.displacement_amplitude))
+        return all(abs(one - other) <= _AGREES * abs(other) for one, other in pairs)
+
+    def along_loads(self, subjects: Sequence[Subject], loads: np.ndarray) -> list[Curve]:
+        """Curves of all candidates that have a load; those of a fixed dc voltage at V^2 over their power."""
+        loaded = [s for s in subjects if s.load_field is not None and s.harvests]
+        exact = [s for s in loaded if self.exact(s)]
+        curves = [self._load_curve(s, loads) for s in exact]
+        jobs = {}
+        for s in loaded:
+            if s not in exact:
+                assert s.load_field is not None
+                tuned = getattr(s.shunt, s.load_field)
+                values = loads if s.load_field != "dc_voltage" else tuned * np.geomspace(0.05, 20, len(loads))
+                jobs[s] = np.unique(np.append(values, tuned))
+        for s, values, points in self._timed(jobs, lambda s, value: self._operated(s.with_load(value))):
+            if s.load_field == "dc_voltage":
+                with np.errstate(all="ignore"):
+                    values = np.where(points[:, 0] > 0, values**2 / points[:, 0], np.nan)
+            curves.append(Curve(s, values, *points.T, exact=False))
+        return sorted(curves, key=lambda curve: curve.subject.rank)
+
+    def along_frequencies(self, subjects: Sequence[Subject], frequencies: np.ndarray, fine: np.ndarray) -> list[Curve]:
+        """Curves of all candidates for the study's sine at other frequencies; `fine` ones where that costs nothing."""
+        exact = [s for s in subjects if self.exact(s)]
+        curves = [Curve(s, fine, *self.two_port(s.shunt, fine), exact=True) for s in exact]
+        jobs = {s: frequencies for s in subjects if s not in exact}
+
+        def at(subject: Subject, frequency: float) -> Point:
+            return self.simulated(subject.shunt, self._sine(frequency))
+
+        curves += [Curve(s, x, *points.T, exact=False) for s, x, points in self._timed(jobs, at)]
+        return sorted(curves, key=lambda curve: curve.subject.rank)
+
+    def _load_curve(self, subject: Subject, loads: np.ndarray) -> Curve:
+        assert subject.load_field is not None
+        frequencies, weights = self._nodes()
+        values = np.unique(np.append(loads, getattr(subject.shunt, subject.load_field)))
+        rows = [[x @ weights for x in self.two_port(subject.with_load(value), frequencies)] for value in values]
+        return Curve(subject, values, *np.array(rows).T, exact=True)
+
+    def _operated(self, shunt: Shunt) -> Point:
+        """One circuit in the operation: the excitation as it is, or the mean over the band."""
+        if design_band(self.study) is None:
+            return self.simulated(shunt, self.study.excitation)
+        frequencies, weights = self._nodes()
+        points = np.array([self.simulated(shunt, self._sine(f)) for f in frequencies])
+        return Point(*(weights @ points))
+
+    def _nodes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies in Hz and weights of the operation's mean."""
+        band, drive = design_band(self.study), drive_frequency(self.study)
+        if band is None:
+            return np.array([drive]), np.ones(1)
+        return mean_nodes(band, self.study.transducer, _MEAN_ERROR, _MOST_NODES)
+
+    def _sine(self, frequency: float) -> Excitation:
+        return dataclasses.replace(self.study.excitation, frequency=float(frequency))
+
+    def _timed(self, jobs: dict[Subject, np.ndarray], evaluate: Callable[[Subject, float], Point]):
+        """Evaluate all jobs from coarse to fine, as long as there is time; (subject, x, points (n, 4)) of each."""
+        begin, found = time.monotonic(), {subject: {} for subject in jobs}
+        for share in _coarse_to_fine(max(map(len, jobs.values()), default=0)):
+            for subject, values in jobs.items():
+                n = int(round(share * (len(values) - 1)))
+                if n in found[subject]:
+                    continue
+                if time.monotonic() - begin > self.budget and len(found[subject]) >= 1:
+                    self.cut_short = True
+                    continue
+                found[subject][n] = evaluate(subject, float(values[n]))
+        for subject, points in found.items():
+            if len(points) >= FEWEST:
+                order = sorted(points)
+                yield subject, jobs[subject][order], np.array([points[n] for n in order])
+
+
+def _coarse_to_fine(count: int) -> list[float]:
+    """Places from 0 to 1 in an order in which every beginning is spread evenly: halves, quarters, eighths, ..."""
+    shares, step = [0.0, 1.0, 0.5], 0.5
+    while step * (count - 1) > 1:
+        step /= 2
+        shares += [n * step for n in range(1, round(1 / step), 2)]
+    return shares

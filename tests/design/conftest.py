@@ -1,0 +1,41 @@
+"""Studies for the tests of the design, built without files."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from piezoharvest.design import design
+from piezoharvest.excitation import SineForce
+from piezoharvest.study import DesignOptions, Study
+from piezoharvest.transducer import Transducer
+
+STIFFNESS, MASS, CAPACITANCE = 986.96, 0.01, 40e-9
+
+
+@pytest.fixture
+def host():
+    """Transducer resonant at 50 Hz, by its K^2 = k_e^2 and Q_m."""
+
+    def make(k2: float, quality: float = np.inf, **more) -> Transducer:
+        return Transducer(
+            mass=MASS, stiffness=STIFFNESS, capacitance=CAPACITANCE, damping=np.sqrt(STIFFNESS * MASS) / quality,
+            coupling=np.sqrt(k2 * STIFFNESS * CAPACITANCE), **more,
+        )  # fmt: skip
+
+    return make
+
+
+@pytest.fixture
+def run():
+    """Design with a transducer, a sine force at a frequency unless another excitation is given, and options."""
+
+    def call(transducer, frequency=50.0, *, excitation=None, shunts=(), amplitude=0.02, progress=None, **options):
+        study = Study(
+            title="", path=Path("study.toml"), transducer=transducer, shunts=tuple(shunts),
+            excitation=excitation or SineForce(amplitude=amplitude, frequency=frequency),
+            design=DesignOptions(**options) if options else None,
+        )  # fmt: skip
+        return design(study, progress)
+
+    return call
