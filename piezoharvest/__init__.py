@@ -24,8 +24,9 @@ _HOMES = {
         "Excitation", "Multisine", "RandomBase", "RandomForce", "Record", "SineBase", "SineForce", "StepForce",
     ),
     "piezoharvest.shunts": (
-        "LinearShunt", "NegativeCapacitance", "Network", "Open", "ParallelRL", "ParallelRLC", "ParallelSSHI", "Rectifier",
-        "Resistor", "SECE", "SSDI", "SSDS", "SSDV", "SeriesRL", "SeriesRLC", "SeriesSSHI", "Short", "Shunt",
+        "LinearShunt", "NegativeCapacitance", "Network", "Open", "ParallelRL", "ParallelRLC", "ParallelSSHI",
+        "Rectifier", "Resistor", "SECE", "SSDI", "SSDS", "SSDV", "SeriesRL", "SeriesRLC", "SeriesSSHI", "Short",
+        "Shunt",
     ),
     "piezoharvest.effects": ("DielectricRelaxation", "Effect", "Leakage"),
     "piezoharvest.engine": ("Response", "Waveforms", "simulate"),

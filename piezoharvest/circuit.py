@@ -63,7 +63,7 @@ class Product(NamedTuple):
 
 
 class Guard(NamedTuple):
-    """Leaves a configuration for `target` where `rises` goes up through zero; `cut` names a state that is zeroed then."""
+    """Leaves a configuration for `target` where `rises` goes up through zero; `cut` names a state zeroed then."""
 
     rises: Row
     target: str

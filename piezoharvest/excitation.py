@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from fractions import Fraction
+from dataclasses import dataclass, field
 from functools import reduce
 from math import gcd
 from pathlib import Path
@@ -29,7 +28,7 @@ class Tones(NamedTuple):
 
 
 class Ramps(NamedTuple):
-    """Straight pieces: value starts[n] + slopes[n] (t - times[n]) from times[n] to times[n + 1]; may jump between them."""
+    """Straight pieces: starts[n] + slopes[n] (t - times[n]) from times[n] to times[n + 1]; may jump between them."""
 
     times: np.ndarray
     starts: np.ndarray
@@ -127,7 +126,7 @@ class SineBase(_Sine):
 
 @dataclass(frozen=True, kw_only=True)
 class StepForce(Excitation):
-    """Force that rises from the offset by the amplitude in the rise time, holds until `duration`, and falls likewise."""
+    """Force that rises from the offset by the amplitude in the rise time, holds until `duration`, falls likewise."""
 
     kind: ClassVar[str] = "step_force"
 
@@ -139,7 +138,9 @@ class StepForce(Excitation):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.rise_time > self.duration:
-            raise ParameterError("rise_time", f"found {self.rise_time:g} s, allowed is up to duration ({self.duration:g} s)")
+            raise ParameterError(
+                "rise_time", f"found {self.rise_time:g} s, allowed is up to duration ({self.duration:g} s)"
+            )
 
     @property
     def length(self):
@@ -178,10 +179,9 @@ class Multisine(Excitation):
     @property
     def period(self):
         """Shortest common period of the tones, or None where `duration` is not a multiple of it."""
-        cycles = [Fraction(f * self.duration).limit_denominator(1) for f in self.frequencies]
-        if any(abs(float(c) - f * self.duration) > 1e-9 * float(c) for c, f in zip(cycles, self.frequencies, strict=True)):
-            return None
-        return self.duration / reduce(gcd, (int(c) for c in cycles))
+        cycles = [round(f * self.duration) for f in self.frequencies]
+        whole = (abs(c - f * self.duration) <= 1e-9 * c for c, f in zip(cycles, self.frequencies, strict=True))
+        return self.duration / reduce(gcd, cycles) if all(whole) else None
 
     @property
     def length(self):
@@ -259,44 +259,47 @@ class Record(Excitation):
 
     kind: ClassVar[str] = "record"
 
-    file: str = ""
-    column: str = ""
+    file: str
+    column: str
     sample_rate: float = quantity("Hz", "sample rate", above=0)
+    values: np.ndarray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "_values", self._read())
+        object.__setattr__(self, "values", self._read())
 
     def _read(self) -> np.ndarray:
         path = Path(self.file)
         if not path.is_file():
             raise ParameterError("file", f"found no file {self.file!r}, allowed is a CSV file with a header")
-        with path.open() as stream:
+        with path.open(encoding="utf-8", errors="replace") as stream:
             header = [name.strip() for name in stream.readline().split(",")]
             if self.column not in header:
-                raise ParameterError("column", f"found {self.column!r} not in {self.file}, allowed are {', '.join(header)}")
+                raise ParameterError(
+                    "column", f"found {self.column!r} not in {self.file}, allowed are {', '.join(header)}"
+                )
             try:
                 values = np.loadtxt(stream, delimiter=",", usecols=header.index(self.column), ndmin=1)
             except (ValueError, IndexError) as error:
                 raise ParameterError("file", f"{self.file} is not a table of numbers: {error}") from None
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
-            raise ParameterError("file", f"{self.file}, column {self.column}, row {bad[0] + 2}: found {values[bad[0]]}, "
-                                 "allowed is a finite number")  # fmt: skip
+            where = f"{self.file}, column {self.column}, row {bad[0] + 2}"
+            raise ParameterError("file", f"{where}: found {values[bad[0]]}, allowed is a finite number")
         if len(values) < 2:
             raise ParameterError("file", f"{self.file} has {len(values)} samples, allowed is two or more")
         return values
 
     @property
     def length(self):
-        return (len(self._values) - 1) / self.sample_rate
+        return (len(self.values) - 1) / self.sample_rate
 
     @property
     def rest(self):
-        return float(self._values[0])
+        return float(self.values[0])
 
     def signal(self):
-        return ramps_through(np.arange(len(self._values)) / self.sample_rate, self._values)
+        return ramps_through(np.arange(len(self.values)) / self.sample_rate, self.values)
 
 
 def registered() -> dict[str, type[Excitation]]:

@@ -54,9 +54,8 @@ def quantity(
     null : float, optional
         The value at which the described effect is absent.
     """
-    metadata = {
-        "unit": unit, "doc": doc, "above": above, "at_least": at_least, "below": below, "at_most": at_most, "null": null,
-    }  # fmt: skip
+    bounds = {"above": above, "at_least": at_least, "below": below, "at_most": at_most}
+    metadata = {"unit": unit, "doc": doc, "null": null, **bounds}
     return dataclasses.field(default=default, metadata=metadata)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from piezoharvest.shunts.base import Shunt
 from piezoharvest.shunts.short import Short
@@ -21,4 +21,4 @@ class System:
     """
 
     transducer: Transducer
-    shunt: Shunt = Short()
+    shunt: Shunt = field(default_factory=Short)

@@ -23,8 +23,8 @@ class Mode(Component):
     damping: float = quantity("N s/m", "viscous damping b", at_least=0)
     stiffness: float = quantity("N/m", "short-circuit stiffness k", above=0)
     coupling: float = quantity("N/V", "electromechanical coupling T, force a volt or charge a metre")
-    force_participation: float = quantity("", "share of F and of the displacement read that the mode takes", default=1.0)
-    effective_mass: float | None = quantity("kg", "mass that base acceleration drives; default the mode's", default=None)
+    force_participation: float = quantity("", "share of F and of the displacement read", default=1.0)
+    effective_mass: float | None = quantity("kg", "mass that base acceleration drives", default=None)
 
     @property
     def base_mass(self) -> float:

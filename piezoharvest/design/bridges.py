@@ -132,5 +132,5 @@ def _source(view: LinearView) -> Source:
     with np.errstate(all="ignore"):
         share = 1 / (1 - 1j * omega * view.capacitance * leads)
     amplitude = np.full(len(frequencies), op.amplitude) if op.apart else np.sqrt(op.squares)
-    weights = op.squares / amplitude**2
+    weights = np.full(len(frequencies), 1.0) if not op.apart else op.squares / amplitude**2
     return Source(omega, opened * np.abs(share) * amplitude, leads * share, weights)

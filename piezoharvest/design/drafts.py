@@ -127,7 +127,7 @@ class Drafting:
     def _free(self, shunt: Shunt) -> tuple[str, ...]:
         """Fields to tune: the parts of linear circuits but for active ones, and what loads a bridge."""
         if isinstance(shunt, Bridge):
-            return ("load_resistance",) if shunt.smoothed else ("dc_voltage",)
+            return ("load_resistance",) if shunt.dc_voltage is None else ("dc_voltage",)
         if not isinstance(shunt, LinearShunt):
             return ()
         active = [-state.storage for state in shunt.states(self.transducer.capacitance) if state.storage < 0]

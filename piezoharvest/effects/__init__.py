@@ -2,6 +2,7 @@
 
 import importlib
 import pkgutil
+from typing import TYPE_CHECKING, Any
 
 from piezoharvest.effects.base import Effect
 from piezoharvest.parameters import subclasses_by
@@ -15,5 +16,9 @@ def registered() -> dict[str, type[Effect]]:
     return subclasses_by("name", Effect)
 
 
+if TYPE_CHECKING:
+    # The classes come from scanning, which type checkers cannot follow.
+    def __getattr__(name: str) -> Any: ...
+
+
 globals().update({cls.__name__: cls for cls in registered().values()})
-__all__ = ["Effect", "registered", *sorted(cls.__name__ for cls in registered().values())]

@@ -13,7 +13,7 @@ class DielectricRelaxation(Effect):
     """A series R-C branch across the electrodes, R = time_constant / capacitance; absent at zero capacitance."""
 
     name: ClassVar[str] = "dielectric_relaxation"
-    source: ClassVar[str] = "Debye, Polar Molecules, 1929; as a lumped branch: Jonscher, Dielectric Relaxation in Solids, 1983"
+    source: ClassVar[str] = "Debye, Polar Molecules, 1929; Jonscher, Dielectric Relaxation in Solids, 1983"
 
     capacitance: float = quantity("F", "capacitance that follows slowly", above=0, null=0.0)
     time_constant: float = quantity("s", "time constant of the branch", above=0)

@@ -19,7 +19,7 @@ _STAMP = tuple(
 
 
 def _stamped(function: Callable, options: dict[str, Any]) -> Any:
-    dispatcher = njit(cache=True, error_model="numpy", **options)(function)
+    dispatcher: Any = njit(cache=True, error_model="numpy", **options)(function)
     dispatcher._cache._cache_file._source_stamp = _STAMP
     return dispatcher
 

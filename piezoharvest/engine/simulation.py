@@ -99,9 +99,9 @@ def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str) -
         arrives, here = shooting.from_rest(orbit)
         if not arrives:
             shooting = Shooting(Machine(lowered), period, False, rest)
-            reached = shooting.nearby(here, orbit.time)
-            away = np.linalg.norm(reached.section.z - here.z)
-            if not reached.converged or away > 0.05 * np.linalg.norm(here.z):
+            reached = shooting.find((here, orbit.time))
+            evaluations += reached.evaluations
+            if not reached.converged or not shooting.near(reached, here, orbit.time):
                 return _unsettled(lowered, excitation, samples, kind, orbit, evaluations)
             message = "several periodic steady states exist; this is the one that a motion from rest comes to"
             orbit, mirrored = reached, False
@@ -235,5 +235,6 @@ def _finish(response: Response, message: str, evaluations: float) -> Response:
 
 def _failed(kind: str, reason: str) -> Response:
     """A response that only says why there is none."""
-    nothing = dict.fromkeys(("mechanical_in", "harvested", "damping", "hysteresis", "shunt_loss"), 0.0) | {"closure": 1.0}
+    entries = ("mechanical_in", "harvested", "damping", "hysteresis", "shunt_loss")
+    nothing: dict[str, float] = {**dict.fromkeys(entries, 0.0), "closure": 1.0}
     return Response(kind, False, f"simulation failed: {reason}", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.nan, nothing, 0, 0)

@@ -25,6 +25,7 @@ ACCEPTED = 1e-9  # good enough where rounding allows no more
 STABLE = 1 + 1e-6
 # A motion from rest is compared with the orbit every so many periods, so many times at most.
 CHECKED, PATIENCE = 100, 15
+LOG = 4096  # events of a span that are kept
 
 
 @dataclass(frozen=True)
@@ -110,24 +111,25 @@ class Shooting:
         self.n = len(machine.lowered.states)
         self.evaluations = 0.0
 
-    def find(self) -> Orbit:
-        """Search from rest: a few periods, then Newton's method, then more periods where that fails."""
-        state = self.machine.state(self.rest, log=4096)
-        best, spans = None, 0
+    def find(self, start: tuple[Section, float] | None = None) -> Orbit:
+        """Search from rest, or from a section and its time: a few periods, Newton's method, more periods if that fails."""
+        state = self.machine.state(self.rest, log=LOG) if start is None else self.load(*start, sensitivities=0, log=LOG)
+        begin, spans = state.clock[st.NOW], 0
+        best = Orbit(self._save(state, begin)[0], begin, np.inf, np.inf, 0.0)
         for count in WARM_UP:
-            self._run(state, (spans + count - 1) * self.span)
+            self._run(state, begin + (spans + count - 1) * self.span)
             state.discrete[st.LOGGED] = 0
             spans += count
-            self._run(state, spans * self.span)
-            time = spans * self.span + self._quiet(state)
+            self._run(state, begin + spans * self.span)
+            time = begin + spans * self.span + self._quiet(state, begin)
             self._run(state, time)
             orbit = self._newton(self._save(state, time)[0], time)
-            if best is None or (orbit.converged, -orbit.residual) > (best.converged, -best.residual):
+            if (orbit.converged, -orbit.residual) > (best.converged, -best.residual):
                 best = orbit
             if orbit.converged:
                 break
             spans += 1
-            self._run(state, spans * self.span)
+            self._run(state, begin + spans * self.span)
         best.evaluations = self.evaluations
         return best
 
@@ -137,18 +139,18 @@ class Shooting:
         if status != DONE:
             raise EngineError(status)
 
-    def _quiet(self, state: st.State) -> float:
+    def _quiet(self, state: st.State, begin: float) -> float:
         """Middle of the longest time without event in the last span, s after its beginning: where the map is smooth."""
         count = min(int(state.discrete[st.LOGGED]), len(state.log_time))
         if count == 0:
             return 0.0
-        times = np.unique(np.mod(state.log_time[:count], self.span))
+        times = np.unique(np.mod(state.log_time[:count] - begin, self.span))
         gaps = np.diff(times, append=times[0] + self.span)
         k = int(np.argmax(gaps))
         return float(np.mod(times[k] + 0.5 * gaps[k], self.span))
 
     def from_rest(self, orbit: Orbit) -> tuple[bool, Section]:
-        """Whether a motion from rest goes to an orbit, and where it has come to.
+        """Whether a motion from rest goes to an orbit, and where it is at the orbit's phase when that is decided.
 
         The smoothing capacitor begins with the orbit's voltage, so that its slow charging is not waited for. A motion
         that still comes closer when the patience ends is taken to arrive.
@@ -171,9 +173,13 @@ class Shooting:
             before = distance
         return True, here
 
-    def nearby(self, section: Section, time: float) -> Orbit:
-        """Newton's method from a given section."""
-        return self._newton(section, time)
+    def near(self, orbit: Orbit, section: Section, time: float) -> bool:
+        """Whether an orbit passes close by a section that belongs to `time`."""
+        state = self.load(orbit.section, orbit.time, sensitivities=0)
+        phase = np.mod(time - orbit.time, self.period)
+        self._run(state, orbit.time + phase)
+        there = state.z[: self.n]
+        return bool(np.linalg.norm(there - section.z) <= 0.05 * np.linalg.norm(there))
 
     def _newton(self, start: Section, time: float) -> Orbit:
         """Newton's method with a line search; where it does not help, the map itself is followed."""

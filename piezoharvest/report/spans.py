@@ -80,7 +80,7 @@ def dense(span: Span, transducer: Transducer, count: int = 400) -> np.ndarray:
     for point in ("stick", "slip"):
         for resonance in resonances(transducer, operating_point=point):
             for natural, damping in zip(resonance.natural, resonance.damping_ratio, strict=True):
-                reach = np.sinh(np.linspace(-5, 5, 61)) * natural * max(damping, 1e-6)
+                reach = np.sinh(np.linspace(-5, 5, 60)) * natural * max(damping, 1e-6)
                 found.append(natural + reach)
     merged = np.unique(np.concatenate(found))
     return merged[(merged >= span.low) & (merged <= span.high)]

@@ -105,12 +105,16 @@ class Bench:
             return NOTHING
         return Point(r.harvested_power, r.mechanical_power, r.displacement_amplitude, float(r.attenuation_db))
 
+    @property
+    def strength(self) -> float:
+        """Peak value of the study's sine; 1 where the excitation is none."""
+        return 1.0 if drive_frequency(self.study) is None else self.study.excitation.amplitude  # pyright: ignore
+
     def two_port(self, shunt: Shunt, frequencies: np.ndarray) -> list[np.ndarray]:
-        """Arrays as in `Point` for the study's sine at other frequencies, by exact linear algebra."""
-        excitation = self.study.excitation
-        amplitude = excitation.amplitude  # pyright: ignore[reportAttributeAccessIssue]
+        """Arrays as in `Point` for a sine of this strength at any frequencies (Hz), by exact linear algebra."""
+        base, amplitude = self.study.excitation.base, self.strength
         found, short = (
-            frequency_response(System(self.study.transducer, s), frequencies, base=excitation.base) for s in (shunt, Short())
+            frequency_response(System(self.study.transducer, s), frequencies, base=base) for s in (shunt, Short())
         )
         square, displacement = amplitude**2, amplitude * np.abs(found.displacement)
         with np.errstate(all="ignore"):
@@ -146,6 +150,13 @@ class Bench:
                     values = np.where(points[:, 0] > 0, values**2 / points[:, 0], np.nan)
             curves.append(Curve(s, values, *points.T, exact=False))
         return sorted(curves, key=lambda curve: curve.subject.rank)
+
+    def linear(self, subjects: Sequence[Subject], frequencies: np.ndarray) -> list[Curve]:
+        """Curves of the linear candidates on the two-port; none where there is hysteresis."""
+        if self.study.transducer.hysteresis is not None:
+            return []
+        kept = [s for s in subjects if s.linear]
+        return [Curve(s, frequencies, *self.two_port(s.shunt, frequencies), exact=True) for s in kept]
 
     def along_frequencies(self, subjects: Sequence[Subject], frequencies: np.ndarray, fine: np.ndarray) -> list[Curve]:
         """Curves of all candidates for the study's sine at other frequencies; `fine` ones where that costs nothing."""

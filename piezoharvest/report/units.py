@@ -14,7 +14,7 @@ _SYMBOLS = {
     "resistance": "R", "inductance": "L", "capacitance": "C", "load_resistance": "R_load", "dc_voltage": "V_dc",
     "smoothing_capacitance": "C_s", "quality": "Q_i", "source_voltage": "V_s", "flip_time": "flip time",
 }  # fmt: skip
-NONE = "–"  # noqa: RUF001
+NONE = "–"
 SPACE = "\u202f"  # narrow, and no line break: between a number and its unit
 
 

@@ -2,6 +2,7 @@
 
 import importlib
 import pkgutil
+from typing import TYPE_CHECKING, Any
 
 from piezoharvest.parameters import subclasses_by
 from piezoharvest.shunts.base import LinearShunt, Shunt
@@ -15,5 +16,9 @@ def registered() -> dict[str, type[Shunt]]:
     return subclasses_by("kind", Shunt)
 
 
+if TYPE_CHECKING:
+    # The classes come from scanning, which type checkers cannot follow.
+    def __getattr__(name: str) -> Any: ...
+
+
 globals().update({cls.__name__: cls for cls in registered().values()})
-__all__ = ["LinearShunt", "Shunt", "registered", *sorted(cls.__name__ for cls in registered().values())]

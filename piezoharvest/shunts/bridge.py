@@ -1,4 +1,4 @@
-"""Full-wave diode bridge with a smoothing capacitor or a constant voltage behind it: shared by the rectifying shunts."""
+"""Full-wave diode bridge with a smoothing capacitor or a constant voltage behind it: what rectifying shunts share."""
 
 from __future__ import annotations
 
@@ -21,45 +21,39 @@ class Bridge(Shunt):
         Neither a smoothing capacitance with a load resistance nor a dc voltage is given, or both.
     """
 
-    smoothing_capacitance: float | None = quantity("F", "smoothing capacitance behind the bridge", default=None, above=0)
+    smoothing_capacitance: float | None = quantity("F", "smoothing capacitance", default=None, above=0)
     load_resistance: float | None = quantity("ohm", "load resistance behind the bridge", default=None, above=0)
-    dc_voltage: float | None = quantity("V", "constant dc voltage instead of capacitor and load", default=None, at_least=0)
+    dc_voltage: float | None = quantity("V", "constant voltage instead of them", default=None, at_least=0)
     diode_drop: float = quantity("V", "forward drop of one diode", default=0.0, at_least=0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        smoothed = self.smoothing_capacitance is not None and self.load_resistance is not None
-        neither = self.smoothing_capacitance is None and self.load_resistance is None
-        if not ((smoothed and self.dc_voltage is None) or (neither and self.dc_voltage is not None)):
-            given = [k for k in ("smoothing_capacitance", "load_resistance", "dc_voltage") if getattr(self, k) is not None]
+        keys = ("smoothing_capacitance", "load_resistance", "dc_voltage")
+        given = [key for key in keys if getattr(self, key) is not None]
+        if given not in (["smoothing_capacitance", "load_resistance"], ["dc_voltage"]):
             raise ParameterError(
-                "dc_voltage" if self.dc_voltage is not None else "smoothing_capacitance",
-                f"found {' and '.join(given) or 'none of them'}, allowed is smoothing_capacitance with load_resistance, "
-                "or dc_voltage alone",
+                given[-1] if given else "smoothing_capacitance",
+                f"found {' and '.join(given) or 'none of them'}, "
+                "allowed is smoothing_capacitance with load_resistance, or dc_voltage alone",
             )
-
-    @property
-    def smoothed(self) -> bool:
-        """Whether a smoothing capacitor with a load, not a constant voltage, is behind the bridge."""
-        return self.dc_voltage is None
 
     def bridge_states(self) -> tuple[State, ...]:
         """The smoothing capacitor's voltage, where there is one."""
-        return (State("dc", self.smoothing_capacitance, odd=False),) if self.smoothed else ()
+        return () if self.smoothing_capacitance is None else (State("dc", self.smoothing_capacitance, odd=False),)
 
     def dc_side(self, port, z):
         """Voltage behind the bridge."""
-        return z.dc if self.smoothed else self.dc_voltage * port.one
+        return z.dc if self.dc_voltage is None else self.dc_voltage * port.one
 
     def dc_equations(self, rectified, z, dz):
         """Charge balance of the smoothing capacitor that receives the `rectified` current."""
-        if not self.smoothed:
+        if self.smoothing_capacitance is None or self.load_resistance is None:
             return []
         return [self.smoothing_capacitance * dz.dc + z.dc / self.load_resistance - rectified]
 
     def clamp(self, sign, port, dz):
         """The conducting bridge ties the electrodes to the dc side: the derivative of v - sign (v_dc + 2 drops)."""
-        return port.dv - sign * dz.dc if self.smoothed else port.dv
+        return port.dv - sign * dz.dc if self.dc_voltage is None else port.dv
 
     def excess(self, sign, port, z):
         """How far the electrode voltage is above what opens the diodes of one sign."""
@@ -67,9 +61,10 @@ class Bridge(Shunt):
 
     def bridge_powers(self, rectified, port, z):
         """Power into the load and into the diodes, from the `rectified` current."""
-        harvested = (
-            Product(1.0 / self.load_resistance, z.dc, z.dc) if self.smoothed else Product(self.dc_voltage, port.one, rectified)
-        )
+        if self.load_resistance is not None:
+            harvested = Product(1.0 / self.load_resistance, z.dc, z.dc)
+        else:
+            harvested = Product(1.0, self.dc_side(port, z), rectified)
         return {"harvested": [harvested], "shunt_loss": [Product(2.0 * self.diode_drop, port.one, rectified)]}
 
 

@@ -9,12 +9,12 @@ from piezoharvest.shunts.switching import SynchronisedShunt
 
 @dataclass(frozen=True, kw_only=True)
 class SECE(SynchronisedShunt):
-    """At every extremum all charge is extracted at once: electrode voltage to zero, a share of the energy to the load."""
+    """At every extremum the charge is extracted at once: the voltage goes to zero, a share of the energy to the load."""
 
     kind: ClassVar[str] = "sece"
     source: ClassVar[str] = "Lefeuvre, Badel, Richard & Guyomar, J. Intell. Mater. Syst. Struct. 16(10), 865-876, 2005"
 
-    efficiency: float = quantity("", "share of the extracted energy that reaches the load", default=1.0, at_least=0, at_most=1)
+    efficiency: float = quantity("", "share that reaches the load", default=1.0, at_least=0, at_most=1)
 
     def equations(self, configuration, port, z, dz):
         return [port.i]

@@ -17,7 +17,7 @@ class SSDV(InductiveSwitch):
     """
 
     kind: ClassVar[str] = "ssdv"
-    source: ClassVar[str] = "Lefeuvre, Badel, Petit, Richard & Guyomar, J. Intell. Mater. Syst. Struct. 17, 653-660, 2006"
+    source: ClassVar[str] = "Lefeuvre, Badel, Petit, Richard & Guyomar, J. Intell. Mater. Syst. Struct. 17, 2006"
 
     source_voltage: float = quantity("V", "voltage of the source in the loop", at_least=0)
 

@@ -15,8 +15,9 @@ from piezoharvest.shunts.base import Shunt
 class SynchronisedShunt(Shunt):
     """A shunt whose switch acts at the extremum of sum T_i x_i, late or early by a lag."""
 
-    phase_lag: float = quantity("rad", "angle of the drive from the extremum to the action; negative is early", default=0.0,
-                                above=-np.pi, below=np.pi)  # fmt: skip
+    phase_lag: float = quantity(
+        "rad", "angle of the drive, extremum to action; negative is early", default=0.0, above=-np.pi, below=np.pi
+    )
     time_lag: float = quantity("s", "time from the extremum to the action; negative is early", default=0.0)
     hold_off: float | None = quantity("s", "no action sooner than this after the last", default=None, at_least=0)
 
@@ -41,10 +42,8 @@ class SynchronisedShunt(Shunt):
         early = lag < 0
         if early:
             if period is None or lag <= -0.5 * period:
-                raise ParameterError(
-                    "time_lag", f"found {lag:g} s, allowed is an early action only for a periodic excitation, and by less "
-                    "than half its period",
-                )  # fmt: skip
+                allowed = "an early action only for a periodic excitation, and by less than half its period"
+                raise ParameterError("time_lag", f"found {lag:g} s, allowed is {allowed}")
             # The coming extremum is half a period after the last one, of the other kind.
             lag = 0.5 * period + lag
         return Switch(lag, self.on_time(capacitance), hold_off, early, self.harvested_share())
@@ -62,8 +61,8 @@ class InductiveSwitch(SynchronisedShunt):
 
     quality: float = quantity("", "quality of the switched loop, Q_i = sqrt(L/C)/R", above=0.5)
     inductance: float | None = quantity("H", "inductance of the switched loop", default=None, above=0)
-    flip_time: float | None = quantity("s", "damped half period of the loop, instead of inductance", default=None, above=0)
-    on_time_error: float = quantity("", "relative error of the time that the switch stays closed", default=0.0, above=-1)
+    flip_time: float | None = quantity("s", "damped half period, instead of inductance", default=None, above=0)
+    on_time_error: float = quantity("", "relative error of the time for which it is closed", default=0.0, above=-1)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -76,6 +75,7 @@ class InductiveSwitch(SynchronisedShunt):
         if self.inductance is not None:
             inductance = self.inductance
         else:
+            assert self.flip_time is not None  # one of the two is given: __post_init__
             inductance = (self.flip_time / np.pi) ** 2 * (1 - 0.25 / self.quality**2) / capacitance
         return inductance, np.sqrt(inductance / capacitance) / self.quality
 

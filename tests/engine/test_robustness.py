@@ -15,6 +15,7 @@ def check_against_waiting(study, periods, tolerance=1e-7):
     """The direct steady state is what a run from rest ends in."""
     period = 1 / study["excitation"]["frequency"]
     steady = solve(study, samples=64)
+    assert steady.waveforms.time[0] == pytest.approx(0.0, abs=1e-12 * period)
     assert steady.converged, steady.message
     assert abs(steady.energy["closure"]) < 1e-10
     wait = solve(study, transient=periods * period, samples=64)
@@ -149,6 +150,13 @@ def test_periods_needed_do_not_depend_on_the_capacitor():
     shunt = {"kind": "parallel_sshi", **LOOP, "load_resistance": 3e5}
     periods = [solve(bench({**shunt, "smoothing_capacitance": c})).periods_evaluated for c in (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)]
     assert max(periods) < 100, periods
+
+
+def test_steady_waveforms_begin_at_phase_zero():
+    for shunt in (SWITCHED["parallel_sshi"], {"kind": "resistor", "resistance": 1e5}):
+        found = solve(bench(shunt), samples=100)
+        assert np.allclose(found.waveforms.time, np.arange(100) * PERIOD / 100, rtol=0, atol=1e-12 * PERIOD)
+        assert distance(found.waveforms.drive, 0.02 * np.sin(TWO_PI * np.arange(100) / 100)) < 1e-12
 
 
 def test_no_drive_no_motion():

@@ -59,13 +59,13 @@ def test_ssds_is_ssdi_without_inversion(coupling_squared, mechanical_quality):
 
 def test_ssdi_formula_is_off_at_the_short_circuit_resonance():
     """The formula holds at the open-circuit resonance; at the short-circuit one it is off by most of a decibel."""
-    device, q = host(0.02, 50.0), inversion(6.0)
-    shunt = SSDI(quality=6.0, flip_time=1e-5 / device.open_circuit_frequency)
+    device, q = host(0.02, 50.0), inversion(0.8)
+    shunt = SSDI(quality=0.8, flip_time=1e-5 / device.open_circuit_frequency)
     x_0 = FORCE / (device.damping * 2 * math.pi * device.short_circuit_frequency)
     formula = -20 * math.log10(1 + 4 / math.pi * 0.02 * 50.0 * (1 + q) / (1 - q))
     found = 20 * math.log10(amplitude(device, shunt, device.short_circuit_frequency) / x_0)
     assert abs(attenuation(device, shunt) - formula) < 0.1
-    assert 0.2 < abs(found - formula) < 2.0
+    assert 0.4 < abs(found - formula) < 1.2
 
 
 @pytest.mark.parametrize("source_voltage", [0.2, 0.5])

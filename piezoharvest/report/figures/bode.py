@@ -26,7 +26,7 @@ _OPEN = {"color": style.MUTED, "linestyle": (0, (4, 2)), "linewidth": 1.2}
 @style.styled
 def bode(study: Study, subjects: Sequence[Subject], amplitude: float | None) -> Figure:
     """Receptance x/F over all modes and around the driven one; `amplitude` of the charge (C) where there is hysteresis."""
-    figure, axes = style.grid_of_axes(2, 2, height=4.7, sharex="col", sharey="row", width_ratios=(1, 1.25))
+    figure, axes = style.grid_of_axes(2, 2, height=4.7, sharex="col")
     curves: list[tuple[str, Shunt, dict[str, Any]]] = [("shorted", Short(), _SHORT), ("open", Open(), _OPEN)]
     best = best_linear(subjects)
     if best is not None:

@@ -61,8 +61,22 @@ def power_along_frequencies(curves: Sequence[Curve], span: Span, limit: float | 
 
 
 @style.styled
-def damping(curves: Sequence[Curve], short: tuple[np.ndarray, np.ndarray], span: Span, marks: dict[str, Any]) -> Figure:
-    """Displacement amplitude and its attenuation against the frequency; `short`: frequencies and m when shorted."""
+def damping(
+    curves: Sequence[Curve], short: tuple[np.ndarray, np.ndarray], span: Span, marks: dict[str, Any], per: str = ""
+) -> Figure:
+    """Displacement amplitude and its attenuation against the frequency.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+    short : pair of (n,) arrays
+        Frequencies in Hz, and displacement amplitude in m with shorted electrodes.
+    span : Span
+    marks : mapping
+        As for `_marks`.
+    per : str
+        Unit of the drive where displacements are for one of it.
+    """
     figure, (level, attenuation) = style.grid_of_axes(2, height=4.9, sharex=True)
     largest = max([np.nanmax(c.displacement, initial=0.0) for c in curves] + [float(np.nanmax(short[1], initial=0.0))])
     factor, unit = prefix_of(largest, "m")
@@ -73,7 +87,7 @@ def damping(curves: Sequence[Curve], short: tuple[np.ndarray, np.ndarray], span:
         _line(attenuation, curve, curve.attenuation)
     handles = [Line2D([], [], label="shorted", **_SHORT), *_handles([c.subject for c in curves])]
     handles += _marks((level, attenuation), **marks)
-    level.set_ylabel(f"displacement in {unit}")
+    level.set_ylabel(f"displacement in {unit}" + (f" per {per}" if per else ""))
     level.set_ylim(bottom=0)
     attenuation.set_ylabel("against shorted, in dB")
     style.frequency_axis(attenuation, span.logarithmic, "frequency of the drive in Hz")

@@ -14,11 +14,11 @@ from piezoharvest.engine.response import Waveforms
 from piezoharvest.report import style
 from piezoharvest.report.units import prefix_of
 
-_PANELS = (
-    ("drive", "", ""), ("displacement", "displacement", "m"), ("voltage", "voltage", "V"), ("current", "load current", "A"),
-)  # fmt: skip
+_UNITS = {"displacement": "m", "voltage": "V", "current": "A", "charge": "C"}
+_NAMES = {"current": "load current", "charge": "charge $q_p$"}
 _COLOURS = {
     "drive": style.INK, "displacement": style.PALETTE[0], "voltage": style.PALETTE[1], "current": style.PALETTE[2],
+    "charge": style.PALETTE[2],
 }  # fmt: skip
 _DC = {"color": style.INK, "linestyle": (0, (5, 1.6)), "linewidth": 1.1}
 # Marker, and whether it is filled, of what happens in the circuit.
@@ -44,6 +44,8 @@ class Window(NamedTuple):
 def waveforms(signals: Waveforms, windows: Sequence[Window], base: bool) -> Figure:
     """Drive, displacement, voltage (with the dc side's) and load current, in one column for each window.
 
+    Where the load current is nothing but impulses, the charge takes its place.
+
     Parameters
     ----------
     signals : Waveforms
@@ -51,23 +53,22 @@ def waveforms(signals: Waveforms, windows: Sequence[Window], base: bool) -> Figu
     base : bool
         Whether the drive is base acceleration.
     """
+    names = ("drive", "displacement", "voltage", "current" if np.any(signals.current) else "charge")
     figure, axes = style.grid_of_axes(
-        len(_PANELS), len(windows), height=5.6, sharex="col", sharey="row", squeeze=False,
-        height_ratios=(0.75, 1, 1.3, 1),
-    )  # fmt: skip
+        len(names), len(windows), height=5.6, sharex="col", sharey="row", squeeze=False, height_ratios=(0.8, 1, 1.3, 1)
+    )
     shown = set()
     for column, window in enumerate(windows):
         time_factor, time_unit = prefix_of(window.end - window.begin, "s")
-        for one, (name, _, _) in zip(axes[:, column], _PANELS, strict=True):
-            factor, _ = _unit(signals, name, base)
-            _draw(one, signals, name, window, (time_factor, factor))
+        for one, name in zip(axes[:, column], names, strict=True):
+            _draw(one, signals, name, window, (time_factor, _unit(signals, name, base)[0]))
         shown |= _mark_events(axes[:, column], signals, window, time_factor, _unit(signals, "voltage", base)[0])
         axes[0, column].set_title(window.title)
         axes[0, column].set_xlim(time_factor * window.begin, time_factor * window.end)
         axes[-1, column].set_xlabel(f"time in {time_unit}")
-    for one, (name, words, _) in zip(axes[:, 0], _PANELS, strict=True):
-        drive = "base acceleration" if base else "force"
-        one.set_ylabel(f"{words or drive}\nin {_unit(signals, name, base)[1]}")
+    for one, name in zip(axes[:, 0], names, strict=True):
+        words = ("base accel." if base else "force") if name == "drive" else _NAMES.get(name, name)
+        one.set_ylabel(f"{words}\nin {_unit(signals, name, base)[1]}")
     figure.align_ylabels(axes[:, 0])
     style.legend_above(figure, _legend(signals, shown), 6)
     return figure
@@ -79,8 +80,9 @@ def cut(signals: Waveforms, length: float, periodic: bool) -> Waveforms:
     values = {name: np.broadcast_to(getattr(signals, name), signals.time.shape) for name in names}
     times, end = signals.time, float(signals.time[-1])
     if periodic and end < length:
-        values = {name: np.append(one, one[0]) for name, one in values.items()}
-        return Waveforms(np.append(times, length), **values, event_times=signals.event_times, event_names=signals.event_names)
+        values = {name: np.concatenate((one[-1:], one, one[:1])) for name, one in values.items()}
+        times = np.concatenate(([end - length], times, [times[0] + length]))
+        return Waveforms(times, **values, event_times=signals.event_times, event_names=signals.event_names)
     if not periodic:
         return signals
     keep, late = times >= end - length, signals.event_times >= end - length
@@ -91,14 +93,16 @@ def cut(signals: Waveforms, length: float, periodic: bool) -> Waveforms:
 
 def _unit(signals: Waveforms, name: str, base: bool) -> tuple[float, str]:
     """Factor and unit of a panel, by its largest value."""
-    unit = {"drive": "m/s^2" if base else "N"}.get(name) or next(u for panel, _, u in _PANELS if panel == name)
+    unit = _UNITS.get(name) or ("m/s^2" if base else "N")
     values = np.abs(getattr(signals, name))
     return prefix_of(float(np.max(values, initial=0.0)), unit)
 
 
 def _draw(axes: Axes, signals: Waveforms, name: str, window: Window, factors: tuple[float, float]) -> None:
     """One signal in one window; of very many samples the least and the largest of each pixel."""
-    inside = (signals.time >= window.begin) & (signals.time <= window.end)
+    # One sample beyond either end, so that the lines reach them.
+    spacing = float(np.max(np.diff(signals.time), initial=0.0))
+    inside = (signals.time >= window.begin - spacing) & (signals.time <= window.end + spacing)
     times, values = _thinned(signals.time[inside], np.broadcast_to(getattr(signals, name), inside.shape)[inside])
     axes.plot(factors[0] * times, factors[1] * values, color=_COLOURS[name], linewidth=1.3 if len(times) < _PIXELS else 0.8)
     if name == "voltage" and np.any(signals.dc_voltage):

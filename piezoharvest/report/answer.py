@@ -1,0 +1,90 @@
+"""The answer in one sentence, and the figures that carry it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from piezoharvest.report.limits import Limit
+from piezoharvest.report.spans import design_band, drive_frequency
+from piezoharvest.report.subjects import Subject, values_of
+from piezoharvest.report.units import decibel, engineering, percent
+from piezoharvest.study import Study
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the design found.
+
+    Attributes
+    ----------
+    sentence : str
+    warning : str
+        Why it is not to be relied on; empty where it can be.
+    cards : list of (name, value, remark)
+    """
+
+    sentence: str
+    warning: str
+    cards: list[tuple[str, str, str]]
+
+
+def answer(study: Study, subjects: Sequence[Subject], limit: Limit | None) -> Answer:
+    """Answer of a design: its best candidate."""
+    best = subjects[0]
+    c, damping = best.candidate, study.design is not None and study.design.objective == "damping"
+    parts = ", ".join(f"{name} = {value}" for name, value in values_of(best.shunt))
+    who = f"{best.label} ({parts})" if parts else best.label
+    power, displacement = engineering(c.harvested_power, "W"), engineering(c.displacement_amplitude, "m")
+    vibration = f"{_changes(c.attenuation_db)} the vibration {_by(c.attenuation_db)} against shorted electrodes"
+    if damping:
+        does = f"{vibration}, to {displacement}" + (f", and harvests {power}" if best.harvests else "")
+    else:
+        does = f"harvests {power} and {vibration}"
+    sentence = f"Best of {len(subjects)}: {who} {does}, {_where(study)}." if len(subjects) > 1 else (
+        f"{who[0].upper()}{who[1:]} {does}, {_where(study)}.")  # fmt: skip
+    return Answer(sentence, _warning(best), _cards(best, limit, design_band(study) is not None))
+
+
+def _changes(attenuation: float) -> str:
+    return "raises" if attenuation > 0 else "lowers"
+
+
+def _by(attenuation: float) -> str:
+    text = decibel(attenuation).lstrip("+\u2212")
+    return f"by {text}" if text[0].isdigit() else "by an unknown amount"
+
+
+def _where(study: Study) -> str:
+    """Under which drive, in words."""
+    band, frequency, excitation = design_band(study), drive_frequency(study), study.excitation
+    what = "base acceleration" if excitation.base else "force"
+    unit = "m/s^2" if excitation.base else "N"
+    if frequency is None:
+        return f"under the study's {excitation.kind.replace('_', ' ')}"
+    level = f"a sinusoidal {what} of {engineering(excitation.amplitude, unit)}"  # pyright: ignore
+    if band is not None:
+        return f"under {level} from {engineering(band[0], 'Hz')} to {engineering(band[1], 'Hz')} (mean power, worst vibration)"
+    return f"under {level} at {engineering(frequency, 'Hz')}"
+
+
+def _warning(best: Subject) -> str:
+    if not best.candidate.converged:
+        message = best.response.message if best.response else ""
+        return f"Not to be trusted: {message or 'a simulation behind these figures did not converge'}."
+    if best.candidate.violates:
+        return f"No candidate keeps all limits; this one breaks {', '.join(best.candidate.violates)}."
+    return ""
+
+
+def _cards(best: Subject, limit: Limit | None, band: bool) -> list[tuple[str, str, str]]:
+    c, r = best.candidate, best.response
+    share = f"{percent(c.harvested_power / limit.power)} of what any interface can draw" if limit and best.harvests else ""
+    cards = [("harvested power", engineering(c.harvested_power, "W"), share or ("mean over the band" if band else ""))]
+    if r is not None and best.harvests:
+        cards.append(("efficiency", percent(r.efficiency), "electrical out over mechanical in"))
+    cards.append(("displacement", engineering(c.displacement_amplitude, "m"), "amplitude"))
+    cards.append(("vibration", decibel(c.attenuation_db), "against shorted electrodes"))
+    dc = f"dc {engineering(r.dc_voltage, 'V')}" if r is not None and r.dc_voltage else "amplitude"
+    cards.append(("electrode voltage", engineering(c.voltage_amplitude, "V"), dc))
+    return cards

@@ -1,0 +1,113 @@
+"""The page: one HTML file that stands alone, and its figures as PNG files beside it."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
+from markupsafe import Markup, escape
+
+import piezoharvest
+from piezoharvest.output import OutputError, check_directory, write_text
+from piezoharvest.report import style, tables
+from piezoharvest.report.answer import answer
+from piezoharvest.report.gallery import Gallery
+from piezoharvest.report.limits import power_limit
+from piezoharvest.report.subjects import subjects_of
+from piezoharvest.report.units import decibel, engineering
+from piezoharvest.study import Study
+
+if TYPE_CHECKING:
+    from piezoharvest.design.result import DesignResult
+
+NAME = "report.html"
+_SECTIONS = ("answer", "power", "damping", "waveforms", "two-port")
+
+
+def write_report(study: Study, design_result: DesignResult, directory: str | Path) -> Path:
+    """Write the report of a design: a self-contained HTML page, and its figures as PNG files.
+
+    Parameters
+    ----------
+    study : Study
+    design_result : DesignResult
+        What `piezoharvest.design.design` gave for the study.
+    directory : str or Path
+        Made if it is not there.
+
+    Returns
+    -------
+    Path
+        The HTML file. It is written last, so that where it is, everything is.
+
+    Raises
+    ------
+    OutputError
+        The directory or a file in it cannot be written.
+    """
+    directory = check_directory(directory, create=True)
+    subjects = subjects_of(design_result.candidates)
+    limit = power_limit(study.transducer, study.excitation)
+    gallery = Gallery(study, subjects, limit)
+    figures: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    for n, picture in enumerate(gallery.pictures(), 1):
+        file = f"{picture.name}.png"
+        _write_png(picture.figure, directory / file)
+        svg = Markup(style.inline_svg(picture.figure, picture.name, picture.heading))
+        words = {"number": n, "heading": picture.heading, "caption": picture.caption, "file": file, "name": picture.name}
+        figures[picture.section].append({**words, "svg": svg})
+    assert set(figures) <= set(_SECTIONS)
+    page = _template().render(
+        title=study.title,
+        answer=answer(study, subjects, limit),
+        ranking=tables.ranking(subjects, limit),
+        tuning=[(s.label, s.candidate.method, s.candidate.start, s.candidate.iterations) for s in subjects],
+        limit=limit and engineering(limit.power, "W"),
+        bound=_bound(design_result),
+        figures=figures,
+        energies=tables.energies(subjects),
+        two_port=tables.two_port(study, limit),
+        transducer=list(tables.transducer_tables(study.transducer)),
+        conditions=[tables.excitation_table(study), ("Asked of the design", tables.wishes(study))],
+        notes=[*design_result.notes, *gallery.remarks],
+        colours=len(style.PALETTE),
+        file=study.path.name,
+        version=piezoharvest.__version__,
+    )
+    write_text(page, directory / NAME)
+    return directory / NAME
+
+
+def _write_png(figure: Any, path: Path) -> None:
+    try:
+        style.write_png(figure, path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from None
+
+
+def _bound(result: DesignResult) -> list[str]:
+    """What no passive linear shunt can pass, in words."""
+    bound = result.bound
+    found = [engineering(bound.harvested_power, "W")] if bound.harvested_power is not None else []
+    return found + ([decibel(bound.attenuation_db)] if bound.attenuation_db is not None else [])
+
+
+@cache
+def _template() -> Template:
+    folder = resources.files("piezoharvest.report").joinpath("templates")
+    loader = FunctionLoader(lambda name: folder.joinpath(name).read_text(encoding="utf-8"))
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["subscripts"] = _subscripts
+    return environment.get_template("report.html.j2")
+
+
+def _subscripts(text: str) -> Markup:
+    """Text in which k_e and the like have their index below the line."""
+    return Markup(re.sub(r"\b([A-Za-z])_(\w+)", r"\1<sub>\2</sub>", str(escape(text))))

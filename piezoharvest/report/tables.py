@@ -1,0 +1,147 @@
+"""Rows of a report's tables, as text."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from piezoharvest.parameters import Component
+from piezoharvest.report.figures.ledger import name_of
+from piezoharvest.report.limits import Limit, ModeFigures, mode_figures
+from piezoharvest.report.subjects import Subject, values_of
+from piezoharvest.report.units import decibel, engineering, kind_name, number, percent, quantity_text
+from piezoharvest.study import Study
+from piezoharvest.transducer import Transducer
+
+_LIMITS = {
+    "max_voltage": "voltage too high", "max_inductance": "inductance too large", "max_displacement": "displacement too large",
+    "min_power": "power too low", "min_attenuation_db": "too little damping",
+}  # fmt: skip
+
+
+_MERIT = "from 2 on a resistor, from π on a rectifier can reach the limit of power"
+
+
+class Row(NamedTuple):
+    """A candidate in the ranking."""
+
+    rank: int
+    label: str
+    kind: str
+    values: list[tuple[str, str]]
+    cells: list[str]
+    closure: str
+    converged: bool
+    violates: list[str]
+    colour: int
+
+
+class Entry(NamedTuple):
+    """A quantity: name, value with unit, and what it is."""
+
+    name: str
+    value: str
+    doc: str
+
+
+def ranking(subjects: Sequence[Subject], limit: Limit | None) -> list[Row]:
+    """One row for each candidate; cells in the order of the table's columns."""
+    rows = []
+    for s in subjects:
+        c, r = s.candidate, s.response
+        closure = r.energy.get("closure") if r else None
+        cells = [
+            engineering(c.harvested_power, "W"),
+            percent(c.harvested_power / limit.power) if limit else "",
+            percent(r.efficiency) if r else engineering(None),
+            engineering(c.displacement_amplitude, "m"),
+            decibel(c.attenuation_db),
+            engineering(c.voltage_amplitude, "V"),
+            engineering(r.dc_voltage, "V") if r and r.dc_voltage else engineering(None),
+        ]
+        violates = [_LIMITS.get(name, name) for name in c.violates]
+        rows.append(Row(s.rank + 1, s.label, s.shunt.kind, list(values_of(s.shunt)), cells,
+                        number(closure, 1) if closure is not None else engineering(None), c.converged, violates,
+                        s.rank))  # fmt: skip
+    return rows
+
+
+def energies(subjects: Sequence[Subject]) -> tuple[list[str], list[tuple[str, list[str]]]]:
+    """Header and rows of the energy ledger, per period or run."""
+    drawn = [(s, s.response.energy) for s in subjects if s.response is not None and any(s.response.energy.values())]
+    names = dict.fromkeys(name for _, energy in drawn for name in energy if name != "closure")
+    header = ["mechanical in" if name == "mechanical_in" else name_of(name) for name in names]
+    return header, [(s.label, [engineering(energy.get(name), "J") for name in names]) for s, energy in drawn]
+
+
+def entries(component: Component) -> Iterator[Entry]:
+    """Every quantity of a component, from the metadata of its fields."""
+    for field in dataclasses.fields(component):
+        value = getattr(component, field.name)
+        if "unit" in field.metadata and value is not None:
+            unit = _one_unit(component, field.metadata["unit"])
+            yield Entry(field.name.replace("_", " "), quantity_text(value, unit, 4), field.metadata["doc"])
+
+
+def _one_unit(component: Any, unit: str) -> str:
+    """Of "N or m/s^2" and the like the one that holds for a force or a base acceleration."""
+    choices = unit.split(" or ")
+    return choices[-1 if getattr(component, "base", False) else 0]
+
+
+def transducer_tables(transducer: Transducer) -> Iterator[tuple[str, list[Entry]]]:
+    """Heading and entries of the transducer, its hysteresis, further modes and effects."""
+    yield transducer.name or "Transducer", list(entries(transducer))
+    if transducer.hysteresis is not None:
+        yield "Hysteresis", list(entries(transducer.hysteresis))
+    for n, mode in enumerate(transducer.modes, 2):
+        yield f"Mode {n}", list(entries(mode))
+    for effect in transducer.effects:
+        yield f"Effect: {effect.name.replace('_', ' ')}", list(entries(effect))
+
+
+def excitation_table(study: Study) -> tuple[str, list[Entry]]:
+    """Heading and entries of the excitation."""
+    return f"Excitation: {kind_name(study.excitation.kind)}", list(entries(study.excitation))
+
+
+def wishes(study: Study) -> list[Entry]:
+    """What was asked of the design."""
+    if study.design is None:
+        return []
+    found = [Entry("objective", study.design.objective.replace("_", " "), "what is made large, or small")]
+    return found + list(entries(study.design))
+
+
+def two_port(study: Study, limit: Limit | None) -> tuple[list[str], list[tuple[str, list[str], str]]]:
+    """Header (modes) and rows (name, one value for each mode, remark) of the two-port's figures."""
+    transducer = study.transducer
+    points = ("slip", "stick") if transducer.hysteresis is not None else ("stick",)
+    found = [(point, mode_figures(transducer, point)) for point in points]
+    words = {"slip": " (hysteresis slipping)", "stick": " (hysteresis sticking)"}
+    header = [
+        (f"mode {n + 1}" if len(modes) > 1 else "") + (words[point] if len(points) > 1 else "")
+        for point, modes in found
+        for n in range(len(modes))
+    ]
+    figures = [mode for _, modes in found for mode in modes]
+    rows = [
+        ("short-circuit resonance", [engineering(m.short_circuit, "Hz", 5) for m in figures], "undamped"),
+        ("open-circuit resonance", [engineering(m.open_circuit, "Hz", 5) for m in figures], "undamped"),
+        ("coupling k_e²", [number(m.coupling_squared) for m in figures], "(f_oc² − f_sc²)/f_sc²"),  # noqa: RUF001
+        ("mechanical quality Q_m", [number(m.quality) if np.isfinite(m.quality) else "∞" for m in figures], "√(k m)/b"),
+        ("k_e² Q_m", [number(m.merit) if np.isfinite(m.merit) else "∞" for m in figures], _MERIT),
+        ("matched resistance", [_matched(m, transducer) for m in figures], "1/(C ω) at the short-circuit resonance"),
+    ]
+    if limit is not None:
+        blank = [""] * (len(figures) - 1)
+        rows.append(("limit of power", [engineering(limit.power, "W"), *blank], f"{limit.formula}: no interface can exceed it"))
+    return header, rows
+
+
+def _matched(mode: ModeFigures, transducer: Transducer) -> str:
+    return engineering(1 / (2 * np.pi * mode.short_circuit * transducer.capacitance), "ohm")
+
