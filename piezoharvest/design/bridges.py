@@ -51,7 +51,7 @@ def bridge_starts(view: LinearView, draft: Draft) -> list[Start]:
     bridge = draft.shunt
     assert isinstance(bridge, Bridge)
     capacitance = view.capacitance
-    source, scale = _source(view), 1 / (2 * np.pi * view.operation.centre(view.transducer) * capacitance)
+    source, scale = strain_source(view), 1 / (2 * np.pi * view.operation.centre(view.transducer) * capacitance)
 
     def merit(log_load) -> np.ndarray:
         """One figure for each load, to be made small."""
@@ -123,7 +123,7 @@ def _impedance(bridge: Bridge, x: np.ndarray, drop: np.ndarray) -> tuple[np.ndar
     return (real + 1j * imaginary) / np.pi, harvested
 
 
-def _source(view: LinearView) -> Source:
+def strain_source(view: LinearView) -> Source:
     """Thevenin source of the strain current at the operation's lines, the clamped capacitance taken out."""
     op, frequencies = view.operation, view.operation.frequencies
     omega = 2 * np.pi * frequencies

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -119,8 +120,13 @@ def mean_nodes(
     root = np.sqrt(places**2 - 1 + 0j)
     ellipse = float(np.min(np.maximum(np.abs(places + root), np.abs(places - root)), initial=1e3))
     needed = np.log(1 / tolerance) / (2 * np.log(max(ellipse, 1 + 1e-9)))
-    nodes, weights = np.polynomial.legendre.leggauss(int(np.clip(np.ceil(needed) + 1, 5, most)))
+    nodes, weights = _gauss(int(np.clip(np.ceil(needed) + 1, 5, most)))
     return middle + half * nodes, 0.5 * weights
+
+
+@cache
+def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.polynomial.legendre.leggauss(count)
 
 
 def _lines(excitation: Excitation, transducer: Transducer) -> tuple[np.ndarray, np.ndarray]:

@@ -88,6 +88,8 @@ class _Design:
         drafts = drafting.drafts()
         if drafting.left_out:
             self.notes.append(f"left out: {'; '.join(drafting.left_out)}")
+        if self.trial.unresolved:
+            self.notes.append("resonances are sharper than the simulated mean power over the band is sure to see")
         candidates = tuple(sorted((self._candidate(draft) for draft in drafts), key=self._rank))
         if not candidates[0].feasible:
             self.notes.insert(0, "no candidate keeps all limits")

@@ -20,7 +20,7 @@ from piezoharvest.shunts.short import Short
 from piezoharvest.system import System
 
 _MEAN_ERROR = 1e-3  # of a mean over a band: below what parts are worth being told apart by
-_MOST_NODES = 41
+_TUNING_NODES, _FINAL_NODES = 41, 121  # at most
 _FEWEST_POINTS = 9  # in search of the worst peak of what does not switch: the two-port tells where else to look
 _TUNING_POINTS, _FINAL_POINTS = 17, 41  # of what does
 _PEAK_STEPS = 8
@@ -71,7 +71,7 @@ class Trial:
         """Mean power at the nodes of a quadrature; displacement at its worst peak."""
         goal, power, found = self.view.goal, 0.0, {}
         if complete or not goal.damping or goal.options.min_power is not None:
-            nodes, weights = self._nodes
+            nodes, weights = self._nodes[complete]
             found = {float(f): self._simulate(shunt, complete, float(f)) for f in nodes}
             power = float(np.dot(weights, [r.harvested_power for r in found.values()]))
         if complete or goal.damping or goal.limits_levels:
@@ -125,11 +125,17 @@ class Trial:
         damping = float(np.min(-np.real(found[np.imag(found) > 0]), initial=np.inf))
         return max(damping / np.pi, 1e-6 * transducer.short_circuit_frequency)
 
+    @property
+    def unresolved(self) -> bool:
+        """Whether resonances are sharper than the mean over the band is sure to see."""
+        return self.view.operation.band is not None and len(self._nodes[True][0]) == _FINAL_NODES
+
     @cached_property
-    def _nodes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes (Hz) and weights of the mean over the band."""
+    def _nodes(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """Nodes (Hz) and weights of the mean over the band, for tuning and for the final figures."""
         assert self.view.operation.band is not None
-        return mean_nodes(self.view.operation.band, self.view.transducer, _MEAN_ERROR, _MOST_NODES)
+        most = (_TUNING_NODES, _FINAL_NODES)
+        return tuple(mean_nodes(self.view.operation.band, self.view.transducer, _MEAN_ERROR, n) for n in most)
 
     @cached_property
     def _shorted(self) -> float:

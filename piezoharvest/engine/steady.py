@@ -15,6 +15,7 @@ import numpy as np
 
 from piezoharvest.engine import state as st
 from piezoharvest.engine.events import DONE
+from piezoharvest.engine.program import Program
 from piezoharvest.engine.transient import Machine
 
 # Sections run through from rest before Newton's method is tried (again): it needs a state with the right events.
@@ -46,13 +47,23 @@ class Section:
         """What varies continuously: states, then the times of waiting actions and of the opening."""
         return np.concatenate([self.z, self.waiting, [] if self.opens is None else [self.opens]])
 
-    def moved(self, vector: np.ndarray, limits: np.ndarray, stops: np.ndarray) -> Section:
-        """Same discrete state with other continuous values; slipping stops stay on their limits."""
+    def moved(self, vector: np.ndarray, program: Program) -> Section:
+        """Same discrete state with other continuous values, as far as these allow.
+
+        Slipping stops stay on their limits; the direction of motion follows the velocity, or an extremum that is none
+        would be seen at the section.
+        """
         n, w = len(self.z), len(self.waiting)
-        z = vector[:n].copy()
+        z, stops, limits = vector[:n].copy(), program.stop_state, program.stop_limit
         z[stops] = np.where(self.slip != 0, self.slip * limits, np.clip(z[stops], -limits, limits))
-        waiting = tuple(np.maximum(vector[n : n + w], 0.0))
-        return replace(self, z=z, waiting=waiting, opens=None if self.opens is None else max(vector[-1], 0.0))
+        velocity = program.trigger_row[:n] @ z
+        return replace(
+            self,
+            z=z,
+            direction=self.direction if velocity == 0 else int(np.sign(velocity)),
+            waiting=tuple(np.maximum(vector[n : n + w], 0.0)),
+            opens=None if self.opens is None else max(vector[-1], 0.0),
+        )
 
     def alike(self, other: Section) -> bool:
         """Whether two sections have the same continuous variables."""
@@ -107,7 +118,6 @@ class Shooting:
         self.mirrored = mirrored
         self.span = 0.5 * period if mirrored else period
         self.odd, self.mirror = program.odd, program.mirror
-        self.stops, self.limits = program.stop_state, program.stop_limit
         self.n = len(machine.lowered.states)
         self.evaluations = 0.0
 
@@ -184,7 +194,7 @@ class Shooting:
     def _newton(self, start: Section, time: float) -> Orbit:
         """Newton's method with a line search; where it does not help, the map itself is followed."""
         end, jacobian = self._map(start, time)
-        residual = self._distance(start, end)
+        residual, program = self._distance(start, end), self.machine.lowered.program
         best = Orbit(start, time, residual, _radius(jacobian), 0.0)
         for _ in range(ITERATIONS):
             if not start.alike(end):
@@ -194,7 +204,7 @@ class Shooting:
                 continue
             step = _solve_conserving(np.eye(len(jacobian)) - jacobian, end.vector - start.vector)
             before = residual
-            trials = (end.moved(start.vector + damping * step, self.limits, self.stops) for damping in (1.0, 0.5, 0.25))
+            trials = (end.moved(start.vector + damping * step, program) for damping in (1.0, 0.5, 0.25))
             for trial in (*trials, end):
                 try:
                     trial_end, trial_jacobian = self._map(trial, time)
