@@ -162,4 +162,5 @@ def _spectrum(signal, excitation: Excitation, transducer: Transducer) -> tuple[n
         edges = np.linspace(0, len(frequencies), _BINS + 1).astype(int)[:-1]
         frequencies = np.add.reduceat(frequencies, edges) / np.diff(edges, append=len(frequencies))
         squares = np.add.reduceat(squares, edges)
-    return frequencies, squares
+    heard = squares > np.finfo(float).eps * np.max(squares, initial=0.0)
+    return frequencies[heard], squares[heard]

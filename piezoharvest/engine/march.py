@@ -93,13 +93,13 @@ def at(c, x):
 
 
 @compiled
-def crossing(now, then, g, h):
+def crossing(now, then, floor, g, h):
     """Fractions (low, high) of a step between which a guard first rises through zero, and an estimate of where.
 
-    low > high if it does not rise.
+    low > high if it does not rise. What does not exceed `floor`, the rounding of the guard's terms, is no rise.
     """
     c, d0 = quintic(now, then, g, h), now[3 * g + 1]
-    noise = 1e-13 * (abs(c[0]) + abs(then[3 * g]) + abs(c[1]) + h * abs(then[3 * g + 1]))
+    noise = 1e-13 * (abs(c[0]) + abs(then[3 * g]) + abs(c[1]) + h * abs(then[3 * g + 1])) + floor[g]
     low, before = 0.0, c[0]
     for k in range(1, 9):
         x = 0.125 * k
@@ -157,10 +157,11 @@ def _root(c, low, high):
 
 
 @compiled
-def may_cross(now, then, g, h):
+def may_cross(now, then, floor, g, h):
     """Whether `crossing` has to look: the guard ends above zero, or rises and falls within the step."""
     f0, d0, f1, d1 = now[3 * g], now[3 * g + 1], then[3 * g], then[3 * g + 1]
-    return f1 > 1e-13 * (abs(f0) + abs(f1) + h * (abs(d0) + abs(d1))) or (d0 > 0.0 and d1 < 0.0)
+    noise = 1e-13 * (abs(f0) + abs(f1) + h * (abs(d0) + abs(d1))) + floor[g]
+    return f1 > noise or (d0 > 0.0 and d1 < 0.0 and f0 + h * d0 > noise)
 
 
 @compiled
@@ -200,13 +201,13 @@ def locate(guards, matrix, growth, slot, finest, longest, z, guard, sign, low, h
 def _earliest(P, T, S, slot, step):
     """Guard that rises first within a step, and when; the state there is left in work[3]."""
     best, best_tau = NONE, np.inf
-    now, then, sign, z = S.guard_now, S.guard_next, S.sign, S.z
+    now, then, floor, sign, z = S.guard_now, S.guard_next, S.guard_floor, S.sign, S.z
     guards, matrix, growth, finest, longest = T.guards, T.matrix, T.growth, T.finest[slot], P.step
     scratch, found, trial = S.work[1:3], S.work[3], S.work[4]
     for g in range(len(sign)):
-        if not may_cross(now, then, g, step):
+        if not may_cross(now, then, floor, g, step):
             continue
-        low, high, guess = crossing(now, then, g, step)
+        low, high, guess = crossing(now, then, floor, g, step)
         if low > high or low * step > best_tau:
             continue
         tau = 0.0
@@ -230,7 +231,7 @@ def _earliest(P, T, S, slot, step):
         if best == NONE or g == best or now[3 * g] > 0.0:
             continue
         value = sign[g] * dot(guards[slot, 3 * g], found)
-        if value > 1e-12 * (abs(now[3 * g]) + step * abs(now[3 * g + 1])):
+        if value > floor[g] + 1e-12 * (abs(now[3 * g]) + step * abs(now[3 * g + 1])):
             tau = locate(guards, matrix, growth, slot, finest, longest, z, g, sign[g], 0.0, best_tau, 0.5 * best_tau,
                          True, trial, scratch)  # fmt: skip
             if tau < best_tau:
@@ -360,6 +361,11 @@ def march(P, T, S, slot, t_stop):
     watching = len(S.sample_time) > 0 or len(S.extremes) > 0
     recording = watching or len(S.energy) > 0 or S.discrete[COLUMNS] > 0
     read_guards(guards, slot, sign, z, now)
+    size, floor = 0.0, S.guard_floor
+    for i in range(a):
+        size += abs(z[i])
+    for g in range(count):
+        floor[g] = 1e-13 * size * T.guard_size[slot, 3 * g]
     while True:
         left = t_stop - clock[NOW]
         if left <= 0.0:
@@ -384,7 +390,7 @@ def march(P, T, S, slot, t_stop):
             size = max(abs(now[3 * g]), abs(then[3 * g]))
             too_long |= abs(doubt) > 0.3 * size
             doubling &= abs(doubt) <= 0.05 * size
-            rises |= may_cross(now, then, g, step)
+            rises |= may_cross(now, then, floor, g, step)
         if too_long and level < finest and full:
             level += 1
             continue

@@ -20,6 +20,7 @@ from piezoharvest.system import System
 
 CLOSURE = 1e-8  # energy that no entry accounts for, relative, beyond which a result is not trusted
 LONGEST_LOG = 100_000
+MOST_SAMPLES = 1_000_000  # of a transient: beyond that they are spread over it
 UNSETTLED_PERIODS = 64  # averaged over where there is no periodic steady state
 
 
@@ -143,9 +144,8 @@ def _transient(lowered, excitation: Excitation, length: float | None, samples: i
     if t_end is None:
         raise ValueError(f"{excitation.kind} has no length, a transient needs one")
     if excitation.period is not None:
-        count = max(int(np.ceil(samples * t_end / excitation.period)), 1)
-        times = np.arange(count + 1) * excitation.period / samples
-        times = times[times <= t_end]
+        step = max(excitation.period / samples, t_end / MOST_SAMPLES)
+        times = np.arange(int(np.floor(t_end / step * (1 + 1e-12))) + 1) * step
     else:
         times = np.linspace(0.0, t_end, 8 * samples + 1)
         if isinstance(lowered.signal, Ramps):

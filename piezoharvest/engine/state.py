@@ -41,6 +41,7 @@ class State(NamedTuple):
     work: np.ndarray  # (9, a) scratch
     guard_now: np.ndarray  # (3 g,) scratch: value, rate, second rate of every guard
     guard_next: np.ndarray  # (3 g,)
+    guard_floor: np.ndarray  # (g,) rounding of every guard
 
 
 StateRef, StateType = reference(State)
@@ -86,6 +87,7 @@ def rest(
         work=np.empty((9, a)),
         guard_now=np.empty(3 * guards),
         guard_next=np.empty(3 * guards),
+        guard_floor=np.empty(guards),
     )
     state.discrete[DIRECTION] = 1
     return state

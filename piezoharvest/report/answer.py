@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from piezoharvest.report.limits import Limit
-from piezoharvest.report.spans import design_band, drive_frequency
+from piezoharvest.report.spans import design_band, drive_frequency, frequency_range
 from piezoharvest.report.subjects import Subject, values_of
-from piezoharvest.report.units import decibel, engineering, percent
+from piezoharvest.report.tables import near_limit
+from piezoharvest.report.units import decibel, engineering, kind_name, percent
 from piezoharvest.study import Study
 
 
@@ -46,6 +47,11 @@ def answer(study: Study, subjects: Sequence[Subject], limit: Limit | None) -> An
     return Answer(sentence, _warning(best), _cards(best, limit, design_band(study) is not None))
 
 
+_SIGNALS = {
+    "random_base": "the random base acceleration", "record": "the recorded force", "multisine": "the multisine force",
+}  # fmt: skip
+
+
 def _changes(attenuation: float) -> str:
     return "raises" if attenuation > 0 else "lowers"
 
@@ -61,11 +67,12 @@ def _where(study: Study) -> str:
     what = "base acceleration" if excitation.base else "force"
     unit = "m/s^2" if excitation.base else "N"
     if frequency is None:
-        return f"under the study's {excitation.kind.replace('_', ' ')}"
-    level = f"a sinusoidal {what} of {engineering(excitation.amplitude, unit)}"  # pyright: ignore
+        return f"under {_SIGNALS.get(excitation.kind, 'the ' + kind_name(excitation.kind))} of the study"
+    amplitude: float = excitation.amplitude  # pyright: ignore[reportAttributeAccessIssue]
+    level = f"a sinusoidal {what} of {engineering(amplitude, unit, 4, exact=True)}"
     if band is not None:
-        return f"under {level} from {engineering(band[0], 'Hz')} to {engineering(band[1], 'Hz')} (mean power, worst vibration)"
-    return f"under {level} at {engineering(frequency, 'Hz')}"
+        return f"under {level} from {frequency_range(band)} (mean power, worst vibration)"
+    return f"under {level} at {engineering(frequency, 'Hz', 5, exact=True)}"
 
 
 def _warning(best: Subject) -> str:
@@ -79,8 +86,10 @@ def _warning(best: Subject) -> str:
 
 def _cards(best: Subject, limit: Limit | None, band: bool) -> list[tuple[str, str, str]]:
     c, r = best.candidate, best.response
-    share = f"{percent(c.harvested_power / limit.power)} of what any interface can draw" if limit and best.harvests else ""
-    cards = [("harvested power", engineering(c.harvested_power, "W"), share or ("mean over the band" if band else ""))]
+    remark = "mean over the band" if band else ""
+    if limit is not None and near_limit([best], limit):
+        remark = f"{percent(c.harvested_power / limit.power)} of what any interface can draw"
+    cards = [("harvested power", engineering(c.harvested_power, "W"), remark)]
     if r is not None and best.harvests:
         cards.append(("efficiency", percent(r.efficiency), "electrical out over mechanical in"))
     cards.append(("displacement", engineering(c.displacement_amplitude, "m"), "amplitude"))

@@ -18,9 +18,9 @@ from piezoharvest.report.spans import (
     dense,
     design_band,
     drive_frequency,
+    frequency_range,
     large_signal,
     loads,
-    resonance_span,
     sweep_span,
 )
 from piezoharvest.report.subjects import Subject
@@ -73,12 +73,19 @@ class Gallery:
         self._marks = {"drive": drive_frequency(self.study), "band": design_band(self.study)}
         left_out = len([s for s in self.subjects if not isinstance(s.shunt, Open | Short)]) - len(self._drawn)
         if left_out:
-            self.remarks.append(f"curves are drawn for the {MOST_CURVES} best candidates only; {left_out} more are in the table")
+            self.remarks.append(
+                f"curves are drawn for the {MOST_CURVES} best candidates; {left_out} more are in the table"
+            )
 
     def pictures(self) -> Iterator[Picture]:
         """All figures that the study gives rise to, one after the other."""
-        for draw in (self._ledger, self._loads, self._frequencies, self._damping, self._waveforms, self._loops, self._bode):
-            yield from draw()
+        yield from self._ledger()
+        yield from self._loads()
+        yield from self._frequencies()
+        yield from self._damping()
+        yield from self._waveforms()
+        yield from self._loops()
+        yield from self._bode()
         if self._bench.cut_short:
             self.remarks.append("simulations take long here: curves in the figures have fewer points than usual")
 
@@ -97,17 +104,17 @@ class Gallery:
         if not found:
             return
         band = design_band(self.study)
-        caption = f"Mean over {_range(band)}. " if band else ""
+        caption = f"Mean over {frequency_range(band)}. " if band else ""
         caption += f"Everything but the load as tuned. {_origin(found)}{self._dropped(found)}"
         figure = curves.power_along_loads(found, level, self.limit.power if self.limit else None)
         yield Picture("power-load", "power", "Power and efficiency against the load", caption, figure)
 
     def _frequencies(self) -> Iterator[Picture]:
         self._swept: list[Curve] = []
-        span = sweep_span(self.study)
-        if drive_frequency(self.study) is None:
+        span, drive = sweep_span(self.study), drive_frequency(self.study)
+        if drive is None:
             return
-        grid = np.unique(np.append(span.points(_FREQUENCIES), drive_frequency(self.study)))
+        grid = np.unique(np.append(span.points(_FREQUENCIES), drive))
         grid = grid[(grid >= span.low) & (grid <= span.high)]
         fine = np.unique(np.append(dense(span, self.study.transducer, _FINE), grid))
         self._swept = self._bench.along_frequencies(self._drawn, grid, fine)
@@ -122,7 +129,8 @@ class Gallery:
         swept, span, per = self._swept, sweep_span(self.study), ""
         fine = dense(span, self.study.transducer, _FINE)
         if drive_frequency(self.study) is None:
-            swept, per = self._bench.linear(self._drawn, fine), pretty_unit("m/s^2" if self.study.excitation.base else "N")
+            swept = self._bench.linear(self._drawn, fine)
+            per = pretty_unit("m/s^2" if self.study.excitation.base else "N")
         if not swept:
             return
         short = fine, self._bench.two_port(Short(), fine)[2]
@@ -135,7 +143,7 @@ class Gallery:
 
     def _waveforms(self) -> Iterator[Picture]:
         able = [s for s in self.subjects if s.waveforms is not None]
-        chosen = [s for s in able if s.rank == 0 or s.switched and s.candidate.converged][:_MOST_WAVEFORMS]
+        chosen = [s for s in able if s.rank == 0 or (s.switched and s.candidate.converged)][:_MOST_WAVEFORMS]
         for subject in chosen or able[:1]:
             response, signals = subject.response, self._signals(subject)
             assert response is not None
@@ -144,7 +152,7 @@ class Gallery:
             words = "Steady state" if self._periodic else "From rest"
             if self._periodic and not response.converged:
                 words = f"No steady state was found: the last {_LAST_PERIODS} periods of a long run"
-            at = f" at {engineering(1 / response.period, 'Hz', 4)}" if self._periodic else ""
+            at = f" at {engineering(1 / response.period, 'Hz', 5, exact=True)}" if self._periodic else ""
             name = f"waveforms-{subject.rank + 1}-{subject.shunt.kind.replace('_', '-')}"
             yield Picture(name, "waveforms", f"Waveforms: {subject.label}", f"{words}{at}.", figure)
 
@@ -167,8 +175,10 @@ class Gallery:
     def _windows(self, signals: Waveforms, response: Response) -> list[waveforms.Window]:
         """The whole; of a run without a period beside it some periods of the resonance where most moves."""
         begin, end = float(signals.time[0]), float(signals.time[-1])
+        if self._periodic and response.converged:
+            return [waveforms.Window(0.0, response.period, "")]
         if self._periodic:
-            return [waveforms.Window(0.0, response.period, "") if response.converged else waveforms.Window(begin, end, "")]
+            return [waveforms.Window(begin, end, "")]
         whole = waveforms.Window(begin, end, "whole run")
         period = 1 / large_signal(self.study.transducer)[0].short_circuit
         spacing = (end - begin) / (len(signals.time) - 1)
@@ -183,7 +193,7 @@ class Gallery:
         if self.study.transducer.hysteresis is None or not able:
             return
         figure = hysteresis.loops(able[:_MOST_WAVEFORMS], self._periodic)
-        caption = "The area of a loop on the left is the energy that hysteresis takes in a period; on the right the shunt's."
+        caption = "Areas are energies per period: on the left what hysteresis takes, on the right what the shunt gets."
         yield Picture("hysteresis", "damping", "Hysteresis loops", caption, figure)
 
     def _bode(self) -> Iterator[Picture]:
@@ -191,8 +201,8 @@ class Gallery:
         figure = bode.bode(self.study, self.subjects, amplitude)
         caption = "Mechanical receptance of the two-port, exact."
         if amplitude is not None:
-            caption = ("Mechanical receptance of the two-port. Hysteresis enters by its describing function at a charge "
-                       f"amplitude of {engineering(amplitude, 'C')}.")  # fmt: skip
+            at = f"at a charge amplitude of {engineering(amplitude, 'C')}"
+            caption = f"Mechanical receptance of the two-port. Hysteresis enters by its describing function {at}."
         yield Picture("bode", "two-port", "Bode diagram", caption, figure)
 
     @staticmethod
@@ -207,7 +217,3 @@ def _origin(found: Sequence[Curve]) -> str:
     if len(exact) == len(found):
         return "Lines: exact two-port."
     return f"Exact two-port: {', '.join(exact)}; by simulation: all others." if exact else "By simulation."
-
-
-def _range(band: tuple[float, float]) -> str:
-    return f"{engineering(band[0], 'Hz')} to {engineering(band[1], 'Hz')}"

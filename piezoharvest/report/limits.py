@@ -20,13 +20,13 @@ class Limit:
 
 
 def power_limit(transducer: Transducer, excitation: Excitation) -> Limit | None:
-    """Most power that any interface, linear or not, can draw; None where nothing limits it or none is known.
+    """Most power that any interface, linear or not, can draw from tones; None where nothing limits it or none is known.
 
     Notes
     -----
     Of F u - b u^2, averaged, no velocity u makes more than F^2/(8 b) for a sine of peak F: the limit of REFERENCE
     section 3. Every mode takes its own share of the force, and tones of different frequencies add up; the sum over
-    modes and tones is a limit although not always one that can be reached. For noise the same mean square counts.
+    modes and tones is a limit although not always one that can be reached.
     """
     square, words = _mean_square(excitation)
     if square is None:
@@ -42,12 +42,8 @@ def power_limit(transducer: Transducer, excitation: Excitation) -> Limit | None:
 
 
 def _mean_square(excitation: Excitation) -> tuple[float | None, str]:
-    """Mean square of the driving signal without its static part, and the limit's formula for one mode."""
-    psd = getattr(excitation, "psd", None)
-    if psd is not None:
-        low, high = excitation.band  # pyright: ignore[reportAttributeAccessIssue]
-        return float(psd * (high - low)), "mean F²/(4 b)"
-    signal = excitation.signal()
+    """Mean square of the tones that drive, and the limit's formula for one mode; None for other signals."""
+    signal = excitation.signal() if excitation.period is not None else None
     if not isinstance(signal, Tones):
         return None, ""
     phasors: dict[float, complex] = {}
@@ -55,6 +51,18 @@ def _mean_square(excitation: Excitation) -> tuple[float | None, str]:
         phasors[float(frequency)] = phasors.get(float(frequency), 0) + amplitude * np.exp(1j * phase)
     square = 0.5 * sum(abs(phasor) ** 2 for phasor in phasors.values())
     return float(square), "F²/(8 b)" if len(phasors) == 1 else "sum over tones of F²/(8 b)"
+
+
+def white_input(transducer: Transducer, excitation: Excitation) -> float | None:
+    """Power in W that white noise of the excitation's density brings in, whatever the shunt; None for no noise.
+
+    A white force of one-sided density S, intensity S/2, gives S/(4 m) to every mode (REFERENCE section 3).
+    """
+    psd = getattr(excitation, "psd", None)
+    if psd is None:
+        return None
+    gains = [(m.base_mass if excitation.base else m.force_participation, m.mass) for m in transducer.all_modes]
+    return float(psd * sum(gain**2 / (4 * mass) for gain, mass in gains))
 
 
 @dataclass(frozen=True)

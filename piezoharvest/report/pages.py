@@ -6,6 +6,7 @@ import re
 from collections import defaultdict
 from functools import cache
 from importlib import resources
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,19 +56,23 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
     limit = power_limit(study.transducer, study.excitation)
     gallery = Gallery(study, subjects, limit)
     figures: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for n, picture in enumerate(gallery.pictures(), 1):
+    for picture in gallery.pictures():
         file = f"{picture.name}.png"
         _write_png(picture.figure, directory / file)
         svg = Markup(style.inline_svg(picture.figure, picture.name, picture.heading))
-        words = {"number": n, "heading": picture.heading, "caption": picture.caption, "file": file, "name": picture.name}
+        words = {"heading": picture.heading, "caption": picture.caption, "file": file, "name": picture.name}
         figures[picture.section].append({**words, "svg": svg})
-    assert set(figures) <= set(_SECTIONS)
+    numbers = count(1)
+    for section in _SECTIONS:
+        for figure in figures[section]:
+            figure["number"] = next(numbers)
     page = _template().render(
         title=study.title,
         answer=answer(study, subjects, limit),
         ranking=tables.ranking(subjects, limit),
         tuning=[(s.label, s.candidate.method, s.candidate.start, s.candidate.iterations) for s in subjects],
         limit=limit and engineering(limit.power, "W"),
+        near_limit=tables.near_limit(subjects, limit),
         bound=_bound(design_result),
         figures=figures,
         energies=tables.energies(subjects),
@@ -110,4 +115,4 @@ def _template() -> Template:
 
 def _subscripts(text: str) -> Markup:
     """Text in which k_e and the like have their index below the line."""
-    return Markup(re.sub(r"\b([A-Za-z])_(\w+)", r"\1<sub>\2</sub>", str(escape(text))))
+    return Markup(re.sub(r"\b([A-Za-z])_([A-Za-z]+)", r"\1<sub>\2</sub>", str(escape(text))))

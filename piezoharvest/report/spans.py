@@ -10,6 +10,7 @@ import numpy as np
 from piezoharvest.linear import resonances
 from piezoharvest.report.limits import ModeFigures, mode_figures
 from piezoharvest.report.subjects import Subject
+from piezoharvest.report.units import engineering
 from piezoharvest.study import Study
 from piezoharvest.transducer import Transducer
 
@@ -41,6 +42,11 @@ def drive_frequency(study: Study) -> float | None:
     return getattr(study.excitation, "frequency", None)
 
 
+def frequency_range(band: tuple[float, float]) -> str:
+    """Band in words."""
+    return " to ".join(engineering(edge, "Hz", 5, exact=True) for edge in band)
+
+
 def large_signal(transducer: Transducer) -> tuple[ModeFigures, ...]:
     """Figures of all modes with the hysteresis, if there is one, slipping."""
     return mode_figures(transducer, "slip")
@@ -54,7 +60,8 @@ def resonance_span(study: Study) -> Span:
     mode = min(modes, key=lambda m: abs(np.log(m.short_circuit / at)))
     half = _WIDTHS * max(mode.short_circuit / mode.quality, mode.open_circuit - mode.short_circuit)
     half = max(half, 0.02 * mode.short_circuit)
-    low, high = max(mode.short_circuit - half, 0.4 * mode.short_circuit), min(mode.open_circuit + half, 2 * mode.open_circuit)
+    low = max(mode.short_circuit - half, 0.4 * mode.short_circuit)
+    high = min(mode.open_circuit + half, 2 * mode.open_circuit)
     near = [f for f in wanted if 0.4 * mode.short_circuit <= f <= 2.5 * mode.open_circuit]
     return Span(min([low, *(0.98 * f for f in near)]), max([high, *(1.02 * f for f in near)]), False)
 

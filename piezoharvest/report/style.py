@@ -7,17 +7,18 @@ from collections.abc import Callable, Sequence
 from functools import wraps
 from io import BytesIO
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, TypeVar
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter
+from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
 
 from piezoharvest.output import atomic
 
-P, R = ParamSpec("P"), TypeVar("R")
+_Draw = TypeVar("_Draw", bound=Callable[..., Any])
 WIDTH = 7.4  # inches: page width at the page's font size
 INK, MUTED, GRID, PAPER = "#1d232b", "#68717d", "#d9dde3", "#fffffe"
 LIMIT = "#b3123f"
@@ -30,7 +31,7 @@ THEMED = {
     **{colour: f"var(--series-{n})" for n, colour in enumerate(PALETTE, 1)},
 }  # fmt: skip
 _DPI = 180
-_SETTINGS = {
+_SETTINGS: dict[Any, Any] = {
     "font.family": "DejaVu Sans", "font.size": 9.0, "axes.titlesize": 9.0, "axes.labelsize": 9.0,
     "xtick.labelsize": 8.5, "ytick.labelsize": 8.5, "legend.fontsize": 8.5, "axes.titlelocation": "left",
     "text.color": INK, "axes.labelcolor": INK, "axes.edgecolor": MUTED, "xtick.color": MUTED, "ytick.color": MUTED,
@@ -43,15 +44,15 @@ _SETTINGS = {
 }  # fmt: skip
 
 
-def styled(draw: Callable[P, R]) -> Callable[P, R]:
+def styled(draw: _Draw) -> _Draw:
     """Let a function draw in this style, and leave matplotlib's own settings as they are."""
 
     @wraps(draw)
-    def wrapped(*arguments: P.args, **options: P.kwargs) -> R:
+    def wrapped(*arguments: Any, **options: Any) -> Any:
         with rc_context(_SETTINGS):
             return draw(*arguments, **options)
 
-    return wrapped
+    return wrapped  # pyright: ignore[reportReturnType]
 
 
 def line_style(n: int) -> dict[str, Any]:
@@ -80,24 +81,36 @@ def legend_above(figure: Figure, handles: Sequence[Any], columns: int = 4) -> No
         figure.legend(handles=list(handles), loc="outside upper left", ncols=min(columns, len(handles)))
 
 
-def resistance_axis(axes: Axes, unit: str = "Ω") -> None:
-    """Logarithmic axis with engineering tick labels, such as "10 kΩ"."""
-    axes.set_xscale("log")
-    axes.xaxis.set_major_formatter(EngFormatter(unit=unit, sep="\u202f"))
+def log_axis(axis: Axis, unit: str = "") -> None:
+    """Logarithmic axis with tick labels in engineering form, such as "10 kΩ", and enough of them.
+
+    To be called when the data are drawn.
+    """
+    axis._set_axes_scale("log")  # pyright: ignore[reportAttributeAccessIssue]
+    low, high = axis.get_view_interval()
+    subs = (1.0,) if high > 20 * low else (1.0, 2.0, 5.0) if high > 3 * low else tuple(range(1, 10))
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_formatter(EngFormatter(unit=unit, sep="\u202f"))
+    axis.set_minor_formatter(NullFormatter())
 
 
-def frequency_axis(axes: Axes, logarithmic: bool, label: str = "frequency in Hz") -> None:
-    """Frequency axis in Hz, with tick labels in engineering form where it is logarithmic."""
+def frequency_axis(axes: Axes, logarithmic: bool, label: str = "frequency") -> None:
+    """Frequency axis with tick labels in engineering form."""
     if logarithmic:
-        axes.set_xscale("log")
-        axes.xaxis.set_major_formatter(EngFormatter(sep=""))
-    axes.set_xlabel(label)
+        log_axis(axes.xaxis, "Hz")
+        axes.set_xlabel(label)
+        return
+    low, high = axes.get_xlim()
+    factor, unit = (1e3, "kHz") if high >= 1e4 else (1.0, "Hz")
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / factor:.10g}"))
+    axes.set_xlim(low, high)
+    axes.set_xlabel(f"{label} in {unit}")
 
 
 def mark(axes: Axes, x: float, y: float, style: dict[str, Any]) -> None:
     """Marker of a tuned point."""
-    axes.plot([x], [y], marker="o", markersize=6, markerfacecolor=style["color"], markeredgecolor=PAPER, linestyle="none",
-              markeredgewidth=1.0, zorder=5)  # fmt: skip
+    edge = {"markeredgecolor": PAPER, "markeredgewidth": 1.0, "linestyle": "none"}
+    axes.plot([x], [y], marker="o", markersize=6, markerfacecolor=style["color"], zorder=5, **edge)
 
 
 @styled

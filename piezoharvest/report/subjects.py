@@ -100,7 +100,8 @@ def values_of(shunt: Shunt) -> Iterator[tuple[str, str]]:
     fields = {field.name: field for field in dataclasses.fields(shunt)}
     for key, value in shunt_table(shunt).items():
         if key == "netlist":
-            yield "netlist", ", ".join(f"{e['kind']} {quantity_text(e['value'], _PART_UNITS[e['kind']])}" for e in value)
+            parts = (f"{part['kind']} {quantity_text(part['value'], _PART_UNITS[part['kind']])}" for part in value)
+            yield "netlist", ", ".join(parts)
         elif key != "kind":
             yield symbol(key), quantity_text(value, fields[key].metadata.get("unit"))
 

@@ -144,7 +144,7 @@ class Bench:
                 tuned = getattr(s.shunt, s.load_field)
                 values = loads if s.load_field != "dc_voltage" else tuned * np.geomspace(0.05, 20, len(loads))
                 jobs[s] = np.unique(np.append(values, tuned))
-        for s, values, points in self._timed(jobs, lambda s, value: self._operated(s.with_load(value))):
+        for s, values, points in self._timed(jobs, lambda s, value: self._operated(s.with_load(value)), self._tuned):
             if s.load_field == "dc_voltage":
                 with np.errstate(all="ignore"):
                     values = np.where(points[:, 0] > 0, values**2 / points[:, 0], np.nan)
@@ -169,6 +169,14 @@ class Bench:
 
         curves += [Curve(s, x, *points.T, exact=False) for s, x, points in self._timed(jobs, at)]
         return sorted(curves, key=lambda curve: curve.subject.rank)
+
+    def _tuned(self, subject: Subject, values: np.ndarray) -> dict[int, Point]:
+        """The tuned point of a curve along loads, by its place: what the design has simulated already."""
+        r = subject.response
+        if r is None or not r.converged or design_band(self.study) is not None or subject.load_field is None:
+            return {}
+        place = int(np.flatnonzero(values == getattr(subject.shunt, subject.load_field))[0])
+        return {place: Point(r.harvested_power, r.mechanical_power, r.displacement_amplitude, float(r.attenuation_db))}
 
     def _load_curve(self, subject: Subject, loads: np.ndarray) -> Curve:
         assert subject.load_field is not None
@@ -195,12 +203,15 @@ class Bench:
     def _sine(self, frequency: float) -> Excitation:
         return dataclasses.replace(self.study.excitation, frequency=float(frequency))
 
-    def _timed(self, jobs: dict[Subject, np.ndarray], evaluate: Callable[[Subject, float], Point]):
-        """Evaluate all jobs from coarse to fine, as long as there is time; (subject, x, points (n, 4)) of each."""
-        begin, found = time.monotonic(), {subject: {} for subject in jobs}
+    def _timed(self, jobs: dict[Subject, np.ndarray], evaluate: Callable[[Subject, float], Point], known=lambda *_: {}):
+        """Evaluate all jobs from coarse to fine, as long as there is time; (subject, x, points (n, 4)) of each.
+
+        `known` gives, for a subject and its values, points by their place that need no simulation.
+        """
+        begin, found = time.monotonic(), {subject: dict(known(subject, values)) for subject, values in jobs.items()}
         for share in _coarse_to_fine(max(map(len, jobs.values()), default=0)):
             for subject, values in jobs.items():
-                n = int(round(share * (len(values) - 1)))
+                n = round(share * (len(values) - 1))
                 if n in found[subject]:
                     continue
                 if time.monotonic() - begin > self.budget and len(found[subject]) >= 1:

@@ -10,19 +10,22 @@ import numpy as np
 
 from piezoharvest.parameters import Component
 from piezoharvest.report.figures.ledger import name_of
-from piezoharvest.report.limits import Limit, ModeFigures, mode_figures
+from piezoharvest.report.limits import Limit, ModeFigures, mode_figures, white_input
 from piezoharvest.report.subjects import Subject, values_of
 from piezoharvest.report.units import decibel, engineering, kind_name, number, percent, quantity_text
 from piezoharvest.study import Study
 from piezoharvest.transducer import Transducer
 
 _LIMITS = {
-    "max_voltage": "voltage too high", "max_inductance": "inductance too large", "max_displacement": "displacement too large",
-    "min_power": "power too low", "min_attenuation_db": "too little damping",
+    "max_voltage": "voltage too high", "max_inductance": "inductance too large", "min_power": "power too low",
+    "max_displacement": "displacement too large", "min_attenuation_db": "too little damping",
 }  # fmt: skip
 
 
 _MERIT = "from 2 on a resistor, from π on a rectifier can reach the limit of power"
+
+_NOISE = "sum over modes of S/(4 m): what white noise of this density brings in, whatever the shunt"
+_NEAR = 0.01  # of the limit, from which it is worth being compared with
 
 
 class Row(NamedTuple):
@@ -67,6 +70,11 @@ def ranking(subjects: Sequence[Subject], limit: Limit | None) -> list[Row]:
                         number(closure, 1) if closure is not None else engineering(None), c.converged, violates,
                         s.rank))  # fmt: skip
     return rows
+
+
+def near_limit(subjects: Sequence[Subject], limit: Limit | None) -> bool:
+    """Whether any candidate comes near enough to the limit for shares of it to tell something."""
+    return limit is not None and any(s.candidate.harvested_power > _NEAR * limit.power for s in subjects)
 
 
 def energies(subjects: Sequence[Subject]) -> tuple[list[str], list[tuple[str, list[str]]]]:
@@ -121,9 +129,9 @@ def two_port(study: Study, limit: Limit | None) -> tuple[list[str], list[tuple[s
     transducer = study.transducer
     points = ("slip", "stick") if transducer.hysteresis is not None else ("stick",)
     found = [(point, mode_figures(transducer, point)) for point in points]
-    words = {"slip": " (hysteresis slipping)", "stick": " (hysteresis sticking)"}
+    words = {"slip": "hysteresis slipping", "stick": "hysteresis sticking"}
     header = [
-        (f"mode {n + 1}" if len(modes) > 1 else "") + (words[point] if len(points) > 1 else "")
+        ", ".join(([f"mode {n + 1}"] if len(modes) > 1 else []) + ([words[point]] if len(points) > 1 else []))
         for point, modes in found
         for n in range(len(modes))
     ]
@@ -131,17 +139,19 @@ def two_port(study: Study, limit: Limit | None) -> tuple[list[str], list[tuple[s
     rows = [
         ("short-circuit resonance", [engineering(m.short_circuit, "Hz", 5) for m in figures], "undamped"),
         ("open-circuit resonance", [engineering(m.open_circuit, "Hz", 5) for m in figures], "undamped"),
-        ("coupling k_e²", [number(m.coupling_squared) for m in figures], "(f_oc² − f_sc²)/f_sc²"),  # noqa: RUF001
+        ("coupling k_e²", [number(m.coupling_squared) for m in figures], "(f_oc² − f_sc²)/f_sc²"),
         ("mechanical quality Q_m", [number(m.quality) if np.isfinite(m.quality) else "∞" for m in figures], "√(k m)/b"),
         ("k_e² Q_m", [number(m.merit) if np.isfinite(m.merit) else "∞" for m in figures], _MERIT),
         ("matched resistance", [_matched(m, transducer) for m in figures], "1/(C ω) at the short-circuit resonance"),
     ]
+    blank, noise = [""] * (len(figures) - 1), white_input(transducer, study.excitation)
+    if noise is not None:
+        rows.append(("input power of noise", [engineering(noise, "W"), *blank], _NOISE))
     if limit is not None:
-        blank = [""] * (len(figures) - 1)
-        rows.append(("limit of power", [engineering(limit.power, "W"), *blank], f"{limit.formula}: no interface can exceed it"))
+        remark = f"{limit.formula}: no interface can exceed it"
+        rows.append(("limit of power", [engineering(limit.power, "W"), *blank], remark))
     return header, rows
 
 
 def _matched(mode: ModeFigures, transducer: Transducer) -> str:
     return engineering(1 / (2 * np.pi * mode.short_circuit * transducer.capacitance), "ohm")
-

@@ -27,7 +27,8 @@ def pretty_unit(unit: str) -> str:
 
 def takes_prefix(unit: str) -> bool:
     """Whether an SI prefix can stand before the unit: not before a power, a percentage or a choice of units."""
-    return bool(unit) and unit[0].isalpha() and " or " not in unit and unit not in ("dB", "rad") and "^" not in unit.split("/")[0]
+    plain = unit[:1].isalpha() and " or " not in unit and unit not in ("dB", "rad")
+    return plain and "^" not in unit.split("/")[0]
 
 
 def prefix_of(largest: float, unit: str = "W") -> tuple[float, str]:
@@ -57,31 +58,34 @@ def prefix_of(largest: float, unit: str = "W") -> tuple[float, str]:
     return scale / 10.0**power, _PREFIXES[power] + pretty_unit(base)
 
 
-def number(value: float, digits: int = 3) -> str:
-    """Number with significant digits, with a true minus sign; a dash for what is not finite."""
+def number(value: float, digits: int = 3, *, exact: bool = False) -> str:
+    """Number with significant digits, with a true minus sign; a dash for what is not finite.
+
+    An `exact` number is one that was given, not computed: it has no zeros at its end.
+    """
     if value is None or not math.isfinite(value):
         return NONE
-    text = f"{value:#.{digits}g}".rstrip(".") if value else "0"
+    text = f"{value:{'' if exact else '#'}.{digits}g}".rstrip(".") if value else "0"
     mantissa, _, exponent = text.partition("e")
     if exponent:
         text = f"{mantissa.rstrip('.')}·10{str(int(exponent)).translate(_SUPERSCRIPT)}"
     return text.replace("-", "\u2212")
 
 
-def engineering(value: float | None, unit: str = "", digits: int = 3) -> str:
+def engineering(value: float | None, unit: str = "", digits: int = 3, *, exact: bool = False) -> str:
     """Number with its unit and an SI prefix, such as "98.1 kΩ"; a dash for what is not finite."""
     if value is None or not math.isfinite(value):
         return NONE
     factor, printed = prefix_of(value, unit)
-    text = number(value * factor, digits)
+    text = number(value * factor, digits, exact=exact)
     return f"{text}{SPACE}{printed}" if printed else text
 
 
 def listed(values: Iterable[float], unit: str = "", digits: int = 3) -> str:
-    """Numbers of one unit with a common prefix, such as "0.1, 0.3, 0.7 µC"."""
+    """Numbers as they were given, of one unit, with a common prefix, such as "0.1, 0.3, 0.7 µC"."""
     values = list(values)
     factor, printed = prefix_of(max(map(abs, values), default=0.0), unit)
-    text = ", ".join(number(value * factor, digits) for value in values)
+    text = ", ".join(number(value * factor, digits, exact=True) for value in values)
     return f"{text}{SPACE}{printed}" if printed else text
 
 
@@ -109,11 +113,11 @@ def symbol(name: str) -> str:
 
 
 def quantity_text(value: Any, unit: str | None, digits: int = 3) -> str:
-    """A field's value as it is printed: number, list of numbers, or whatever else it is."""
+    """A field's value as it was given: number, list of numbers, or whatever else it is."""
     if value is None:
         return NONE
     if isinstance(value, list | tuple) and value and all(isinstance(v, int | float) for v in value):
         return listed(value, unit or "", digits)
     if isinstance(value, bool | str) or not isinstance(value, int | float):
         return str(value)
-    return engineering(float(value), unit or "", digits)
+    return engineering(float(value), unit or "", digits, exact=True)

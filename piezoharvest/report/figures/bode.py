@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import EngFormatter, MultipleLocator
+from matplotlib.ticker import MultipleLocator
 
 from piezoharvest.linear import frequency_response
 from piezoharvest.report import style
@@ -25,7 +25,7 @@ _OPEN = {"color": style.MUTED, "linestyle": (0, (4, 2)), "linewidth": 1.2}
 
 @style.styled
 def bode(study: Study, subjects: Sequence[Subject], amplitude: float | None) -> Figure:
-    """Receptance x/F over all modes and around the driven one; `amplitude` of the charge (C) where there is hysteresis."""
+    """Receptance x/F, wide and around the driven mode; `amplitude` of the charge in C where there is hysteresis."""
     figure, axes = style.grid_of_axes(2, 2, height=4.7, sharex="col")
     curves: list[tuple[str, Shunt, dict[str, Any]]] = [("shorted", Short(), _SHORT), ("open", Open(), _OPEN)]
     best = best_linear(subjects)
@@ -72,8 +72,7 @@ def _phase(response: np.ndarray) -> np.ndarray:
 
 
 def _finish(axes: np.ndarray, span: Span, drive: float | None) -> None:
-    axes[0].set_yscale("log")
-    axes[0].yaxis.set_major_formatter(EngFormatter(sep="\u202f"))
+    style.log_axis(axes[0].yaxis)
     axes[1].yaxis.set_major_locator(MultipleLocator(45))
     style.frequency_axis(axes[1], span.logarithmic)
     if drive is not None and span.low <= drive <= span.high:

@@ -37,7 +37,7 @@ def power_along_loads(curves: Sequence[Curve], level: Sequence[Subject], limit: 
     handles = _handles([c.subject for c in curves]) + _handles(level, ", any load")
     handles += _limit(power, limit, factor)
     _finish_powers(power, efficiency, unit)
-    style.resistance_axis(efficiency)
+    style.log_axis(efficiency.xaxis, "Ω")
     efficiency.set_xlabel("load resistance (dots: as tuned)")
     style.legend_above(figure, handles)
     return figure
@@ -54,8 +54,8 @@ def power_along_frequencies(curves: Sequence[Curve], span: Span, limit: float | 
     handles = _handles([c.subject for c in curves]) + _limit(power, limit, factor)
     handles += _marks((power, efficiency), **marks)
     _finish_powers(power, efficiency, unit)
-    style.frequency_axis(efficiency, span.logarithmic, "frequency of the drive in Hz")
     efficiency.set_xlim(span.low, span.high)
+    style.frequency_axis(efficiency, span.logarithmic, "frequency of the drive")
     style.legend_above(figure, handles)
     return figure
 
@@ -90,8 +90,8 @@ def damping(
     level.set_ylabel(f"displacement in {unit}" + (f" per {per}" if per else ""))
     level.set_ylim(bottom=0)
     attenuation.set_ylabel("against shorted, in dB")
-    style.frequency_axis(attenuation, span.logarithmic, "frequency of the drive in Hz")
     attenuation.set_xlim(span.low, span.high)
+    style.frequency_axis(attenuation, span.logarithmic, "frequency of the drive")
     style.legend_above(figure, handles)
     return figure
 
@@ -110,8 +110,8 @@ def _tuned(power: Axes, efficiency: Axes, curve: Curve, factor: float) -> None:
     if subject.load_field == "dc_voltage":
         found = subject.candidate.harvested_power
         load = load**2 / found if found > 0 else np.nan
-    n = int(np.argmin(np.abs(np.log(np.where(np.isfinite(curve.x), curve.x, np.inf) / load))))
-    style.mark(power, curve.x[n], factor * curve.harvested[n], subject.style)
+    n = int(np.nanargmin(np.abs(np.log(np.where(np.isfinite(curve.x), curve.x, np.inf) / load))))
+    style.mark(power, load, factor * subject.candidate.harvested_power, subject.style)
     style.mark(efficiency, curve.x[n], 100 * curve.efficiency[n], subject.style)
 
 

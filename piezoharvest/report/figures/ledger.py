@@ -17,8 +17,8 @@ _COLOURS = {
     "stored": style.PALETTE[5],
 }  # fmt: skip
 _NAMES = {
-    "harvested": "harvested", "damping": "mechanical damping", "hysteresis": "hysteresis", "shunt_loss": "lost in the shunt",
-    "stored": "still stored",
+    "harvested": "harvested", "damping": "mechanical damping", "hysteresis": "hysteresis",
+    "shunt_loss": "lost in the shunt", "stored": "still stored",
 }  # fmt: skip
 _OTHERS = (style.PALETTE[4], style.PALETTE[0])
 _SUPPLY = ("mechanical_in", "source")

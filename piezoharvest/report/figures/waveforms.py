@@ -104,7 +104,8 @@ def _draw(axes: Axes, signals: Waveforms, name: str, window: Window, factors: tu
     spacing = float(np.max(np.diff(signals.time), initial=0.0))
     inside = (signals.time >= window.begin - spacing) & (signals.time <= window.end + spacing)
     times, values = _thinned(signals.time[inside], np.broadcast_to(getattr(signals, name), inside.shape)[inside])
-    axes.plot(factors[0] * times, factors[1] * values, color=_COLOURS[name], linewidth=1.3 if len(times) < _PIXELS else 0.8)
+    width = 0.8 if signals.time[-1] - signals.time[0] > 1e3 * spacing and len(times) > _MOST_SAMPLES // 3 else 1.3
+    axes.plot(factors[0] * times, factors[1] * values, color=_COLOURS[name], linewidth=width)
     if name == "voltage" and np.any(signals.dc_voltage):
         times, values = _thinned(signals.time[inside], np.broadcast_to(signals.dc_voltage, inside.shape)[inside])
         axes.plot(factors[0] * times, factors[1] * values, **_DC)
@@ -118,7 +119,9 @@ def _thinned(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     return np.repeat(times[edges], 2), np.column_stack((low, high)).ravel()
 
 
-def _mark_events(axes: Sequence[Axes], signals: Waveforms, window: Window, time_factor: float, factor: float) -> set[str]:
+def _mark_events(
+    axes: Sequence[Axes], signals: Waveforms, window: Window, time_factor: float, factor: float
+) -> set[str]:
     """Lines through all panels where the switch acts, markers on the voltage for every event; names of those shown."""
     events = [
         (time, name) for time, name in zip(signals.event_times, signals.event_names, strict=True)
@@ -131,10 +134,17 @@ def _mark_events(axes: Sequence[Axes], signals: Waveforms, window: Window, time_
             for one in axes:
                 one.axvline(time_factor * time, color=style.MUTED, linewidth=0.8, linestyle=":", zorder=1)
         marker, filled = _EVENTS[name]
-        voltage = factor * float(np.interp(time, signals.time, np.broadcast_to(signals.voltage, signals.time.shape)))
+        voltage = factor * _voltage_at(signals, time, before=name == "voltage extracted")
         axes[2].plot([time_factor * time], [voltage], marker=marker, markersize=5, markeredgecolor=style.INK, zorder=4,
                      markerfacecolor=style.INK if filled else style.PAPER, markeredgewidth=0.9)  # fmt: skip
     return {name for _, name in events}
+
+
+def _voltage_at(signals: Waveforms, time: float, before: bool) -> float:
+    """Electrode voltage in V at an event, or just before it where the voltage jumps."""
+    if before:
+        return float(signals.voltage[max(int(np.searchsorted(signals.time, time)) - 1, 0)])
+    return float(np.interp(time, signals.time, signals.voltage))
 
 
 def _legend(signals: Waveforms, shown: set[str]) -> list[Line2D]:
