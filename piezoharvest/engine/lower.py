@@ -10,6 +10,7 @@ import numpy as np
 from piezoharvest.circuit import Guard, Product, Switch
 from piezoharvest.engine import program as pg
 from piezoharvest.engine.physics import Layout, Physics, scalar, stack
+from piezoharvest.equations import own_rows
 from piezoharvest.excitation import Excitation, Ramps, Tones
 from piezoharvest.shunts.base import Shunt
 from piezoharvest.system import System
@@ -38,24 +39,20 @@ def lower(system: System, excitation: Excitation) -> Lowered:
     layout = Layout(system, signal)
     physics = Physics(system, excitation, layout, signal)
     shunt, capacitance = system.shunt, system.transducer.capacitance
-    z, dz = layout.group("", layout.shunt_states)
+    z, dz = own_rows(layout.z, "", layout.shunt_states), own_rows(layout.dz, "", layout.shunt_states)
     names = shunt.configurations()
-    common = physics.equations()
-    before = 2 * len(layout.modes)
     tables = SimpleNamespace(equations=[], guards=[], products=[], outputs=[])
     for name in names:
-        own = list(shunt.equations(name, physics.port, z, dz))
-        # The port's equation stands in the row of the charge.
-        rows = common[:before] + own[:1] + common[before:] + own[1:]
-        tables.equations.append(_rows(rows, layout.width))
+        port_equation, *own = shunt.equations(name, physics.port, z, dz)
+        tables.equations.append(_rows([*physics.equations(port_equation), *own], layout.width))
         tables.guards.append(list(shunt.guards(name, physics.port, z)))
         powers = shunt.powers(name, physics.port, z)
         dc = shunt.dc_side(physics.port, z)
-        mean_dc = (len(pg.CATEGORIES) + len(physics.effects), Product(1.0, layout.one, dc))
+        mean_dc = (len(pg.CATEGORIES) + len(layout.effects), Product(1.0, layout.one, dc))
         own_powers = [(pg.CATEGORIES.index(key), product) for key in powers for product in powers[key]]
         tables.products.append([*physics.products(), *own_powers, mean_dc])
-        outputs = (physics.drive, physics.displacement, physics.velocity, physics.v, physics.port.i, layout.z("q"),
-                   physics.v_h, dc)  # fmt: skip
+        motion, port = physics.motion, physics.port
+        outputs = (physics.drive, motion.displacement, motion.velocity, port.v, port.i, layout.z["q"], physics.v_h, dc)
         tables.outputs.append(_rows(outputs, layout.width))
     switch = shunt.switch(capacitance, excitation.period)
     program = _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
@@ -116,7 +113,7 @@ class _Columns:
 def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation) -> pg.Program:
     storage, scale = physics.storage()
     equations = np.stack(np.broadcast_arrays(*tables.equations), axis=-3)
-    exo_scale = _exo_scale(layout, equations, scale, signal, physics.system.transducer)
+    exo_scale = _exo_scale(layout, equations, scale, signal, physics.transducer)
     columns = _Columns(layout.n, scale, exo_scale)
     outputs = columns.split(np.stack(np.broadcast_arrays(*tables.outputs), axis=-3))
     harmonic = isinstance(signal, Tones)
@@ -124,7 +121,7 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
     index = {name: c for c, name in enumerate(names)}
     fields: dict[str, Any] = {
         **_motion(layout, columns.split(equations)),
-        **_stops(layout, physics.system.transducer.capacitance),
+        **_stops(layout, physics.transducer.capacitance),
         **_guards(layout, tables.guards, index, columns),
         **_switching(shunt, switch, index, layout),
         **_products(layout, tables.products, columns),
@@ -138,10 +135,10 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
         "storage": storage * scale[..., :, None] * scale[..., None, :],
         "charge": layout.charge,
         "voltage_row": columns.split(physics.v)[0],
-        "trigger_row": columns.split(physics.trigger)[0],
+        "trigger_row": columns.split(physics.motion.strain_current)[0],
         "output_z": outputs[0],
         "output_d": outputs[1],
-        "categories": len(pg.CATEGORIES) + len(physics.effects) + 1,
+        "categories": len(pg.CATEGORIES) + len(layout.effects) + 1,
         "step": _largest_step(excitation, signal),
     }
     return pg.Program(**{name: _plain(value) for name, value in fields.items()})
@@ -237,10 +234,9 @@ def _integers(guards: list[list[Guard]], count: int, read) -> np.ndarray:
 
 def _parity(layout: Layout) -> np.ndarray:
     """Sign that mirroring gives each state: most change theirs."""
-    states = [s for group in layout.effect_states for s in group] + list(layout.shunt_states)
     signs = np.full(layout.n, -1.0)
-    for k, state in enumerate(states):
-        signs[layout.n - len(states) + k] = -1.0 if state.odd else 1.0
+    for k, state in enumerate(layout.added_states, layout.n - len(layout.added_states)):
+        signs[k] = -1.0 if state.odd else 1.0
     return signs
 
 

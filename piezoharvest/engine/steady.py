@@ -122,7 +122,7 @@ class Shooting:
         self.evaluations = 0.0
 
     def find(self, start: tuple[Section, float] | None = None) -> Orbit:
-        """Search from rest, or from a section and its time: a few periods, Newton's method, more periods if that fails."""
+        """Search from rest, or from a section and its time: a few periods, then Newton's method, again if it fails."""
         state = self.machine.state(self.rest, log=LOG) if start is None else self.load(*start, sensitivities=0, log=LOG)
         begin, spans = state.clock[st.NOW], 0
         best = Orbit(self._save(state, begin)[0], begin, np.inf, np.inf, 0.0)

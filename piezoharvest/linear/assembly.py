@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from piezoharvest.circuit import Port, Product, Row, State
+from piezoharvest.equations import capacitor_voltage, effect_prefixes, leads, mechanics, own_rows, state_names
 from piezoharvest.parameters import ParameterError
 from piezoharvest.shunts.base import LinearShunt, Shunt
 from piezoharvest.transducer import Transducer
@@ -202,22 +203,18 @@ def connect(
     powers : callable, optional
         Powers by where they go, given (port, z).
     """
-    effects = [(e, f"effect{n}_{e.name}_", e.states()) for n, e in enumerate(transducer.effects, 1)]
-    names = [f"{s}{n}" for n in range(1, len(transducer.all_modes) + 1) for s in "xu"] + ["q"]
-    names += [before + s.name for before, own in [(p, o) for _, p, o in effects] + [(prefix, states)] for s in own]
+    names = state_names(transducer)
+    owners = [(before, effect.states()) for effect, before in effect_prefixes(transducer)] + [(prefix, states)]
+    names += [before + state.name for before, own in owners for state in own]
     inputs = ["base_acceleration" if base else "force"] + ([electrical] if electrical else [])
     z, dz, w, one = _unit_rows(names, inputs)
-    equations, rows = _mechanics(transducer, z, dz, w[inputs[0]], base)
+    motion = mechanics(transducer, z, dz, w[inputs[0]], base)
     port = _electrodes(transducer, z, dz, one, hysteresis_slope(transducer) if slope is None else slope, resistance)
-    current = -dz["q"]
-    for effect, before, own in effects:
-        own_z, own_dz = _own(z, before, own), _own(dz, before, own)
-        current = current - effect.current(port, own_z, own_dz)
-        equations += effect.equations(port, own_z, own_dz)
-    port = port._replace(i=current)
-    own_z = _own(z, prefix, states)
-    equations += terminate(port, own_z, _own(dz, prefix, states), w)
-    rows |= {"voltage": port.v, "current": current, "charge": z["q"]}
+    port, of_effects = leads(transducer, port, z, dz)
+    own_z = own_rows(z, prefix, states)
+    equations = [*motion.equations, *of_effects, *terminate(port, own_z, own_rows(dz, prefix, states), w)]
+    rows = {name: getattr(motion, name) for name in ("displacement", "velocity", "drive_velocity")}
+    rows |= {"voltage": port.v, "current": port.i, "charge": z["q"]}
     rows |= {prefix + name: row for name, row in vars(own_z).items()}
     return _model(names, inputs, equations, rows, powers(port, own_z) if powers else {})
 
@@ -225,16 +222,10 @@ def connect(
 def _electrodes(transducer: Transducer, z, dz, one: Row, slope: complex, resistance: float) -> Port:
     """Electrode voltage and its derivative; the load current is not known yet, and nothing may use it."""
     unknown = np.nan * one
-    voltage = _capacitor_voltage(transducer, z) + slope * z["q"] + resistance * dz["q"]
-    derivative = _capacitor_voltage(transducer, dz) + slope * dz["q"]
+    voltage = capacitor_voltage(transducer, z) + slope * z["q"] + resistance * dz["q"]
+    derivative = capacitor_voltage(transducer, dz) + slope * dz["q"]
     derivative = derivative if np.all(np.equal(resistance, 0)) else unknown
     return Port(voltage, derivative, unknown, one, transducer.capacitance)
-
-
-def _capacitor_voltage(transducer: Transducer, z: Mapping[str, Row]) -> Row:
-    """Row of v_t = (q - sum T_i x_i)/C; of its derivative from the rows of the derivatives."""
-    strain_charge = sum(mode.coupling * z[f"x{n}"] for n, mode in enumerate(transducer.all_modes, 1))
-    return (z["q"] - strain_charge) / transducer.capacitance
 
 
 def _unit_rows(names: list[str], inputs: list[str]):
@@ -242,28 +233,6 @@ def _unit_rows(names: list[str], inputs: list[str]):
     n, eye = len(names), np.eye(2 * len(names) + len(inputs) + 1)
     z, dz = dict(zip(names, eye[:n], strict=True)), dict(zip(names, eye[n : 2 * n], strict=True))
     return z, dz, dict(zip(inputs, eye[2 * n : -1], strict=True)), eye[-1]
-
-
-def _own(rows: Mapping[str, Row], prefix: str, states: Sequence[State]) -> SimpleNamespace:
-    """Rows of a component's states under the names that it gave them."""
-    return SimpleNamespace(**{state.name: rows[prefix + state.name] for state in states})
-
-
-def _mechanics(transducer: Transducer, z, dz, drive: Row, base: bool) -> tuple[list[Row], dict[str, Row]]:
-    """Equations of motion of the modes, and the rows of what is read from them."""
-    modes = list(enumerate(transducer.all_modes, 1))
-    v_t = _capacitor_voltage(transducer, z)
-    gains = {n: -mode.base_mass if base else mode.force_participation for n, mode in modes}
-    equations = []
-    for n, mode in modes:
-        x, u = z[f"x{n}"], z[f"u{n}"]
-        inertia = mode.mass * dz[f"u{n}"] + mode.damping * u + mode.stiffness * x
-        equations += [dz[f"x{n}"] - u, inertia - mode.coupling * v_t - gains[n] * drive]
-    return equations, {
-        "displacement": sum((mode.force_participation * z[f"x{n}"] for n, mode in modes), 0 * drive),
-        "velocity": sum((mode.force_participation * z[f"u{n}"] for n, mode in modes), 0 * drive),
-        "drive_velocity": sum((gains[n] * z[f"u{n}"] for n, _ in modes), 0 * drive),
-    }
 
 
 def _model(names, inputs, equations, rows, powers) -> LinearModel:

@@ -44,7 +44,7 @@ def answer(study: Study, subjects: Sequence[Subject], limit: Limit | None) -> An
         does = f"harvests {power} and {vibration}"
     sentence = f"Best of {len(subjects)}: {who} {does}, {_where(study)}." if len(subjects) > 1 else (
         f"{who[0].upper()}{who[1:]} {does}, {_where(study)}.")  # fmt: skip
-    return Answer(sentence, _warning(best), _cards(best, limit, design_band(study) is not None))
+    return Answer(sentence, _warning(best), _cards(best, limit, design_band(study) is not None, damping))
 
 
 _SIGNALS = {
@@ -84,16 +84,20 @@ def _warning(best: Subject) -> str:
     return ""
 
 
-def _cards(best: Subject, limit: Limit | None, band: bool) -> list[tuple[str, str, str]]:
+def _cards(best: Subject, limit: Limit | None, band: bool, damping: bool) -> list[tuple[str, str, str]]:
+    """The figures that count, the objective's first."""
     c, r = best.candidate, best.response
     remark = "mean over the band" if band else ""
     if limit is not None and near_limit([best], limit):
         remark = f"{percent(c.harvested_power / limit.power)} of what any interface can draw"
-    cards = [("harvested power", engineering(c.harvested_power, "W"), remark)]
+    harvest = [("harvested power", engineering(c.harvested_power, "W"), remark)] if best.harvests or not damping else []
     if r is not None and best.harvests:
-        cards.append(("efficiency", percent(r.efficiency), "electrical out over mechanical in"))
-    cards.append(("displacement", engineering(c.displacement_amplitude, "m"), "amplitude"))
-    cards.append(("vibration", decibel(c.attenuation_db), "against shorted electrodes"))
-    dc = f"dc {engineering(r.dc_voltage, 'V')}" if r is not None and r.dc_voltage else "amplitude"
-    cards.append(("electrode voltage", engineering(c.voltage_amplitude, "V"), dc))
-    return cards
+        harvest.append(("efficiency", percent(r.efficiency), "electrical out over mechanical in"))
+    amplitude = "worst amplitude in the band" if band else "amplitude"
+    motion = [
+        ("vibration", decibel(c.attenuation_db), "against shorted electrodes"),
+        ("displacement", engineering(c.displacement_amplitude, "m"), amplitude),
+    ]
+    dc = f"dc {engineering(r.dc_voltage, 'V')}" if r is not None and r.dc_voltage else amplitude
+    voltage = ("electrode voltage", engineering(c.voltage_amplitude, "V"), dc)
+    return [*motion, *harvest, voltage] if damping else [*harvest, *motion, voltage]

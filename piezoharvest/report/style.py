@@ -88,7 +88,7 @@ def log_axis(axis: Axis, unit: str = "") -> None:
     """
     axis._set_axes_scale("log")  # pyright: ignore[reportAttributeAccessIssue]
     low, high = axis.get_view_interval()
-    subs = (1.0,) if high > 20 * low else (1.0, 2.0, 5.0) if high > 3 * low else tuple(range(1, 10))
+    subs = (1.0,) if high > 60 * low else (1.0, 2.0, 5.0) if high > 3 * low else tuple(range(1, 10))
     axis.set_major_locator(LogLocator(subs=subs))
     axis.set_major_formatter(EngFormatter(unit=unit, sep="\u202f"))
     axis.set_minor_formatter(NullFormatter())
@@ -115,9 +115,10 @@ def mark(axes: Axes, x: float, y: float, style: dict[str, Any]) -> None:
 
 @styled
 def write_png(figure: Figure, path: Path) -> None:
-    """Write a figure on white, atomically."""
+    """Write a figure on white, atomically; what it has been laid out to stays from then on."""
     with atomic(path) as temporary:
         figure.savefig(temporary, format="png", dpi=_DPI, facecolor="white")
+    figure.set_layout_engine("none")
 
 
 @styled

@@ -21,7 +21,7 @@ from piezoharvest.shunts import Short, Shunt
 from piezoharvest.study import Study
 from piezoharvest.system import System
 
-BUDGET = 6.0  # s of simulation for one figure
+BUDGET = 5.0  # s of simulation for one figure
 FEWEST = 5  # points that make a curve
 _AGREES = 1e-3  # of two-port and simulation, relative
 _MEAN_ERROR, _MOST_NODES = 1e-3, 21

@@ -12,7 +12,7 @@ from matplotlib.ticker import MultipleLocator
 
 from piezoharvest.linear import frequency_response
 from piezoharvest.report import style
-from piezoharvest.report.spans import Span, dense, drive_frequency, resonance_span, wide_span
+from piezoharvest.report.spans import Span, dense, design_band, drive_frequency, resonance_span, wide_span
 from piezoharvest.report.subjects import Subject
 from piezoharvest.report.units import engineering
 from piezoharvest.shunts import Open, Short, Shunt
@@ -38,9 +38,10 @@ def bode(study: Study, subjects: Sequence[Subject], amplitude: float | None) -> 
             response = frequency_response(system, frequencies, amplitude=amplitude).displacement
             axes[0, column].plot(frequencies, np.abs(response), **line)
             axes[1, column].plot(frequencies, _phase(response), **line)
-        _finish(axes[:, column], span, drive_frequency(study))
-    axes[0, 0].set_ylabel("|x/F| in m/N")
+        _finish(axes[:, column], span, None if design_band(study) else drive_frequency(study))
+    axes[0, 0].set_ylabel("receptance |x/F|")
     axes[1, 0].set_ylabel("phase of x/F in degrees")
+    figure.align_ylabels(axes[:, 0])
     axes[0, 0].set_title("all modes" if study.transducer.modes else "wide")
     axes[0, 1].set_title("around the resonance")
     style.legend_above(figure, [Line2D([], [], label=label, **line) for label, _, line in curves], 3)
@@ -72,11 +73,11 @@ def _phase(response: np.ndarray) -> np.ndarray:
 
 
 def _finish(axes: np.ndarray, span: Span, drive: float | None) -> None:
-    style.log_axis(axes[0].yaxis)
+    style.log_axis(axes[0].yaxis, "m/N")
     axes[1].yaxis.set_major_locator(MultipleLocator(45))
     style.frequency_axis(axes[1], span.logarithmic)
     if drive is not None and span.low <= drive <= span.high:
         for one in axes:
             one.axvline(drive, color=style.MUTED, linewidth=0.8, linestyle=":")
-        axes[0].annotate(f"drive {engineering(drive, 'Hz')}", (drive, 0), xycoords=("data", "axes fraction"),
+        axes[0].annotate(f"drive {engineering(drive, 'Hz', 5, exact=True)}", (drive, 0), xycoords=("data", "axes fraction"),
                          xytext=(3, 3), textcoords="offset points", fontsize=8, color=style.MUTED)  # fmt: skip

@@ -18,6 +18,7 @@ from piezoharvest.report.units import prefix_of
 
 _LIMIT = {"color": style.LIMIT, "linestyle": (0, (8, 2, 2, 2)), "linewidth": 1.2}
 _SHORT = {"color": style.MUTED, "linestyle": "-", "linewidth": 1.2}
+_WIDE = 10.0  # of the largest to the least displacement, from which the axis is logarithmic
 _FILLED = 40  # points from which a curve is drawn without its points
 
 
@@ -78,8 +79,10 @@ def damping(
         Unit of the drive where displacements are for one of it.
     """
     figure, (level, attenuation) = style.grid_of_axes(2, height=4.9, sharex=True)
-    largest = max([np.nanmax(c.displacement, initial=0.0) for c in curves] + [float(np.nanmax(short[1], initial=0.0))])
-    factor, unit = prefix_of(largest, "m")
+    every = np.concatenate([short[1], *(curve.displacement for curve in curves)])
+    every = every[np.isfinite(every) & (every > 0)]
+    wide = len(every) > 0 and np.max(every) > _WIDE * np.min(every)
+    factor, unit = (1.0, "") if wide else prefix_of(float(np.max(every, initial=0.0)), "m")
     level.plot(short[0], factor * short[1], **_SHORT)
     attenuation.axhline(0, **_SHORT)
     for curve in curves:
@@ -87,8 +90,11 @@ def damping(
         _line(attenuation, curve, curve.attenuation)
     handles = [Line2D([], [], label="shorted", **_SHORT), *_handles([c.subject for c in curves])]
     handles += _marks((level, attenuation), **marks)
-    level.set_ylabel(f"displacement in {unit}" + (f" per {per}" if per else ""))
-    level.set_ylim(bottom=0)
+    level.set_ylabel(("displacement" if wide else f"displacement in {unit}") + (f" per {per}" if per else ""))
+    if wide:
+        style.log_axis(level.yaxis, "m")
+    else:
+        level.set_ylim(bottom=0)
     attenuation.set_ylabel("against shorted, in dB")
     attenuation.set_xlim(span.low, span.high)
     style.frequency_axis(attenuation, span.logarithmic, "frequency of the drive")
