@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, field
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from piezoharvest.circuit import Port
+from piezoharvest.design.operation import Operation
 from piezoharvest.parameters import ParameterError
 from piezoharvest.shunts import LinearShunt, Shunt, registered
 from piezoharvest.shunts.bridge import Bridge
@@ -20,13 +22,12 @@ from piezoharvest.shunts.switching import InductiveSwitch, SynchronisedShunt
 from piezoharvest.study import DesignOptions
 from piezoharvest.transducer import Transducer
 
-# Inversion by exp(-pi/(2 Q)) = 0.77 of the voltage: the middle of what small coils of some 10 ohm to kohm reach.
-QUALITY = 6.0
+QUALITY = 6.0  # inverts to exp(-pi/(2 Q)) = 0.77 of the voltage: between the 0.6 of a small coil and 0.9 of a good one
 FLIP_SHARE = 1 / 50  # of the period: short beside it, and still slow enough for a coil
 # R C_s in periods. In the steady state, which takes as long to find with any, the dc voltage then moves by 0.5 % in a
 # half period and the best load by 0.2 %; where charging up counts, by 2.5 % and 1 %.
 STEADY_PERIODS, TRANSIENT_PERIODS = 100.0, 20.0
-NEGATIVE_SHARE = 0.5  # of the clamped capacitance: doubles K^2, with as much again to the limit of stability
+NEGATIVE_SHARE = 0.5  # of the capacitance: doubles K^2, with as much again to the limit of stability
 _TUNED_UNITS = ("ohm", "H", "F")
 
 
@@ -77,10 +78,7 @@ class Drafting:
     templates : sequence of Shunt
         The shunts of the study: what of them is not tuned is kept.
     options : DesignOptions
-    frequency : float
-        Hz, where impedances are compared.
-    steady : bool
-        Whether the excitation has a steady state.
+    operation : Operation
     left_out : list of str
         Why kinds that were named, or would fit, are not among the drafts.
     """
@@ -88,9 +86,13 @@ class Drafting:
     transducer: Transducer
     templates: Sequence[Shunt]
     options: DesignOptions
-    frequency: float
-    steady: bool
+    operation: Operation
     left_out: list[str] = field(default_factory=list)
+
+    @cached_property
+    def frequency(self) -> float:
+        """Where impedances are compared and times are counted in periods, Hz."""
+        return self.operation.centre(self.transducer)
 
     def drafts(self) -> list[Draft]:
         """One draft for each kind, or for each template of it.
@@ -150,7 +152,7 @@ class Drafting:
     @property
     def _smoothing(self) -> float:
         """Time constant in s of an assumed smoothing capacitance with the load."""
-        return (STEADY_PERIODS if self.steady else TRANSIENT_PERIODS) / self.frequency
+        return (STEADY_PERIODS if self.operation.periodic else TRANSIENT_PERIODS) / self.frequency
 
     def _may_fit(self, cls: type[Shunt]) -> bool:
         """Whether a kind that cannot be built could be of use: what only switches does not harvest."""
@@ -165,7 +167,7 @@ class Drafting:
             scale = {"ohm": 1 / (omega * capacitance), "H": 1 / (omega**2 * capacitance), "F": capacitance}
             values = {name: scale[unit] for name, unit in _parts(cls).items()}
             if cls.kind == "negative_capacitance":
-                values["capacitance"] = NEGATIVE_SHARE * capacitance
+                values["capacitance"] = NEGATIVE_SHARE * self.transducer.stick_capacitance
                 return values, (f"C_n = {NEGATIVE_SHARE:g} C = {values['capacitance']:.4g} F in parallel (a margin to "
                                 "instability of as much again), without losses of the active circuit",)  # fmt: skip
             return values, ()
@@ -179,6 +181,9 @@ class Drafting:
             inversion = np.exp(-np.pi / (2 * QUALITY))
             notes.append(f"switched loop of quality {QUALITY:g} (inverts to {inversion:.2f} of the voltage) and "
                          f"{values['inductance']:.3g} H")  # fmt: skip
+        if issubclass(cls, SynchronisedShunt) and self.operation.periodic and not self.operation.apart:
+            # The default, a quarter of the common period of all tones, would let most extrema pass.
+            values["hold_off"] = 0.25 / self.frequency
         return values, tuple(notes)
 
     def _switched_inductance(self) -> float:

@@ -17,11 +17,11 @@ from piezoharvest.shunts import Shunt
 
 _WIDTH = np.log(2.5)  # half of the first bracket, in e-folds: the closed forms are within 20 %
 _ROUGH_WIDTH = np.log(10.0)  # where they are for another excitation
-_EXPANSIONS = 4
+_EXPANSIONS = 3
 _EDGE = 0.05  # of the bracket: an optimum this near its end is looked for beyond it
 _ACCURACY = 1e-3  # of a part's logarithm; the merit is then flat to 1e-6
 _SIMPLEX, _SIMPLEX_ACCURACY, _SIMPLEX_MERIT = 0.1, 5e-3, 1e-5
-_MOST_STEPS = 80
+_MOST_STEPS = 60
 
 
 def refine(trial: Trial, draft: Draft, start: Start, region: Region | None = None) -> Tuned:

@@ -70,16 +70,12 @@ def starts(draft: Draft, host: Host) -> list[Start]:
         "parallel_rlc": _parallel_rlc, "negative_capacitance": _negative_capacitance,
     }.get(draft.kind)  # fmt: skip
     found = own(host, draft.shunt) if own else []
-    found.append(Start("impedance of the clamped capacitance", _by_unit(draft, host)))
+    found.append(Start("impedance of the clamped capacitance", scales(draft, host)))
     return [s for s in found if all(np.isfinite(v) and v > 0 for v in s.values.values())]
 
 
 def scales(draft: Draft, host: Host) -> dict[str, float]:
-    """Typical size of every free part, by its unit: of the capacitance's impedance at the frequency."""
-    return _by_unit(draft, host)
-
-
-def _by_unit(draft: Draft, host: Host) -> dict[str, float]:
+    """Typical size of every free part, by its unit: that of the capacitance's impedance at the frequency."""
     c, w = host.capacitance, host.omega
     scale = {"ohm": 1 / (w * c), "H": 1 / (w**2 * c), "F": c}
     units = {name: type(draft.shunt).__dataclass_fields__[name].metadata["unit"] for name in draft.free}

@@ -248,6 +248,18 @@ def _move(P, S, flow, sign):
 
 
 @compiled
+def leave_rest(P, T, S, slot):
+    """Direction in which sum T_i x_i begins to move: the sign of its first rate that is not zero."""
+    first = 3 * P.guard_target.shape[1]
+    for k in range(3):
+        value = dot(T.guards[slot, first + k], S.z)
+        if value != 0.0:
+            S.discrete[DIRECTION] = 1 if value > 0.0 else -1
+            break
+    orient(P, S)
+
+
+@compiled
 def settle(P, T, S):
     """Carry out whatever is due at this instant without time passing.
 
@@ -258,6 +270,8 @@ def settle(P, T, S):
         slot = seek(T, S.discrete[CONFIGURATION], S.slip)
         if slot == NONE:
             return MISSING, slot
+        if S.discrete[DIRECTION] == 0:
+            leave_rest(P, T, S, slot)
         guard = overdue(P, T, S, slot)
         if guard == NONE:
             return DONE, slot

@@ -89,13 +89,15 @@ def rest(
         guard_next=np.empty(3 * guards),
         guard_floor=np.empty(guards),
     )
-    state.discrete[DIRECTION] = 1
     return state
 
 
 @compiled
 def orient(P, S):
-    """Set the signs of the guards: the extremum's by the direction of motion, a slipping stop's by its side."""
+    """Set the signs of the guards: the extremum's by the direction of motion, a slipping stop's by its side.
+
+    The direction is 0 at rest, which is left without an extremum.
+    """
     extremum = P.guard_target.shape[1]
     S.sign[extremum] = -S.discrete[DIRECTION]
     for j in range(len(S.slip)):

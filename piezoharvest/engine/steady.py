@@ -167,7 +167,7 @@ class Shooting:
         """
         start = replace(
             orbit.section, z=np.where(self.odd < 0, 0.0, orbit.section.z), slip=0 * orbit.section.slip,
-            configuration=0, opens=None, waiting=(), polarity=(), acted=-np.inf,
+            configuration=0, direction=0, opens=None, waiting=(), polarity=(), acted=-np.inf,
         )  # fmt: skip
         state = self.load(start, orbit.time, sensitivities=0)
         size, before, time = np.linalg.norm(orbit.section.z), np.inf, orbit.time

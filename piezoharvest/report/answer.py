@@ -9,7 +9,7 @@ from piezoharvest.report.limits import Limit
 from piezoharvest.report.spans import design_band, drive_frequency, frequency_range
 from piezoharvest.report.subjects import Subject, values_of
 from piezoharvest.report.tables import near_limit
-from piezoharvest.report.units import decibel, engineering, kind_name, percent
+from piezoharvest.report.units import SPACE, decibel, engineering, kind_name, percent
 from piezoharvest.study import Study
 
 
@@ -37,7 +37,7 @@ def answer(study: Study, subjects: Sequence[Subject], limit: Limit | None) -> An
     parts = ", ".join(f"{name} = {value}" for name, value in values_of(best.shunt))
     who = f"{best.label} ({parts})" if parts else best.label
     power, displacement = engineering(c.harvested_power, "W"), engineering(c.displacement_amplitude, "m")
-    vibration = f"{_changes(c.attenuation_db)} the vibration {_by(c.attenuation_db)} against shorted electrodes"
+    vibration = _vibration(c.attenuation_db)
     if damping:
         does = f"{vibration}, to {displacement}" + (f", and harvests {power}" if best.harvests else "")
     else:
@@ -52,13 +52,14 @@ _SIGNALS = {
 }  # fmt: skip
 
 
-def _changes(attenuation: float) -> str:
-    return "raises" if attenuation > 0 else "lowers"
-
-
-def _by(attenuation: float) -> str:
+def _vibration(attenuation: float) -> str:
+    """What happens to the vibration, in words."""
     text = decibel(attenuation).lstrip("+\u2212")
-    return f"by {text}" if text[0].isdigit() else "by an unknown amount"
+    if not text[0].isdigit():
+        return "changes the vibration by an unknown amount"
+    if float(text.split(SPACE)[0]) == 0:
+        return "leaves the vibration as it is with shorted electrodes"
+    return f"{'raises' if attenuation > 0 else 'lowers'} the vibration by {text} against shorted electrodes"
 
 
 def _where(study: Study) -> str:

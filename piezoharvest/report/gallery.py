@@ -87,7 +87,7 @@ class Gallery:
         yield from self._loops()
         yield from self._bode()
         if self._bench.cut_short:
-            self.remarks.append("simulations take long here: curves in the figures have fewer points than usual")
+            self.remarks.append("simulations take long here: some curves have fewer points than usual, or are left out")
 
     def _ledger(self) -> Iterator[Picture]:
         if any(ledger.shares(s) for s in self.subjects):
@@ -100,7 +100,7 @@ class Gallery:
 
     def _loads(self) -> Iterator[Picture]:
         found = self._bench.along_loads(self._drawn, loads(self._drawn, self.study, _LOADS))
-        level = [s for s in self._drawn if s.harvests and s.load_field is None and s.switched]
+        level = [s for s in self._drawn if s.harvests and s.load_field is None and s.switched and s.candidate.converged]
         if not found:
             return
         band = design_band(self.study)
@@ -179,21 +179,25 @@ class Gallery:
             return [waveforms.Window(0.0, response.period, "")]
         if self._periodic:
             return [waveforms.Window(begin, end, "")]
-        whole = waveforms.Window(begin, end, "whole run")
+        whole = waveforms.Window(begin, end, "")
         period = 1 / large_signal(self.study.transducer)[0].short_circuit
         spacing = (end - begin) / (len(signals.time) - 1)
         if spacing > period / 8 or end - begin < 3 * _ZOOM_PERIODS * period:
             return [whole]
         middle = float(signals.time[np.argmax(np.abs(signals.displacement))])
         left = min(max(middle - _ZOOM_PERIODS * period / 2, begin), end - _ZOOM_PERIODS * period)
-        return [whole, waveforms.Window(left, left + _ZOOM_PERIODS * period, "around the largest displacement")]
+        return [
+            whole._replace(title="whole run"),
+            waveforms.Window(left, left + _ZOOM_PERIODS * period, "around the largest displacement"),
+        ]
 
     def _loops(self) -> Iterator[Picture]:
         able = [s for s in self._drawn if s.waveforms is not None and s.candidate.converged]
         if self.study.transducer.hysteresis is None or not able:
             return
         figure = hysteresis.loops(able[:_MOST_WAVEFORMS], self._periodic)
-        caption = "Areas are energies per period: on the left what hysteresis takes, on the right what the shunt gets."
+        per = " per period" if self._periodic else ""
+        caption = f"Areas are energies{per}: on the left what hysteresis takes, on the right what the shunt gets."
         yield Picture("hysteresis", "damping", "Hysteresis loops", caption, figure)
 
     def _bode(self) -> Iterator[Picture]:

@@ -19,6 +19,7 @@ from piezoharvest.report import style, tables
 from piezoharvest.report.answer import answer
 from piezoharvest.report.gallery import Gallery
 from piezoharvest.report.limits import power_limit
+from piezoharvest.report.spans import design_band, frequency_range
 from piezoharvest.report.subjects import subjects_of
 from piezoharvest.report.units import decibel, engineering
 from piezoharvest.study import Study
@@ -74,6 +75,7 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
         limit=limit and engineering(limit.power, "W"),
         near_limit=tables.near_limit(subjects, limit),
         bound=_bound(design_result),
+        band=(band := design_band(study)) and frequency_range(band),
         figures=figures,
         energies=tables.energies(subjects),
         two_port=tables.two_port(study, limit),

@@ -4,7 +4,7 @@ import dataclasses
 
 import pint
 import pytest
-from conftest import BENCH, DRIVE, STOPS
+from conftest import BENCH, DRIVE, STOPS, distance
 from examples import examples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -115,3 +115,15 @@ def test_mirrored_coupling_is_mirrored_electrodes(name):
     assert found.harvested_power == pytest.approx(plain.harvested_power, rel=1e-9, abs=1e-18)
     assert found.displacement_amplitude == pytest.approx(plain.displacement_amplitude, rel=1e-9)
     assert found.voltage_amplitude == pytest.approx(plain.voltage_amplitude, rel=1e-9)
+
+
+@each_shunt
+def test_swapped_leads_from_rest(name):
+    """Leaving rest is no extremum, whichever way it goes: only the signs of what is electrical change."""
+    length = 3.2 / DRIVE.frequency
+    plain = simulate(System(DEVICE, EXAMPLES[name]), DRIVE, transient=length, samples=100).waveforms
+    swapped = dataclasses.replace(DEVICE, coupling=-DEVICE.coupling)
+    found = simulate(System(swapped, EXAMPLES[name]), DRIVE, transient=length, samples=100).waveforms
+    assert distance(found.displacement, plain.displacement) < 1e-9
+    assert distance(-found.charge, plain.charge) < 1e-9
+    assert distance(found.dc_voltage, plain.dc_voltage) < 1e-9

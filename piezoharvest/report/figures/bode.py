@@ -79,5 +79,6 @@ def _finish(axes: np.ndarray, span: Span, drive: float | None) -> None:
     if drive is not None and span.low <= drive <= span.high:
         for one in axes:
             one.axvline(drive, color=style.MUTED, linewidth=0.8, linestyle=":")
-        axes[0].annotate(f"drive {engineering(drive, 'Hz', 5, exact=True)}", (drive, 0), xycoords=("data", "axes fraction"),
-                         xytext=(3, 3), textcoords="offset points", fontsize=8, color=style.MUTED)  # fmt: skip
+        words = f"drive {engineering(drive, 'Hz', 5, exact=True)}"
+        axes[0].annotate(words, (drive, 0), xycoords=("data", "axes fraction"), xytext=(3, 3),
+                         textcoords="offset points", fontsize=8, color=style.MUTED)  # fmt: skip
