@@ -97,12 +97,12 @@ def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str) -
         orbit = shooting.find()
         evaluations += orbit.evaluations
     if orbit.converged:
-        arrives, here = shooting.from_rest(orbit)
+        arrives, here, when = shooting.from_rest(orbit)
         if not arrives:
             shooting = Shooting(Machine(lowered), period, False, rest)
-            reached = shooting.find((here, orbit.time))
+            reached = shooting.find((here, when))
             evaluations += reached.evaluations
-            if not reached.converged or not shooting.near(reached, here, orbit.time):
+            if not reached.converged or not shooting.near(reached, here, when):
                 return _unsettled(lowered, excitation, samples, kind, orbit, evaluations)
             message = "several periodic steady states exist; this is the one that a motion from rest comes to"
             orbit, mirrored = reached, False

@@ -159,29 +159,26 @@ class Shooting:
         k = int(np.argmax(gaps))
         return float(np.mod(times[k] + 0.5 * gaps[k], self.span))
 
-    def from_rest(self, orbit: Orbit) -> tuple[bool, Section]:
-        """Whether a motion from rest goes to an orbit, and where it is at the orbit's phase when that is decided.
+    def from_rest(self, orbit: Orbit) -> tuple[bool, Section, float]:
+        """Whether a motion from rest goes to an orbit, and where it is, at what time, when that is decided.
 
         The smoothing capacitor begins with the orbit's voltage, so that its slow charging is not waited for. A motion
         that still comes closer when the patience ends is taken to arrive.
         """
-        start = replace(
-            orbit.section, z=np.where(self.odd < 0, 0.0, orbit.section.z), slip=0 * orbit.section.slip,
-            configuration=0, direction=0, opens=None, waiting=(), polarity=(), acted=-np.inf,
-        )  # fmt: skip
-        state = self.load(start, orbit.time, sensitivities=0)
-        size, before, time = np.linalg.norm(orbit.section.z), np.inf, orbit.time
+        state = self.machine.state(self.rest)
+        state.z[: self.n] = np.where(self.odd < 0, state.z[: self.n], orbit.section.z)
+        size, before, time = np.linalg.norm(orbit.section.z), np.inf, np.mod(orbit.time, self.period)
         for _ in range(PATIENCE):
             time += CHECKED * self.period
             self._run(state, time)
             here = self._save(state, time, plain=True)[0]
             distance = np.linalg.norm(here.z - orbit.section.z)
             if distance <= 0.02 * size:
-                return True, here
+                return True, here, time
             if distance > 0.98 * before:
-                return False, here
+                return False, here, time
             before = distance
-        return True, here
+        return True, here, time
 
     def near(self, orbit: Orbit, section: Section, time: float) -> bool:
         """Whether an orbit passes close by a section that belongs to `time`."""

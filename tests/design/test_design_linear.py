@@ -102,18 +102,18 @@ def test_resonant_shunt_is_h_infinity_optimal(host, run, kind, k):
     best = run(transducer, 50.0, objective="damping", band=band, candidates=(kind,)).best
     cls = {"series_rl": SeriesRL, "parallel_rl": ParallelRL}[kind]
     found = dataclasses.asdict(best.shunt)
-    peak = worst(transducer, best.shunt, band, 40001)
+    peak = worst(transducer, best.shunt, band, 20001)
     assert best.displacement_amplitude == pytest.approx(peak, rel=1e-5)
-    brute = brute_force(lambda shunt: worst(transducer, shunt, band, 601), cls, found, 0.1)
+    brute = brute_force(lambda shunt: worst(transducer, shunt, band, 401), cls, found, 0.1)
     assert peak <= brute * (1 + 1e-4)
-    f = np.linspace(*band, 40001)
+    f = np.linspace(*band, 20001)
     height = FORCE * np.abs(response(transducer, best.shunt, f).displacement)
     tops = height[1:-1][(height[1:-1] > height[:-2]) & (height[1:-1] >= height[2:])]
     assert len(tops) == 2 and tops[0] == pytest.approx(tops[1], rel=1e-4)
     if kind == "series_rl":
         w, c, share = 2 * np.pi * transducer.open_circuit_frequency, transducer.capacitance, k**2 / (1 + k**2)
         yamada = SeriesRL(inductance=1 / (c * w**2), resistance=np.sqrt(3 * share / (2 - share)) / (c * w))
-        assert peak < worst(transducer, yamada, band, 40001) < 1.01 * peak
+        assert peak < worst(transducer, yamada, band, 8001) < 1.01 * peak
 
 
 def test_mean_power_over_a_band(host, run):
@@ -235,10 +235,10 @@ def test_noise(host, run):
     noise = RandomForce(psd=psd, band=(20.0, 100.0), duration=10.0, seed=1)
     result = run(transducer, excitation=noise, candidates=("resistor",), band=(40.0, 60.0))
     assert any("band is not used" in note for note in result.notes)
-    f = np.linspace(20, 100, 4001)
-    loads = np.geomspace(3e4, 3e5, 61)
+    f = np.linspace(20, 100, 2001)
+    loads = np.geomspace(3e4, 3e5, 41)
     expected = 2 * psd * np.trapezoid(response(transducer, Resistor(resistance=loads[:, None]), f).harvested_power, f)
-    assert result.best.shunt.resistance == pytest.approx(loads[np.argmax(expected)], rel=0.03)
+    assert result.best.shunt.resistance == pytest.approx(loads[np.argmax(expected)], rel=0.04)
     assert result.best.harvested_power == pytest.approx(np.max(expected), rel=0.5)  # one realisation, from rest
 
 
@@ -246,5 +246,5 @@ def test_short_circuit_is_the_reference(host, run):
     """Over a band, worst peak against worst peak."""
     transducer, band = host(0.05, 60), (45.0, 58.0)
     best = run(transducer, 50.0, band=band, objective="damping", candidates=("resistor",)).best
-    ratio = worst(transducer, best.shunt, band, 40001) / worst(transducer, Short(), band, 40001)
+    ratio = worst(transducer, best.shunt, band, 20001) / worst(transducer, Short(), band, 40001)
     assert best.attenuation_db == pytest.approx(20 * np.log10(ratio), abs=1e-3)
