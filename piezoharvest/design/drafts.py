@@ -168,7 +168,7 @@ class Drafting:
             values = {name: scale[unit] for name, unit in _parts(cls).items()}
             if cls.kind == "negative_capacitance":
                 values["capacitance"] = NEGATIVE_SHARE * self.transducer.stick_capacitance
-                return values, (f"C_n = {NEGATIVE_SHARE:g} C = {values['capacitance']:.4g} F in parallel (a margin to "
+                return values, (f"C_n = {values['capacitance']:.4g} F in parallel, half of the small-signal capacitance (a margin to "
                                 "instability of as much again), without losses of the active circuit",)  # fmt: skip
             return values, ()
         values, notes = {}, []

@@ -190,7 +190,7 @@ def overdue(P, T, S, slot):
     for i in range(len(z)):
         size += abs(z[i])
     short = 0.5 ** T.finest[slot] * P.step
-    for g in range(len(sign)):
+    for g in range(len(sign) - pg.WATCHED):
         if g < own and targets[configuration, g] < 0:
             continue
         if g > own and (g - own - 1) % 2 == 1 and slip[(g - own - 1) // 2] != 0:

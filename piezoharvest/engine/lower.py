@@ -267,7 +267,7 @@ def _exo_scale(layout, equations, scale, signal, tr) -> np.ndarray:
 
 
 def _largest_step(excitation: Excitation, signal: Tones | Ramps) -> float:
-    """An eighth of the shortest period of the drive, or the spacing of its breakpoints."""
+    """An eighth of the shortest period of the drive, or its longest straight piece."""
     if isinstance(signal, Tones):
         return float(0.125 / np.max(signal.frequencies))
-    return float(np.min(np.diff(signal.times)))
+    return float(np.max(np.diff(signal.times)))

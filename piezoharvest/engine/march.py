@@ -204,7 +204,7 @@ def _earliest(P, T, S, slot, step):
     now, then, floor, sign, z = S.guard_now, S.guard_next, S.guard_floor, S.sign, S.z
     guards, matrix, growth, finest, longest = T.guards, T.matrix, T.growth, T.finest[slot], P.step
     scratch, found, trial = S.work[1:3], S.work[3], S.work[4]
-    for g in range(len(sign)):
+    for g in range(len(sign) - pg.WATCHED):
         if not may_cross(now, then, floor, g, step):
             continue
         low, high, guess = crossing(now, then, floor, g, step)
@@ -227,7 +227,7 @@ def _earliest(P, T, S, slot, step):
             found[:] = trial
     # A guard that is above zero there has risen before, too briefly for its interpolation: diodes that begin to conduct
     # just before the extremum do so as a rule.
-    for g in range(len(sign)):
+    for g in range(len(sign) - pg.WATCHED):
         if best == NONE or g == best or now[3 * g] > 0.0:
             continue
         value = sign[g] * dot(guards[slot, 3 * g], found)
@@ -314,29 +314,24 @@ def observe(P, T, S, slot, tau, arrived):
 
 @compiled
 def _turn(P, T, S, slot, tau, arrived, k, row):
-    """Widen the extremes by the turning point of an output within a step."""
-    z, scratch, rate = S.work[5], S.work[6:8], S.work[8]
-    matrix, a = T.matrix[slot], len(S.z)
-    for j in range(a):
-        rate[j] = 0.0
-        for i in range(a):
-            rate[j] += row[i] * matrix[i, j]
+    """Widen the extremes by the turning point of an output within a step, where its rate changes sign."""
+    z, scratch = S.work[5], S.work[6:8]
+    rate = T.guards[slot, T.guards.shape[1] - 3 * (pg.WATCHED - k)]
     before, after = dot(rate, S.z), dot(rate, arrived)
     if not before * after < 0.0:
         return
     low, high, low_rate, high_rate = 0.0, tau, before, after
-    x = tau * before / (before - after)
     for _ in range(60):
+        # Illinois variant of the secant method: the end that stays loses half its weight.
+        x = low + (high - low) * low_rate / (low_rate - high_rate)
         exact(T.matrix, T.growth, slot, T.finest[slot], P.step, S.z, x, z, scratch)
         value = dot(rate, z)
-        # Illinois variant of the secant method: the end that stays loses half its weight.
         if value * before > 0.0:
             low, low_rate, high_rate = x, value, 0.5 * high_rate
         else:
             high, high_rate, low_rate = x, value, 0.5 * low_rate
-        if abs(value) <= 1e-12 * (abs(before) + abs(after)) or high - low <= 1e-13 * tau:
+        if abs(value) <= 1e-9 * (abs(before) + abs(after)) or high - low <= 1e-12 * tau:
             break
-        x = low + (high - low) * low_rate / (low_rate - high_rate)
     _widen(S, k, dot(row, z))
 
 
@@ -356,7 +351,9 @@ def march(P, T, S, slot, t_stop):
     # Taken out of the records once: every look into one counts references, which costs as much as the arithmetic.
     guards, growth, matrix, sign, z, clock = T.guards, T.growth, T.matrix, S.sign, S.z, S.clock
     now, then, arrived, scratch, found = S.guard_now, S.guard_next, S.work[0], S.work[1:3], S.work[3]
-    count, a, finest, longest = len(sign), len(z), T.finest[slot], P.step
+    a, finest, longest = len(z), T.finest[slot], P.step
+    events = len(sign) - pg.WATCHED
+    count = len(sign) if len(S.extremes) else events
     level = max(finest - FIRST, 0)
     watching = len(S.sample_time) > 0 or len(S.extremes) > 0
     recording = watching or len(S.energy) > 0 or S.discrete[COLUMNS] > 0
@@ -388,9 +385,12 @@ def march(P, T, S, slot, t_stop):
             rate, second = now[3 * g + 1] - then[3 * g + 1], now[3 * g + 2] + then[3 * g + 2]
             doubt = step * rate / 32 + step * step * second / 64
             size = max(abs(now[3 * g]), abs(then[3 * g]))
+            if g < events:
+                rises |= may_cross(now, then, floor, g, step)
+            else:
+                size += 1e4 * floor[g]
             too_long |= abs(doubt) > 0.3 * size
             doubling &= abs(doubt) <= 0.05 * size
-            rises |= may_cross(now, then, floor, g, step)
         if too_long and level < finest and full:
             level += 1
             continue

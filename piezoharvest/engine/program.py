@@ -32,7 +32,8 @@ EVENT_NAMES = (
 OUTPUTS = (
     "drive", "displacement", "velocity", "voltage", "current", "charge", "hysteresis_voltage", "dc_voltage",
 )  # fmt: skip
-DISPLACEMENT, VOLTAGE, DC_VOLTAGE = 1, 3, 7
+DISPLACEMENT, VOLTAGE = 1, 3
+WATCHED = 2  # outputs whose extremes are wanted: their rates stand behind the guards, so that steps follow them too
 
 # Where energy goes; the effects' own losses follow.
 CATEGORIES = ("mechanical_in", "damping", "hysteresis", "harvested", "shunt_loss", "source")

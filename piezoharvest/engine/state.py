@@ -64,7 +64,7 @@ def rest(
 ) -> State:
     """State at rest at time zero, with room for what is to be recorded."""
     a = program.rate.shape[-1]
-    guards = program.guard_target.shape[1] + 1 + 2 * len(program.stop_state)
+    guards = program.guard_target.shape[1] + 1 + 2 * len(program.stop_state) + pg.WATCHED
     times = np.zeros(0) if sample_time is None else np.ascontiguousarray(sample_time, float)
     state = State(
         z=np.zeros(a),

@@ -32,7 +32,7 @@ class Tables(NamedTuple):
     matrix: np.ndarray  # (m, a, a): z' = matrix z
     growth: np.ndarray  # (m, l, a, a): exp(A h) - 1 at h = step / 2^level
     finest: np.ndarray  # (m,) int, level at which |A| h <= FINEST
-    guards: np.ndarray  # (m, 3 g, a): value, rate and second rate of every guard
+    guards: np.ndarray  # (m, 3 g, a): value, rate and second rate of every guard, the watched outputs' rates last
     guard_size: np.ndarray  # (m, 3 g): largest coefficient of each
     products: np.ndarray  # (m, p, 2, a)
     gramian: np.ndarray  # (m, l, e, a, a): z gramian z is the energy of a step
@@ -55,6 +55,7 @@ def allocate(program: pg.Program, ledger: bool, levels: int = 60):
     a = program.rate.shape[-1]
     configurations, guards = program.guard_target.shape
     stops = len(program.stop_state)
+    rows = 3 * (guards + 1 + 2 * stops + pg.WATCHED)
     modes = int(min(MODES, configurations * 2 ** min(stops, 10)))
     energy = program.categories if ledger else 0
     tables = Tables(
@@ -63,8 +64,8 @@ def allocate(program: pg.Program, ledger: bool, levels: int = 60):
         matrix=np.zeros((modes, a, a)),
         growth=np.empty((modes, levels, a, a)),
         finest=np.zeros(modes, np.int64),
-        guards=np.zeros((modes, 3 * (guards + 1 + 2 * stops), a)),
-        guard_size=np.zeros((modes, 3 * (guards + 1 + 2 * stops))),
+        guards=np.zeros((modes, rows, a)),
+        guard_size=np.zeros((modes, rows)),
         products=np.zeros((modes, program.product_category.shape[1] + stops, 2, a)),
         gramian=np.empty((modes, levels if ledger else 0, energy, a, a)),
         outputs=np.empty((modes, len(pg.OUTPUTS), a)),
@@ -142,7 +143,7 @@ def _motion(P, T, slot, configuration, slip):
 
 @compiled
 def _forms(P, T, slot, configuration, slip):
-    """Guards (the circuit's, the extremum, two for each stop), products and outputs over the augmented state."""
+    """Guards (the circuit's, the extremum, two for each stop, the watched), products, outputs over the whole state."""
     n, a = P.rate.shape[1], P.rate.shape[2]
     matrix, rows, scratch = T.matrix[slot], T.guards[slot], T.square[0, 0]
     own = P.guard_target.shape[1]
@@ -150,7 +151,8 @@ def _forms(P, T, slot, configuration, slip):
     for g in range(own):
         row_product(P.guard_d[configuration, g], matrix, n, rows[3 * g])
         rows[3 * g] += P.guard_z[configuration, g]
-    rows[3 * own] = P.trigger_row
+    if P.switched:
+        rows[3 * own] = P.trigger_row
     for j in range(len(slip)):
         first, second = 3 * (own + 1 + 2 * j), 3 * (own + 2 + 2 * j)
         if slip[j] == 0:
@@ -160,6 +162,12 @@ def _forms(P, T, slot, configuration, slip):
         else:
             row_product(P.stop_input[j], matrix, n, scratch)
             rows[first] = -scratch
+    for o in range(T.outputs.shape[1]):
+        row_product(P.output_d[configuration, o], matrix, n, T.outputs[slot, o])
+        T.outputs[slot, o] += P.output_z[configuration, o]
+    watched = rows.shape[0] - 3 * pg.WATCHED
+    row_product(T.outputs[slot, pg.DISPLACEMENT], matrix, a, rows[watched])
+    row_product(T.outputs[slot, pg.VOLTAGE], matrix, a, rows[watched + 3])
     for g in range(rows.shape[0] // 3):
         row_product(rows[3 * g], matrix, a, rows[3 * g + 1])
         row_product(rows[3 * g + 1], matrix, a, rows[3 * g + 2])
@@ -178,9 +186,6 @@ def _forms(P, T, slot, configuration, slip):
         if slip[j] != 0:
             T.products[slot, count + j, 0, P.stop_state[j]] = P.stop_weight[j]
             row_product(P.stop_input[j], matrix, n, T.products[slot, count + j, 1])
-    for o in range(T.outputs.shape[1]):
-        row_product(P.output_d[configuration, o], matrix, n, T.outputs[slot, o])
-        T.outputs[slot, o] += P.output_z[configuration, o]
 
 
 @compiled

@@ -1,0 +1,90 @@
+"""Excitations as lines, means over bands, and the region in which parts are sought."""
+
+import numpy as np
+import pytest
+
+from piezoharvest.design.drafts import Draft
+from piezoharvest.design.goal import Goal
+from piezoharvest.design.operation import mean_nodes, operation_of
+from piezoharvest.design.region import COIL_QUALITY, Region
+from piezoharvest.design.starts import Host, starts
+from piezoharvest.design.twoport import LinearView
+from piezoharvest.excitation import Multisine, RandomForce, Record, SineForce, StepForce
+from piezoharvest.linear import frequency_response
+from piezoharvest.shunts import Open, ParallelRL, Resistor, SeriesRL
+from piezoharvest.study import DesignOptions
+from piezoharvest.system import System
+
+
+@pytest.mark.parametrize("quality", [5, 50, 500])
+def test_nodes_of_a_mean(host, quality):
+    transducer, band = host(0.05, quality), (48.0, 53.0)
+    shunt = Resistor(resistance=5e4)
+    f = np.linspace(*band, 100001)
+    exact = np.trapezoid(frequency_response(System(transducer, shunt), f).harvested_power, f) / 5.0
+    for tolerance in (1e-2, 1e-6):
+        nodes, weights = mean_nodes(band, transducer, tolerance, 2000)
+        found = frequency_response(System(transducer, shunt), nodes).harvested_power @ weights
+        assert found == pytest.approx(exact, rel=tolerance)
+
+
+def test_mean_square_of_the_lines(host, tmp_path):
+    """Half the sum of the squared peak values is the mean square of the signal."""
+    transducer = host(0.05, 50)
+    t = np.arange(2000) / 1000.0
+    np.savetxt(tmp_path / "force.csv", np.sin(2 * np.pi * 50 * t), header="force_N", comments="")
+    record = Record(file=str(tmp_path / "force.csv"), column="force_N", sample_rate=1000.0)
+    cases = [
+        (SineForce(amplitude=0.02, frequency=50.0), 0.02**2 / 2),
+        (Multisine(amplitudes=(1.0, 2.0, 1.0), frequencies=(50.0, 60.0, 50.0), phases=(0.0, 0.0, 0.0), duration=0.1), 4.0),
+        (RandomForce(psd=1e-3, band=(10.0, 90.0), duration=1.0, seed=0), 1e-3 * 80),
+        (record, 0.5),
+    ]  # fmt: skip
+    for excitation, square in cases:
+        operation = operation_of(excitation, None, transducer)
+        assert np.sum(operation.squares) / 2 == pytest.approx(square, rel=2e-2)
+        assert operation.centre(transducer) == pytest.approx(50.0, rel=0.25)
+    assert operation_of(StepForce(amplitude=1.0, duration=1.0), None, transducer).centre(transducer) > 49
+
+
+def test_linear_power_of_a_record(host, run, tmp_path):
+    """A recorded tone is worth as much as the tone."""
+    transducer = host(0.05, 20)
+    t = np.arange(20001) / 2000.0
+    np.savetxt(tmp_path / "force.csv", 0.02 * np.sin(2 * np.pi * 50 * t), header="force_N", comments="")
+    record = Record(file=str(tmp_path / "force.csv"), column="force_N", sample_rate=2000.0)
+    tone, recorded = (
+        run(transducer, 50.0, excitation=e, candidates=("resistor",)).best
+        for e in (SineForce(amplitude=0.02, frequency=50.0), record)
+    )
+    assert recorded.shunt.resistance == pytest.approx(tone.shunt.resistance, rel=2e-2)
+    assert recorded.harvested_power == pytest.approx(tone.harvested_power, rel=5e-2)
+
+
+@pytest.mark.parametrize("cls", [SeriesRL, ParallelRL])
+def test_region(host, cls):
+    """Parts are brought inside, below the largest inductance and to no more than the quality of a coil."""
+    transducer = host(0.05, 50)
+    view = LinearView(transducer, operation_of(SineForce(amplitude=1.0, frequency=50.0), None, transducer),
+                      Goal(DesignOptions()))  # fmt: skip
+    draft = Draft(cls(inductance=1.0, resistance=1.0), ("inductance", "resistance"))
+    region = Region.of(draft, Host.of(view), max_inductance=10.0)
+    extreme = 1e-6 if cls is SeriesRL else 1e12
+    inside = region.values(region.logs({"inductance": 250.0, "resistance": extreme}))
+    assert inside["inductance"] == pytest.approx(10.0)
+    reactance = 2 * np.pi * 50 * 10.0
+    quality = reactance / inside["resistance"] if cls is SeriesRL else inside["resistance"] / reactance
+    assert quality == pytest.approx(COIL_QUALITY, rel=1e-9)
+    assert any("coil" in text for text in region.told(region.logs(inside)))
+    assert all(min(start.values.values()) > 0 for start in starts(draft, Host.of(view)))
+
+
+def test_peaks_are_exact(host):
+    """Against the pole of the open host, to rounding."""
+    transducer = host(0.05, 200)
+    operation = operation_of(SineForce(amplitude=1.0, frequency=50.0), (40.0, 60.0), transducer)
+    view = LinearView(transducer, operation, Goal(DesignOptions(objective="damping")))
+    found = view.grid(Open())
+    heights = np.abs(view.response(Open(), found).displacement)
+    dense = np.abs(view.response(Open(), np.linspace(51.0, 51.5, 200001)).displacement)
+    assert heights.max() == pytest.approx(dense.max(), rel=1e-9)
