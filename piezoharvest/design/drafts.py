@@ -168,8 +168,8 @@ class Drafting:
             values = {name: scale[unit] for name, unit in _parts(cls).items()}
             if cls.kind == "negative_capacitance":
                 values["capacitance"] = NEGATIVE_SHARE * self.transducer.stick_capacitance
-                return values, (f"C_n = {values['capacitance']:.4g} F in parallel, half of the small-signal capacitance (a margin to "
-                                "instability of as much again), without losses of the active circuit",)  # fmt: skip
+                note = f"C_n = {values['capacitance']:.4g} F in parallel, half of what is unstable, without losses"
+                return values, (note,)
             return values, ()
         values, notes = {}, []
         if issubclass(cls, Bridge):

@@ -89,7 +89,7 @@ class _Design:
         if self.trial.unresolved:
             self.notes.append("resonances are sharper than the simulated mean power over the band is sure to see")
         candidates = tuple(sorted((self._candidate(draft) for draft in drafts), key=self._rank))
-        if not candidates[0].feasible:
+        if not any(candidate.feasible for candidate in candidates):
             self.notes.insert(0, "no candidate keeps all limits")
         return DesignResult(candidates=candidates, notes=tuple(self.notes))
 

@@ -84,11 +84,37 @@ def _symmetric(lowered: Lowered, excitation: Excitation) -> bool:
 
 
 def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str) -> Response:
-    assert excitation.period is not None
+    """Find the periodic steady state and record one period of it; a long run where there is none."""
+    orbit, mirrored, message, evaluations, settles = _search(lowered, excitation)
+    if not settles:
+        return _unsettled(lowered, excitation, samples, kind, orbit, evaluations)
+    period, begin = excitation.period, orbit.time
+    assert period is not None
+    # The section is anywhere in the period; samples are taken where those of a period from phase zero lie.
+    grid = np.arange(samples) * period / samples
+    offset = np.mod(grid - begin, period)
+    order = np.argsort(offset, kind="stable")
+    shooting = Shooting(Machine(lowered, ledger=True), period, mirrored, excitation.rest)
+    state = shooting.load(
+        orbit.section, begin, sensitivities=0, track=True, log=LONGEST_LOG, sample_time=begin + offset[order]
+    )
+    _check(shooting.machine.run(state, begin + period))
+    response = _response(lowered, state, kind, period, begin, 0.0)
+    response = _with(response, waveforms=_from_phase_zero(response.waveforms, grid, order, begin, period))
+    return _finish(response, message, evaluations)
+
+
+def _search(lowered: Lowered, excitation: Excitation) -> tuple[Orbit, bool, str, float, bool]:
+    """The steady state that a motion from rest comes to.
+
+    Returns the orbit, whether it was sought on half the period, what there is to say of it, the periods simulated, and
+    whether motions do settle on it.
+    """
     period, rest = excitation.period, excitation.rest
+    assert period is not None
     mirrored = _symmetric(lowered, excitation)
     shooting = Shooting(Machine(lowered), period, mirrored, rest)
-    orbit, message = shooting.find(), ""
+    orbit = shooting.find()
     evaluations = orbit.evaluations
     if mirrored and not orbit.converged:
         # A symmetric orbit may lose its stability to one that is not.
@@ -96,47 +122,34 @@ def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str) -
         shooting = Shooting(Machine(lowered), period, mirrored, rest)
         orbit = shooting.find()
         evaluations += orbit.evaluations
-    if orbit.converged:
-        arrives, here, when = shooting.from_rest(orbit)
-        if not arrives:
-            shooting = Shooting(Machine(lowered), period, False, rest)
-            reached = shooting.find((here, when))
-            evaluations += reached.evaluations
-            if not reached.converged or not shooting.near(reached, here, when):
-                return _unsettled(lowered, excitation, samples, kind, orbit, evaluations)
-            message = "several periodic steady states exist; this is the one that a motion from rest comes to"
-            orbit, mirrored = reached, False
     if not orbit.converged:
-        return _unsettled(lowered, excitation, samples, kind, orbit, evaluations)
-    # Begin at a multiple of the period, so that waveforms start at phase zero.
-    recorder = Shooting(Machine(lowered, ledger=True), period, mirrored, rest)
-    begin = orbit.time
-    times = begin + np.arange(samples) * period / samples
-    state = recorder.load(orbit.section, begin, sensitivities=0, track=True, log=LONGEST_LOG, sample_time=times)
-    _check(recorder.machine.run(state, begin + period))
-    phase = np.mod(begin, period)
-    response = _response(lowered, state, kind, period, begin, 0.0)
-    response = _rotated(response, phase, period)
-    return _finish(response, message, evaluations)
+        return orbit, mirrored, "", evaluations, False
+    arrives, here, when = shooting.from_rest(orbit)
+    if arrives:
+        return orbit, mirrored, "", evaluations, True
+    shooting = Shooting(Machine(lowered), period, False, rest)
+    reached = shooting.find((here, when))
+    evaluations += reached.evaluations
+    if not reached.converged or not shooting.near(reached, here, when):
+        return orbit, mirrored, "", evaluations, False
+    message = "several periodic steady states exist; this is the one that a motion from rest comes to"
+    return reached, False, message, evaluations, True
+
+
+def _from_phase_zero(w: Waveforms | None, grid, order, begin: float, period: float) -> Waveforms:
+    """Put the samples of a period that began elsewhere in the order of a period from phase zero."""
+    assert w is not None
+    back = np.argsort(order, kind="stable")
+    signals = {name: getattr(w, name)[back] for name in pg.OUTPUTS}
+    events = np.mod(w.event_times + begin, period)
+    sequence = np.argsort(events, kind="stable")
+    names = tuple(w.event_names[k] for k in sequence)
+    return Waveforms(grid, **signals, event_times=events[sequence], event_names=names)
 
 
 def _check(status: int) -> None:
     if status != DONE:
         raise EngineError(status)
-
-
-def _rotated(response: Response, phase: float, period: float) -> Response:
-    """Put the samples of a period that begins at a phase (s) in the order of a period that begins at zero."""
-    w = response.waveforms
-    assert w is not None
-    time = np.mod(w.time + phase, period)
-    # Samples are shifted by less than their spacing, so that the first one has phase zero or more.
-    order = np.argsort(time, kind="stable")
-    signals = {name: getattr(w, name)[order] for name in pg.OUTPUTS}
-    events = np.mod(w.event_times + phase, period)
-    sequence = np.argsort(events, kind="stable")
-    names = tuple(w.event_names[k] for k in sequence)
-    return _with(response, waveforms=Waveforms(time[order], **signals, event_times=events[sequence], event_names=names))
 
 
 def _transient(lowered, excitation: Excitation, length: float | None, samples: int, kind: str) -> Response:

@@ -12,9 +12,15 @@ OMEGA = 2 * 3.141592653589793 * DRIVE["frequency"]
 IMPEDANCE = 1 / (OMEGA * BENCH["capacitance"])
 # Of the size that suits the bench, by unit: an inductance resonates with the electrodes, a pure number is a quality.
 TYPICAL = {
-    "ohm": IMPEDANCE, "F": 0.6 * BENCH["capacitance"], "H": IMPEDANCE / OMEGA, "V": 1.0, "s": 2e-4, "C": 1e-7, "A": 1e-8,
+    "ohm": IMPEDANCE,
+    "F": 0.6 * BENCH["capacitance"],
+    "H": IMPEDANCE / OMEGA,
+    "V": 1.0,
+    "s": 2e-4,
+    "C": 1e-7,
+    "A": 1e-8,
     "": 6.0,
-}  # fmt: skip
+}
 SWITCHED_INDUCTANCE = 0.01
 # Fields that have no unit.
 GIVEN = {"network": {"netlist": "L1 1 2 150\nC1 2 0 30n\nR1 2 0 100k load"}}

@@ -59,7 +59,8 @@ def test_absent_at_its_null_value(name, shunt):
     for field in dataclasses.fields(cls):
         null = field.metadata.get("null")
         if null is not None:
-            changes[field.name] = typical(cls, field) * (1e18 if math.isinf(null) else 1e-18) + (0 if math.isinf(null) else null)
+            near = typical(cls, field)
+            changes[field.name] = 1e18 * near if math.isinf(null) else null + 1e-18 * near
     found, wanted = run(shunt, dataclasses.replace(EXAMPLES[name], **changes)), run(shunt)
     assert found.displacement_amplitude == pytest.approx(wanted.displacement_amplitude, rel=1e-9)
     assert found.harvested_power == pytest.approx(wanted.harvested_power, rel=1e-9, abs=1e-18)
@@ -78,7 +79,8 @@ def test_changes_something_and_never_gives_energy(name, shunt):
 
 @each_shunt
 def test_order_changes_nothing(shunt):
-    first, *others = [run(shunt, *order) for order in itertools.islice(itertools.permutations(EXAMPLES.values()), 6)]
+    orders = itertools.islice(itertools.permutations(EXAMPLES.values()), 6)
+    first, *others = [run(shunt, *order) for order in orders]
     for other in others:
         assert other.harvested_power == pytest.approx(first.harvested_power, rel=1e-10, abs=1e-18)
         assert other.displacement_amplitude == pytest.approx(first.displacement_amplitude, rel=1e-10)

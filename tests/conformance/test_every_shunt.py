@@ -115,13 +115,14 @@ def test_hysteresis_loses_the_area_of_its_loop(shunt):
     area = 0.5 * np.dot(v + np.roll(v, -1), np.roll(q, -1) - q)
     if "voltage extracted" in found.waveforms.event_names:
         pytest.skip("the charge jumps: see the next test")
-    fast = hasattr(shunt, "on_time_error")
-    assert found.energy["hysteresis"] == pytest.approx(area, rel=1e-3 if fast else 1e-5, abs=1e-6 * found.energy["mechanical_in"])
+    corners = 1e-3 if hasattr(shunt, "on_time_error") else 1e-5
+    assert found.energy["hysteresis"] == pytest.approx(area, rel=corners, abs=1e-6 * found.energy["mechanical_in"])
 
 
 @pytest.mark.parametrize("kind", ["ssds", "sece"])
 def test_hysteresis_of_a_charge_that_jumps_from_end_to_end(kind):
-    found = simulate(System(DEVICES["hysteresis"], next(s for s in EXAMPLES.values() if s.kind == kind)), DRIVE)
+    shunt = next(s for s in EXAMPLES.values() if s.kind == kind)
+    found = simulate(System(DEVICES["hysteresis"], shunt), DRIVE)
     wanted = DEVICES["hysteresis"].hysteresis.loss_per_cycle(0.5 * np.ptp(found.waveforms.charge))
     assert found.energy["hysteresis"] == pytest.approx(wanted, rel=1e-9)
 
@@ -129,7 +130,8 @@ def test_hysteresis_of_a_charge_that_jumps_from_end_to_end(kind):
 @each_shunt
 def test_hysteresis_voltage_is_that_of_the_operators(shunt):
     """From rest, through samples that miss the turning points by little."""
-    waves = simulate(System(DEVICES["hysteresis"], shunt), DRIVE, transient=3 / DRIVE.frequency, samples=20000).waveforms
+    system, length = System(DEVICES["hysteresis"], shunt), 3 / DRIVE.frequency
+    waves = simulate(system, DRIVE, transient=length, samples=20000).waveforms
     assert distance(Hysteresis(**STOPS).voltage(waves.charge), waves.hysteresis_voltage) < 1e-3
 
 
@@ -153,7 +155,8 @@ def test_linear_shunt_matches_its_frequency_response(name, device):
         found = simulate(system, SineForce(amplitude=0.02, frequency=frequency))
         assert found.displacement_amplitude == pytest.approx(0.02 * abs(wanted.displacement[0]), rel=1e-9)
         assert found.voltage_amplitude == pytest.approx(0.02 * abs(wanted.voltage[0]), rel=1e-9, abs=1e-12)
-        assert found.harvested_power == pytest.approx(0.02**2 * wanted.harvested_power[0], rel=1e-9, abs=1e-12 * found.mechanical_power)
+        power, rounding = 0.02**2 * wanted.harvested_power[0], 1e-12 * found.mechanical_power
+        assert found.harvested_power == pytest.approx(power, rel=1e-9, abs=rounding)
 
 
 @pytest.mark.parametrize("name", [name for name, shunt in EXAMPLES.items() if hasattr(shunt, "phase_lag")])
@@ -161,8 +164,9 @@ def test_switch_acts_twice_a_period_and_in_time(name):
     shunt = EXAMPLES[name]
     found = simulate(System(BENCH, shunt), DRIVE, samples=4000)
     waves = found.waveforms
-    acts = [t for n, t in zip(waves.event_names, waves.event_times, strict=True) if n in ("switch closes", "voltage extracted")]
-    opens = [t for n, t in zip(waves.event_names, waves.event_times, strict=True) if n == "switch opens"]
+    events = list(zip(waves.event_names, waves.event_times, strict=True))
+    acts = [t for name, t in events if name in ("switch closes", "voltage extracted")]
+    opens = [t for name, t in events if name == "switch opens"]
     assert len(acts) == 2
     on_time = shunt.switch(BENCH.capacitance, found.period).on_time
     for closed in acts:
@@ -175,8 +179,6 @@ def test_switch_acts_twice_a_period_and_in_time(name):
 
 
 def test_better_loops_harvest_more():
-    powers = [
-        simulate(System(BENCH, shunts.ParallelSSHI(dc_voltage=1.0, quality=q, inductance=LOOP["inductance"])), DRIVE).harvested_power
-        for q in (0.6, 2.0, 6.0)
-    ]  # fmt: skip
+    loops = [{**LOOP, "quality": quality} for quality in (0.6, 2.0, 6.0)]
+    powers = [simulate(System(BENCH, shunts.ParallelSSHI(dc_voltage=1.0, **p)), DRIVE).harvested_power for p in loops]
     assert powers == sorted(powers)

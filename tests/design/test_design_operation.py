@@ -36,7 +36,7 @@ def test_mean_square_of_the_lines(host, tmp_path):
     record = Record(file=str(tmp_path / "force.csv"), column="force_N", sample_rate=1000.0)
     cases = [
         (SineForce(amplitude=0.02, frequency=50.0), 0.02**2 / 2),
-        (Multisine(amplitudes=(1.0, 2.0, 1.0), frequencies=(50.0, 60.0, 50.0), phases=(0.0, 0.0, 0.0), duration=0.1), 4.0),
+        (Multisine(amplitudes=(1.0, 2.0, 1.0), frequencies=(50.0, 60.0, 50.0), phases=(0.0,) * 3, duration=0.1), 4.0),
         (RandomForce(psd=1e-3, band=(10.0, 90.0), duration=1.0, seed=0), 1e-3 * 80),
         (record, 0.5),
     ]  # fmt: skip

@@ -5,8 +5,9 @@ from conftest import DRIVE, LOOP, SECOND, STOPS, bench, solve
 from oracles.reference import steady
 from random_studies import random_study
 
-DEFAULT = [0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 19, 20, 24, 26, 27, 29, 30, 33, 34, 37, 42, 43, 44, 54]
-MORE = [21, 25, 45, 48, 50, 53, 56, 57, 59, 61, 65, 66, 69, 74, 77, 78, 90]
+# Seeds for which the oracle settles within seconds.
+DEFAULT = [0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 19, 20, 24, 26, 27, 29, 30, 33, 34, 37, 42, 44, 54]
+MORE = [21, 25, 45, 50, 57, 59, 65, 74, 77, 90]
 
 
 def check(study, relative=1e-6, **options):
@@ -20,11 +21,9 @@ def check(study, relative=1e-6, **options):
     assert found.displacement_amplitude == pytest.approx(wanted.displacement_amplitude, rel=relative)
     assert found.voltage_amplitude == pytest.approx(wanted.voltage_amplitude, rel=relative)
     assert found.dc_voltage == pytest.approx(wanted.dc_voltage, rel=relative, abs=1e-12)
-    for name in ("damping", "hysteresis", "shunt_loss"):
-        assert found.energy[name] == pytest.approx(wanted.energy[name], abs=relative * wanted.energy["mechanical_in"]), name
-    assert found.energy.get("source", 0.0) == pytest.approx(
-        wanted.energy["source"], abs=relative * wanted.energy["mechanical_in"]
-    )
+    for name in ("damping", "hysteresis", "shunt_loss", "source"):
+        error = abs(found.energy.get(name, 0.0) - wanted.energy[name])
+        assert error <= relative * wanted.energy["mechanical_in"], name
     assert abs(found.energy["closure"]) < 1e-10
     return found, wanted
 

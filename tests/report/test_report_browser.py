@@ -1,0 +1,113 @@
+"""The report in a real browser: headless Chromium opens it and shows what is there."""
+
+import re
+import shutil
+import subprocess
+
+import matplotlib.image
+import numpy as np
+import pytest
+from report_studies import report, untrusted_report
+
+pytestmark = pytest.mark.browser
+OPTIONS = (
+    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
+    "--disable-component-update --disable-sync --hide-scrollbars --virtual-time-budget=3000"
+).split()
+# Run in the page, once it is laid out: sizes of what is drawn, and everything that was fetched from anywhere.
+MEASURE = """<script>addEventListener("load", () => {
+  const size = element => { const box = element.getBoundingClientRect(); return [box.width, box.height]; };
+  const drawn = [...document.querySelectorAll("figure svg")].map(size);
+  const images = [...document.images].map(image => [image.naturalWidth, image.naturalHeight]);
+  const fetched = performance.getEntriesByType("resource").map(entry => entry.name);
+  const wide = document.documentElement.scrollWidth - innerWidth;
+  const rows = document.querySelectorAll("tr[data-kind]").length;
+  document.body.dataset.measured = JSON.stringify({drawn, images, fetched, wide, rows, title: document.title});
+});</script></body>"""
+
+
+@pytest.fixture(scope="module")
+def browse(tmp_path_factory):
+    """Function that opens a page with further options, and gives back what the browser prints."""
+    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if program is None:
+        pytest.skip("chromium is not on the PATH")
+
+    def run(page, *options):
+        profile = tmp_path_factory.mktemp("profile")
+        command = [program, *OPTIONS, f"--user-data-dir={profile}", *options, page.resolve().as_uri()]
+        return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
+
+    return run
+
+
+@pytest.fixture
+def measured(browse, tmp_path):
+    """Function that gives what a script in a copy of the page has measured, at a width of the window in pixels."""
+    import html
+    import json
+
+    def measure(page, width=1200):
+        copy = tmp_path / "measured.html"
+        copy.write_text(page.read_text(encoding="utf-8").replace("</body>", MEASURE), encoding="utf-8")
+        dom = browse(copy, f"--window-size={width},2000", "--dump-dom")
+        found = re.search(r'data-measured="([^"]*)"', dom)
+        assert found, dom[-500:]
+        return json.loads(html.unescape(found.group(1)))
+
+    return measure
+
+
+def shot(browse, page, file, *options):
+    browse(page, f"--screenshot={file}", *options)
+    return matplotlib.image.imread(file)[..., :3]
+
+
+@pytest.mark.parametrize("name", ["bench", "stack", "step"])
+def test_everything_is_drawn_and_nothing_fetched(measured, name):
+    found = measured(report(name))
+    assert found["title"].endswith("design report")
+    assert found["rows"] >= 2
+    assert len(found["drawn"]) == len(list(report(name).parent.glob("*.png")))
+    assert all(width > 500 and height > 100 for width, height in found["drawn"])
+    assert all(width > 0 for width, _ in found["images"])
+    assert found["fetched"] == []
+    assert found["wide"] <= 0
+
+
+def test_a_narrow_window_scrolls_only_downwards(measured):
+    found = measured(report("bench"), width=500)  # the least that chromium takes
+    assert found["wide"] <= 0
+    assert all(width > 500 for width, _ in found["drawn"])
+
+
+def test_dom_of_the_page_as_it_is(browse):
+    dom = browse(report("bench"), "--dump-dom")
+    assert re.search(r"<title>.*design report</title>", dom)
+    assert dom.count("<svg") == dom.count("</svg>") == dom.count("<figure ")
+    assert not re.findall(r'(?:src|href)="(?!#|data:)', dom)
+
+
+def test_what_is_not_to_be_trusted_is_seen(browse):
+    dom = browse(untrusted_report(), "--dump-dom")
+    assert dom.count('data-converged="false"') == 2
+    assert 'role="alert"' in dom
+
+
+def test_looks_in_light_and_dark(browse, tmp_path):
+    size = "--window-size=1200,3000"
+    light = shot(browse, report("bench"), tmp_path / "light.png", size)
+    dark = shot(browse, report("bench"), tmp_path / "dark.png", size, "--blink-settings=preferredColorScheme=0")
+    assert light.shape == dark.shape == (3000, 1200, 3)
+    assert np.median(light) > 0.95
+    assert np.median(dark) < 0.2
+    for image in (light, dark):
+        assert np.std(image) > 0.05
+        # Rows of pixels with something on them: text and figures all the way down.
+        assert np.mean(np.std(image, axis=1).max(axis=1) > 0.02) > 0.6
+
+
+def test_prints(browse, tmp_path):
+    browse(report("bench"), "--no-pdf-header-footer", f"--print-to-pdf={tmp_path / 'page.pdf'}")
+    pages = len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes()))
+    assert 3 <= pages <= 14

@@ -1,0 +1,197 @@
+"""The report of a design: what is on the page, what lies beside it, and what is left out where it makes no sense."""
+
+import dataclasses
+import re
+from html.parser import HTMLParser
+
+import matplotlib.image
+import numpy as np
+import pytest
+from report_studies import TITLE, designed, report, untrusted_report
+
+from piezoharvest.output import OutputError
+from piezoharvest.report import gallery, write_report
+
+ALWAYS = {"energy.png", "bode.png"}
+FIGURES = {
+    "bench": {"power-load.png", "power-frequency.png", "damping.png"},
+    "stack": {"power-load.png", "power-frequency.png", "damping.png", "hysteresis.png"},
+    "band": {"power-load.png", "power-frequency.png", "damping.png"},
+    "step": {"power-load.png", "damping.png"},
+    "noise": {"power-load.png", "damping.png"},
+}
+
+
+class Page(HTMLParser):
+    """Elements of a page with their attributes, and its text."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.source = path.read_text(encoding="utf-8")
+        self.tags, self.texts = [], []
+        self.feed(self.source)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.texts.append(data)
+
+    @property
+    def text(self):
+        return re.sub(r"\s+", " ", " ".join(self.texts))
+
+    def all(self, tag):
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+def pictures(path):
+    return {file.name for file in path.parent.glob("*.png")}
+
+
+@pytest.mark.parametrize("name", FIGURES)
+class TestEveryReport:
+    def test_figures_lie_beside_the_page(self, name):
+        found = pictures(report(name))
+        assert {file for file in found if not file.startswith("waveforms-")} == ALWAYS | FIGURES[name]
+        assert any(file.startswith("waveforms-1-") for file in found)
+
+    def test_figures_show_something(self, name):
+        for file in report(name).parent.glob("*.png"):
+            image = matplotlib.image.imread(file)[..., :3]
+            height, width, _ = image.shape
+            assert width > 1000, file
+            assert height > 250, file
+            assert np.std(image) > 0.05, file
+            # Nothing is cut off: the outermost pixels are paper, but for lines that end at the edge of the axes.
+            edges = np.concatenate((image[0], image[-1], image[:, 0]))
+            assert np.min(edges) == 1.0, file
+
+    def test_page_holds_every_figure_once(self, name):
+        page = Page(report(name))
+        named = [attributes["id"] for attributes in page.all("figure")]
+        assert {f"{figure.removeprefix('figure-')}.png" for figure in named} == pictures(report(name))
+        assert len(page.all("svg")) == len(named)
+        assert all(svg["aria-label"] for svg in page.all("svg"))
+        numbers = [int(n) for n in re.findall(r"Figure (\d+)\.", page.text)]
+        assert numbers == list(range(1, len(named) + 1))
+
+    def test_page_stands_alone(self, name):
+        page = Page(report(name))
+        assert "http" not in page.source
+        assert "url(//" not in page.source
+        assert not page.all("script")
+        links = [value for _, attributes in page.tags for key, value in attributes.items() if key in ("src", "href")]
+        assert all(link.startswith(("#", "data:")) for link in links)
+        ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
+        inner = set(re.findall(r'(?:href="#|url\(#)([^")]+)', page.source))
+        assert inner <= set(ids)
+        svg_free = re.sub(r"<svg.*?</svg>", "", page.source, flags=re.S)
+        ids = re.findall(r'\bid="([^"]+)"', svg_free)
+        assert len(ids) == len(set(ids))
+
+    def test_title_and_ranking(self, name):
+        page, (_, result) = Page(report(name)), designed(name)
+        assert TITLE in page.text
+        assert "<beam>" not in page.source
+        rows = [row for row in page.all("tr") if "data-kind" in row]
+        assert [row["data-kind"] for row in rows] == [c.shunt.kind for c in result.candidates]
+        assert all(row["data-converged"] == "true" for row in rows)
+        assert "not converged" not in page.text
+
+
+class TestContents:
+    def test_answer_is_the_best_candidate(self):
+        page = Page(report("bench")).text
+        assert "Best of 5: series RL" in page
+        assert "harvests 796\u202fµW" in page
+        assert "under a sinusoidal base acceleration of 2\u202fm/s² at 50.6\u202fHz" in page
+
+    def test_limit_is_marked(self):
+        """(m a)^2/(8 b) = (0.01 * 2)^2/(8 * 0.0628) = 796 uW, which a matched series RL reaches at resonance."""
+        page = Page(report("bench")).text
+        assert re.search(r"can draw more than 796\u202fµW", page)
+        assert "(m a)²/(8 b)" in page
+
+    def test_band(self):
+        page = Page(report("band")).text
+        assert "from 48\u202fHz to 53\u202fHz (mean power, worst vibration)" in page
+        assert re.search(r"Best of 2: \w+ .*lowers the vibration by [0-9.]+\u202fdB", page)
+
+    def test_two_port_and_parameters(self):
+        page = Page(report("bench")).text
+        for expected in ("50.000\u202fHz", "50.629\u202fHz", "0.0253", "50.0", "1.27", "40\u202fnF", "987\u202fN/m", "10\u202fg"):
+            assert expected in page, expected
+        assert "clamped capacitance C" in page
+
+    def test_hysteresis_gives_both_operating_points(self):
+        page = Page(report("stack")).text
+        assert "hysteresis slipping" in page
+        assert "hysteresis sticking" in page
+        assert "describing function" in page
+
+    def test_transient_says_so(self):
+        page = Page(report("step")).text
+        assert "From rest." in page
+        assert "under the step force of the study" in page
+
+    def test_noise_has_the_power_that_it_brings_in(self):
+        """S m^2/(4 m) = 0.1 * 0.01/4 = 250 uW, whatever the shunt."""
+        assert "250\u202fµW" in Page(report("noise")).text
+
+    def test_switch_instants_are_marked(self):
+        source = report("bench").read_text()
+        start = source.index('id="figure-waveforms-', source.index("parallel SSHI</h3>") - 200)
+        assert "waveforms-" in source[start:]
+        assert any("parallel-sshi" in file for file in pictures(report("bench")))
+
+    def test_the_same_input_gives_the_same_page(self, tmp_path):
+        again = write_report(*designed("step"), tmp_path)
+        assert again.read_text() == report("step").read_text()
+
+
+class TestUntrusted:
+    def test_is_shown_as_such(self):
+        page = Page(untrusted_report())
+        rows = [row for row in page.all("tr") if "data-kind" in row]
+        assert [row["data-converged"] for row in rows] == ["false", "true", "true", "true", "false"]
+        assert page.text.count("not converged") == 2
+        assert "Not to be trusted: no steady state: the periodic solution is unstable" in page.text
+        assert [p for p in page.all("p") if p.get("role") == "alert"]
+        assert "voltage too high" in page.text
+
+    def test_what_failed_has_no_bar_and_no_waveforms(self):
+        page = Page(untrusted_report())
+        bars = page.source[page.source.index('id="figure-energy"') :]
+        assert len(re.findall(r'<tr><th scope="row">', bars[: bars.index("How the candidates")])) == 4
+
+    def test_a_best_candidate_that_breaks_a_limit(self, tmp_path):
+        study, result = designed("noise")
+        broken = tuple(dataclasses.replace(c, violates=("min_power",)) for c in result.candidates)
+        page = Page(write_report(study, dataclasses.replace(result, candidates=broken), tmp_path))
+        assert "No candidate keeps all limits; this one breaks min_power." in page.text
+
+
+class TestFiles:
+    def test_directory_is_made_and_nothing_else_is_left(self, tmp_path):
+        path = write_report(*designed("step"), str(tmp_path / "new" / "folder"))
+        assert path == tmp_path / "new" / "folder" / "report.html"
+        assert {file.suffix for file in path.parent.iterdir()} == {".html", ".png"}
+
+    def test_a_report_is_replaced_as_a_whole(self, tmp_path, monkeypatch):
+        path = write_report(*designed("step"), tmp_path)
+        before = path.read_text()
+
+        def fail(*_):
+            raise RuntimeError("killed")
+
+        monkeypatch.setattr(gallery.Gallery, "_bode", fail)
+        with pytest.raises(RuntimeError):
+            write_report(*designed("noise"), tmp_path)
+        assert path.read_text() == before
+        assert not [file for file in tmp_path.iterdir() if ".part" in file.name]
+
+    def test_where_it_cannot_be_written(self, tmp_path):
+        (tmp_path / "file").write_text("")
+        with pytest.raises(OutputError, match="file"):
+            write_report(*designed("step"), tmp_path / "file")

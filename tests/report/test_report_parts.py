@@ -1,0 +1,163 @@
+"""Numbers, limits and places that a report is made of."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from report_studies import STUDIES, designed
+
+from piezoharvest.engine import simulate
+from piezoharvest.excitation import Multisine, RandomForce, SineBase, SineForce, StepForce
+from piezoharvest.report import units
+from piezoharvest.report.limits import mode_figures, power_limit, white_input
+from piezoharvest.report.spans import loads, resonance_span, sweep_span
+from piezoharvest.report.subjects import subjects_of
+from piezoharvest.report.sweeps import Bench, _coarse_to_fine
+from piezoharvest.shunts import SECE, ParallelSSHI, Rectifier, Resistor
+from piezoharvest.system import System
+from piezoharvest.transducer import Mode, Transducer
+
+BEAM = Transducer(mass=0.01, damping=0.0628, stiffness=986.96, coupling=1e-3, capacitance=40e-9)
+FORCE = SineForce(amplitude=0.02, frequency=50.6)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (98122.0, "ohm", "98.1 kΩ"), (0.01, "kg", "10.0 g"), (0.0628, "N s/m", "62.8 mN·s/m"), (1e-3, "N/V", "1.00 mN/V"),
+        (999.96, "W", "1.00 kW"), (0.0, "W", "0 W"), (-3e-5, "m", "−30.0 µm"), (2.0, "m/s^2", "2.00 m/s²"),
+        (0.1, "N^2/Hz", "0.100 N²/Hz"), (float("nan"), "W", "–"), (None, "W", "–"), (5e5, "V/C", "500 kV/C"),
+        (1e-20, "W", "1.00·10⁻⁵ fW"), (0.05, "dB", "0.0500 dB"),
+    ],
+)  # fmt: skip
+def test_engineering_notation(value, unit, text):
+    assert units.engineering(value, unit) == text.replace(" ", units.SPACE)
+
+
+def test_given_numbers_have_no_zeros_at_their_end():
+    assert units.quantity_text(6.0, "") == "6"
+    assert units.quantity_text((1e-7, 3e-7), "C") == f"100, 300{units.SPACE}nC"
+
+
+@pytest.mark.parametrize(("value", "text"), [(-12.34, "−12.3 dB"), (0.8, "+0.8 dB"), (-0.01, "0.0 dB"), (np.nan, "–")])
+def test_decibels_have_a_sign(value, text):
+    assert units.decibel(value) == text.replace(" ", units.SPACE)
+
+
+class TestLimit:
+    def test_formula(self):
+        assert power_limit(BEAM, FORCE).power == pytest.approx(0.02**2 / (8 * 0.0628))
+        base = SineBase(amplitude=2.0, frequency=50.6)
+        assert power_limit(BEAM, base).power == pytest.approx((0.01 * 2) ** 2 / (8 * 0.0628))
+
+    def test_modes_and_tones_add_up(self):
+        mode = Mode(mass=0.01, damping=0.1, stiffness=4e4, coupling=5e-4, force_participation=0.5)
+        both = power_limit(dataclasses.replace(BEAM, modes=(mode,)), FORCE).power
+        assert both == pytest.approx(0.02**2 / 8 * (1 / 0.0628 + 0.25 / 0.1))
+        tones = Multisine(amplitudes=(0.02, 0.01), frequencies=(50.0, 60.0), phases=(0.0, 1.0), duration=1.0)
+        assert power_limit(BEAM, tones).power == pytest.approx((0.02**2 + 0.01**2) / (8 * 0.0628))
+
+    def test_none_where_nothing_limits(self):
+        assert power_limit(dataclasses.replace(BEAM, damping=0.0), FORCE) is None
+        assert power_limit(BEAM, StepForce(amplitude=1.0, duration=1.0)) is None
+
+    def test_noise(self):
+        noise = RandomForce(psd=2e-4, band=(1.0, 200.0), duration=10.0, seed=0)
+        assert power_limit(BEAM, noise) is None
+        assert white_input(BEAM, noise) == pytest.approx(2e-4 / 0.04)
+        assert white_input(BEAM, FORCE) is None
+
+    @pytest.mark.parametrize("frequency", [45.0, 50.0, 50.6, 51.2])
+    @pytest.mark.parametrize(
+        "shunt",
+        [
+            Resistor(resistance=8e4), SECE(), Rectifier(dc_voltage=4.0),
+            ParallelSSHI(inductance=0.1, quality=20.0, dc_voltage=10.0),
+        ],
+        ids=lambda shunt: shunt.kind,
+    )  # fmt: skip
+    def test_nothing_exceeds_it(self, shunt, frequency):
+        drive = dataclasses.replace(FORCE, frequency=frequency)
+        found = simulate(System(BEAM, shunt), drive)
+        assert found.harvested_power <= power_limit(BEAM, drive).power * (1 + 1e-9)
+
+    def test_figures_of_the_mode(self):
+        (mode,) = mode_figures(BEAM)
+        assert mode.coupling_squared == pytest.approx(BEAM.coupling_squared)
+        assert mode.quality == pytest.approx(np.sqrt(986.96 * 0.01) / 0.0628)
+
+
+class TestSpans:
+    def test_drive_and_band_are_inside(self):
+        for name in ("bench", "band"):
+            study, _ = designed(name)
+            span = sweep_span(study)
+            assert span == resonance_span(study)
+            for f in (study.excitation.frequency, *(study.design.band or ())):
+                assert span.low < f < span.high
+
+    def test_far_from_resonance_the_drive_is_looked_at(self):
+        study, _ = designed("stack")
+        assert sweep_span(study) == (50.0, 5000.0, True)
+
+    def test_loads_hold_the_tuned_ones(self):
+        study, result = designed("bench")
+        subjects = subjects_of(result.candidates)
+        grid = loads(subjects, study, 9)
+        for s in subjects:
+            if s.load_field:
+                assert grid[0] < getattr(s.shunt, s.load_field) < grid[-1]
+
+    def test_kinds_that_come_twice_are_told_apart(self):
+        _, result = designed("step")
+        first, second = result.candidates
+        assert [s.label for s in subjects_of((first, second, first))][0::2] == [
+            f"{first.shunt.kind} (1)",
+            f"{first.shunt.kind} (2)",
+        ]
+
+
+class TestSweeps:
+    @pytest.mark.parametrize("name", ["bench", "stack", "band"])
+    def test_curves_go_through_the_tuned_point(self, name):
+        study, result = designed(name)
+        subjects = subjects_of(result.candidates)
+        bench = Bench(study)
+        curves = bench.along_loads(subjects, loads(subjects, study, 5))
+        assert {c.subject.label for c in curves} == {s.label for s in subjects if s.load_field}
+        for curve in curves:
+            tuned = curve.x == getattr(curve.subject.shunt, curve.subject.load_field)
+            assert curve.harvested[tuned] == pytest.approx(curve.subject.candidate.harvested_power, rel=2e-3)
+
+    def test_two_port_and_simulation_agree(self):
+        study, result = designed("bench")
+        subjects = [s for s in subjects_of(result.candidates) if s.linear]
+        frequencies = np.array([49.0, 50.6, 52.0])
+        bench = Bench(study)
+        for curve in bench.along_frequencies(subjects, frequencies, frequencies):
+            assert curve.exact
+            for n, frequency in enumerate(frequencies):
+                point = bench.simulated(curve.subject.shunt, dataclasses.replace(study.excitation, frequency=frequency))
+                assert point == pytest.approx((
+                    curve.harvested[n], curve.mechanical[n], curve.displacement[n], curve.attenuation[n]
+                ), rel=1e-6, abs=1e-9)  # fmt: skip
+
+    def test_with_hysteresis_nothing_is_taken_for_linear(self):
+        study, result = designed("stack")
+        assert not any(Bench(study).exact(s) for s in subjects_of(result.candidates))
+
+    def test_time_is_kept(self):
+        study, result = designed("bench")
+        bench = Bench(study, budget=0.0)
+        assert bench.along_frequencies([s for s in subjects_of(result.candidates) if s.switched], np.linspace(49, 51, 50),
+                                       np.empty(0)) == []  # fmt: skip
+        assert bench.cut_short
+
+    @pytest.mark.parametrize("count", [0, 1, 2, 3, 7, 34])
+    def test_order_is_coarse_to_fine_and_complete(self, count):
+        places = [round(share * (count - 1)) for share in _coarse_to_fine(count)]
+        assert set(range(count)) <= set(places) or count == 0
+
+
+def test_studies_cover_what_the_interface_names():
+    assert {excitation["kind"] for _, excitation, _ in STUDIES.values()} >= {"sine_base", "step_force", "random_base"}
