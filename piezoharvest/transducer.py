@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -55,7 +56,7 @@ class Transducer(Component):
         object.__setattr__(self, "modes", tuple(self.modes))
         object.__setattr__(self, "effects", tuple(self.effects))
 
-    @property
+    @cached_property
     def all_modes(self) -> tuple[Mode, ...]:
         """The first mode, whose participation is 1, and the further ones."""
         first = Mode(**{f.name: getattr(self, f.name) for f in dataclasses.fields(Mode) if hasattr(self, f.name)})

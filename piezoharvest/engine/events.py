@@ -249,11 +249,13 @@ def _move(P, S, flow, sign):
 
 @compiled
 def leave_rest(P, T, S, slot):
-    """Direction in which sum T_i x_i begins to move: the sign of its first rate that is not zero."""
-    first = 3 * P.guard_target.shape[1]
+    """Direction in which sum T_i x_i begins to move: the sign of its first rate that is not zero to rounding."""
+    first, size = 3 * P.guard_target.shape[1], 0.0
+    for i in range(len(S.z)):
+        size += abs(S.z[i])
     for k in range(3):
         value = dot(T.guards[slot, first + k], S.z)
-        if value != 0.0:
+        if abs(value) > TINY * size * T.guard_size[slot, first + k]:
             S.discrete[DIRECTION] = 1 if value > 0.0 else -1
             break
     orient(P, S)

@@ -157,11 +157,24 @@ def _root(c, low, high):
 
 
 @compiled
+def doubtful(now, then, g, h):
+    """How much cubic and quintic interpolation of a guard differ within a step, and how far the guard is from zero.
+
+    The even part of the difference is taken in the middle, the odd part by its slope there.
+    """
+    f0, d0, s0 = now[3 * g], now[3 * g + 1] * h, now[3 * g + 2] * h * h
+    f1, d1, s1 = then[3 * g], then[3 * g + 1] * h, then[3 * g + 2] * h * h
+    even = (d0 - d1) / 32 + (s0 + s1) / 64
+    odd = 3 * (f1 - f0) / 32 - 3 * (d0 + d1) / 64 + (s1 - s0) / 128
+    return max(abs(even), abs(odd)), max(abs(f0), abs(f1))
+
+
+@compiled
 def may_cross(now, then, floor, g, h):
     """Whether `crossing` has to look: the guard ends above zero, or rises and falls within the step."""
     f0, d0, f1, d1 = now[3 * g], now[3 * g + 1], then[3 * g], then[3 * g + 1]
     noise = 1e-13 * (abs(f0) + abs(f1) + h * (abs(d0) + abs(d1))) + floor[g]
-    return f1 > noise or (d0 > 0.0 and d1 < 0.0 and f0 + h * d0 > noise)
+    return f1 > noise or (d0 > 0.0 and d1 < 0.0)
 
 
 @compiled
@@ -381,16 +394,13 @@ def march(P, T, S, slot, t_stop):
         read_guards(guards, slot, sign, arrived, then)
         rises, too_long, doubling = False, False, True
         for g in range(count):
-            # Cubic and quintic interpolation differ by this in the middle of the step.
-            rate, second = now[3 * g + 1] - then[3 * g + 1], now[3 * g + 2] + then[3 * g + 2]
-            doubt = step * rate / 32 + step * step * second / 64
-            size = max(abs(now[3 * g]), abs(then[3 * g]))
+            doubt, size = doubtful(now, then, g, step)
             if g < events:
                 rises |= may_cross(now, then, floor, g, step)
             else:
                 size += 1e4 * floor[g]
-            too_long |= abs(doubt) > 0.3 * size
-            doubling &= abs(doubt) <= 0.05 * size
+            too_long |= doubt > 0.05 * size
+            doubling &= doubt <= 0.005 * size
         if too_long and level < finest and full:
             level += 1
             continue

@@ -24,8 +24,9 @@ ITERATIONS = 24
 TOLERANCE = 1e-12  # aimed at
 ACCEPTED = 1e-9  # good enough where rounding allows no more
 STABLE = 1 + 1e-6
-# A motion from rest is compared with the orbit every so many periods, so many times at most.
-CHECKED, PATIENCE = 100, 15
+# A motion from rest is compared with the orbit every so many periods, so many times at most; coming closer so many
+# times in a row is enough.
+CHECKED, PATIENCE, CLOSER = 100, 15, 5
 LOG = 4096  # events of a span that are kept
 
 
@@ -163,22 +164,21 @@ class Shooting:
         """Whether a motion from rest goes to an orbit, and where it is, at what time, when that is decided.
 
         The smoothing capacitor begins with the orbit's voltage, so that its slow charging is not waited for. A motion
-        that still comes closer when the patience ends is taken to arrive.
+        that comes closer time after time is taken to arrive; others may wander for long before they do.
         """
         state = self.machine.state(self.rest)
         state.z[: self.n] = np.where(self.odd < 0, state.z[: self.n], orbit.section.z)
-        size, before, time = np.linalg.norm(orbit.section.z), np.inf, np.mod(orbit.time, self.period)
+        size, time = np.linalg.norm(orbit.section.z), np.mod(orbit.time, self.period)
+        here, distances = orbit.section, [np.inf]
         for _ in range(PATIENCE):
             time += CHECKED * self.period
             self._run(state, time)
             here = self._save(state, time, plain=True)[0]
-            distance = np.linalg.norm(here.z - orbit.section.z)
-            if distance <= 0.02 * size:
+            distances.append(float(np.linalg.norm(here.z - orbit.section.z)))
+            closer = len(distances) > CLOSER and np.all(np.diff(distances[-CLOSER:]) < 0)
+            if distances[-1] <= 0.02 * size or closer:
                 return True, here, time
-            if distance > 0.98 * before:
-                return False, here, time
-            before = distance
-        return True, here, time
+        return False, here, time
 
     def near(self, orbit: Orbit, section: Section, time: float) -> bool:
         """Whether an orbit passes close by a section that belongs to `time`."""

@@ -24,7 +24,7 @@ INK, MUTED, GRID, PAPER = "#1d232b", "#68717d", "#d9dde3", "#fffffe"
 LIMIT = "#b3123f"
 # Okabe & Ito 2008, "Color Universal Design": told apart with any colour vision; without its yellow and black.
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-DASHES = ("-", (0, (5, 1.6)), (0, (1.4, 1.3)), (0, (6, 1.6, 1.4, 1.6)))
+DASHES = ("-", (0, (5, 1.6)))
 # Colours that follow the page's light or dark scheme where the figure stands in it.
 THEMED = {
     INK: "currentColor", MUTED: "var(--muted)", GRID: "var(--grid)", PAPER: "var(--paper)", LIMIT: "var(--limit)",
@@ -56,9 +56,9 @@ def styled(draw: _Draw) -> _Draw:
 
 
 def line_style(n: int) -> dict[str, Any]:
-    """Colour and dashes of the n-th line: colours first, then dashes too."""
-    dashes = DASHES[(n // len(PALETTE)) % len(DASHES)]
-    return {"color": PALETTE[n % len(PALETTE)], "linestyle": dashes}
+    """Colour and dashes of the n-th line: every other one is dashed and on top, to be seen where two coincide."""
+    dashed = n % 2
+    return {"color": PALETTE[n % len(PALETTE)], "linestyle": DASHES[dashed], "zorder": 2.2 + 0.1 * dashed}
 
 
 def grid_of_axes(rows: int, columns: int = 1, *, height: float, **options: Any) -> tuple[Figure, Any]:

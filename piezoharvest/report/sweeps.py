@@ -23,6 +23,7 @@ from piezoharvest.system import System
 
 BUDGET = 5.0  # s of simulation for one figure
 FEWEST = 5  # points that make a curve
+_FINE = 121  # loads of a curve from the two-port
 _AGREES = 1e-3  # of two-port and simulation, relative
 _MEAN_ERROR, _MOST_NODES = 1e-3, 21
 
@@ -181,7 +182,8 @@ class Bench:
     def _load_curve(self, subject: Subject, loads: np.ndarray) -> Curve:
         assert subject.load_field is not None
         frequencies, weights = self._nodes()
-        values = np.unique(np.append(loads, getattr(subject.shunt, subject.load_field)))
+        fine = np.geomspace(loads[0], loads[-1], _FINE)
+        values = np.unique(np.append(fine, getattr(subject.shunt, subject.load_field)))
         rows = [[x @ weights for x in self.two_port(subject.with_load(value), frequencies)] for value in values]
         return Curve(subject, values, *np.array(rows).T, exact=True)
 

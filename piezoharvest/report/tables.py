@@ -25,6 +25,7 @@ _LIMITS = {
 _MERIT = "from 2 on a resistor, from π on a rectifier can reach the limit of power"
 
 _NOISE = "sum over modes of S/(4 m): what white noise of this density brings in, whatever the shunt"
+_LEAST_VOLTAGE = 1e-9  # V: below, it is what rounding leaves of none
 _NEAR = 0.01  # of the limit, from which it is worth being compared with
 
 
@@ -62,7 +63,7 @@ def ranking(subjects: Sequence[Subject], limit: Limit | None) -> list[Row]:
             percent(r.efficiency) if r else engineering(None),
             engineering(c.displacement_amplitude, "m"),
             decibel(c.attenuation_db),
-            engineering(c.voltage_amplitude, "V"),
+            engineering(c.voltage_amplitude if c.voltage_amplitude > _LEAST_VOLTAGE else 0.0, "V"),
             engineering(r.dc_voltage, "V") if r and r.dc_voltage else engineering(None),
         ]
         violates = [_LIMITS.get(name, name) for name in c.violates]

@@ -91,7 +91,9 @@ def listed(values: Iterable[float], unit: str = "", digits: int = 3) -> str:
 
 def percent(share: float | None, digits: int = 3) -> str:
     """Share as a percentage."""
-    return NONE if share is None or not math.isfinite(share) else f"{number(100 * share, digits)}{SPACE}%"
+    if share is None or not math.isfinite(share):
+        return NONE
+    return f"<{SPACE}0.01{SPACE}%" if 0 < share < 1e-4 else f"{number(100 * share, digits)}{SPACE}%"
 
 
 def decibel(value: float | None) -> str:

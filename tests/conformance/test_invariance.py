@@ -1,4 +1,4 @@
-"""Results do not depend on the units: kilogram, metre, second, ampere rescaled, each field by the powers in its unit."""
+"""Results do not depend on the units: kilogram, metre, second, ampere rescaled, each field by the powers in its own."""
 
 import dataclasses
 

@@ -10,10 +10,10 @@ import pytest
 from report_studies import report, untrusted_report
 
 pytestmark = pytest.mark.browser
-OPTIONS = (
-    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
-    "--disable-component-update --disable-sync --hide-scrollbars --virtual-time-budget=3000"
-).split()
+OPTIONS = [
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--hide-scrollbars",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--virtual-time-budget=3000",
+]  # fmt: skip
 # Run in the page, once it is laid out: sizes of what is drawn, and everything that was fetched from anywhere.
 MEASURE = """<script>addEventListener("load", () => {
   const size = element => { const box = element.getBoundingClientRect(); return [box.width, box.height]; };
@@ -103,8 +103,8 @@ def test_looks_in_light_and_dark(browse, tmp_path):
     assert np.median(dark) < 0.2
     for image in (light, dark):
         assert np.std(image) > 0.05
-        # Rows of pixels with something on them: text and figures all the way down.
-        assert np.mean(np.std(image, axis=1).max(axis=1) > 0.02) > 0.6
+        # Text and figures all the way down.
+        assert all(np.std(part) > 0.02 for part in np.split(image, 10))
 
 
 def test_prints(browse, tmp_path):

@@ -104,23 +104,23 @@ class TestContents:
     def test_answer_is_the_best_candidate(self):
         page = Page(report("bench")).text
         assert "Best of 5: series RL" in page
-        assert "harvests 796\u202fµW" in page
-        assert "under a sinusoidal base acceleration of 2\u202fm/s² at 50.6\u202fHz" in page
+        assert "harvests 796 µW" in page
+        assert "under a sinusoidal base acceleration of 2 m/s² at 50.6 Hz" in page
 
     def test_limit_is_marked(self):
         """(m a)^2/(8 b) = (0.01 * 2)^2/(8 * 0.0628) = 796 uW, which a matched series RL reaches at resonance."""
         page = Page(report("bench")).text
-        assert re.search(r"can draw more than 796\u202fµW", page)
+        assert re.search(r"can draw more than 796 µW", page)
         assert "(m a)²/(8 b)" in page
 
     def test_band(self):
         page = Page(report("band")).text
-        assert "from 48\u202fHz to 53\u202fHz (mean power, worst vibration)" in page
-        assert re.search(r"Best of 2: \w+ .*lowers the vibration by [0-9.]+\u202fdB", page)
+        assert "from 48 Hz to 53 Hz (mean power, worst vibration)" in page
+        assert re.search(r"Best of 2: \w+ .*lowers the vibration by [0-9.]+ dB", page)
 
     def test_two_port_and_parameters(self):
         page = Page(report("bench")).text
-        for expected in ("50.000\u202fHz", "50.629\u202fHz", "0.0253", "50.0", "1.27", "40\u202fnF", "987\u202fN/m", "10\u202fg"):
+        for expected in ("50.000 Hz", "50.629 Hz", "0.0253", "50.0", "1.27", "40 nF", "987 N/m", "10 g"):
             assert expected in page, expected
         assert "clamped capacitance C" in page
 
@@ -137,7 +137,7 @@ class TestContents:
 
     def test_noise_has_the_power_that_it_brings_in(self):
         """S m^2/(4 m) = 0.1 * 0.01/4 = 250 uW, whatever the shunt."""
-        assert "250\u202fµW" in Page(report("noise")).text
+        assert "250 µW" in Page(report("noise")).text
 
     def test_switch_instants_are_marked(self):
         source = report("bench").read_text()
