@@ -281,13 +281,13 @@ class Record(Excitation):
             try:
                 values = np.loadtxt(stream, delimiter=",", usecols=header.index(self.column), ndmin=1)
             except (ValueError, IndexError) as error:
-                raise ParameterError("file", f"{self.file} is not a table of numbers: {error}") from None
+                raise ParameterError("file", f"found no table of numbers in {self.file} ({error}), allowed is a CSV file with a header") from None
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             where = f"{self.file}, column {self.column}, row {bad[0] + 2}"
             raise ParameterError("file", f"{where}: found {values[bad[0]]}, allowed is a finite number")
         if len(values) < 2:
-            raise ParameterError("file", f"{self.file} has {len(values)} samples, allowed is two or more")
+            raise ParameterError("file", f"found {len(values)} samples in {self.file}, allowed is two or more")
         return values
 
     @property

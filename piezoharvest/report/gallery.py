@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -10,16 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from piezoharvest.engine import simulate
-from piezoharvest.engine.response import Response, Waveforms
+from piezoharvest.engine.response import Waveforms
 from piezoharvest.report.figures import bode, curves, hysteresis, ledger, waveforms
 from piezoharvest.report.limits import Limit
+from piezoharvest.report.signals import occasion, signals_of, windows
 from piezoharvest.report.spans import (
     dense,
     design_band,
     drive_frequency,
     frequency_range,
-    large_signal,
     loads,
     sweep_span,
 )
@@ -28,14 +26,10 @@ from piezoharvest.report.sweeps import Bench, Curve
 from piezoharvest.report.units import engineering, pretty_unit
 from piezoharvest.shunts import Open, Short
 from piezoharvest.study import Study
-from piezoharvest.system import System
 
 MOST_CURVES = 6  # in one figure: as many as there are colours
 _MOST_WAVEFORMS = 4
 _LOADS, _FREQUENCIES, _FINE = 33, 121, 300
-_SAMPLES = 4096  # of a period, to draw a switched current
-_LAST_PERIODS = 4  # shown of a steady state that was not reached
-_ZOOM_PERIODS = 8.0
 
 
 class Picture(NamedTuple):
@@ -69,13 +63,12 @@ class Gallery:
 
     def __post_init__(self) -> None:
         self._bench = Bench(self.study)
+        self._ready: dict[Subject, Waveforms] = {}
         self._drawn = [s for s in self.subjects if not isinstance(s.shunt, Open | Short)][:MOST_CURVES]
         self._marks = {"drive": drive_frequency(self.study), "band": design_band(self.study)}
         left_out = len([s for s in self.subjects if not isinstance(s.shunt, Open | Short)]) - len(self._drawn)
         if left_out:
-            self.remarks.append(
-                f"curves are drawn for the {MOST_CURVES} best candidates; {left_out} more are in the table"
-            )
+            self.remarks.append(f"curves are drawn for the {MOST_CURVES} best candidates, not for the other {left_out}")
 
     def pictures(self) -> Iterator[Picture]:
         """All figures that the study gives rise to, one after the other."""
@@ -133,9 +126,7 @@ class Gallery:
             per = pretty_unit("m/s^2" if self.study.excitation.base else "N")
         if not swept:
             return
-        short = fine, self._bench.two_port(Short(), fine)[2]
-        if self.study.transducer.hysteresis is not None:
-            short = swept[0].x, swept[0].displacement * 10 ** (-swept[0].attenuation / 20)
+        short, swept = self._bench.against_short(swept, fine)
         caption = "Displacement amplitude, and in decibels against shorted electrodes at the same frequency. "
         caption += f"{_origin(swept)}{self._dropped(swept)}"
         figure = curves.damping(swept, short, span, self._marks, per)
@@ -145,59 +136,30 @@ class Gallery:
         able = [s for s in self.subjects if s.waveforms is not None]
         chosen = [s for s in able if s.rank == 0 or (s.switched and s.candidate.converged)][:_MOST_WAVEFORMS]
         for subject in chosen or able[:1]:
-            response, signals = subject.response, self._signals(subject)
-            assert response is not None
-            windows = self._windows(signals, response)
-            figure = waveforms.waveforms(signals, windows, self.study.excitation.base)
-            words = "Steady state" if self._periodic else "From rest"
-            if self._periodic and not response.converged:
-                words = f"No steady state was found: the last {_LAST_PERIODS} periods of a long run"
-            at = f" at {engineering(1 / response.period, 'Hz', 5, exact=True)}" if self._periodic else ""
+            assert subject.response is not None
+            drawn = self._signals(subject)
+            shown = windows(self.study, drawn, subject.response)
+            figure = waveforms.waveforms(drawn, shown, self.study.excitation.base)
             name = f"waveforms-{subject.rank + 1}-{subject.shunt.kind.replace('_', '-')}"
-            yield Picture(name, "waveforms", f"Waveforms: {subject.label}", f"{words}{at}.", figure)
+            caption = occasion(self.study, subject.response)
+            yield Picture(name, "waveforms", f"Waveforms: {subject.label}", caption, figure)
 
     def _signals(self, subject: Subject) -> Waveforms:
-        """Signals to draw: in the steady state simulated once more, in fine steps."""
-        response, signals = subject.response, subject.waveforms
-        assert response is not None and signals is not None
-        if not self._periodic:
-            return signals
-        if not response.converged:
-            return waveforms.cut(signals, _LAST_PERIODS * response.period, True)
-        if subject.switched and len(signals.time) < _SAMPLES:
-            excitation = self.study.excitation
-            if drive_frequency(self.study) is not None:
-                excitation = dataclasses.replace(excitation, frequency=1 / response.period)
-            again = simulate(System(self.study.transducer, subject.shunt), excitation, samples=_SAMPLES)
-            signals = again.waveforms if again.converged and again.waveforms else signals
-        return waveforms.cut(signals, response.period, True)
-
-    def _windows(self, signals: Waveforms, response: Response) -> list[waveforms.Window]:
-        """The whole; of a run without a period beside it some periods of the resonance where most moves."""
-        begin, end = float(signals.time[0]), float(signals.time[-1])
-        if self._periodic and response.converged:
-            return [waveforms.Window(0.0, response.period, "")]
-        if self._periodic:
-            return [waveforms.Window(begin, end, "")]
-        whole = waveforms.Window(begin, end, "")
-        period = 1 / large_signal(self.study.transducer)[0].short_circuit
-        spacing = (end - begin) / (len(signals.time) - 1)
-        if spacing > period / 8 or end - begin < 3 * _ZOOM_PERIODS * period:
-            return [whole]
-        middle = float(signals.time[np.argmax(np.abs(signals.displacement))])
-        left = min(max(middle - _ZOOM_PERIODS * period / 2, begin), end - _ZOOM_PERIODS * period)
-        return [
-            whole._replace(title="whole run"),
-            waveforms.Window(left, left + _ZOOM_PERIODS * period, "around the largest displacement"),
-        ]
+        if subject not in self._ready:
+            self._ready[subject] = signals_of(self.study, subject)
+        return self._ready[subject]
 
     def _loops(self) -> Iterator[Picture]:
-        able = [s for s in self._drawn if s.waveforms is not None and s.candidate.converged]
+        able = [s for s in self._drawn if s.waveforms is not None and s.candidate.converged][:_MOST_WAVEFORMS]
         if self.study.transducer.hysteresis is None or not able:
             return
-        figure = hysteresis.loops(able[:_MOST_WAVEFORMS], self._periodic)
+        drawn = [(s, self._signals(s), s.response) for s in able if s.response]
+        parts = [(s, signals, windows(self.study, signals, response)[-1]) for s, signals, response in drawn]
         per = " per period" if self._periodic else ""
         caption = f"Areas are energies{per}: on the left what hysteresis takes, on the right what the shunt gets."
+        if parts[0][-1].title and not self._periodic:
+            caption = f"Those {parts[0][-1].title}. {caption}"
+        figure = hysteresis.loops(parts, self._periodic)
         yield Picture("hysteresis", "damping", "Hysteresis loops", caption, figure)
 
     def _bode(self) -> Iterator[Picture]:

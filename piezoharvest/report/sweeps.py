@@ -179,6 +179,21 @@ class Bench:
         place = int(np.flatnonzero(values == getattr(subject.shunt, subject.load_field))[0])
         return {place: Point(r.harvested_power, r.mechanical_power, r.displacement_amplitude, float(r.attenuation_db))}
 
+    def against_short(
+        self, curves: Sequence[Curve], fine: np.ndarray
+    ) -> tuple[tuple[np.ndarray, np.ndarray], list[Curve]]:
+        """Frequencies and displacement with shorted electrodes, and curves whose attenuation is against just that.
+
+        It is from the two-port where there is no hysteresis: without damping no simulation comes to rest there.
+        """
+        if self.study.transducer.hysteresis is not None:
+            first = curves[0]
+            return (first.x, first.displacement * 10 ** (-first.attenuation / 20)), list(curves)
+        with np.errstate(all="ignore"):
+            levels = [20 * np.log10(c.displacement / self.two_port(Short(), c.x)[2]) for c in curves]
+        compared = [dataclasses.replace(c, attenuation=level) for c, level in zip(curves, levels, strict=True)]
+        return (fine, self.two_port(Short(), fine)[2]), compared
+
     def _load_curve(self, subject: Subject, loads: np.ndarray) -> Curve:
         assert subject.load_field is not None
         frequencies, weights = self._nodes()
@@ -210,16 +225,18 @@ class Bench:
 
         `known` gives, for a subject and its values, points by their place that need no simulation.
         """
-        begin, found = time.monotonic(), {subject: dict(known(subject, values)) for subject, values in jobs.items()}
+        found = {subject: dict(known(subject, values)) for subject, values in jobs.items()}
+        begin, slowest = time.monotonic(), dict.fromkeys(jobs, 0.0)
         for share in _coarse_to_fine(max(map(len, jobs.values()), default=0)):
             for subject, values in jobs.items():
-                n = round(share * (len(values) - 1))
+                n, now = round(share * (len(values) - 1)), time.monotonic()
                 if n in found[subject]:
                     continue
-                if time.monotonic() - begin > self.budget and len(found[subject]) >= 1:
+                if now - begin + slowest[subject] > self.budget:
                     self.cut_short = True
                     continue
                 found[subject][n] = evaluate(subject, float(values[n]))
+                slowest[subject] = max(slowest[subject], time.monotonic() - now)
         for subject, points in found.items():
             if len(points) >= FEWEST:
                 order = sorted(points)
@@ -228,7 +245,7 @@ class Bench:
 
 def _coarse_to_fine(count: int) -> list[float]:
     """Places from 0 to 1 in an order in which every beginning is spread evenly: halves, quarters, eighths, ..."""
-    shares, step = [0.0, 1.0, 0.5], 0.5
+    shares, step = [0.5, 0.0, 1.0], 0.5
     while step * (count - 1) > 1:
         step /= 2
         shares += [n * step for n in range(1, round(1 / step), 2)]

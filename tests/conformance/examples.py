@@ -3,7 +3,7 @@
 import dataclasses
 import itertools
 
-from conftest import BENCH, DRIVE
+from studies import BENCH, DRIVE
 
 from piezoharvest.parameters import ParameterError
 from piezoharvest.shunts import LinearShunt

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pint
 import pytest
-from conftest import BENCH, DRIVE, LOOP, STOPS, distance
 from examples import plain_examples, typical
+from studies import BENCH, DRIVE, LOOP, STOPS, distance
 
 from piezoharvest import effects, shunts
 from piezoharvest.engine import simulate

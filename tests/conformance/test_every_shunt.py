@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pint
 import pytest
-from conftest import BENCH, DRIVE, LOOP, SECOND, STOPS, distance
 from examples import examples
+from studies import BENCH, DRIVE, LOOP, SECOND, STOPS, distance
 
 from piezoharvest import effects, shunts
 from piezoharvest.engine import simulate

@@ -4,10 +4,10 @@ import dataclasses
 
 import pint
 import pytest
-from conftest import BENCH, DRIVE, STOPS, distance
 from examples import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from studies import BENCH, DRIVE, STOPS, distance
 
 from piezoharvest import effects, shunts
 from piezoharvest.engine import simulate

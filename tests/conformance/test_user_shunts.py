@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from conftest import BENCH, DRIVE, LOOP
+from studies import BENCH, DRIVE, LOOP
 
 from piezoharvest import shunts
 from piezoharvest.circuit import Guard, Product, State

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from conftest import inversion
+from studies import inversion
 
 KINDS = ("rectifier", "parallel_sshi", "series_sshi", "sece", "ssds", "ssdi", "ssdv", "resistor")
 

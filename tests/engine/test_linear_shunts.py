@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import BENCH, DRIVE, SECOND, STOPS, bench, distance, objects, one_period, phasor, solve
+from studies import BENCH, DRIVE, SECOND, STOPS, bench, distance, objects, one_period, phasor, solve
 
 from piezoharvest.engine import simulate
 from piezoharvest.excitation import Multisine

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import BENCH, DRIVE, LOOP, STOPS, bench, distance, one_period, solve
+from studies import BENCH, DRIVE, LOOP, STOPS, bench, distance, one_period, solve
 
 PERIOD = 1 / 50.6
 TWO_PI = 2 * np.pi

@@ -1,9 +1,9 @@
 """Steady states found by shooting against those that the oracle waits for."""
 
 import pytest
-from conftest import DRIVE, LOOP, SECOND, STOPS, bench, solve
 from oracles.reference import steady
 from random_studies import random_study
+from studies import DRIVE, LOOP, SECOND, STOPS, bench, solve
 
 # Seeds for which the oracle settles within seconds.
 DEFAULT = [0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 19, 20, 24, 26, 27, 29, 30, 33, 34, 37, 42, 54]

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from conftest import DRIVE, LOOP, SECOND, STOPS, bench, solve
 from oracles.reference import simulate as reference
+from studies import DRIVE, LOOP, SECOND, STOPS, bench, solve
 
 SMOOTH = {"smoothing_capacitance": 1e-6, "load_resistance": 1e5}
 FLIP = {"flip_time": 4e-4, "quality": 3.0}

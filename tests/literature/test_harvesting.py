@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from conftest import inversion
 from scipy.optimize import brentq, minimize, minimize_scalar
+from studies import inversion
 
 from piezoharvest.engine import simulate
 from piezoharvest.excitation import SineForce

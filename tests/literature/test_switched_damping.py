@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from conftest import inversion
+from studies import inversion
 
 from piezoharvest.engine import simulate
 from piezoharvest.excitation import SineForce

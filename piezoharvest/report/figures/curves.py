@@ -157,4 +157,4 @@ def _finish_powers(power: Axes, efficiency: Axes, unit: str) -> None:
     power.set_ylabel(f"harvested power in {unit}")
     power.set_ylim(bottom=0)
     efficiency.set_ylabel("efficiency in %")
-    efficiency.set_ylim(0, None)
+    efficiency.set_ylim(0, 1.06 * max(efficiency.dataLim.ymax, 1.0))

@@ -8,7 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from piezoharvest.engine.response import Waveforms
 from piezoharvest.report import style
+from piezoharvest.report.signals import Window
 from piezoharvest.report.subjects import Subject
 from piezoharvest.report.units import prefix_of
 
@@ -16,20 +18,17 @@ _MOST = 4000  # points of a loop
 
 
 @style.styled
-def loops(subjects: Sequence[Subject], periodic: bool) -> Figure:
-    """Hysteresis voltage and electrode voltage against charge, of candidates that have waveforms."""
+def loops(parts: Sequence[tuple[Subject, Waveforms, Window]], periodic: bool) -> Figure:
+    """Hysteresis voltage and electrode voltage against charge, of each candidate within a window of its run."""
     figure, (inner, outer) = style.grid_of_axes(1, 2, height=3.3, sharex=True)
-    drawn = [(s, s.waveforms) for s in subjects if s.waveforms is not None]
-    charge_factor, charge_unit = _unit([w.charge for _, w in drawn], "C")
+    drawn = [(subject, _within(signals, window)) for subject, signals, window in parts]
+    charge_factor, charge_unit = _unit([path["charge"] for _, path in drawn], "C")
     units = {}
     for axes, signal in ((inner, "hysteresis_voltage"), (outer, "voltage")):
-        factor, units[signal] = _unit([getattr(w, signal) for _, w in drawn], "V")
-        for subject, waveforms in drawn:
-            every = slice(None, None, 1 + len(waveforms.time) // _MOST)
-            path = charge_factor * waveforms.charge[every], factor * getattr(waveforms, signal)[every]
-            if periodic:
-                path = tuple(np.append(values, values[0]) for values in path)
-            axes.plot(*path, linewidth=1.3, **subject.style)
+        factor, units[signal] = _unit([path[signal] for _, path in drawn], "V")
+        for subject, path in drawn:
+            charge, voltage = (np.append(x, x[0]) if periodic else x for x in (path["charge"], path[signal]))
+            axes.plot(charge_factor * charge, factor * voltage, linewidth=1.3, **subject.style)
         axes.set_xlabel(f"charge $q_p$ in {charge_unit}")
     inner.set_ylabel(f"hysteresis voltage $v_h$ in {units['hysteresis_voltage']}")
     outer.set_ylabel(f"electrode voltage $v_p$ in {units['voltage']}")
@@ -37,5 +36,13 @@ def loops(subjects: Sequence[Subject], periodic: bool) -> Figure:
     return figure
 
 
+def _within(signals: Waveforms, window: Window) -> dict[str, np.ndarray]:
+    """Signals of a loop within a window, at most so many samples of them."""
+    inside = np.flatnonzero((signals.time >= window.begin) & (signals.time <= window.end))
+    inside = inside[:: 1 + len(inside) // _MOST]
+    names = ("charge", "hysteresis_voltage", "voltage")
+    return {name: np.broadcast_to(getattr(signals, name), signals.time.shape)[inside] for name in names}
+
+
 def _unit(signals: Sequence[np.ndarray], unit: str) -> tuple[float, str]:
-    return prefix_of(max((float(np.max(np.abs(s))) for s in signals), default=0.0), unit)
+    return prefix_of(max((float(np.max(np.abs(s), initial=0.0)) for s in signals), default=0.0), unit)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,6 +11,7 @@ from matplotlib.lines import Line2D
 
 from piezoharvest.engine.response import Waveforms
 from piezoharvest.report import style
+from piezoharvest.report.signals import Window
 from piezoharvest.report.units import prefix_of
 
 _UNITS = {"displacement": "m", "voltage": "V", "current": "A", "charge": "C"}
@@ -30,14 +30,6 @@ _ACTIONS = ("switch closes", "voltage extracted")
 _MOST_EVENTS = 80  # beyond, markers would be a blur
 _MOST_SAMPLES = 6000
 _PIXELS = 1500
-
-
-class Window(NamedTuple):
-    """Part of a run to draw, in s, and what stands above it."""
-
-    begin: float
-    end: float
-    title: str
 
 
 @style.styled
@@ -72,23 +64,6 @@ def waveforms(signals: Waveforms, windows: Sequence[Window], base: bool) -> Figu
     figure.align_ylabels(axes[:, 0])
     style.legend_above(figure, _legend(signals, shown), 6)
     return figure
-
-
-def cut(signals: Waveforms, length: float, periodic: bool) -> Waveforms:
-    """Waveforms to draw: a steady period closed by its own beginning, and of one not reached the last `length` (s)."""
-    names = ("drive", "displacement", "velocity", "voltage", "current", "charge", "hysteresis_voltage", "dc_voltage")
-    values = {name: np.broadcast_to(getattr(signals, name), signals.time.shape) for name in names}
-    times, end = signals.time, float(signals.time[-1])
-    if periodic and end < length:
-        values = {name: np.concatenate((one[-1:], one, one[:1])) for name, one in values.items()}
-        times = np.concatenate(([end - length], times, [times[0] + length]))
-        return Waveforms(times, **values, event_times=signals.event_times, event_names=signals.event_names)
-    if not periodic:
-        return signals
-    keep, late = times >= end - length, signals.event_times >= end - length
-    events = tuple(name for name, kept in zip(signals.event_names, late, strict=True) if kept)
-    values = {name: one[keep] for name, one in values.items()}
-    return Waveforms(times[keep], **values, event_times=signals.event_times[late], event_names=events)
 
 
 def _unit(signals: Waveforms, name: str, base: bool) -> tuple[float, str]:
