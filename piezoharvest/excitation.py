@@ -281,7 +281,8 @@ class Record(Excitation):
             try:
                 values = np.loadtxt(stream, delimiter=",", usecols=header.index(self.column), ndmin=1)
             except (ValueError, IndexError) as error:
-                raise ParameterError("file", f"found no table of numbers in {self.file} ({error}), allowed is a CSV file with a header") from None
+                found = f"found no table of numbers in {self.file} ({error})"
+                raise ParameterError("file", f"{found}, allowed is a CSV file with a header") from None
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             where = f"{self.file}, column {self.column}, row {bad[0] + 2}"

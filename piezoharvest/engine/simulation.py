@@ -100,6 +100,8 @@ def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str) -
     )
     before = stored(shooting.machine.program, state.z)
     _check(shooting.machine.run(state, begin + period))
+    if not shooting.repeats(orbit, state):
+        return _unsettled(lowered, excitation, samples, kind, replace(orbit, residual=np.inf), evaluations)
     # What a large smoothing capacitor gains or loses within the tolerance of the search is no energy unaccounted for.
     change = stored(shooting.machine.program, state.z) - before
     response = _response(lowered, state, kind, period, begin, change)

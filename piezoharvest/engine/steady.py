@@ -180,6 +180,11 @@ class Shooting:
                 return True, here, time
         return False, here, time
 
+    def repeats(self, orbit: Orbit, state: st.State) -> bool:
+        """Whether a state that a period led to is the orbit's section again: the proof of the search."""
+        change = np.linalg.norm(state.z[: self.n] - orbit.section.z)
+        return bool(change <= 1e3 * ACCEPTED * np.linalg.norm(orbit.section.z))
+
     def near(self, orbit: Orbit, section: Section, time: float) -> bool:
         """Whether an orbit passes close by a section that belongs to `time`."""
         state = self.load(orbit.section, orbit.time, sensitivities=0)
@@ -227,7 +232,10 @@ class Shooting:
             return np.inf
         change = np.linalg.norm(end.z - start.z) / max(np.linalg.norm(end.z), np.linalg.norm(start.z), 1e-300)
         timing = np.abs(end.vector[self.n :] - start.vector[self.n :]) / self.span
-        return float(max(change, np.max(timing, initial=0.0)))
+        # The last action counts for as long as it may hold the next one off.
+        held = max(start.acted, end.acted) > -self.machine.lowered.program.hold_off
+        blocked = abs(end.acted - start.acted) / self.span if held else 0.0
+        return float(max(change, blocked, np.max(timing, initial=0.0)))
 
     def _map(self, start: Section, time: float) -> tuple[Section, np.ndarray]:
         state = self.load(start, time)
