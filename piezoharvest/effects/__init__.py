@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 from piezoharvest.effects.base import Effect
 from piezoharvest.parameters import subclasses_by
 
+__all__ = ["Effect", "registered"]
+
 for _module in pkgutil.iter_modules(__path__):
     importlib.import_module(f"{__name__}.{_module.name}")
 

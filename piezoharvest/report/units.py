@@ -13,6 +13,7 @@ _ACRONYMS = {"rl", "rlc", "sshi", "sece", "ssds", "ssdi", "ssdv"}
 _SYMBOLS = {
     "resistance": "R", "inductance": "L", "capacitance": "C", "load_resistance": "R_load", "dc_voltage": "V_dc",
     "smoothing_capacitance": "C_s", "quality": "Q_i", "source_voltage": "V_s", "flip_time": "flip time",
+    "diode_drop": "V_D", "efficiency": "η", "phase_lag": "φ",
 }  # fmt: skip
 NONE = "–"
 SPACE = "\u202f"  # narrow, and no line break: between a number and its unit

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 from piezoharvest.parameters import subclasses_by
 from piezoharvest.shunts.base import LinearShunt, Shunt
 
+__all__ = ["LinearShunt", "Shunt", "registered"]
+
 for _module in pkgutil.iter_modules(__path__):
     importlib.import_module(f"{__name__}.{_module.name}")
 

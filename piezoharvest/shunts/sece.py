@@ -9,7 +9,7 @@ from piezoharvest.shunts.switching import SynchronisedShunt
 
 @dataclass(frozen=True, kw_only=True)
 class SECE(SynchronisedShunt):
-    """At every extremum the charge is extracted at once: the voltage goes to zero, a share of the energy to the load."""
+    """At every extremum the charge is extracted at once: voltage to zero, a share of the energy to the load."""
 
     kind: ClassVar[str] = "sece"
     source: ClassVar[str] = "Lefeuvre, Badel, Richard & Guyomar, J. Intell. Mater. Syst. Struct. 16(10), 865-876, 2005"

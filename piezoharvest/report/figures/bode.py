@@ -30,7 +30,7 @@ def bode(study: Study, subjects: Sequence[Subject], amplitude: float | None) -> 
     curves: list[tuple[str, Shunt, dict[str, Any]]] = [("shorted", Short(), _SHORT), ("open", Open(), _OPEN)]
     best = best_linear(subjects)
     if best is not None:
-        curves.append((f"{best.label} (best linear candidate)", best.shunt, best.style))
+        curves.append((f"{best.label} (best linear candidate)", best.shunt, {**best.style, "linestyle": "-"}))
     for column, span in enumerate((wide_span(study.transducer), resonance_span(study))):
         frequencies = dense(span, study.transducer)
         for _, shunt, line in curves:
