@@ -4,8 +4,8 @@ import re
 
 import numpy as np
 import pytest
-from conftest import BENCH, SECOND, STOPS, bench, inversion, objects, solve
 from oracles.ngspice import NgspiceError, needs_ngspice, run_netlist
+from studies import BENCH, SECOND, STOPS, bench, inversion, objects, solve
 
 from piezoharvest.excitation import RandomBase, Record, StepForce
 from piezoharvest.linear import frequency_response
