@@ -230,7 +230,10 @@ class Shooting:
         """Relative change over the span; infinite where the discrete state changed its kind."""
         if not start.alike(end):
             return np.inf
-        change = np.linalg.norm(end.z - start.z) / max(np.linalg.norm(end.z), np.linalg.norm(start.z), 1e-300)
+        with np.errstate(over="ignore", invalid="ignore"):
+            change = np.linalg.norm(end.z - start.z) / max(np.linalg.norm(end.z), np.linalg.norm(start.z), 1e-300)
+        if not np.isfinite(change):
+            return np.inf
         timing = np.abs(end.vector[self.n :] - start.vector[self.n :]) / self.span
         # The last action counts for as long as it may hold the next one off.
         held = max(start.acted, end.acted) > -self.machine.lowered.program.hold_off

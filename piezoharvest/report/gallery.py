@@ -29,7 +29,7 @@ from piezoharvest.study import Study
 
 MOST_CURVES = 6  # in one figure: as many as there are colours
 _MOST_WAVEFORMS = 4
-_LOADS, _FREQUENCIES, _FINE = 33, 121, 300
+_LOADS, _FEWER_LOADS, _FREQUENCIES, _FINE = 33, 17, 121, 300
 
 
 class Picture(NamedTuple):
@@ -92,11 +92,12 @@ class Gallery:
         return self.study.excitation.period is not None
 
     def _loads(self) -> Iterator[Picture]:
-        found = self._bench.along_loads(self._drawn, loads(self._drawn, self.study, _LOADS))
+        band = design_band(self.study)
+        count = _LOADS if self._periodic and band is None else _FEWER_LOADS
+        found = self._bench.along_loads(self._drawn, loads(self._drawn, self.study, count))
         level = [s for s in self._drawn if s.harvests and s.load_field is None and s.switched and s.candidate.converged]
         if not found:
             return
-        band = design_band(self.study)
         caption = f"Mean over {frequency_range(band)}. " if band else ""
         caption += f"Everything but the load as tuned. {_origin(found)}{self._dropped(found)}"
         figure = curves.power_along_loads(found, level, self.limit.power if self.limit else None)

@@ -172,11 +172,12 @@ class Bench:
         return sorted(curves, key=lambda curve: curve.subject.rank)
 
     def _tuned(self, subject: Subject, values: np.ndarray) -> dict[int, Point]:
-        """The tuned point of a curve along loads, by its place: what the design has simulated already."""
+        """The tuned point of a curve along loads, by its place, without regard to the time it takes."""
         r = subject.response
-        if r is None or not r.converged or design_band(self.study) is not None or subject.load_field is None:
-            return {}
+        assert subject.load_field is not None
         place = int(np.flatnonzero(values == getattr(subject.shunt, subject.load_field))[0])
+        if r is None or not r.converged or design_band(self.study) is not None:
+            return {place: self._operated(subject.shunt)}
         return {place: Point(r.harvested_power, r.mechanical_power, r.displacement_amplitude, float(r.attenuation_db))}
 
     def against_short(

@@ -1,0 +1,51 @@
+"""The studies that come with the project: they run, and their READMEs say what comes out."""
+
+from importlib import resources
+from pathlib import Path
+
+import pytest
+
+from piezoharvest.design import design
+from piezoharvest.report.units import SPACE, decibel, engineering
+from piezoharvest.study import load_study
+
+DESIGNS = Path(__file__).parents[2] / "designs"
+
+
+def readme(name):
+    return (DESIGNS / name / "README.md").read_text(encoding="utf-8")
+
+
+def test_every_folder_has_a_study_and_says_how_to_run_it():
+    names = {path.parent.name for path in DESIGNS.glob("*/study.toml")}
+    assert names >= {"stack-load", "bench-rectifier-or-sshi", "beam-damping"}
+    for name in names:
+        assert load_study(DESIGNS / name / "study.toml").title
+        assert f"piezoharvest design designs/{name}/study.toml" in readme(name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "best"),
+    [("stack-load", "parallel_sshi"), ("bench-rectifier-or-sshi", "parallel_sshi"), ("beam-damping", "ssdi")],
+)
+def test_readme_says_what_comes_out(name, best):
+    study = load_study(DESIGNS / name / "study.toml")
+    found = design(study).best
+    assert found.converged
+    assert found.shunt.kind == best
+    damping = study.design.objective == "damping"
+    figure = decibel(found.attenuation_db) if damping else engineering(found.harvested_power, "W")
+    assert figure.split(SPACE)[0] in readme(name)
+
+
+def test_demo_is_quick_to_say_something():
+    with resources.as_file(resources.files("piezoharvest").joinpath("demo", "study.toml")) as path:
+        study = load_study(path)
+    result = design(study)
+    assert result.converged
+    assert all(candidate.feasible for candidate in result.candidates)
+    by_kind = {candidate.shunt.kind: candidate.harvested_power for candidate in result.candidates}
+    # What the demo is there to show: with weak coupling switching pays.
+    assert by_kind["parallel_sshi"] > 2 * by_kind["rectifier"]
+    assert by_kind["parallel_sshi"] > 1.5 * by_kind["resistor"]
