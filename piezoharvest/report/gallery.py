@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from piezoharvest.engine.response import Waveforms
 from piezoharvest.report.figures import bode, curves, hysteresis, ledger, waveforms
-from piezoharvest.report.limits import Limit
+from piezoharvest.report.limits import Limit, hysteretic
 from piezoharvest.report.signals import occasion, signals_of, windows
 from piezoharvest.report.spans import (
     dense,
@@ -152,7 +152,7 @@ class Gallery:
 
     def _loops(self) -> Iterator[Picture]:
         able = [s for s in self._drawn if s.waveforms is not None and s.candidate.converged][:_MOST_WAVEFORMS]
-        if self.study.transducer.hysteresis is None or not able:
+        if not hysteretic(self.study.transducer) or not able:
             return
         drawn = [(s, self._signals(s), s.response) for s in able if s.response]
         parts = [(s, signals, windows(self.study, signals, response)[-1]) for s, signals, response in drawn]

@@ -19,6 +19,11 @@ class Limit:
     formula: str
 
 
+def hysteretic(transducer: Transducer) -> bool:
+    """Whether there is hysteresis that does anything."""
+    return transducer.hysteresis is not None and transducer.hysteresis.stiffness > 0
+
+
 def power_limit(transducer: Transducer, excitation: Excitation) -> Limit | None:
     """Most power that any interface, linear or not, can draw from tones; None where nothing limits it or none is known.
 

@@ -15,6 +15,7 @@ from piezoharvest.engine import simulate
 from piezoharvest.excitation import Excitation
 from piezoharvest.linear import frequency_response
 from piezoharvest.parameters import ParameterError
+from piezoharvest.report.limits import hysteretic
 from piezoharvest.report.spans import design_band, drive_frequency
 from piezoharvest.report.subjects import Subject
 from piezoharvest.shunts import Short, Shunt
@@ -127,7 +128,7 @@ class Bench:
         found = subject.response
         if drive_frequency(self.study) is None or not subject.linear or found is None or not found.converged:
             return False
-        if self.study.transducer.hysteresis is not None or not found.period > 0:
+        if hysteretic(self.study.transducer) or not found.period > 0:
             return False
         power, _, displacement, _ = (x[0] for x in self.two_port(subject.shunt, np.array([1 / found.period])))
         pairs = ((power, found.harvested_power), (displacement, found.displacement_amplitude))
@@ -154,7 +155,7 @@ class Bench:
 
     def linear(self, subjects: Sequence[Subject], frequencies: np.ndarray) -> list[Curve]:
         """Curves of the linear candidates on the two-port; none where there is hysteresis."""
-        if self.study.transducer.hysteresis is not None:
+        if hysteretic(self.study.transducer):
             return []
         kept = [s for s in subjects if s.linear]
         return [Curve(s, frequencies, *self.two_port(s.shunt, frequencies), exact=True) for s in kept]
@@ -187,7 +188,7 @@ class Bench:
 
         It is from the two-port where there is no hysteresis: without damping no simulation comes to rest there.
         """
-        if self.study.transducer.hysteresis is not None:
+        if hysteretic(self.study.transducer):
             first = curves[0]
             return (first.x, first.displacement * 10 ** (-first.attenuation / 20)), list(curves)
         with np.errstate(all="ignore"):

@@ -10,7 +10,7 @@ import numpy as np
 
 from piezoharvest.parameters import Component
 from piezoharvest.report.figures.ledger import name_of
-from piezoharvest.report.limits import Limit, ModeFigures, mode_figures, white_input
+from piezoharvest.report.limits import Limit, ModeFigures, hysteretic, mode_figures, white_input
 from piezoharvest.report.subjects import Subject, values_of
 from piezoharvest.report.units import decibel, engineering, kind_name, number, percent, quantity_text
 from piezoharvest.study import Study
@@ -128,7 +128,7 @@ def wishes(study: Study) -> list[Entry]:
 def two_port(study: Study, limit: Limit | None) -> tuple[list[str], list[tuple[str, list[str], str]]]:
     """Header (modes) and rows (name, one value for each mode, remark) of the two-port's figures."""
     transducer = study.transducer
-    points = ("slip", "stick") if transducer.hysteresis is not None else ("stick",)
+    points = ("slip", "stick") if hysteretic(transducer) else ("stick",)
     found = [(point, mode_figures(transducer, point)) for point in points]
     words = {"slip": "hysteresis slipping", "stick": "hysteresis sticking"}
     header = [

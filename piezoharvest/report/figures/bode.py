@@ -12,6 +12,7 @@ from matplotlib.ticker import MultipleLocator
 
 from piezoharvest.linear import frequency_response
 from piezoharvest.report import style
+from piezoharvest.report.limits import hysteretic
 from piezoharvest.report.spans import Span, dense, design_band, drive_frequency, resonance_span, wide_span
 from piezoharvest.report.subjects import Subject
 from piezoharvest.report.units import engineering
@@ -55,7 +56,7 @@ def best_linear(subjects: Sequence[Subject]) -> Subject | None:
 
 def charge_amplitude(study: Study, subjects: Sequence[Subject]) -> float | None:
     """Charge amplitude in C at which hysteresis is linearised: of the best linear candidate, else of the best one."""
-    if study.transducer.hysteresis is None:
+    if not hysteretic(study.transducer):
         return None
     first = best_linear(subjects)
     for subject in ([first] if first else []) + list(subjects):
