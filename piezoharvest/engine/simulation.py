@@ -132,7 +132,9 @@ def _search(lowered: Lowered, excitation: Excitation) -> tuple[Orbit, bool, str,
         return orbit, mirrored, "", evaluations, False
     arrives, here, when = shooting.from_rest(orbit)
     if arrives:
-        return orbit, mirrored, "", evaluations, True
+        empty = np.all(lowered.program.odd < 0) or shooting.from_rest(orbit, charged=False)[0]
+        elsewhere = "a motion from rest with an empty smoothing capacitor does not come to this steady state"
+        return orbit, mirrored, "" if empty else elsewhere, evaluations, True
     shooting = Shooting(Machine(lowered), period, False, rest)
     reached = shooting.find((here, when))
     evaluations += reached.evaluations

@@ -160,14 +160,15 @@ class Shooting:
         k = int(np.argmax(gaps))
         return float(np.mod(times[k] + 0.5 * gaps[k], self.span))
 
-    def from_rest(self, orbit: Orbit) -> tuple[bool, Section, float]:
+    def from_rest(self, orbit: Orbit, charged: bool = True) -> tuple[bool, Section, float]:
         """Whether a motion from rest goes to an orbit, and where it is, at what time, when that is decided.
 
-        The smoothing capacitor begins with the orbit's voltage, so that its slow charging is not waited for. A motion
+        A `charged` smoothing capacitor begins with the orbit's voltage: its slow charging is not waited for. A motion
         that comes closer time after time is taken to arrive; others may wander for long before they do.
         """
         state = self.machine.state(self.rest)
-        state.z[: self.n] = np.where(self.odd < 0, state.z[: self.n], orbit.section.z)
+        if charged:
+            state.z[: self.n] = np.where(self.odd < 0, state.z[: self.n], orbit.section.z)
         size, time = np.linalg.norm(orbit.section.z), np.mod(orbit.time, self.period)
         here, distances = orbit.section, [np.inf]
         for _ in range(PATIENCE):
@@ -231,7 +232,7 @@ class Shooting:
         if not start.alike(end):
             return np.inf
         with np.errstate(over="ignore", invalid="ignore"):
-            change = np.linalg.norm(end.z - start.z) / max(np.linalg.norm(end.z), np.linalg.norm(start.z), 1e-300)
+            change = self._change(start.z, end.z)
         if not np.isfinite(change):
             return np.inf
         timing = np.abs(end.vector[self.n :] - start.vector[self.n :]) / self.span
@@ -239,6 +240,17 @@ class Shooting:
         held = max(start.acted, end.acted) > -self.machine.lowered.program.hold_off
         blocked = abs(end.acted - start.acted) / self.span if held else 0.0
         return float(max(change, blocked, np.max(timing, initial=0.0)))
+
+    def _change(self, start: np.ndarray, end: np.ndarray) -> float:
+        """Relative change of the mechanical states and of the electrical ones, the larger of the two.
+
+        Taken together, a weakly coupled circuit would hide behind the vibration.
+        """
+        whole = max(float(np.linalg.norm(start)), float(np.linalg.norm(end)), 1e-300)
+        first = self.machine.lowered.program.charge
+        parts = ((start[:first], end[:first]), (start[first:], end[first:]))
+        sizes = (max(float(np.linalg.norm(a)), float(np.linalg.norm(b)), 1e-12 * whole) for a, b in parts)
+        return max(float(np.linalg.norm(b - a)) / size for (a, b), size in zip(parts, sizes, strict=True))
 
     def _map(self, start: Section, time: float) -> tuple[Section, np.ndarray]:
         state = self.load(start, time)
