@@ -5,336 +5,357 @@ from __future__ import annotations
 import numpy as np
 
 from piezoharvest.engine import program as pg
-from piezoharvest.engine.algebra import dot
+from piezoharvest.engine import state as st
+from piezoharvest.engine import tables as tb
 from piezoharvest.engine.compiled import compiled
-from piezoharvest.engine.march import NONE, march
-from piezoharvest.engine.state import (
-    ACTED,
-    BETWEEN,
-    CLOSED,
-    COLUMNS,
-    CONFIGURATION,
-    DIRECTION,
-    LOGGED,
-    NOW,
-    OPENS,
-    QUEUE,
-    WAITING,
-    orient,
-    set_tones,
-)  # fmt: skip
-from piezoharvest.engine.tables import seek
+from piezoharvest.engine.march import FLOW, NONE, march, read_guards
+from piezoharvest.engine.state import QUEUE_LENGTH, dot_column, set_tones, stored, vector
+from piezoharvest.engine.tables import block_of, build, seek, slot_of
+from piezoharvest.engine.vector import dot, multiply
 
-DONE, MISSING, CHATTER, INVALID = range(4)
+DONE, CHATTER, INVALID = range(3)
 TINY = 1e-12  # a guard this small, relative to its terms, is zero
 AT_ONCE = 60  # events at one instant beyond which the model chatters
+REFRESHED = 32  # events after which the tones are set from their phase again
 
 
 @compiled
-def log(S, code):
+def log(S, D, code):
     """Write an event down."""
-    if S.discrete[LOGGED] < len(S.log_time):
-        S.log_time[S.discrete[LOGGED]] = S.clock[NOW]
-        S.log_code[S.discrete[LOGGED]] = code
-    S.discrete[LOGGED] += 1
+    if D[st.LOGGED] < D[st.LOG_ROOM]:
+        S[D[st.LOG_TIME] + D[st.LOGGED]] = S[D[st.CLOCK] + st.NOW]
+        D[D[st.LOG_CODE] + D[st.LOGGED]] = code
+    D[st.LOGGED] += 1
 
 
 @compiled
-def stored(P, z):
-    """Stored energy, J."""
-    total, own = 0.0, z[: P.storage.shape[0]]
-    for i in range(len(own)):
-        total += 0.5 * own[i] * dot(P.storage[i], own)
-    return total
-
-
-@compiled
-def cut(P, S, state):
+def cut(P, L, S, D, state):
     """Set a current to zero; its energy is lost in the shunt."""
-    before = stored(P, S.z)
-    S.z[state] = 0.0
-    for s in range(S.discrete[COLUMNS]):
-        S.phi[s, state] = 0.0
-    if len(S.energy):
-        S.energy[pg.SHUNT_LOSS] += before - stored(P, S.z)
+    before = stored(P, L, S) if D[st.ENERGIES] else 0.0
+    S[state] = 0.0
+    for s in range(D[st.SENSITIVITIES]):
+        S[D[st.PHI] + s * L[pg.ROWS] + state] = 0.0
+    if D[st.ENERGIES]:
+        S[D[st.ENERGY] + pg.SHUNT_LOSS] += before - stored(P, L, S)
 
 
 @compiled
-def extract(P, S):
+def extract(P, L, S, D):
     """Take the electrode voltage to zero at once: charge moves, stops with it, piece by piece as they saturate."""
-    delivered = 0.0
-    for _ in range(2 * len(S.slip) + 2):
-        voltage = dot(P.voltage_row, S.z)
+    delivered, a, slip, charge = 0.0, L[pg.A], D[st.SLIP], L[pg.CHARGE]
+    row, limit = L[pg.VOLTAGE_ROW], L[pg.STOP_LIMIT]
+    for _ in range(2 * L[pg.H] + 2):
+        voltage = dot_column(P, row, 1, S, 0, a)
         if voltage == 0.0:
             break
         sign = -1 if voltage > 0.0 else 1
         # A stop that slipped the other way sticks as soon as the charge turns.
-        slope = P.voltage_row[P.charge]
-        for j in range(len(S.slip)):
-            if S.slip[j] == -sign:
-                S.slip[j] = 0
-            if S.slip[j] == 0:
-                slope += P.voltage_row[P.stop_state[j]]
+        slope = P[row + charge]
+        for j in range(L[pg.H]):
+            if D[slip + j] == -sign:
+                D[slip + j] = 0
+            if D[slip + j] == 0:
+                slope += P[row + L[L[pg.STOP_STATE] + j]]
         move, first = -voltage / slope, NONE
-        for j in range(len(S.slip)):
-            if S.slip[j] == 0:
-                reach = sign * P.stop_limit[j] - S.z[P.stop_state[j]]
+        for j in range(L[pg.H]):
+            if D[slip + j] == 0:
+                reach = sign * P[limit + j] - S[L[L[pg.STOP_STATE] + j]]
                 if abs(reach) < abs(move):
                     move, first = reach, j
-        for s in range(S.discrete[COLUMNS]):
-            shift = -dot(P.voltage_row, S.phi[s]) / slope if first == NONE else -S.phi[s, P.stop_state[first]]
-            _shift(P, S.phi[s], S.slip, shift)
-        delivered -= P.scale[P.charge] * move * (voltage + 0.5 * slope * move)
-        if len(S.energy):
-            for j in range(len(S.slip)):
-                if S.slip[j] != 0:
-                    S.energy[pg.HYSTERESIS] += P.stop_weight[j] * P.stop_limit[j] * abs(move)
-        _shift(P, S.z, S.slip, move)
+        for s in range(D[st.SENSITIVITIES]):
+            phi = D[st.PHI] + s * L[pg.ROWS]
+            if first == NONE:
+                shift = -dot_column(P, row, 1, S, phi, a) / slope
+            else:
+                shift = -S[phi + L[L[pg.STOP_STATE] + first]]
+            _shift(L, S, D, phi, shift)
+        delivered -= P[L[pg.SCALE] + charge] * move * (voltage + 0.5 * slope * move)
+        if D[st.ENERGIES]:
+            for j in range(L[pg.H]):
+                if D[slip + j] != 0:
+                    S[D[st.ENERGY] + pg.HYSTERESIS] += P[L[pg.STOP_WEIGHT] + j] * P[limit + j] * abs(move)
+        _shift(L, S, D, 0, move)
         if first == NONE:
             break
-        S.slip[first] = sign
-        S.z[P.stop_state[first]] = sign * P.stop_limit[first]
-    if len(S.energy):
-        S.energy[pg.HARVESTED] += P.efficiency * delivered
-        S.energy[pg.SHUNT_LOSS] += (1.0 - P.efficiency) * delivered
+        D[slip + first] = sign
+        S[L[L[pg.STOP_STATE] + first]] = sign * P[limit + first]
+    if D[st.ENERGIES]:
+        S[D[st.ENERGY] + pg.HARVESTED] += P[L[pg.EFFICIENCY]] * delivered
+        S[D[st.ENERGY] + pg.SHUNT_LOSS] += (1.0 - P[L[pg.EFFICIENCY]]) * delivered
 
 
 @compiled
-def _shift(P, z, slip, move):
-    z[P.charge] += move
-    for j in range(len(slip)):
-        if slip[j] == 0:
-            z[P.stop_state[j]] += move
+def _shift(L, S, D, z, move):
+    S[z + L[pg.CHARGE]] += move
+    for j in range(L[pg.H]):
+        if D[D[st.SLIP] + j] == 0:
+            S[z + L[L[pg.STOP_STATE] + j]] += move
 
 
 @compiled
-def act(P, S, polarity):
+def act(P, L, S, D, polarity):
     """The switch acts, at a maximum (polarity +1) or a minimum of sum T_i x_i."""
-    if P.switched == 2:
-        extract(P, S)
-        log(S, pg.EXTRACT)
+    if L[pg.SWITCHED] == 2:
+        extract(P, L, S, D)
+        log(S, D, pg.EXTRACT)
         return
-    if S.discrete[CLOSED]:
+    if D[st.CLOSED]:
         return
-    S.discrete[CLOSED] = 1
-    S.discrete[CONFIGURATION] = P.closed[1 if polarity > 0 else 0, S.discrete[CONFIGURATION]]
-    S.clock[OPENS] = S.clock[NOW] + P.on_time
-    S.opens_phi[:] = S.event_phi
-    log(S, pg.CLOSE)
+    D[st.CLOSED] = 1
+    D[st.CONFIGURATION] = L[L[pg.CLOSED] + (L[pg.C] if polarity > 0 else 0) + D[st.CONFIGURATION]]
+    S[D[st.CLOCK] + st.OPENS] = S[D[st.CLOCK] + st.NOW] + P[L[pg.ON_TIME]]
+    for s in range(D[st.SENSITIVITIES]):
+        S[D[st.OPENS_PHI] + s] = S[D[st.EVENT_PHI] + s]
+    log(S, D, pg.CLOSE)
 
 
 @compiled
-def release(P, S):
+def release(P, L, S, D):
     """The switch opens; current that still flows is cut."""
-    S.discrete[CLOSED] = 0
-    S.discrete[CONFIGURATION] = P.opened[S.discrete[CONFIGURATION]]
-    S.clock[OPENS] = np.inf
-    cut(P, S, P.cut)
-    log(S, pg.OPEN)
+    D[st.CLOSED] = 0
+    D[st.CONFIGURATION] = L[L[pg.OPENED] + D[st.CONFIGURATION]]
+    S[D[st.CLOCK] + st.OPENS] = np.inf
+    cut(P, L, S, D, L[pg.CUT])
+    log(S, D, pg.OPEN)
 
 
 @compiled
-def extremum(P, S):
+def extremum(P, L, S, D):
     """Sum T_i x_i is at an extremum: an action is due after the lag, unless the last one was too short ago."""
-    polarity = S.discrete[DIRECTION]
-    S.discrete[DIRECTION] = -polarity
-    if P.switched == 0:
+    polarity = D[st.DIRECTION]
+    D[st.DIRECTION] = -polarity
+    if L[pg.SWITCHED] == 0:
         return
-    due = S.clock[NOW] + P.lag
-    if due - S.clock[ACTED] < P.hold_off * (1 - 1e-9) or S.discrete[WAITING] == QUEUE:
+    lag, clock = P[L[pg.LAG]], D[st.CLOCK]
+    due = S[clock + st.NOW] + lag
+    if due - S[clock + st.ACTED] < P[L[pg.HOLD_OFF]] * (1 - 1e-9) or D[st.WAITING] == QUEUE_LENGTH:
         return
-    S.clock[ACTED] = due
-    if P.early:
+    S[clock + st.ACTED] = due
+    if L[pg.EARLY]:
         polarity = -polarity
-    if P.lag == 0.0:
-        act(P, S, polarity)
+    if lag == 0.0:
+        act(P, L, S, D, polarity)
         return
-    place = S.discrete[WAITING]
-    S.queue[place], S.queue_polarity[place] = due, polarity
-    S.queue_phi[place] = S.event_phi
-    S.discrete[WAITING] += 1
+    place, count = D[st.WAITING], D[st.SENSITIVITIES]
+    S[D[st.QUEUE] + place] = due
+    D[D[st.POLARITY] + place] = polarity
+    for s in range(count):
+        S[D[st.QUEUE_PHI] + place * count + s] = S[D[st.EVENT_PHI] + s]
+    D[st.WAITING] += 1
 
 
 @compiled
-def happen(P, S, guard):
+def happen(P, L, S, D, what):
     """Carry out what a guard stands for."""
-    own = P.guard_target.shape[1]
-    if guard < own:
-        configuration = S.discrete[CONFIGURATION]
-        if P.guard_cut[configuration, guard] >= 0:
-            cut(P, S, P.guard_cut[configuration, guard])
-        log(S, P.guard_code[configuration, guard])
-        S.discrete[CONFIGURATION] = P.guard_target[configuration, guard]
-    elif guard == own:
-        extremum(P, S)
+    own, configuration = L[pg.G], D[st.CONFIGURATION]
+    if what < own:
+        k = configuration * own + what
+        if L[L[pg.GUARD_CUT] + k] >= 0:
+            cut(P, L, S, D, L[L[pg.GUARD_CUT] + k])
+        log(S, D, L[L[pg.GUARD_CODE] + k])
+        D[st.CONFIGURATION] = L[L[pg.GUARD_TARGET] + k]
+    elif what == own:
+        extremum(P, L, S, D)
     else:
-        j, side = (guard - own - 1) // 2, (guard - own - 1) % 2
-        if S.slip[j] != 0:
-            S.slip[j] = 0
-            log(S, pg.STICK)
+        j, side = (what - own - 1) // 2, (what - own - 1) % 2
+        slip = D[st.SLIP] + j
+        if D[slip] != 0:
+            D[slip] = 0
+            log(S, D, pg.STICK)
         else:
-            S.slip[j] = 1 if side == 0 else -1
-            S.z[P.stop_state[j]] = S.slip[j] * P.stop_limit[j]
-            log(S, pg.SLIP)
+            D[slip] = 1 if side == 0 else -1
+            S[L[L[pg.STOP_STATE] + j]] = D[slip] * P[L[pg.STOP_LIMIT] + j]
+            log(S, D, pg.SLIP)
 
 
 @compiled
-def overdue(P, T, S, slot):
+def orient(P, L, S, D, slot):
+    """Set how the guards of a mode are read: the extremum by the direction of motion, a stop by its side.
+
+    The direction is 0 at rest, which is left without an extremum.
+    """
+    at, own = slot_of(L, slot), L[pg.G]
+    for g in range(L[at + tb.GUARD_COUNT]):
+        what, sign, offset = L[at + tb.FIRST_GUARD + 2 * g], 1.0, 0.0
+        if what == own:
+            sign = -D[st.DIRECTION] * 1.0
+        elif what > own:
+            j, side = (what - own - 1) // 2, (what - own - 1) % 2
+            if D[D[st.SLIP] + j] == 0:
+                sign, offset = 1.0 - 2.0 * side, -P[L[pg.STOP_LIMIT] + j]
+            else:
+                sign = -D[D[st.SLIP] + j] * 1.0
+        S[D[st.SIGN] + g], S[D[st.OFFSET] + g] = sign, offset
+
+
+@compiled
+def overdue(P, L, S, D, slot):
     """First guard that is above zero, or at zero and about to rise: value, rate and second rate decide in turn.
 
     Zero is judged against the size of the guard's terms and of what its rate makes of a short step.
     """
-    z, sign, guards, sizes, slip = S.z, S.sign, T.guards, T.guard_size, S.slip
-    targets, configuration, own = P.guard_target, S.discrete[CONFIGURATION], P.guard_target.shape[1]
+    at, block, forms, now = slot_of(L, slot), block_of(L, slot), L[tb.FORMS], D[st.NOW_GUARDS]
     size = 0.0
-    for i in range(len(z)):
-        size += abs(z[i])
-    short = 0.5 ** T.finest[slot] * P.step
-    for g in range(len(sign) - pg.WATCHED):
-        if g < own and targets[configuration, g] < 0:
-            continue
-        if g > own and (g - own - 1) % 2 == 1 and slip[(g - own - 1) // 2] != 0:
-            continue
+    for i in range(L[pg.A]):
+        size += abs(S[i])
+    short = P[block + L[tb.STEPS] + L[at + tb.FINEST_LEVEL]]
+    for g in range(L[at + tb.GUARD_COUNT] - pg.WATCHED):
+        row, sign, value = L[at + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g], S[D[st.OFFSET] + g]
+        sizes = block + L[tb.SIZES] + 3 * row
+        # What its terms leave of it by rounding; an offset (the limit of a stop) is as large as what it bounds.
+        S[D[st.FLOOR] + g] = 1e-13 * (size * P[sizes] + abs(value))
+        tolerance = TINY
         for k in range(3):
-            value = 0.0
-            for i in range(len(z)):
-                value += guards[slot, 3 * g + k, i] * z[i]
-            value *= sign[g]
-            tolerance = sizes[slot, 3 * g + k] + (short * sizes[slot, 3 * g + k + 1] if k < 2 else 0.0)
-            tolerance *= TINY * 10.0**k * size
-            if value > tolerance:
+            value += sign * S[now + k * forms + row]
+            zero = tolerance * size * (P[sizes + k] + (short * P[sizes + k + 1] if k < 2 else 0.0))
+            if value > zero:
                 return g
-            if value < -tolerance:
+            if value < -zero:
                 break
+            value, tolerance = 0.0, tolerance * 10.0
     return NONE
 
 
 @compiled
-def _flow(matrix, z, out):
-    for i in range(len(z)):
-        out[i] = dot(matrix[i], z)
+def flow(P, L, S, D, slot, out):
+    """Rate of the state."""
+    multiply(P, block_of(L, slot) + L[tb.MATRIX], L[pg.ROWS], L[pg.COLUMNS], S, 0, out)
 
 
 @compiled
-def enter_event(P, T, S, slot, guard):
+def enter_event(P, L, S, D, slot, guard):
     """Sensitivity of the time of an event, and the sensitivities of the state taken to that time."""
-    if S.discrete[COLUMNS] == 0:
+    count = D[st.SENSITIVITIES]
+    if count == 0:
         return
-    flow = S.work[6]
-    _flow(T.matrix[slot], S.z, flow)
+    rate_at = vector(L, D, FLOW)
+    flow(P, L, S, D, slot, rate_at)
     if guard != NONE:
         # The sign with which the guard is read cancels in the quotient.
-        row = T.guards[slot, 3 * guard]
-        rate = dot(row, flow)
-        for s in range(S.discrete[COLUMNS]):
-            S.event_phi[s] = -dot(row, S.phi[s]) / rate if rate != 0.0 else 0.0
-    _move(P, S, flow, 1.0)
+        rows, form = L[pg.ROWS], L[slot_of(L, slot) + tb.FIRST_GUARD + 2 * guard + 1]
+        row = block_of(L, slot) + L[tb.LINES] + 2 * form * rows
+        rate = dot(P, row, S, rate_at, rows)
+        for s in range(count):
+            change = dot(P, row, S, D[st.PHI] + s * rows, rows)
+            S[D[st.EVENT_PHI] + s] = -change / rate if rate != 0.0 else 0.0
+    _move(L, S, D, rate_at, 1.0)
 
 
 @compiled
-def leave_event(P, T, S, slot):
+def leave_event(P, L, S, D, slot):
     """Sensitivities at fixed time again, on the motion after the event (the saltation)."""
-    if S.discrete[COLUMNS]:
-        flow = S.work[6]
-        _flow(T.matrix[slot], S.z, flow)
-        _move(P, S, flow, -1.0)
+    if D[st.SENSITIVITIES]:
+        flow(P, L, S, D, slot, vector(L, D, FLOW))
+        _move(L, S, D, vector(L, D, FLOW), -1.0)
 
 
 @compiled
-def _move(P, S, flow, sign):
-    for s in range(S.discrete[COLUMNS]):
-        for i in range(P.rate.shape[1]):
-            S.phi[s, i] += sign * flow[i] * S.event_phi[s]
+def _move(L, S, D, rate_at, sign):
+    for s in range(D[st.SENSITIVITIES]):
+        shift = sign * S[D[st.EVENT_PHI] + s]
+        for i in range(L[pg.N]):
+            S[D[st.PHI] + s * L[pg.ROWS] + i] += S[rate_at + i] * shift
 
 
 @compiled
-def leave_rest(P, T, S, slot):
+def leave_rest(P, L, S, D, slot):
     """Direction in which sum T_i x_i begins to move: the sign of its first rate that is not zero to rounding."""
-    first, size = 3 * P.guard_target.shape[1], 0.0
-    for i in range(len(S.z)):
-        size += abs(S.z[i])
-    for k in range(3):
-        value = dot(T.guards[slot, first + k], S.z)
-        if abs(value) > TINY * size * T.guard_size[slot, first + k]:
-            S.discrete[DIRECTION] = 1 if value > 0.0 else -1
-            break
-    orient(P, S)
+    at, block, size = slot_of(L, slot), block_of(L, slot), 0.0
+    for i in range(L[pg.A]):
+        size += abs(S[i])
+    for g in range(L[at + tb.GUARD_COUNT]):
+        if L[at + tb.FIRST_GUARD + 2 * g] != L[pg.G]:
+            continue
+        row = L[at + tb.FIRST_GUARD + 2 * g + 1]
+        for k in range(3):
+            value = S[D[st.NOW_GUARDS] + k * L[tb.FORMS] + row]
+            if abs(value) > TINY * size * P[block + L[tb.SIZES] + 3 * row + k]:
+                D[st.DIRECTION] = 1 if value > 0.0 else -1
+                break
+    orient(P, L, S, D, slot)
 
 
 @compiled
-def settle(P, T, S):
+def settle(P, L, S, D):
     """Carry out whatever is due at this instant without time passing.
 
-    Returns DONE with the mode, or MISSING where the tables of the mode have to be built first, or CHATTER.
+    Returns the mode, with its guards read at NOW_GUARDS, or NONE where the events do not end.
     """
     for _ in range(AT_ONCE):
-        orient(P, S)
-        slot = seek(T, S.discrete[CONFIGURATION], S.slip)
+        slot = seek(L, D, D[st.CONFIGURATION], D[st.SLIP])
         if slot == NONE:
-            return MISSING, slot
-        if S.discrete[DIRECTION] == 0:
-            leave_rest(P, T, S, slot)
-        guard = overdue(P, T, S, slot)
+            build(P, L, D, D[st.CONFIGURATION], D[st.SLIP])
+            slot = L[tb.HELD] - 1
+        orient(P, L, S, D, slot)
+        read_guards(P, L, S, D, slot, 0, D[st.NOW_GUARDS])
+        if D[st.DIRECTION] == 0:
+            leave_rest(P, L, S, D, slot)
+        guard = overdue(P, L, S, D, slot)
         if guard == NONE:
-            return DONE, slot
-        happen(P, S, guard)
-    return CHATTER, NONE
+            return slot
+        happen(P, L, S, D, L[slot_of(L, slot) + tb.FIRST_GUARD + 2 * guard])
+    return NONE
 
 
 @compiled
-def clock_event(P, S):
+def clock_event(S, D):
     """The next scheduled event: its time, and whether the switch opens (1) or acts (0), or NONE."""
-    due, kind = S.clock[OPENS], 1 if S.clock[OPENS] < np.inf else NONE
-    if S.discrete[WAITING] and S.queue[0] < due:
-        due, kind = S.queue[0], 0
+    due = S[D[st.CLOCK] + st.OPENS]
+    kind = 1 if due < np.inf else NONE
+    if D[st.WAITING] and S[D[st.QUEUE]] < due:
+        due, kind = S[D[st.QUEUE]], 0
     return due, kind
 
 
 @compiled
-def clock_happens(P, S, kind):
+def clock_happens(P, L, S, D, kind):
     """Carry out a scheduled event."""
     if kind == 1:
-        release(P, S)
+        release(P, L, S, D)
         return
-    polarity = S.queue_polarity[0]
-    for k in range(1, S.discrete[WAITING]):
-        S.queue[k - 1], S.queue_polarity[k - 1] = S.queue[k], S.queue_polarity[k]
-        S.queue_phi[k - 1] = S.queue_phi[k]
-    S.discrete[WAITING] -= 1
-    act(P, S, polarity)
+    queue, polarities, phi, count = D[st.QUEUE], D[st.POLARITY], D[st.QUEUE_PHI], D[st.SENSITIVITIES]
+    polarity = D[polarities]
+    for k in range(1, D[st.WAITING]):
+        S[queue + k - 1], D[polarities + k - 1] = S[queue + k], D[polarities + k]
+        for s in range(count):
+            S[phi + (k - 1) * count + s] = S[phi + k * count + s]
+    D[st.WAITING] -= 1
+    act(P, L, S, D, polarity)
 
 
 @compiled
-def advance(P, T, S, t_end):
-    """Run to t_end through all events; returns DONE, MISSING, CHATTER or INVALID (the state is not finite).
-
-    MISSING asks for the tables of the mode that the state is in; after that, call again: it goes on where it was.
-    """
-    busy, last = 0, S.clock[NOW]
+def advance(P, L, S, D, t_end):
+    """Run to t_end through all events; returns DONE, CHATTER or INVALID (the state is not finite)."""
+    clock = D[st.CLOCK]
+    busy, last = 0, S[clock]
     while True:
-        status, slot = settle(P, T, S)
-        if status != DONE:
-            return status
-        if S.discrete[BETWEEN]:
-            leave_event(P, T, S, slot)
-            S.discrete[BETWEEN] = 0
-        due, kind = clock_event(P, S)
-        guard = march(P, T, S, slot, min(due, t_end))
-        if not np.isfinite(S.z[0]):
+        slot = settle(P, L, S, D)
+        if slot == NONE:
+            return CHATTER
+        if D[st.BETWEEN]:
+            leave_event(P, L, S, D, slot)
+            D[st.BETWEEN] = 0
+        D[st.MODE] = slot
+        due, kind = clock_event(S, D)
+        guard = march(P, L, S, D, slot, min(due, t_end))
+        if not np.isfinite(S[0]):
             return INVALID
         if guard == NONE and due > t_end:
             return DONE
-        busy, last = busy + 1 if S.clock[NOW] == last else 0, S.clock[NOW]
+        busy, last = busy + 1 if S[clock] == last else 0, S[clock]
         if busy > AT_ONCE:
             return CHATTER
-        if P.signal_kind == pg.TONES:
-            set_tones(P, S, S.clock[NOW])
+        D[st.HAPPENED] += 1
+        if D[st.HAPPENED] % REFRESHED == 0 and L[pg.SIGNAL_KIND] == pg.TONES:
+            set_tones(P, L, S, S[clock])
+        count = D[st.SENSITIVITIES]
         if guard == NONE:
-            for s in range(S.discrete[COLUMNS]):
-                S.event_phi[s] = S.opens_phi[s] if kind == 1 else S.queue_phi[0, s]
-        enter_event(P, T, S, slot, guard)
-        S.discrete[BETWEEN] = 1
+            for s in range(count):
+                known = D[st.OPENS_PHI] + s if kind == 1 else D[st.QUEUE_PHI] + s
+                S[D[st.EVENT_PHI] + s] = S[known]
+        enter_event(P, L, S, D, slot, guard)
+        D[st.BETWEEN] = 1
         if guard != NONE:
-            happen(P, S, guard)
+            happen(P, L, S, D, L[slot_of(L, slot) + tb.FIRST_GUARD + 2 * guard])
         else:
-            clock_happens(P, S, kind)
+            clock_happens(P, L, S, D, kind)

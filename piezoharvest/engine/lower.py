@@ -17,13 +17,9 @@ from piezoharvest.system import System
 
 
 class Lowered(NamedTuple):
-    """A program with the names that its indices stand for, and the signal that drives it.
-
-    `equilibrium` is the (scaled) state in which a unit of static excitation leaves the structure, electrodes relaxed.
-    """
+    """A program with the names that its indices stand for, and the signal that drives it."""
 
     program: pg.Program
-    equilibrium: np.ndarray
     states: tuple[str, ...]
     configurations: tuple[str, ...]
     categories: tuple[str, ...]
@@ -57,18 +53,17 @@ def lower(system: System, excitation: Excitation) -> Lowered:
     switch = shunt.switch(capacitance, excitation.period)
     program = _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
     categories = (*pg.CATEGORIES, *(effect.name for effect in system.transducer.effects), pg.MEAN_DC)
-    equilibrium = _equilibrium(layout, excitation) / program.scale
-    return Lowered(program, equilibrium, tuple(layout.names), names, categories, signal)
+    return Lowered(program, tuple(layout.names), names, categories, signal)
 
 
 def _equilibrium(layout, excitation) -> np.ndarray:
-    """Displacements under a unit of static excitation, and the charge that leaves the electrodes without voltage."""
-    state = np.zeros(layout.n)
+    """Displacements under the static part of the excitation, and the charge that leaves the electrodes relaxed."""
+    values = [0.0] * layout.n
     for i, mode in enumerate(layout.modes):
         force = -mode.base_mass if excitation.base else mode.force_participation
-        state[2 * i] = force / mode.stiffness
-        state[layout.charge] += mode.coupling * state[2 * i]
-    return state
+        values[2 * i] = force / mode.stiffness * excitation.rest
+        values[layout.charge] = values[layout.charge] + mode.coupling * values[2 * i]
+    return stack(values)
 
 
 def _rows(rows, width: int) -> np.ndarray:
@@ -126,6 +121,8 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
         **_switching(shunt, switch, index, layout),
         **_products(layout, tables.products, columns),
         "exosystem": _exosystem(layout, omega, exo_scale),
+        "equilibrium": _equilibrium(layout, excitation) / scale,
+        "period": np.inf if excitation.period is None else scalar(excitation.period),
         "signal_kind": pg.TONES if harmonic else pg.RAMPS,
         "omega": omega,
         "phase": np.asarray(signal.phases, float) if harmonic else np.zeros(0),

@@ -1,4 +1,4 @@
-"""A lowered system: the arrays that the compiled engine runs on.
+"""A lowered system: what the compiled engine runs on, and where in flat memory each of its arrays stands.
 
 Everything is in energy-scaled coordinates (1/2 z^2 is an energy for every state that stores one), so that the matrices
 of nF and uF, of Hz and kHz, have entries of the size of the system's frequencies, and one tolerance serves all.
@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from piezoharvest.engine.compiled import compiled
-from piezoharvest.engine.reference import reference
+from piezoharvest.engine.vector import padded
 
 TONES, RAMPS = 0, 1
 
@@ -45,54 +44,115 @@ class Program(NamedTuple):
     """One design. n states, w exogenous states, a = n + w, c configurations, h stops, g guards, p products, k tones.
 
     A linear form has a part over the augmented state (`*_z`, length a) and one over the derivative (`*_d`, length n).
+    A batch of designs has them as leading axis of the arrays of numbers, as far as these differ.
     """
 
     rate: np.ndarray  # (c, n, a): z' = rate [z | exogenous] with every stop slipping
     stop_response: np.ndarray  # (c, n, h): z' that a rate of each stop alone brings about
     exosystem: np.ndarray  # (w, w)
-    signal_kind: int  # TONES or RAMPS
     omega: np.ndarray  # (k,) rad/s
     phase: np.ndarray  # (k,)
     exo_scale: np.ndarray  # (w,) physical = scale * scaled
     scale: np.ndarray  # (n,)
-    odd: np.ndarray  # (n,) sign that mirroring gives each state
     storage: np.ndarray  # (n, n) stored energy z' storage z / 2
-    stop_state: np.ndarray  # (h,) int
     stop_input: np.ndarray  # (h, n) derivative of the stop's input as a form over z'
     stop_limit: np.ndarray  # (h,)
     stop_weight: np.ndarray  # (h,) scaled so that weight * s * input' is a power
-    charge: int  # index of q
     voltage_row: np.ndarray  # (a,) v_p
     guard_z: np.ndarray  # (c, g, a)
     guard_d: np.ndarray  # (c, g, n)
-    guard_target: np.ndarray  # (c, g) int, -1 where there is none
-    guard_cut: np.ndarray  # (c, g) int, state set to zero, or -1
-    guard_code: np.ndarray  # (c, g) int
     trigger_row: np.ndarray  # (a,) sum T_i u_i
-    switched: int  # 0 none, 1 closes and opens, 2 extracts at once
-    lag: float
-    on_time: float
-    hold_off: float
-    early: int
-    efficiency: float
-    closed: np.ndarray  # (2, c) int: after closing at a minimum, at a maximum
-    opened: np.ndarray  # (c,) int
-    cut: int  # state that opening sets to zero, or -1
-    mirror: np.ndarray  # (c,) int
     product_coefficient: np.ndarray  # (c, p)
-    product_category: np.ndarray  # (c, p) int, -1 where there is none
     product_z: np.ndarray  # (c, p, 2, a)
     product_d: np.ndarray  # (c, p, 2, n)
     output_z: np.ndarray  # (c, outputs, a)
     output_d: np.ndarray  # (c, outputs, n)
-    categories: int
+    equilibrium: np.ndarray  # (n,) where the static part of the excitation leaves the structure, electrodes relaxed
+    lag: float
+    on_time: float
+    hold_off: float
+    efficiency: float
     step: float  # largest step, s
+    period: float  # of the excitation, s; infinite where there is none
+
+    signal_kind: int  # TONES or RAMPS
+    charge: int  # index of q
+    switched: int  # 0 none, 1 closes and opens, 2 extracts at once
+    early: int
+    cut: int  # state that opening sets to zero, or -1
+    categories: int
+    odd: np.ndarray  # (n,) sign that mirroring gives each state
+    stop_state: np.ndarray  # (h,)
+    guard_target: np.ndarray  # (c, g), -1 where there is none
+    guard_cut: np.ndarray  # (c, g), state set to zero, or -1
+    guard_code: np.ndarray  # (c, g)
+    closed: np.ndarray  # (2, c): after closing at a minimum, at a maximum
+    opened: np.ndarray  # (c,)
+    mirror: np.ndarray  # (c,)
+    product_category: np.ndarray  # (c, p), -1 where there is none
 
 
-ProgramRef, ProgramType = reference(Program)
+# The table of contents `L`: first the sizes,
+(A, N, C, H, G, PRODUCTS, TONE_COUNT, ROWS, COLUMNS, LENGTH) = range(10)
+_SIZES = 10
+# then for every field of `Program` where it begins, in P (numbers) or in L itself (integers; plain ones are the entry).
+(
+    RATE, STOP_RESPONSE, EXOSYSTEM, OMEGA, PHASE, EXO_SCALE, SCALE, STORAGE, STOP_INPUT, STOP_LIMIT, STOP_WEIGHT,
+    VOLTAGE_ROW, GUARD_Z, GUARD_D, TRIGGER_ROW, PRODUCT_COEFFICIENT, PRODUCT_Z, PRODUCT_D, OUTPUT_Z, OUTPUT_D,
+    EQUILIBRIUM, LAG, ON_TIME, HOLD_OFF, EFFICIENCY, STEP, PERIOD,
+    SIGNAL_KIND, CHARGE, SWITCHED, EARLY, CUT, CATEGORY_COUNT,
+    ODD, STOP_STATE, GUARD_TARGET, GUARD_CUT, GUARD_CODE, CLOSED, OPENED, MIRROR, PRODUCT_CATEGORY,
+) = range(_SIZES, _SIZES + len(Program._fields))  # fmt: skip
+NUMBERS = Program._fields[: PERIOD - _SIZES + 1]
+PLAIN = Program._fields[SIGNAL_KIND - _SIZES : CATEGORY_COUNT - _SIZES + 1]
+LISTS = Program._fields[ODD - _SIZES :]
+CONTENTS = _SIZES + len(Program._fields)  # entries; those of the tables follow
+ROOM = 24
 
 
-@compiled
-def point(program):
-    """The program by pointer, for compiled code."""
-    return ProgramRef(*program)
+def integers(program: Program) -> np.ndarray:
+    """The table of contents of a program, with its integers behind it."""
+    c, n, a = program.rate.shape[-3:]
+    header = np.zeros(CONTENTS + ROOM, np.int64)
+    guards, products = program.guard_target.shape[1], program.product_category.shape[1]
+    rows = padded(a)
+    columns = a + a % 2
+    shapes = _shapes(program)
+    length = int(sum(np.prod(shape, dtype=int) for shape in shapes.values()))
+    header[:_SIZES] = a, n, c, len(program.stop_state), guards, products, len(program.phase), rows, columns, length
+    offset = 0
+    for k, name in enumerate(NUMBERS, RATE):
+        header[k] = offset
+        offset += int(np.prod(shapes[name], dtype=int))
+    for k, name in enumerate(PLAIN, SIGNAL_KIND):
+        header[k] = getattr(program, name)
+    lists, offset = [header], len(header)
+    for k, name in enumerate(LISTS, ODD):
+        values = np.asarray(getattr(program, name)).astype(np.int64).ravel()
+        header[k] = offset
+        offset += len(values)
+        lists.append(values)
+    return np.concatenate(lists)
+
+
+def numbers(program: Program) -> np.ndarray:
+    """The numbers of a program one after the other, or a row of them for every design of a batch."""
+    shapes, blocks = _shapes(program), []
+    for name, shape in shapes.items():
+        value = np.asarray(getattr(program, name), float)
+        batch = value.shape[: value.ndim - len(shape)]
+        blocks.append(value.reshape(*batch, -1))
+    batch = np.broadcast_shapes(*(block.shape[:-1] for block in blocks))
+    return np.concatenate([np.broadcast_to(b, (*batch, b.shape[-1])) for b in blocks], axis=-1)
+
+
+def _shapes(program: Program) -> dict[str, tuple[int, ...]]:
+    """Shape of every array of numbers in one design."""
+    c, n, a = program.rate.shape[-3:]
+    h, w, k, o = len(program.stop_state), a - n, len(program.phase), len(OUTPUTS)
+    g, p = program.guard_target.shape[1], program.product_category.shape[1]
+    shapes = (
+        (c, n, a), (c, n, h), (w, w), (k,), (k,), (w,), (n,), (n, n), (h, n), (h,), (h,), (a,), (c, g, a), (c, g, n),
+        (a,), (c, p), (c, p, 2, a), (c, p, 2, n), (c, o, a), (c, o, n), (n,), (), (), (), (), (), (),
+    )  # fmt: skip
+    return dict(zip(NUMBERS, shapes, strict=True))

@@ -9,10 +9,11 @@ import numpy as np
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
-from piezoharvest.engine.events import DONE, stored
 from piezoharvest.engine.lower import Lowered, lower
 from piezoharvest.engine.response import Response, Waveforms
-from piezoharvest.engine.steady import ACCEPTED, EngineError, Orbit, Shooting
+from piezoharvest.engine.shooting import ACCEPTED
+from piezoharvest.engine.state import State
+from piezoharvest.engine.steady import EngineError, Orbit, Shooting, check
 from piezoharvest.engine.transient import Machine
 from piezoharvest.excitation import Excitation, Ramps
 from piezoharvest.shunts.short import Short
@@ -94,16 +95,14 @@ def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str) -
     grid = np.arange(samples) * period / samples
     offset = np.mod(grid - begin, period)
     order = np.argsort(offset, kind="stable")
-    shooting = Shooting(Machine(lowered, ledger=True), period, mirrored, excitation.rest)
-    state = shooting.load(
-        orbit.section, begin, sensitivities=0, track=True, log=LONGEST_LOG, sample_time=begin + offset[order]
-    )
-    before = stored(shooting.machine.program, state.z)
-    _check(shooting.machine.run(state, begin + period))
+    shooting = Shooting(Machine(lowered, ledger=True), period, mirrored)
+    state = shooting.load(orbit, track=True, log=LONGEST_LOG, sample_time=begin + offset[order])
+    before = _stored(lowered, state)
+    check(shooting.machine.run(state, begin + period))
     if not shooting.repeats(orbit, state):
         return _unsettled(lowered, excitation, samples, kind, replace(orbit, residual=np.inf), evaluations)
     # What a large smoothing capacitor gains or loses within the tolerance of the search is no energy unaccounted for.
-    change = stored(shooting.machine.program, state.z) - before
+    change = _stored(lowered, state) - before
     response = _response(lowered, state, kind, period, begin, change)
     response.energy.pop("stored", None)
     response = _with(response, waveforms=_from_phase_zero(response.waveforms, grid, order, begin, period))
@@ -116,29 +115,29 @@ def _search(lowered: Lowered, excitation: Excitation) -> tuple[Orbit, bool, str,
     Returns the orbit, whether it was sought on half the period, what there is to say of it, the periods simulated, and
     whether motions do settle on it.
     """
-    period, rest = excitation.period, excitation.rest
+    period = excitation.period
     assert period is not None
     mirrored = _symmetric(lowered, excitation)
-    shooting = Shooting(Machine(lowered), period, mirrored, rest)
+    shooting = Shooting(Machine(lowered), period, mirrored)
     orbit = shooting.find()
     evaluations = orbit.evaluations
     if mirrored and not orbit.converged:
         # A symmetric orbit may lose its stability to one that is not.
         mirrored = False
-        shooting = Shooting(Machine(lowered), period, mirrored, rest)
+        shooting = Shooting(Machine(lowered), period, mirrored)
         orbit = shooting.find()
         evaluations += orbit.evaluations
     if not orbit.converged:
         return orbit, mirrored, "", evaluations, False
-    arrives, here, when = shooting.from_rest(orbit)
+    arrives, here = shooting.from_rest(orbit)
     if arrives:
         empty = np.all(lowered.program.odd < 0) or shooting.from_rest(orbit, charged=False)[0]
         elsewhere = "a motion from rest with an empty smoothing capacitor does not come to this steady state"
         return orbit, mirrored, "" if empty else elsewhere, evaluations, True
-    shooting = Shooting(Machine(lowered), period, False, rest)
-    reached = shooting.find((here, when))
+    shooting = Shooting(Machine(lowered), period, False)
+    reached = shooting.find(here)
     evaluations += reached.evaluations
-    if not reached.converged or not shooting.near(reached, here, when):
+    if not reached.converged or not shooting.near(reached, here):
         return orbit, mirrored, "", evaluations, False
     message = "several periodic steady states exist; this is the one that a motion from rest comes to"
     return reached, False, message, evaluations, True
@@ -155,9 +154,10 @@ def _from_phase_zero(w: Waveforms | None, grid, order, begin: float, period: flo
     return Waveforms(grid, **signals, event_times=events[sequence], event_names=names)
 
 
-def _check(status: int) -> None:
-    if status != DONE:
-        raise EngineError(status)
+def _stored(lowered: Lowered, state: State) -> float:
+    """Stored energy, J."""
+    z = state.z[: len(lowered.states)]
+    return 0.5 * float(z @ lowered.program.storage @ z)
 
 
 def _transient(lowered, excitation: Excitation, length: float | None, samples: int, kind: str) -> Response:
@@ -173,10 +173,10 @@ def _transient(lowered, excitation: Excitation, length: float | None, samples: i
             inside = lowered.signal.times[lowered.signal.times <= t_end]
             times = np.union1d(times, inside) if len(inside) < len(times) else inside
     machine = Machine(lowered, ledger=True)
-    state = machine.state(excitation.rest, track=True, log=LONGEST_LOG, sample_time=times)
-    before = stored(machine.program, state.z)
-    _check(machine.run(state, t_end))
-    change = stored(machine.program, state.z) - before
+    state = machine.state(track=True, log=LONGEST_LOG, sample_time=times)
+    before = _stored(lowered, state)
+    check(machine.run(state, t_end))
+    change = _stored(lowered, state) - before
     return _finish(_response(lowered, state, kind, t_end, 0.0, change), "", np.nan)
 
 
@@ -184,17 +184,15 @@ def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evalu
     """Averages of a long run from rest where no periodic steady state was found."""
     period, skipped = excitation.period, 10 * UNSETTLED_PERIODS
     machine = Machine(lowered, ledger=True)
-    state = machine.state(excitation.rest)
-    _check(machine.run(state, skipped * period))
+    state = machine.state()
+    check(machine.run(state, skipped * period))
     begin, window = skipped * period, UNSETTLED_PERIODS * period
     times = begin + np.arange(samples * UNSETTLED_PERIODS) * period / samples
     recorder = machine.state(track=True, log=LONGEST_LOG, sample_time=times)
-    for name in ("z", "discrete", "clock", "slip", "queue", "queue_polarity"):
-        getattr(recorder, name)[:] = getattr(state, name)
-    recorder.discrete[st.LOGGED] = recorder.discrete[st.SAMPLED] = 0
-    before = stored(machine.program, recorder.z)
-    _check(machine.run(recorder, begin + window))
-    change = stored(machine.program, recorder.z) - before
+    recorder.follow(state)
+    before = _stored(lowered, recorder)
+    check(machine.run(recorder, begin + window))
+    change = _stored(lowered, recorder) - before
     response = _response(lowered, recorder, kind, window, begin, change)
     energy = {key: value / UNSETTLED_PERIODS if key != "closure" else value for key, value in response.energy.items()}
     if orbit.converged:
@@ -221,8 +219,8 @@ def _response(lowered: Lowered, state: st.State, kind: str, length: float, begin
         energy["stored"] = change
     largest = max(abs(supplied), *(abs(e) for e in energy.values()))
     energy["closure"] = abs(supplied - spent - change) / largest if largest > 0 else 0.0
-    count = min(int(state.discrete[st.LOGGED]), len(state.log_time))
-    drawn = slice(0, int(state.discrete[st.SAMPLED]))
+    count = min(int(state.D[st.LOGGED]), len(state.log_time))
+    drawn = slice(0, int(state.D[st.SAMPLED]))
     waveforms = Waveforms(
         state.sample_time[drawn] - begin,
         *(state.samples[drawn, o].copy() for o in range(len(pg.OUTPUTS))),
@@ -242,7 +240,7 @@ def _response(lowered: Lowered, state: st.State, kind: str, length: float, begin
         dc_voltage=dc_time / length,
         attenuation_db=0.0,
         energy=energy,
-        events_per_period=int(state.discrete[st.LOGGED]),
+        events_per_period=int(state.D[st.LOGGED]),
         periods_evaluated=0,
         waveforms=waveforms,
     )

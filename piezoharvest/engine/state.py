@@ -1,124 +1,146 @@
-"""What moves while the engine runs: state, clocks, sensitivities, energies and the log, in preallocated arrays."""
+"""What moves while the engine runs: state, clocks, sensitivities, energies and the log, in two flat arrays S and D.
+
+D holds the discrete state and says where in S everything else stands; the augmented state itself stands first in S.
+"""
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 
 from piezoharvest.engine import program as pg
-from piezoharvest.engine.compiled import compiled
-from piezoharvest.engine.reference import reference
+from piezoharvest.engine import tables as tb
+from piezoharvest.engine.compiled import compiled, inlined
+from piezoharvest.engine.vector import padded
 
-QUEUE = 4  # actions of the switch that may be waiting at one time
+QUEUE_LENGTH = 4  # actions of the switch that may be waiting at one time
+VECTORS = 10  # of scratch
 
-# Places in `State.discrete`. COLUMNS counts the sensitivities that are carried, BETWEEN marks an event half done.
-CONFIGURATION, DIRECTION, WAITING, CLOSED, LOGGED, SAMPLED, COLUMNS, BETWEEN = range(8)
-# Places in `State.clock`: now, when the switch opens, when it last acted.
+# Places in D: the discrete state; BETWEEN marks an event half done, MODE is the slot of the mode last moved in,
+(
+    CONFIGURATION, DIRECTION, WAITING, CLOSED, LOGGED, SAMPLED, BETWEEN, HAPPENED, MODE,
+    # what is recorded,
+    SENSITIVITIES, ENERGIES, TRACKED, LOG_ROOM, SAMPLES_WANTED,
+    # where lists begin in D,
+    SLIP, POLARITY, LOG_CODE,
+    # and where in S.
+    CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, FLOOR, LADDER, WORK, EXTREMES, ENERGY,
+    PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME, SAMPLES, END,
+) = range(36)  # fmt: skip
+# Places from CLOCK on in S: time now, when the switch opens, when it last acted, all in s.
 NOW, OPENS, ACTED = range(3)
 
 
-class State(NamedTuple):
-    """The hybrid state and what is recorded of it; s sensitivities, q queued actions."""
+class State:
+    """The hybrid state and what is recorded of it.
 
-    z: np.ndarray  # (a,) augmented state
-    discrete: np.ndarray  # int64, see the places above
-    clock: np.ndarray  # s, see the places above
-    slip: np.ndarray  # (h,) int64: 0 sticks, +1 and -1 slip
-    queue: np.ndarray  # (q,) times of waiting actions, s
-    queue_polarity: np.ndarray  # (q,) int64
-    phi: np.ndarray  # (s, a) derivative of z, a row for each parameter
-    queue_phi: np.ndarray  # (q, s) derivative of the waiting actions' times
-    opens_phi: np.ndarray  # (s,) derivative of the time at which the switch opens
-    event_phi: np.ndarray  # (s,) derivative of the last event's time
-    energy: np.ndarray  # (e,) J; without entries where no ledger is kept
-    extremes: np.ndarray  # (2, 2): minimum and maximum of displacement and voltage; empty where not tracked
-    log_time: np.ndarray
-    log_code: np.ndarray
-    sample_time: np.ndarray
-    samples: np.ndarray  # (times, outputs)
-    sign: np.ndarray  # (g,) sign with which each guard is read
-    work: np.ndarray  # (9, a) scratch
-    guard_now: np.ndarray  # (3 g,) scratch: value, rate, second rate of every guard
-    guard_next: np.ndarray  # (3 g,)
-    guard_floor: np.ndarray  # (g,) rounding of every guard
-
-
-StateRef, StateType = reference(State)
-
-
-@compiled
-def point(state):
-    """The state by pointer, for compiled code; its arrays are shared."""
-    return StateRef(*state)
-
-
-def rest(
-    program: pg.Program,
-    *,
-    sensitivities: int = 0,
-    ledger: bool = False,
-    track: bool = False,
-    log: int = 0,
-    sample_time: np.ndarray | None = None,
-) -> State:
-    """State at rest at time zero, with room for what is to be recorded."""
-    a = program.rate.shape[-1]
-    guards = program.guard_target.shape[1] + 1 + 2 * len(program.stop_state) + pg.WATCHED
-    times = np.zeros(0) if sample_time is None else np.ascontiguousarray(sample_time, float)
-    state = State(
-        z=np.zeros(a),
-        discrete=np.zeros(8, np.int64),
-        clock=np.array([0.0, np.inf, -np.inf]),
-        slip=np.zeros(len(program.stop_state), np.int64),
-        queue=np.zeros(QUEUE),
-        queue_polarity=np.zeros(QUEUE, np.int64),
-        phi=np.zeros((sensitivities, a)),
-        queue_phi=np.zeros((QUEUE, sensitivities)),
-        opens_phi=np.zeros(sensitivities),
-        event_phi=np.zeros(sensitivities),
-        energy=np.zeros(program.categories if ledger else 0),
-        extremes=np.array([[np.inf, -np.inf]] * 2) if track else np.zeros((0, 2)),
-        log_time=np.empty(log),
-        log_code=np.empty(log, np.int64),
-        sample_time=times,
-        samples=np.empty((len(times), len(pg.OUTPUTS))),
-        sign=np.ones(guards),
-        work=np.empty((9, a)),
-        guard_now=np.empty(3 * guards),
-        guard_next=np.empty(3 * guards),
-        guard_floor=np.empty(guards),
-    )
-    return state
-
-
-@compiled
-def orient(P, S):
-    """Set the signs of the guards: the extremum's by the direction of motion, a slipping stop's by its side.
-
-    The direction is 0 at rest, which is left without an extremum.
+    Parameters
+    ----------
+    contents : (i,) int array
+        Table of contents of the machine.
+    sensitivities : int
+        Number of derivatives that are carried along.
+    ledger, track : bool
+        Whether energies, and the extremes of displacement and voltage, are kept.
+    log : int
+        Events to keep.
+    sample_time : (t,) array, optional
+        Times in s at which the outputs are sampled.
     """
-    extremum = P.guard_target.shape[1]
-    S.sign[extremum] = -S.discrete[DIRECTION]
-    for j in range(len(S.slip)):
-        S.sign[extremum + 1 + 2 * j] = 1.0 if S.slip[j] == 0 else S.slip[j]
+
+    def __init__(self, contents, *, sensitivities=0, ledger=False, track=False, log=0, sample_time=None):
+        times = np.zeros(0) if sample_time is None else np.asarray(sample_time, float)
+        rows, h, outputs = contents[pg.ROWS], contents[pg.H], len(pg.OUTPUTS)
+        guards = contents[tb.SLOT]  # more than any mode has
+        energies = contents[pg.CATEGORY_COUNT] if ledger else 0
+        places = {
+            CLOCK: 3, QUEUE: QUEUE_LENGTH, SIGN: guards, OFFSET: guards, NOW_GUARDS: contents[tb.GUARD_ROWS],
+            THEN_GUARDS: contents[tb.GUARD_ROWS], FLOOR: guards, LADDER: padded(tb.LEVELS), WORK: VECTORS * rows,
+            EXTREMES: 4, ENERGY: energies, PHI: sensitivities * rows, QUEUE_PHI: QUEUE_LENGTH * sensitivities,
+            OPENS_PHI: sensitivities, EVENT_PHI: sensitivities, LOG_TIME: log, SAMPLE_TIME: len(times),
+            SAMPLES: len(times) * outputs,
+        }  # fmt: skip
+        lists = {SLIP: h, POLARITY: QUEUE_LENGTH, LOG_CODE: log}
+        self.D = np.zeros(END + 1 + int(sum(lists.values())), np.int64)
+        for place, offset in zip(lists, _offsets(lists, END + 1), strict=True):
+            self.D[place] = offset
+        for place, offset in zip(places, _offsets(places, rows), strict=True):
+            self.D[place] = offset
+        self.D[END] = rows + sum(places.values())
+        self.D[[SENSITIVITIES, ENERGIES, TRACKED]] = sensitivities, energies, track
+        self.D[[LOG_ROOM, SAMPLES_WANTED]] = log, len(times)
+        self.S = np.zeros(int(self.D[END]))
+        self._place, self._lists = places, lists
+        self.z = self.S[: contents[pg.A]]
+        self.clock, self.energy = self[CLOCK], self[ENERGY]
+        self.clock[:] = 0.0, np.inf, -np.inf
+        self.extremes = self[EXTREMES].reshape(2, 2)
+        self.extremes[:] = np.inf, -np.inf
+        self.sample_time = self[SAMPLE_TIME]
+        self.sample_time[:] = times
+        self.samples = self[SAMPLES].reshape(-1, outputs)
+        self.log_time, self.log_code = self[LOG_TIME], self[LOG_CODE]
+
+    def __getitem__(self, place: int) -> np.ndarray:
+        """Part of S or D that a place stands for, without copying."""
+        begin = self.D[place]
+        if place in self._lists:
+            return self.D[begin : begin + self._lists[place]]
+        return self.S[begin : begin + self._place[place]]
+
+    def follow(self, other: State) -> None:
+        """Continue where another state of the same machine is."""
+        for k in (CONFIGURATION, DIRECTION, WAITING, CLOSED, BETWEEN):
+            self.D[k] = other.D[k]
+        for place in (SLIP, POLARITY, CLOCK, QUEUE):
+            self[place][:] = other[place]
+        self.z[:] = other.z
+
+
+def _offsets(sizes: dict[int, int], begin: int) -> np.ndarray:
+    """Where blocks of these sizes begin, one after the other."""
+    return begin + np.cumsum([0, *sizes.values()])[:-1]
+
+
+@inlined
+def vector(L, D, k):
+    """Where the k-th scratch vector stands in S."""
+    return D[WORK] + k * L[pg.ROWS]
 
 
 @compiled
-def set_tones(P, S, t):
+def dot_column(P, at, stride, S, z, count):
+    """Linear form, which stands in P with a stride, of a vector in S."""
+    total = 0.0
+    for j in range(count):
+        total += P[at + j * stride] * S[z + j]
+    return total
+
+
+@compiled
+def stored(P, L, S):
+    """Stored energy, J."""
+    n, total = L[pg.N], 0.0
+    for i in range(n):
+        for j in range(n):
+            total += 0.5 * S[i] * P[L[pg.STORAGE] + i * n + j] * S[j]
+    return total
+
+
+@compiled
+def set_tones(P, L, S, t):
     """Exogenous states of a sum of tones, from the phase itself so that nothing drifts."""
-    n = P.rate.shape[1]
-    for k in range(len(P.omega)):
-        angle = P.omega[k] * t + P.phase[k]
-        S.z[n + 2 * k] = np.sin(angle) / P.exo_scale[2 * k]
-        S.z[n + 2 * k + 1] = np.cos(angle) / P.exo_scale[2 * k + 1]
-    S.z[-1] = 1.0 / P.exo_scale[-1]
+    n, scale = L[pg.N], L[pg.EXO_SCALE]
+    for k in range(L[pg.TONE_COUNT]):
+        angle = P[L[pg.OMEGA] + k] * t + P[L[pg.PHASE] + k]
+        S[n + 2 * k] = np.sin(angle) / P[scale + 2 * k]
+        S[n + 2 * k + 1] = np.cos(angle) / P[scale + 2 * k + 1]
+    S[L[pg.A] - 1] = 1.0 / P[scale + L[pg.A] - n - 1]
 
 
 @compiled
-def set_ramp(P, S, value, slope):
+def set_ramp(P, L, S, value, slope):
     """Exogenous states of a straight piece of signal."""
-    n = P.rate.shape[1]
-    S.z[n] = value / P.exo_scale[0]
-    S.z[n + 1] = slope / P.exo_scale[1]
-    S.z[-1] = 1.0 / P.exo_scale[-1]
+    n, scale = L[pg.N], L[pg.EXO_SCALE]
+    S[n] = value / P[scale]
+    S[n + 1] = slope / P[scale + 1]
+    S[n + 2] = 1.0 / P[scale + 2]

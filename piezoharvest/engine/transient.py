@@ -7,31 +7,13 @@ import numpy as np
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
-from piezoharvest.engine.compiled import compiled
-from piezoharvest.engine.events import DONE, MISSING, advance
+from piezoharvest.engine.kernel import FIND, RUN, engine
 from piezoharvest.engine.lower import Lowered
-from piezoharvest.excitation import Tones
+from piezoharvest.engine.state import State
+from piezoharvest.excitation import Ramps
 
-
-@compiled
-def through_ramps(P, T, S, times, starts, slopes, piece, t_end):
-    """Run through straight pieces of signal from the `piece` that holds now; returns the status and the piece reached.
-
-    Beyond the last piece its end value is held.
-    """
-    count = len(starts)
-    for k in range(piece, count + 1):
-        begins, ends = times[k], times[k + 1] if k < count else np.inf
-        if begins >= t_end:
-            return DONE, k
-        if k < count:
-            st.set_ramp(P, S, starts[k] + slopes[k] * (S.clock[st.NOW] - begins), slopes[k])
-        else:
-            st.set_ramp(P, S, starts[k - 1] + slopes[k - 1] * (begins - times[k - 1]), 0.0)
-        status = advance(P, T, S, min(ends, t_end))
-        if status != DONE:
-            return status, k
-    return DONE, count
+NONE = np.zeros(0), np.zeros(0, np.int64)
+NO_RAMPS = np.zeros(0), np.zeros(0), np.zeros(0)
 
 
 class Machine:
@@ -46,30 +28,27 @@ class Machine:
 
     def __init__(self, lowered: Lowered, ledger: bool = False):
         self.lowered = lowered
-        self.program = pg.point(lowered.program)
-        self.tables = tb.allocate(lowered.program, ledger)
         self.ledger = ledger
+        self.L, length = tb.contents(pg.integers(lowered.program), ledger)
+        self.P = np.empty(length)
+        self.P[: self.L[pg.LENGTH]] = pg.numbers(lowered.program)
 
-    def state(self, rest: float = 0.0, **recorded) -> st.State:
-        """State at rest under a static excitation `rest`; `recorded` as in `state.rest`."""
-        state = st.rest(self.lowered.program, ledger=self.ledger, **recorded)
-        n = len(self.lowered.states)
-        state.z[:n] = rest * self.lowered.equilibrium
+    def state(self, **recorded) -> State:
+        """State at rest, under the static part of the excitation; `recorded` as in `State`."""
+        state = State(self.L, ledger=self.ledger, **recorded)
+        state.z[: self.L[pg.N]] = self.lowered.program.equilibrium
         return state
 
-    def run(self, state: st.State, t_end: float) -> int:
+    def run(self, state: State, t_end: float) -> int:
         """Run to t_end (s) and return the engine's status; the state's arrays are changed in place."""
-        signal, S = self.lowered.signal, st.point(state)
-        piece = 0
-        if isinstance(signal, Tones):
-            st.set_tones(self.program, S, state.clock[st.NOW])
-        else:
-            piece = int(np.searchsorted(signal.times, state.clock[st.NOW], side="right")) - 1
-        while True:
-            if isinstance(signal, Tones):
-                status = advance(self.program, self.tables, S, t_end)
-            else:
-                status, piece = through_ramps(self.program, self.tables, S, *signal, piece, t_end)
-            if status != MISSING:
-                return status
-            tb.build(self.program, self.tables, state.discrete[st.CONFIGURATION], state.slip)
+        signal, ramps, piece = self.lowered.signal, NO_RAMPS, 0
+        if isinstance(signal, Ramps):
+            ramps = tuple(signal)
+            piece = max(int(np.searchsorted(signal.times, state.clock[st.NOW], side="right")) - 1, 0)
+        machine = self.P, self.L
+        return engine(RUN, machine, (state.S, state.D), ramps, piece, t_end, NONE, NONE, False)
+
+    def search(self, trial: State, followed: State, memory: tuple[np.ndarray, np.ndarray], mirrored: bool) -> int:
+        """Find the periodic steady state from where `followed` is, and return the engine's status; see `shooting`."""
+        machine, moving = (self.P, self.L), (followed.S, followed.D)
+        return engine(FIND, machine, (trial.S, trial.D), NO_RAMPS, 0, 0.0, memory, moving, mirrored)

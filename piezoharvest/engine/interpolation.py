@@ -1,0 +1,103 @@
+"""Guards between the ends of a step: Hermite interpolation, whether and where one rises, how far it can be believed."""
+
+from __future__ import annotations
+
+from piezoharvest.engine.compiled import compiled
+
+
+@compiled
+def quintic(f0, d0, s0, f1, d1, s1, h):
+    """Coefficients over a step of length h of a function with value, rate and second rate given at both ends."""
+    d0, d1, s0, s1 = d0 * h, d1 * h, 0.5 * s0 * h * h, 0.5 * s1 * h * h
+    rise = f1 - f0
+    c3 = 10 * rise - 6 * d0 - 4 * d1 - 3 * s0 + s1
+    c4 = -15 * rise + 8 * d0 + 7 * d1 + 3 * s0 - 2 * s1
+    c5 = 6 * rise - 3 * d0 - 3 * d1 - s0 + s1
+    return f0, d0, s0, c3, c4, c5
+
+
+@compiled
+def at(c, x):
+    """Value of the interpolation at the fraction x of the step."""
+    return c[0] + x * (c[1] + x * (c[2] + x * (c[3] + x * (c[4] + x * c[5]))))
+
+
+@compiled
+def slope(c, x):
+    """Derivative of the interpolation at the fraction x of the step."""
+    return c[1] + x * (2 * c[2] + x * (3 * c[3] + x * (4 * c[4] + x * 5 * c[5])))
+
+
+@compiled
+def doubt(f0, d0, s0, f1, d1, s1, h):
+    """How much cubic and quintic interpolation differ within a step.
+
+    The even part of the difference is taken in the middle, the odd part by its slope there.
+    """
+    even = h * ((d0 - d1) / 32 + h * (s0 + s1) / 64)
+    odd = 3 * (f1 - f0) / 32 - h * (3 * (d0 + d1) / 64 - h * (s1 - s0) / 128)
+    return max(abs(even), abs(odd))
+
+
+@compiled
+def crossing(c, noise, falls):
+    """Fractions (low, high) of a step between which a guard first rises through zero, and an estimate of where.
+
+    low > high if it does not rise. What does not exceed `noise` is no rise. `falls` tells that the guard rises at the
+    beginning of the step and falls at its end: then it may have been above zero between two samples.
+    """
+    low, before = 0.0, c[0]
+    end = c[0] + c[1] + c[2] + c[3] + c[4] + c[5]
+    for k in range(1, 9):
+        x = 0.125 * k
+        value = at(c, x) if k < 8 else end
+        if value > noise:
+            if k == 1 and before > -noise:
+                # It starts at zero: either it rises at once, or it first dips below.
+                for _ in range(20):
+                    inner = 0.5 * x
+                    if at(c, inner) < -noise:
+                        return inner, x, root(c, inner, x)
+                    x = inner
+                return 0.0, 0.0, 0.0
+            return low, x, root(c, low, x)
+        low, before = x, value
+    if falls:
+        x = top(c)
+        if at(c, x) > noise:
+            return 0.0, x, root(c, 0.0, x)
+    return 1.0, 0.0, 0.0
+
+
+@compiled
+def top(c):
+    """Where the interpolation has its top: bisection on its derivative, which falls through zero."""
+    low, high = 0.0, 1.0
+    for _ in range(30):
+        x = 0.5 * (low + high)
+        if slope(c, x) > 0.0:
+            low = x
+        else:
+            high = x
+    return 0.5 * (low + high)
+
+
+@compiled
+def root(c, low, high):
+    """Where the interpolation rises through zero between low and high: safeguarded Newton from the secant."""
+    below, above = at(c, low), at(c, high)
+    x = low + (high - low) * below / (below - above) if below < 0.0 < above else 0.5 * (low + high)
+    for _ in range(12):
+        value = at(c, x)
+        if value > 0.0:
+            high = x
+        else:
+            low = x
+        rate = slope(c, x)
+        target = x - value / rate if rate > 0.0 else 0.5 * (low + high)
+        if not low < target < high:
+            target = 0.5 * (low + high)
+        shift, x = target - x, target
+        if abs(shift) < 1e-5:
+            break
+    return x

@@ -1,0 +1,82 @@
+"""The one door from Python into compiled code, so that what lies behind it is compiled and kept on disk once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezoharvest.engine import program as pg
+from piezoharvest.engine import state as st
+from piezoharvest.engine import tables as tb
+from piezoharvest.engine.compiled import compiled, entry
+from piezoharvest.engine.events import DONE, advance
+from piezoharvest.engine.march import glide
+from piezoharvest.engine.shooting import find
+from piezoharvest.engine.state import set_ramp, set_tones
+from piezoharvest.engine.tables import block_of, seek
+from piezoharvest.engine.vector import pointer
+
+RUN, FIND = range(2)
+
+
+@compiled
+def _whole_step(P, L, S, D, length):
+    """Whether a longest step of the mode last moved in has this length, with nothing scheduled or left half done."""
+    if L[tb.HELD] == 0 or D[st.WAITING] or D[st.CLOSED] or D[st.BETWEEN] or (L[pg.SWITCHED] and D[st.DIRECTION] == 0):
+        return False
+    if seek(L, D, D[st.CONFIGURATION], D[st.SLIP]) != D[st.MODE]:
+        return False
+    return abs(P[block_of(L, D[st.MODE]) + L[tb.STEPS]] - length) <= 1e-9 * length
+
+
+@compiled
+def through_ramps(P, L, S, D, times, starts, slopes, piece, t_end):
+    """Run through straight pieces of signal, from the `piece` that holds now; returns the status.
+
+    Beyond the last piece its end value is held.
+    """
+    count, clock = len(starts), D[st.CLOCK]
+    for k in range(piece, count + 1):
+        begins, ends = times[k], times[k + 1] if k < count else np.inf
+        if begins >= t_end:
+            return DONE
+        if k < count:
+            set_ramp(P, L, S, starts[k] + slopes[k] * (S[clock] - begins), slopes[k])
+        else:
+            set_ramp(P, L, S, starts[k - 1] + slopes[k - 1] * (begins - times[k - 1]), 0.0)
+        if ends <= t_end and _whole_step(P, L, S, D, ends - S[clock]) and glide(P, L, S, D, D[st.MODE]):
+            S[clock] = ends
+            continue
+        status = advance(P, L, S, D, min(ends, t_end))
+        if status != DONE:
+            return status
+    return DONE
+
+
+@entry
+def engine(task, machine, state, ramps, piece, t_end, shooting, followed, mirrored):
+    """Run a state to t_end, or find the periodic steady state from there; returns the status.
+
+    Parameters
+    ----------
+    task : int
+        RUN or FIND.
+    machine, state : (P, L) and (S, D)
+    ramps : tuple of three arrays
+        Times, starting values and slopes of the signal's pieces; empty for tones.
+    piece : int
+        Which of them holds now.
+    t_end : float
+        s.
+    shooting, followed : (W, V) and (s, d)
+        Memory of the search, and the state whose motion is followed; `state` serves for trials then.
+    mirrored : bool
+        Whether the search goes over half a period.
+    """
+    P, L, S, D = pointer(machine[0]), pointer(machine[1]), pointer(state[0]), pointer(state[1])
+    if task == FIND:
+        W, V, s, d = pointer(shooting[0]), pointer(shooting[1]), pointer(followed[0]), pointer(followed[1])
+        return find(P, L, S, D, W, V, s, d, mirrored)
+    if L[pg.SIGNAL_KIND] == pg.TONES:
+        set_tones(P, L, S, S[D[st.CLOCK]])
+        return advance(P, L, S, D, t_end)
+    return through_ramps(P, L, S, D, ramps[0], ramps[1], ramps[2], piece, t_end)
