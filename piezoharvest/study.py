@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import math
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass
@@ -13,7 +14,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Strict, ValidationError, create_model
+from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, create_model
 
 from piezoharvest import catalogue, effects, excitation, shunts
 from piezoharvest.effects import Effect
@@ -28,6 +29,7 @@ _C = TypeVar("_C", bound=Component)
 _WORDS: dict[Any, str] = {str: "a string", bool: "true or false", list: "a list of tables", dict: "a table"}
 _NEEDED = {"transducer": "a table", "excitation": "a table", "shunts": "a list of tables"}
 _TABLES = ("title", *_NEEDED, "design", "sweep", "bench")
+MOST_DESIGNS = 2**30  # of a sweep: where the points of a Sobol sequence end
 
 
 class StudyError(ValueError):
@@ -67,7 +69,62 @@ class DesignOptions(Component):
             raise ParameterError("candidates", "found an empty list, allowed is one kind of shunt or more")
         for n, kind in enumerate(self.candidates or ()):
             if kind not in shunts.registered():
-                raise _unknown(f"candidates.{n}", kind, shunts.registered())
+                raise unknown(f"candidates.{n}", kind, shunts.registered())
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepParameter(Component):
+    """A parameter that a sweep varies: the value at a dotted path, between `from` and `to`."""
+
+    path: str
+    from_: float = quantity("", "first value")
+    to: float = quantity("", "last value")
+    scale: Literal["linear", "log"] = "linear"
+    count: int | None = quantity("", "number of values in a grid", default=None, at_least=1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for key, value in (("from", self.from_), ("to", self.to)):
+            if self.scale == "log" and value <= 0:
+                raise ParameterError(key, f"found {value:g} with scale = 'log', allowed is a number greater than 0")
+        if self.from_ == self.to:
+            raise ParameterError("to", f"found {self.to:g}, the same as from, allowed is another value")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepOptions(Component):
+    """Which parameters a sweep varies, by which method, and what it keeps: the table [sweep]."""
+
+    parameters: tuple[SweepParameter, ...]
+    method: Literal["grid", "random", "sobol"] = "grid"
+    samples: int | None = quantity("", "number of designs", default=None, at_least=1, at_most=MOST_DESIGNS)
+    seed: int = quantity("", "seed of the random numbers", default=1, at_least=0)
+    outputs: tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.parameters:
+            raise ParameterError("parameters", "found an empty list, allowed is one table or more")
+        counts = {f"parameters.{n}.count": parameter.count for n, parameter in enumerate(self.parameters)}
+        for key, count in (counts if self.method == "grid" else {"samples": self.samples}).items():
+            if count is None:
+                raise ParameterError(key, f"found no such key, allowed is a whole number (method = {self.method!r})")
+        if self.designs > MOST_DESIGNS:
+            raise ParameterError("parameters", f"found {self.designs} designs, allowed are up to {MOST_DESIGNS}")
+        if self.outputs == ():
+            raise ParameterError("outputs", "found an empty list, allowed is one output or more")
+        names = {"parameters.{}.path": [p.path for p in self.parameters], "outputs.{}": self.outputs or ()}
+        for key, given in names.items():
+            for n, name in enumerate(given):
+                if name in given[:n]:
+                    raise ParameterError(key.format(n), f"found {name!r} a second time, allowed is each one once")
+
+    @property
+    def designs(self) -> int:
+        """Number of designs."""
+        if self.method == "grid":
+            return math.prod(parameter.count or 1 for parameter in self.parameters)
+        return self.samples or 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,8 +137,8 @@ class Study:
         Empty only where there is a table [design], which brings its own candidates.
     path : Path
         The file.
-    sweep, bench : mapping
-        The tables [sweep] and [bench] as they stand in the file; empty where there is none.
+    bench : mapping
+        The table [bench] as it stands in the file; empty where there is none.
     """
 
     title: str
@@ -90,7 +147,7 @@ class Study:
     shunts: tuple[Shunt, ...]
     path: Path
     design: DesignOptions | None = None
-    sweep: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    sweep: SweepOptions | None = None
     bench: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
@@ -144,7 +201,7 @@ def study_from(table: Mapping[str, Any], path: Path) -> Study:
     """
     for key in table:
         if key not in _TABLES:
-            raise _unknown(key, key, _TABLES, "an unknown key")
+            raise unknown(key, key, _TABLES, "an unknown key")
     for key, wanted in _NEEDED.items():
         if key not in table and not (key == "shunts" and "design" in table):
             raise ParameterError(key, f"found no such key, allowed is {wanted}")
@@ -157,14 +214,14 @@ def study_from(table: Mapping[str, Any], path: Path) -> Study:
         shunts=_build_list(table["shunts"], "shunts", build_shunt) if "shunts" in table else (),
         path=path,
         design=build(DesignOptions, table["design"], "design") if "design" in table else None,
-        sweep=_typed(dict, table.get("sweep", {}), "sweep"),
+        sweep=build(SweepOptions, table["sweep"], "sweep") if "sweep" in table else None,
         bench=_typed(dict, table.get("bench", {}), "bench"),
     )
-    _check_systems(study)
+    check_systems(study)
     return study
 
 
-def _check_systems(study: Study) -> None:
+def check_systems(study: Study) -> None:
     """Raise `ParameterError` where a shunt does not fit the excitation or makes the transducer unstable."""
     from piezoharvest.linear import check_stability
 
@@ -185,7 +242,7 @@ def build_transducer(table: Any, where: str = "transducer") -> Transducer:
     if "catalogue" in table:
         name = table.pop("catalogue")
         if name not in catalogue.names():
-            raise _unknown(f"{where}.catalogue", name, catalogue.names())
+            raise unknown(f"{where}.catalogue", name, catalogue.names())
         table = catalogue.transducer_table(name, table)
     return build(Transducer, table, where)
 
@@ -223,7 +280,7 @@ def build(cls: type[_C], table: Any, where: str) -> _C:
     except ValidationError as error:
         raise _explained(cls, error).within(where) from None
     except ParameterError as error:
-        raise error.within(where) from None
+        raise ParameterError(error.key.removesuffix("_"), error.message).within(where) from None
     except (ValueError, OSError) as error:
         raise ParameterError(
             where, f"found what {cls.__name__} refuses ({error}), allowed is what it documents"
@@ -235,7 +292,7 @@ def _build_part(part: type[Component], hint: Any, value: Any, where: str) -> Any
     if issubclass(part, Effect):
         known = effects.registered()
         for name in (name for name in _typed(dict, value, where) if name not in known):
-            raise _unknown(f"{where}.{name}", name, known, "an unknown effect")
+            raise unknown(f"{where}.{name}", name, known, "an unknown effect")
         return tuple(build(known[name], table, f"{where}.{name}") for name, table in value.items())
     if get_origin(hint) is tuple:
         return _build_list(value, where, lambda table, place: build(part, table, place))
@@ -254,7 +311,7 @@ def _by_kind(table: Any, known: Mapping[str, type[_C]], where: str) -> tuple[typ
         raise ParameterError(f"{where}.kind", f"found no such key, allowed are {', '.join(sorted(known))}")
     kind = keys.pop("kind")
     if not isinstance(kind, str) or kind not in known:
-        raise _unknown(f"{where}.kind", kind, known)
+        raise unknown(f"{where}.kind", kind, known)
     return known[kind], keys
 
 
@@ -270,11 +327,19 @@ def _model(cls: type[Component]) -> type[BaseModel]:
     """Pydantic model with the fields of a component's dataclass: no further keys, numbers that are numbers."""
     hints = get_type_hints(cls)
     fields: dict[str, Any] = {
-        field.name: (_strict(hints[field.name]), ... if MISSING is field.default is field.default_factory else None)
+        field.name: (
+            _strict(hints[field.name]),
+            Field(... if MISSING is field.default is field.default_factory else None, alias=_key(field)),
+        )
         for field in dataclasses.fields(cls)
         if field.init
     }
     return create_model(cls.__name__, __config__=ConfigDict(extra="forbid", protected_namespaces=()), **fields)
+
+
+def _key(field: dataclasses.Field) -> str:
+    """Key of a field in a file: its name, without the underscore that makes a name of a Python keyword (`from_`)."""
+    return field.name.removesuffix("_")
 
 
 def _strict(hint: Any) -> Any:
@@ -301,10 +366,11 @@ def _explained(cls: type[Component], error: ValidationError) -> ParameterError:
     order = {"extra_forbidden": 0, "missing": 2}
     first = min(error.errors(include_url=False), key=lambda detail: order.get(detail["type"], 1))
     name, *inner = map(str, first["loc"])
-    fields = {field.name: field for field in dataclasses.fields(cls) if field.init}
+    fields = {_key(field): field for field in dataclasses.fields(cls) if field.init}
     if first["type"] == "extra_forbidden":
-        return _unknown(name, name, fields, "an unknown key")
-    hint, field = _without_none(get_type_hints(cls)[name]), fields[name]
+        return unknown(name, name, fields, "an unknown key")
+    field = fields[name]
+    hint = _without_none(get_type_hints(cls)[field.name])
     if first["type"] != "missing" and inner:
         name, hint = f"{name}.{inner[0]}", get_args(hint)[0]
     # An element is missing where a list is too short: the list is what was found.
@@ -322,6 +388,8 @@ def _described(field: dataclasses.Field, hint: Any) -> str:
         return f"a list{count}, each {_described(field, parts[0])}"
     if hint in (int, float):
         return allowed(field).replace("finite", "whole" if hint is int else "finite")
+    if _component_in(hint) is not None:
+        return "a table"
     return _WORDS.get(hint, "a string or a list")
 
 
@@ -335,7 +403,7 @@ def _frozen(value: Any) -> Any:
     return tuple(map(_frozen, value)) if isinstance(value, list | tuple) else value
 
 
-def _unknown(key: str, name: Any, known: Iterable[str], what: str = "") -> ParameterError:
+def unknown(key: str, name: Any, known: Iterable[str], what: str = "") -> ParameterError:
     """Error for a name that is not among the known ones, with the nearest right one."""
     names = {right.lower(): right for right in sorted(known)}
     near = difflib.get_close_matches(str(name).lower(), names, n=1)

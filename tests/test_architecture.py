@@ -20,7 +20,7 @@ LAYERS = [
     {"linear", "engine", "spice"},
     {"study", "output"},
     {"records"},
-    {"identify", "design"},
+    {"identify", "design", "sweep"},
     {"diagnose"},
     {"report"},
     {"demo"},
@@ -33,6 +33,8 @@ ONLY = {
     "scipy.integrate": {"engine"},
     "matplotlib": {"report"},
     "jinja2": {"report"},
+    "dask": {"sweep"},
+    "distributed": {"sweep"},
     "typer": {"cli"},
     "rich": {"cli"},
     "pydantic": {"study", "records"},
@@ -105,6 +107,7 @@ def test_only_the_command_line_prints(path):
         ("piezoharvest.engine", ("matplotlib", "control", "pydantic")),
         ("piezoharvest.engine.response", ("numba", "matplotlib", "control", "pydantic")),
         ("piezoharvest.cli", ("numba", "matplotlib", "control")),
+        ("piezoharvest.sweep", ("numba", "matplotlib", "control", "pyarrow", "distributed", "dask", "scipy.stats")),
     ],
 )
 def test_import_is_light(module, absent):

@@ -13,7 +13,7 @@ from piezoharvest.excitation import SineForce
 from piezoharvest.hysteresis import Hysteresis
 from piezoharvest.parameters import quantity
 from piezoharvest.shunts import LinearShunt, Network, ParallelSSHI, Resistor
-from piezoharvest.study import DesignOptions, Study, StudyError, load_study
+from piezoharvest.study import DesignOptions, Study, StudyError, SweepOptions, SweepParameter, load_study
 from piezoharvest.transducer import Mode, Transducer
 
 STUDY = """\
@@ -62,6 +62,9 @@ candidates = ["resistor", "parallel_sshi"]
 
 [sweep]
 method = "grid"
+parameters = [
+  { path = "shunts.0.resistance", from = 1e4, to = 1e6, scale = "log", count = 5 },
+]
 
 [bench]
 anything = { goes = 1 }
@@ -117,7 +120,9 @@ class TestAccepted:
             shunts=(Resistor(resistance=1e5), ParallelSSHI(dc_voltage=10.0, inductance=0.1, quality=6.0)),
             path=tmp_path / "study.toml",
             design=DesignOptions(band=(48.0, 53.0), candidates=("resistor", "parallel_sshi")),
-            sweep={"method": "grid"},
+            sweep=SweepOptions(
+                parameters=(SweepParameter(path="shunts.0.resistance", from_=1e4, to=1e6, scale="log", count=5),)
+            ),
             bench={"anything": {"goes": 1}},
         )
         assert [system.shunt for system in study.systems] == list(study.shunts)
@@ -130,7 +135,7 @@ class TestAccepted:
 
     def test_optional_tables_may_be_missing(self, tmp_path):
         study = load_study(write(tmp_path, STUDY[STUDY.index("[transducer]") : STUDY.index("[design]")]))
-        assert (study.title, study.design, study.sweep, study.bench) == ("study", None, {}, {})
+        assert (study.title, study.design, study.sweep, study.bench) == ("study", None, None, {})
 
     def test_design_brings_its_own_candidates(self, tmp_path):
         text = STUDY[: STUDY.index("[[shunts]]")] + "[design]\n"
@@ -399,7 +404,12 @@ class TestNames:
                 "design.candidates.0",
                 "found 'resister' (did you mean 'resistor'?), allowed are ",
             ),
-            (("[sweep]", "[[sweep]]"), "sweep", "found [{'method': 'grid'}], allowed is a table"),
+            (("[sweep]", "[[sweep]]"), "sweep", "found [{'method': 'grid', "),
+            (
+                ("from = 1e4", "from_ = 1e4"),
+                "sweep.parameters.0.from_",
+                "found an unknown key (did you mean 'from'?), allowed are count, from, path, scale, to",
+            ),
         ],
     )
     def test_unknown(self, tmp_path, change, key, message):

@@ -1,4 +1,4 @@
-"""The command line: `piezoharvest simulate | design | export | demo`.
+"""The command line: `piezoharvest simulate | design | sweep | export | demo`.
 
 typer only reads the arguments; each command hands back the work to be done, which `main` runs. Exit status: 0 done;
 1 ran, but the answer is not to be trusted; 2 bad input; 130 interrupted.
@@ -21,7 +21,7 @@ import piezoharvest
 Work = Callable[[], int]
 
 app = typer.Typer(
-    help="Piezoelectric shunt damping and energy harvesting: simulate, design and export studies written in TOML.",
+    help="Piezoelectric shunt damping and energy harvesting: simulate, design, sweep and export studies (TOML).",
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -94,6 +94,47 @@ def design(
     from piezoharvest.cli import work
 
     return partial(work.design, study, as_json=json, report=report)
+
+
+@app.command()
+def sweep(
+    study: StudyFile,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Table to write: .parquet or .csv.", show_default=False)],
+    workers: Annotated[int, typer.Option(metavar="N", min=1, help="Processes on this machine.")] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Hand the work to this Dask scheduler, as tcp://host:8786.")
+    ] = None,
+    json: AsJson = False,
+) -> Work:
+    """Simulate a study at many values of its parameters.
+
+    The table [sweep] says which parameters and outputs. Killed at any moment, the same command goes on where it was:
+    what is done is kept in FILE.partial until FILE is complete.
+
+    A row for each design and shunt, with the columns design, the parameters by their paths, shunt (from 0), kind,
+    converged, and the outputs; an output without an answer is null.
+    """
+    if scheduler is not None and workers > 1:
+        raise typer.BadParameter("found --workers with it, allowed is one of them", param_hint="--scheduler")
+    from piezoharvest.cli import sweeping
+
+    return partial(sweeping.sweep, study, out, workers=workers, scheduler=scheduler, as_json=json)
+
+
+@app.command()
+def measure(
+    study: StudyFile,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder of the campaign to write.", show_default=False)],
+) -> Work:
+    """Measure a study on the virtual bench.
+
+    Every record is integrated by a solver of its own and passed through the sensors, amplifiers and converter of the
+    table [bench]. DIR, which has to be new, empty or an earlier campaign, gets campaign.toml and a CSV file for each
+    record.
+    """
+    from piezoharvest.cli import measuring
+
+    return partial(measuring.measure, study, out)
 
 
 @app.command()

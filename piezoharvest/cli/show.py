@@ -72,6 +72,19 @@ def print_design(title: str, result: Mapping[str, Any]) -> None:
     _print_table(title, "candidate", names, columns, [row["converged"] for row in rows], keys)
 
 
+def print_sweep(
+    title: str, best: Mapping[str, Any] | None, inputs: Mapping[str, str], outputs: Mapping[str, str]
+) -> None:
+    """Print the best row of a sweep, given the units of its parameters and of its outputs by name."""
+    if best is None:
+        print(title)
+        return
+    name = f"design {best['design']}: shunts.{best['shunt']} ({best['kind']})"
+    columns = [Column(output.replace("_", " "), unit, [best[output]]) for output, unit in outputs.items()]
+    keys = "\n".join(f"{path} = {best[path]:.6g} {unit}".rstrip() for path, unit in inputs.items())
+    _print_table(title, "best", [name], columns, [True], [keys])
+
+
 def _keys(shunt: Mapping[str, Any]) -> str:
     """Keys of a shunt in one line each, with their units."""
     cls = registered().get(shunt["kind"])

@@ -1,0 +1,8 @@
+"""Sweeps: the same study at many values of its parameters, kept in one table."""
+
+from piezoharvest.sweep.processes import start_early
+from piezoharvest.sweep.run import sweep
+from piezoharvest.sweep.store import SUFFIXES
+from piezoharvest.sweep.summary import SweepResult
+
+__all__ = ["SUFFIXES", "SweepResult", "start_early", "sweep"]

@@ -1,0 +1,94 @@
+"""Parameters of a study by their dotted paths, as in "shunts.0.load_resistance"."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from piezoharvest.effects import Effect
+from piezoharvest.excitation import Excitation
+from piezoharvest.parameters import Component, ParameterError
+from piezoharvest.study import Study
+from piezoharvest.system import System
+
+_ROOTS = ("transducer", "excitation", "shunts")
+
+
+def parameters(study: Study) -> dict[str, dataclasses.Field]:
+    """Every path of a study at which a number may be placed, with the field that says its unit and bounds.
+
+    An optional number that the study leaves out has a path as well; whole numbers (a seed) have none.
+    """
+    return dict(item for root in _ROOTS for item in _paths(getattr(study, root), root))
+
+
+def _paths(part: Any, path: str) -> Iterator[tuple[str, dataclasses.Field]]:
+    if isinstance(part, tuple):
+        for word, inner in _named(part):
+            yield from _paths(inner, f"{path}.{word}")
+    elif isinstance(part, Component):
+        hints = get_type_hints(type(part))
+        for field in dataclasses.fields(part):
+            here, value, hint = f"{path}.{field.name}", getattr(part, field.name), hints[field.name]
+            if "unit" not in field.metadata:
+                yield from _paths(value, here)
+            elif hint is float or (float in get_args(hint) and get_origin(hint) is not tuple):
+                yield here, field
+            elif isinstance(value, tuple):
+                yield from ((f"{here}.{n}", field) for n in range(len(value)))
+
+
+def _named(parts: tuple) -> list[tuple[str, Any]]:
+    """Members of a tuple with their words in a path: effects go by name, all others by position."""
+    return [(part.name if isinstance(part, Effect) else str(n), part) for n, part in enumerate(parts)]
+
+
+def place(study: Study, shunt: int, paths: Sequence[str], values: Sequence[Any]) -> tuple[System, Excitation]:
+    """Put values at paths of a study.
+
+    Parameters
+    ----------
+    study : Study
+    shunt : int
+        Which shunt the system is to have; values for the others are left out.
+    paths : sequence of str
+        As `parameters` gives them.
+    values : sequence of float or (designs, 1) array
+        One for each path; with arrays the components stand for a batch of designs.
+
+    Raises
+    ------
+    ParameterError
+        A component refuses its values; its key is the path.
+    """
+    tree: dict[str, Any] = {}
+    for path, value in zip(paths, values, strict=True):
+        *branches, leaf = path.split(".")
+        node = tree
+        for word in branches:
+            node = node.setdefault(word, {})
+        node[leaf] = value
+    transducer = _placed(study.transducer, tree.get("transducer", {}), "transducer")
+    excitation = _placed(study.excitation, tree.get("excitation", {}), "excitation")
+    own = tree.get("shunts", {}).get(str(shunt), {})
+    return System(transducer, _placed(study.shunts[shunt], own, f"shunts.{shunt}")), excitation
+
+
+def _placed(part: Any, tree: Any, path: str) -> Any:
+    """The part with the values of the tree in it; all of a component at once, for they may depend on each other."""
+    if not isinstance(tree, Mapping):
+        return tree
+    if not tree:
+        return part
+    if isinstance(part, tuple):
+        new = [_placed(inner, tree.get(word, {}), f"{path}.{word}") for word, inner in _named(part)]
+        # Numbers beside an array become arrays of its shape, so that the tuple is one batch.
+        return tuple(np.broadcast_arrays(*new)) if any(isinstance(inner, np.ndarray) for inner in new) else tuple(new)
+    changes = {name: _placed(getattr(part, name), inner, f"{path}.{name}") for name, inner in tree.items()}
+    try:
+        return dataclasses.replace(part, **changes)
+    except ParameterError as error:
+        raise error.within(path) from None

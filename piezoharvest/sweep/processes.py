@@ -1,0 +1,81 @@
+"""Chunks over processes of this machine."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterable, Iterator
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
+from contextlib import contextmanager
+from functools import partial
+from multiprocessing.connection import Connection
+
+from piezoharvest.study import Study
+from piezoharvest.sweep.evaluate import evaluate
+from piezoharvest.sweep.stream import Chunk, Done, stream
+
+# Each process has one core to itself; threads within it would only be in each other's way.
+_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+_AHEAD = 2  # chunks for each process, so that none waits for the next one
+
+
+def start_early() -> None:
+    """Let a server import what worker processes need, which are then forked from it, while the study is read."""
+    if _method() == "forkserver":
+        from multiprocessing import forkserver
+
+        multiprocessing.set_forkserver_preload([evaluate.__module__, "piezoharvest.engine.simulation"])
+        with _single_threaded():
+            forkserver.ensure_running()
+
+
+def in_processes(study: Study, chunks: Iterable[Chunk], workers: int) -> Done:
+    """Evaluate chunks of a sweep in so many processes, each on one core.
+
+    Raises
+    ------
+    OSError
+        A process died.
+    """
+    context = multiprocessing.get_context(_method())
+    lifeline, held = context.Pipe(duplex=False)
+    with _single_threaded():
+        pool = ProcessPoolExecutor(workers, context, _begin, (lifeline,))
+        try:
+            yield from stream(pool, partial(evaluate, study), chunks, _AHEAD * workers)
+        except BrokenExecutor:
+            raise OSError("a worker process died (too little memory?); the same command resumes") from None
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+            held.close()
+
+
+def _method() -> str:
+    return "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
+
+
+def _begin(lifeline: Connection) -> None:
+    """Begin a worker: it leaves interrupts to the parent, and ends at once when the parent lets go or is killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
+
+
+def _end_with(lifeline: Connection) -> None:
+    try:
+        lifeline.recv()
+    except (EOFError, OSError):
+        os._exit(1)
+
+
+@contextmanager
+def _single_threaded() -> Iterator[None]:
+    """Environment for processes that start meanwhile; what the user has set stays."""
+    own = [name for name in _ONE_THREAD if name not in os.environ]
+    os.environ.update(dict.fromkeys(own, "1"))
+    try:
+        yield
+    finally:
+        for name in own:
+            os.environ.pop(name, None)

@@ -1,0 +1,125 @@
+"""The sweep itself: plan, evaluate chunk by chunk, keep, put together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from contextlib import closing
+from pathlib import Path
+from time import perf_counter
+
+from piezoharvest.output import check_file
+from piezoharvest.study import Study, StudyError
+from piezoharvest.sweep.checks import check
+from piezoharvest.sweep.cluster import on_cluster
+from piezoharvest.sweep.evaluate import evaluate
+from piezoharvest.sweep.fingerprint import fingerprint
+from piezoharvest.sweep.plan import Plan
+from piezoharvest.sweep.processes import in_processes
+from piezoharvest.sweep.store import SUFFIXES, Store
+from piezoharvest.sweep.stream import Chunk, Done
+from piezoharvest.sweep.summary import Summary, SweepResult
+from piezoharvest.sweep.table import schema, tabulate, units
+
+Progress = Callable[[int, int], object]
+Tell = Callable[[str], object]
+
+
+def sweep(
+    study: Study,
+    out: str | Path,
+    *,
+    workers: int = 1,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+    tell: Tell | None = None,
+) -> SweepResult:
+    """Simulate a study at many values of its parameters and write one table.
+
+    Parameters
+    ----------
+    study : Study
+        `study.sweep` says which; every shunt is swept.
+    out : str or Path
+        .parquet or .csv, with a row for each design and shunt: columns design, the parameters by their paths, shunt,
+        kind, converged, the outputs. An output without an answer is null.
+    workers : int
+        Processes; one is this process itself. More import the calling script anew, as `multiprocessing` does.
+    scheduler : str, optional
+        Address of a running Dask cluster that does the work instead.
+    progress : callable, optional
+        Called with the number of designs done and of all designs.
+    tell : callable, optional
+        Called with what there is to know on the way, in a sentence.
+
+    Returns
+    -------
+    SweepResult
+
+    Raises
+    ------
+    StudyError
+        The study has no [sweep], no shunts, or asks for what cannot be swept.
+    OutputError
+        The file cannot be written, or another sweep is at work on it.
+    ParameterError
+        There is no such scheduler.
+    OSError
+        The disk is full; a worker process died; the cluster was lost.
+
+    Notes
+    -----
+    Chunks are kept in the folder FILE.partial. A sweep that was killed goes on with them and ends with the same bytes
+    as one that ran through, on however many workers.
+    """
+    begun = perf_counter()
+    progress, tell = progress or _ignore, tell or _ignore
+    out = check_file(out, SUFFIXES)
+    plan = _plan(study)
+    summary = Summary(study)
+    form, kinds = schema(study), [shunt.kind for shunt in study.shunts]
+    store = Store(out, form, fingerprint(study))
+    with store.opened() as (found, foreign):
+        if foreign:
+            tell(f"{store.folder} held partial results of another study or version: starts afresh")
+        resumed = done = sum(len(plan.range(number)) for number in found)
+        if resumed:
+            tell(f"goes on from {store.folder}: {resumed} of {plan.designs} designs are done")
+        progress(done, plan.designs)
+        chunks = (Chunk(n, plan.points(plan.range(n))) for n in range(plan.chunks) if n not in found)
+        with closing(_evaluated(study, chunks, workers, scheduler, tell)) as results:
+            for chunk, answers in results:
+                designs = plan.range(chunk.number)
+                store.put(chunk.number, tabulate(form, kinds, designs, chunk.values, answers))
+                done += len(designs)
+                progress(done, plan.designs)
+        store.finish(plan.chunks, summary.look)
+    return SweepResult(
+        title=study.title, out=out, designs=plan.designs, resumed=resumed, rows=summary.rows,
+        converged=summary.converged, incomplete=summary.incomplete, seconds=perf_counter() - begun, units=units(study),
+        best=summary.best,
+    )  # fmt: skip
+
+
+def _ignore(*what: object) -> None:
+    pass
+
+
+def _plan(study: Study) -> Plan:
+    """Plan of a study that can be swept."""
+    if study.sweep is None:
+        raise StudyError(study.path, "sweep", "found no such key, allowed is a table")
+    if not study.shunts:
+        raise StudyError(study.path, "shunts", "found no such key, allowed is a list of tables")
+    plan = Plan(study.sweep)
+    check(study, plan)
+    return plan
+
+
+def _evaluated(study: Study, chunks: Iterable[Chunk], workers: int, scheduler: str | None, tell: Tell) -> Done:
+    """Chunks with their answers, wherever they are evaluated."""
+    if scheduler is not None:
+        yield from on_cluster(study, chunks, scheduler, tell)
+    elif workers > 1:
+        yield from in_processes(study, chunks, workers)
+    else:
+        yield from ((chunk, evaluate(study, chunk.values)) for chunk in chunks)

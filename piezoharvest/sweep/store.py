@@ -1,0 +1,178 @@
+"""Where a sweep is kept: chunk by chunk beside its file while it runs, in one file once it is complete."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from piezoharvest.output import OutputError, atomic, check_directory
+
+if TYPE_CHECKING:
+    import pyarrow
+
+SUFFIXES = (".parquet", ".csv")
+_ROWS = 2**16  # at least, of a row group: what readers of Parquet work with at a time
+
+
+class Store:
+    """Parts of a table in a folder beside the file that they are going to make.
+
+    Every part is written atomically and carries the fingerprint of its sweep: whatever is in the folder after a kill
+    at any moment is a whole part of this sweep, or is of no use.
+
+    Parameters
+    ----------
+    out : Path
+        The final file, .parquet or .csv.
+    schema : pyarrow.Schema
+        Columns of the table.
+    fingerprint : str
+        What the table depends on.
+
+    Attributes
+    ----------
+    folder : Path
+        FILE.partial.
+    """
+
+    def __init__(self, out: Path, schema: pyarrow.Schema, fingerprint: str):
+        self._target = Path(os.path.realpath(out))
+        self.folder = self._target.with_name(f"{self._target.name}.partial")
+        self._schema = schema
+        self._marked = schema.with_metadata({"sweep": fingerprint})
+
+    @contextmanager
+    def opened(self) -> Iterator[tuple[set[int], bool]]:
+        """Make the folder, or go on with what is in it, and keep others out of it.
+
+        Yields
+        ------
+        found : set of int
+            Numbers of the parts that are there.
+        foreign : bool
+            Whether there were parts of another sweep, which are gone now.
+
+        Raises
+        ------
+        OutputError
+            The folder cannot be written to, or another process is at work in it.
+        """
+        check_directory(self.folder, create=True)
+        with _locked(self.folder / "lock"):
+            schemas = {path: _schema_of(path) for path in self._parts()}
+            own = {p for p, found in schemas.items() if found and found.equals(self._marked, check_metadata=True)}
+            useless = schemas.keys() - own
+            for path in (*useless, *self.folder.glob(".*.part.arrow")):
+                path.unlink()
+            try:
+                yield {int(path.stem) for path in own}, any(schemas[path] is not None for path in useless)
+            finally:
+                self._leave()
+
+    def put(self, part: int, table: pyarrow.Table) -> None:
+        """Keep a part."""
+        import pyarrow as pa
+
+        with (
+            atomic(self._path(part)) as path,
+            pa.OSFile(str(path), "wb") as sink,
+            pa.ipc.new_file(sink, self._marked) as writer,
+        ):
+            writer.write_table(table)
+
+    def finish(self, parts: int, look: Callable[[pyarrow.Table], object]) -> None:
+        """Make the final file of all parts in their order, and remove them.
+
+        Parameters
+        ----------
+        parts : int
+            Number of parts.
+        look : callable
+            Is shown the rows of the final file, in order, some ten thousand at a time.
+        """
+        whole = self.folder / f"whole{self._target.suffix.lower()}"
+        with _WRITERS[whole.suffix](whole, self._schema) as write:
+            for table in self._groups(parts):
+                write(table)
+                look(table)
+        os.replace(whole, self._target)
+        for path in self._parts():
+            path.unlink()
+
+    def _path(self, part: int) -> Path:
+        return self.folder / f"{part:08d}.arrow"
+
+    def _parts(self) -> list[Path]:
+        return sorted(self.folder.glob("[0-9]*.arrow"))
+
+    def _leave(self) -> None:
+        """Remove the folder where there is nothing in it to go on with."""
+        if not self._parts():
+            (self.folder / "lock").unlink(missing_ok=True)
+            with suppress(OSError):  # something of the user's in it
+                self.folder.rmdir()
+
+    def _groups(self, parts: int) -> Iterator[pyarrow.Table]:
+        """Tables of `_ROWS` rows or more, in order."""
+        import pyarrow as pa
+
+        held: list[Any] = []
+        for part in range(parts):
+            with pa.OSFile(str(self._path(part))) as source:
+                held.append(pa.ipc.open_file(source).read_all().replace_schema_metadata())
+            if part == parts - 1 or sum(table.num_rows for table in held) >= _ROWS:
+                yield pa.concat_tables(held).combine_chunks()
+                held = []
+
+
+def _schema_of(path: Path) -> pyarrow.Schema | None:
+    """Columns and marks of a part, or None where the file is none."""
+    import pyarrow as pa
+
+    try:
+        with pa.OSFile(str(path)) as source:
+            return pa.ipc.open_file(source).schema
+    except pa.ArrowInvalid:
+        return None
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Lock on a file, which the system gives back even when the process is killed; none where it has no such locks."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    with path.open("w") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            found = "found another sweep at work on the same file"
+            raise OutputError(f"{path.parent}: {found}, allowed is one at a time") from None
+        yield
+
+
+@contextmanager
+def _parquet(path: Path, schema: pyarrow.Schema) -> Iterator[Callable[[pyarrow.Table], object]]:
+    from pyarrow import parquet
+
+    with parquet.ParquetWriter(path, schema) as writer:
+        yield lambda table: writer.write_table(table, row_group_size=table.num_rows)
+
+
+@contextmanager
+def _csv(path: Path, schema: pyarrow.Schema) -> Iterator[Callable[[pyarrow.Table], object]]:
+    from pyarrow import csv
+
+    plain = csv.WriteOptions(include_header=False, quoting_style="none")
+    with path.open("wb") as stream:
+        stream.write((",".join(schema.names) + "\n").encode())
+        with csv.CSVWriter(stream, schema, write_options=plain) as writer:
+            yield writer.write_table
+
+
+_WRITERS = {".parquet": _parquet, ".csv": _csv}

@@ -1,0 +1,47 @@
+"""Chunks through an executor, a bounded number of them at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class Chunk(NamedTuple):
+    """A chunk of a plan: its number and its (n, p) values."""
+
+    number: int
+    values: np.ndarray
+
+
+Done = Generator[tuple[Chunk, Any], None, None]
+
+
+def stream(executor: Executor, evaluate: Callable[[np.ndarray], Any], chunks: Iterable[Chunk], most: int) -> Done:
+    """Evaluate chunks; each comes back once with its answers, in the order in which they are done.
+
+    Parameters
+    ----------
+    executor : Executor
+        Local processes, or those of a cluster.
+    evaluate : callable
+        From the values of a chunk to its answers.
+    chunks : iterable of Chunk
+        Taken as there is room for them.
+    most : int
+        Chunks that are under way or waiting at a time.
+    """
+    under_way: dict[Future, Chunk] = {}
+    for chunk in chunks:
+        under_way[executor.submit(evaluate, chunk.values)] = chunk
+        if len(under_way) >= most:
+            yield from _done(under_way)
+    while under_way:
+        yield from _done(under_way)
+
+
+def _done(under_way: dict[Future, Chunk]) -> Done:
+    for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+        yield under_way.pop(future), future.result()

@@ -1,0 +1,166 @@
+"""Whatever is wrong with a sweep is said in one sentence before anything is simulated, and leaves nothing behind."""
+
+import os
+
+import pytest
+from sweep_studies import BENCH, RESISTOR, SINE, SSHI, parameter, sweep_table, write
+
+from piezoharvest.study import StudyError, load_study
+from piezoharvest.sweep import sweep
+
+STUDY = BENCH + SINE + SSHI
+LOAD = parameter("shunts.0.load_resistance", 1e4, 1e6, "log", 3)
+
+
+@pytest.fixture
+def refused(run, tmp_path, monkeypatch):
+    """Run the command, which must refuse with status 2 and one line on stderr, which is returned."""
+
+    def simulate(*_):
+        raise AssertionError("simulated")
+
+    monkeypatch.setattr("piezoharvest.sweep.run.evaluate", simulate)
+
+    def call(text, *arguments):
+        status, out, err = run(text, *(arguments or ("--out", "out.parquet")))
+        assert (status, out) == (2, "")
+        assert err.startswith("piezoharvest: ")
+        assert err.count("\n") == 1
+        assert os.listdir(tmp_path) == ["study.toml"]
+        return err.removeprefix("piezoharvest: error: ").rstrip("\n")
+
+    return call
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        (sweep_table(), "sweep.parameters: found an empty list, allowed is one table or more"),
+        ("[sweep]", "sweep.parameters: found no such key, allowed is a list, each a table"),
+        ("[sweep]\nparameters = [1]", "sweep.parameters.0: found 1, allowed is a table"),
+        (sweep_table(LOAD, method="sobel"), "sweep.method: found 'sobel', allowed is 'grid' or 'random' or 'sobol'"),
+        (sweep_table(LOAD, methods="grid"), "sweep.methods: found an unknown key (did you mean 'method'?)"),
+        (sweep_table(LOAD, method="sobol"), "sweep.samples: found no such key, allowed is a whole number"),
+        (sweep_table(LOAD, method="random", samples=0), "sweep.samples: found 0, allowed is"),
+        (sweep_table(LOAD, method="random", samples=1.5), "sweep.samples: found 1.5, allowed is a whole number"),
+        (sweep_table(LOAD, method="random", samples=2**30 + 1), "sweep.samples: found 1073741825, allowed is"),
+        (sweep_table(LOAD, seed=-1), "sweep.seed: found -1, allowed is"),
+        (sweep_table(LOAD, outputs=[]), "sweep.outputs: found an empty list, allowed is one output or more"),
+        (
+            sweep_table(LOAD, outputs=["harvested_power", "harvested"]),
+            "sweep.outputs.1: found 'harvested' (did you mean 'harvested_power'?), allowed are attenuation_db, closure",
+        ),
+        (
+            sweep_table(LOAD, outputs=["energy.leakage"]),  # a loss that this transducer has not
+            "sweep.outputs.0: found 'energy.leakage' (did you mean 'energy.damping'?)",
+        ),
+        (sweep_table(LOAD, outputs=["closure"] * 2), "sweep.outputs.1: found 'closure' a second time"),
+        (sweep_table(LOAD, LOAD), "sweep.parameters.1.path: found 'shunts.0.load_resistance' a second time"),
+        (
+            sweep_table(*(parameter(f"transducer.{name}", 1.0, 2.0, count=2**16) for name in ("mass", "damping"))),
+            "sweep.parameters: found 4294967296 designs, allowed are up to 1073741824",
+        ),
+    ],
+)
+def test_table(refused, table, message):
+    assert refused(STUDY + table).startswith(f"study.toml: {message}")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key", "message"),
+    [
+        (("shunts.0.load_resistance", 1e4, 1e6), "count", "found no such key, allowed is a whole number"),
+        (("shunts.0.load_resistance", 1e4, 1e6, "linear", 0), "count", "found 0, allowed is"),
+        (("shunts.0.load_resistance", 1e4, 1e4, "linear", 3), "to", "found 10000, the same as from"),
+        (("shunts.0.load_resistance", 1e4, 1e6, "log10", 3), "scale", "found 'log10', allowed is 'linear' or 'log'"),
+        (("transducer.coupling", 0.0, 1e-3, "log", 3), "from", "found 0 with scale = 'log', allowed is a number grea"),
+        (("transducer.coupling", 1e-3, -1e-3, "log", 3), "to", "found -0.001 with scale = 'log'"),
+        (("shunts.0.load_resistance", float("nan"), 1e6, "log", 3), "from", "found nan, allowed is a finite number"),
+        (("shunts.0.load_resistance", "1e4", 1e6, "log", 3), "from", "found '1e4', allowed is a finite number"),
+        (("shunts.0.load_resistance", -1.0, 1e6, "linear", 3), "from", "found -1.0, allowed is a finite number great"),
+        (("shunts.0.quality", 5.0, 0.5, "linear", 3), "to", "found 0.5, allowed is a finite number greater than 0.5"),
+        (
+            ("shunts.0.load_resistence", 1e4, 1e6, "log", 3),
+            "path",
+            "found 'shunts.0.load_resistence' (did you mean 'shunts.0.load_resistance'?), allowed are",
+        ),
+        (
+            ("load_resistance", 1e4, 1e6, "log", 3),
+            "path",
+            "found 'load_resistance' (did you mean 'shunts.0.load_resistance'?), allowed are excitation.amplitude",
+        ),
+        (("shunts.1.load_resistance", 1e4, 1e6, "log", 3), "path", "found 'shunts.1.load_resistance' (did you mean"),
+        (("transducer.hysteresis.weights.0", 1.0, 2.0, "log", 3), "path", "found 'transducer.hysteresis.weights.0'"),
+        (("shunts.0.kind", 1.0, 2.0, "log", 3), "path", "found 'shunts.0.kind'"),
+        (("title", 1.0, 2.0, "log", 3), "path", "found 'title'"),
+    ],
+)
+def test_parameter(refused, arguments, key, message):
+    table = sweep_table(
+        LOAD.replace("load_resistance", "diode_drop").replace('"log"', '"linear"'), parameter(*arguments)
+    )
+    assert refused(STUDY + table).startswith(f"study.toml: sweep.parameters.1.{key}: {message}")
+
+
+@pytest.mark.parametrize(
+    ("swept", "message"),
+    [
+        (
+            parameter("shunts.0.flip_time", 1e-4, 2e-4, "linear", 9),
+            "found shunts.0.flip_time = 0.0001, which is refused (shunts.0.inductance: found both of",
+        ),
+        (
+            parameter("shunts.0.time_lag", -0.5, -0.2, "linear", 9),
+            "found shunts.0.time_lag = -0.5, which is refused (shunts.0.time_lag: found -0.5 s",
+        ),
+    ],
+)
+def test_designs_that_are_all_refused(refused, swept, message):
+    assert refused(STUDY + sweep_table(swept)).startswith(f"study.toml: sweep.parameters: {message}")
+
+
+def test_no_table(refused):
+    assert refused(STUDY) == "study.toml: sweep: found no such key, allowed is a table"
+
+
+def test_no_shunts(refused):
+    swept = sweep_table(parameter("transducer.mass", 1.0, 2.0, "log", 3))
+    assert refused(BENCH + SINE + "[design]\n" + swept) == (
+        "study.toml: shunts: found no such key, allowed is a list of tables"
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--out", "out.txt"), "out.txt: found '.txt', allowed are files ending in .parquet, .csv"),
+        (("--out", "no/out.csv"), "no: found no directory to write to"),
+        (("--out", "out.csv", "--scheduler", "nonsense"), "--scheduler: found no scheduler that answers at 'nonsense'"),
+        (("--out", "out.csv", "--scheduler", "tls://127.0.0.1:1"), "--scheduler: found no scheduler that answers at"),
+    ],
+)
+def test_arguments(refused, arguments, message):
+    assert message in refused(STUDY + sweep_table(LOAD), *arguments)
+
+
+def test_workers_and_scheduler_are_one_or_the_other(refused):
+    arguments = ("--out", "out.csv", "--workers", "2", "--scheduler", "tcp://127.0.0.1:8786")
+    assert "allowed is one of them" in refused(STUDY + sweep_table(LOAD), *arguments)
+
+
+def test_no_scheduler_at_the_address(refused, monkeypatch):
+    monkeypatch.setattr("piezoharvest.sweep.cluster._PATIENCE", 0.2)
+    address = "tcp://127.0.0.1:9"  # the discard service, which nobody runs
+    found = f"--scheduler: found no scheduler that answers at {address!r}, allowed is the address of a running one"
+    assert found in refused(STUDY + sweep_table(LOAD), "--out", "out.csv", "--scheduler", address)
+
+
+def test_a_wrong_table_is_refused_by_every_command(tmp_path):
+    with pytest.raises(StudyError, match=r"sweep\.parameters: found no such key"):
+        load_study(write(tmp_path, BENCH + SINE + RESISTOR + "[sweep]"))
+
+
+def test_from_python(tmp_path):
+    study = load_study(write(tmp_path, BENCH + SINE + RESISTOR))
+    with pytest.raises(StudyError, match="sweep: found no such key"):
+        sweep(study, tmp_path / "out.csv")
