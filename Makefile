@@ -1,18 +1,22 @@
 # make demo   install on first use and write the demonstration report to demo-report/
 # make test   run the tests
+# make bench  measure speed and error beside ngspice, solve_ivp and NumPy: reports/speed/, table in README.md (10 minutes)
 # make check  lint and type check
 # make clean  remove the environment, caches, builds and the report
 
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test check clean
+.PHONY: demo test bench check clean
 
 demo: .venv/.installed
 	$(BIN)/piezoharvest demo --out demo-report
 
 test: .venv/.installed
 	$(BIN)/python -m pytest -n 2 -q
+
+bench: .venv/.installed
+	$(BIN)/python -m reports.speed
 
 check: .venv/.installed
 	$(BIN)/ruff check .
