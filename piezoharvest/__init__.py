@@ -29,7 +29,7 @@ _HOMES = {
         "Shunt",
     ),
     "piezoharvest.effects": ("DielectricRelaxation", "Effect", "Leakage"),
-    "piezoharvest.engine": ("Response", "Waveforms", "simulate"),
+    "piezoharvest.engine": ("Response", "Waveforms", "simulate", "simulate_many"),
     "piezoharvest.linear": (
         "TwoPort", "admittance", "closed_loop", "coupling_factor", "frequency_response", "linearize", "resonances",
     ),

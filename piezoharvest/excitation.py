@@ -106,7 +106,7 @@ class _Sine(Excitation):
 
     def signal(self):
         zero = np.zeros(1)
-        return Tones(np.array([self.frequency]), np.array([self.amplitude]), zero, self.offset)
+        return Tones(np.atleast_1d(self.frequency), np.atleast_1d(self.amplitude), zero, self.offset)
 
 
 @dataclass(frozen=True, kw_only=True)

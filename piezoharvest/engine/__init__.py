@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from piezoharvest.engine.batch import simulate_many
     from piezoharvest.engine.response import Response, Waveforms
     from piezoharvest.engine.simulation import simulate
 
-__all__ = ["Response", "Waveforms", "simulate"]
+__all__ = ["Response", "Waveforms", "simulate", "simulate_many"]
+
+_HOMES = {"Response": "response", "Waveforms": "response", "simulate": "simulation", "simulate_many": "batch"}
 
 
 def __getattr__(name: str) -> Any:
     # Lazy: the simulator brings numba, which readers of results do not need.
-    from importlib import import_module
-
-    if name not in __all__:
+    if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{'simulation' if name == 'simulate' else 'response'}"), name)
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -131,7 +131,7 @@ def extremum(P, L, S, D):
     if due - S[clock + st.ACTED] < P[L[pg.HOLD_OFF]] * (1 - 1e-9) or D[st.WAITING] == QUEUE_LENGTH:
         return
     S[clock + st.ACTED] = due
-    if L[pg.EARLY]:
+    if P[L[pg.EARLY]] != 0.0:
         polarity = -polarity
     if lag == 0.0:
         act(P, L, S, D, polarity)

@@ -9,13 +9,14 @@ from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.compiled import compiled, entry
 from piezoharvest.engine.events import DONE, advance
+from piezoharvest.engine.many import steady_states
 from piezoharvest.engine.march import glide
 from piezoharvest.engine.shooting import find
 from piezoharvest.engine.state import set_ramp, set_tones
 from piezoharvest.engine.tables import block_of, seek
 from piezoharvest.engine.vector import pointer
 
-RUN, FIND = range(2)
+RUN, FIND, MANY = range(3)
 
 
 @compiled
@@ -53,13 +54,15 @@ def through_ramps(P, L, S, D, times, starts, slopes, piece, t_end):
 
 
 @entry
-def engine(task, machine, state, ramps, piece, t_end, shooting, followed, mirrored):
-    """Run a state to t_end, or find the periodic steady state from there; returns the status.
+def engine(task, machine, state, ramps, piece, t_end, shooting, followed, mirrored, recorder, batch):
+    """Run a state to t_end, or find the periodic steady state from there, or those of many designs.
+
+    Returns the status.
 
     Parameters
     ----------
     task : int
-        RUN or FIND.
+        RUN, FIND or MANY.
     machine, state : (P, L) and (S, D)
     ramps : tuple of three arrays
         Times, starting values and slopes of the signal's pieces; empty for tones.
@@ -71,11 +74,19 @@ def engine(task, machine, state, ramps, piece, t_end, shooting, followed, mirror
         Memory of the search, and the state whose motion is followed; `state` serves for trials then.
     mirrored : bool
         Whether the search goes over half a period.
+    recorder, batch : (S, D) and two (designs, ...) arrays
+        Of many designs: the state that records, their programs, and what is kept of them.
     """
     P, L, S, D = pointer(machine[0]), pointer(machine[1]), pointer(state[0]), pointer(state[1])
     if task == FIND:
         W, V, s, d = pointer(shooting[0]), pointer(shooting[1]), pointer(followed[0]), pointer(followed[1])
         return find(P, L, S, D, W, V, s, d, mirrored)
+    if task == MANY:
+        W, V, s, d = pointer(shooting[0]), pointer(shooting[1]), pointer(followed[0]), pointer(followed[1])
+        r, e, designs, out = pointer(recorder[0]), pointer(recorder[1]), pointer(batch[0]), pointer(batch[1])
+        count, width = batch[1].shape
+        steady_states(P, L, S, D, W, V, s, d, r, e, designs, count, out, width, mirrored)
+        return DONE
     if L[pg.SIGNAL_KIND] == pg.TONES:
         set_tones(P, L, S, S[D[st.CLOCK]])
         return advance(P, L, S, D, t_end)

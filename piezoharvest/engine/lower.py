@@ -56,6 +56,16 @@ def lower(system: System, excitation: Excitation) -> Lowered:
     return Lowered(program, tuple(layout.names), names, categories, signal)
 
 
+def symmetric(lowered: Lowered, excitation: Excitation) -> bool:
+    """Whether the system mirrors itself in half a period: the signal, and every configuration and its mirror."""
+    program = lowered.program
+    if not excitation.antisymmetric:
+        return False
+    signs = np.concatenate([program.odd, -np.ones(program.rate.shape[-1] - len(program.odd) - 1), [1.0]])
+    image, mirror = program.odd[:, None] * program.rate * signs, np.take(program.rate, program.mirror, axis=-3)
+    return bool(np.allclose(image, mirror, rtol=1e-12, atol=0))
+
+
 def _equilibrium(layout, excitation) -> np.ndarray:
     """Displacements under the static part of the excitation, and the charge that leaves the electrodes relaxed."""
     values = [0.0] * layout.n
@@ -97,11 +107,10 @@ class _Columns:
     def __init__(self, n: int, scale: np.ndarray, exo_scale: np.ndarray):
         self.n, self.factors = n, _join(scale, scale, exo_scale)
 
-    def split(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Scaled parts of rows, which may have more axes between the batch and the columns."""
+    def split(self, rows: np.ndarray, between: int) -> tuple[np.ndarray, np.ndarray]:
+        """Scaled parts of rows, which have so many axes between those of the batch and the columns."""
         n, factors = self.n, self.factors
-        between = (1,) * (rows.ndim - factors.ndim)
-        rows = rows * factors.reshape(factors.shape[:-1] + between + factors.shape[-1:])
+        rows = rows * factors.reshape(factors.shape[:-1] + (1,) * between + factors.shape[-1:])
         return np.concatenate([rows[..., :n], rows[..., 2 * n :]], axis=-1), rows[..., n : 2 * n]
 
 
@@ -110,12 +119,12 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
     equations = np.stack(np.broadcast_arrays(*tables.equations), axis=-3)
     exo_scale = _exo_scale(layout, equations, scale, signal, physics.transducer)
     columns = _Columns(layout.n, scale, exo_scale)
-    outputs = columns.split(np.stack(np.broadcast_arrays(*tables.outputs), axis=-3))
+    outputs = columns.split(np.stack(np.broadcast_arrays(*tables.outputs), axis=-3), 2)
     harmonic = isinstance(signal, Tones)
-    omega = 2 * np.pi * np.asarray(signal.frequencies, float) if harmonic else np.zeros(0)
+    omega = 2 * np.pi * np.asarray(signal.frequencies, float) if isinstance(signal, Tones) else np.zeros(0)
     index = {name: c for c, name in enumerate(names)}
     fields: dict[str, Any] = {
-        **_motion(layout, columns.split(equations)),
+        **_motion(layout, columns.split(equations, 2)),
         **_stops(layout, physics.transducer.capacitance),
         **_guards(layout, tables.guards, index, columns),
         **_switching(shunt, switch, index, layout),
@@ -131,8 +140,8 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
         "odd": _parity(layout),
         "storage": storage * scale[..., :, None] * scale[..., None, :],
         "charge": layout.charge,
-        "voltage_row": columns.split(physics.v)[0],
-        "trigger_row": columns.split(physics.motion.strain_current)[0],
+        "voltage_row": columns.split(physics.v, 0)[0],
+        "trigger_row": columns.split(physics.motion.strain_current, 0)[0],
         "output_z": outputs[0],
         "output_d": outputs[1],
         "categories": len(pg.CATEGORIES) + len(layout.effects) + 1,
@@ -175,7 +184,7 @@ def _stops(layout: Layout, capacitance) -> dict[str, Any]:
 def _guards(layout: Layout, guards: list[list[Guard]], index: dict[str, int], columns: _Columns) -> dict[str, Any]:
     """Guards of all configurations as padded arrays, each row of about unit size."""
     rows = _pad([_rows([g.rises for g in own], layout.width) for own in guards], -3)
-    guard_z, guard_d = columns.split(rows)
+    guard_z, guard_d = columns.split(rows, 2)
     largest = np.max(np.abs(guard_z), axis=-1, keepdims=True) + np.max(np.abs(guard_d), axis=-1, keepdims=True)
     largest = np.where(largest > 0, largest, 1.0)
     count = rows.shape[-2]
@@ -196,7 +205,7 @@ def _switching(shunt: Shunt, switch: Switch | None, index: dict[str, int], layou
         "lag": scalar(timing.lag),
         "on_time": scalar(timing.on_time),
         "hold_off": scalar(timing.hold_off),
-        "early": int(np.all(timing.early)),
+        "early": scalar(np.asarray(timing.early, float)),
         "efficiency": scalar(timing.efficiency),
         "closed": np.array([[index.get(shunt.closed(c, polarity), -1) for c in index] for polarity in (-1, 1)]),
         "opened": np.array([index[shunt.opened(c)] for c in index]),
@@ -211,7 +220,7 @@ def _products(layout: Layout, products, columns: _Columns) -> dict[str, Any]:
     rows = _pad(blocks, -3)
     rows = rows.reshape(*rows.shape[:-2], rows.shape[-2] // 2, 2, layout.width)
     count = rows.shape[-3]
-    product_z, product_d = columns.split(rows)
+    product_z, product_d = columns.split(rows, 3)
     coefficients = [stack([p.coefficient for _, p in own] + [0.0] * (count - len(own))) for own in products]
     categories = np.full((len(products), count), -1)
     for c, own in enumerate(products):
@@ -239,11 +248,11 @@ def _parity(layout: Layout) -> np.ndarray:
 
 def _exosystem(layout: Layout, omega: np.ndarray, exo_scale: np.ndarray) -> np.ndarray:
     """Generator of the exogenous states: pairs (sine, cosine), or (value, slope), and the constant."""
-    matrix = np.zeros((layout.exogenous, layout.exogenous))
-    if not len(omega):
-        matrix[0, 1] = 1.0
-    for k, w in enumerate(omega):
-        matrix[2 * k, 2 * k + 1], matrix[2 * k + 1, 2 * k] = w, -w
+    matrix = np.zeros((*omega.shape[:-1], layout.exogenous, layout.exogenous))
+    if not omega.size:
+        matrix[..., 0, 1] = 1.0
+    for k in range(omega.shape[-1]):
+        matrix[..., 2 * k, 2 * k + 1], matrix[..., 2 * k + 1, 2 * k] = omega[..., k], -omega[..., k]
     return matrix * exo_scale[..., None, :] / exo_scale[..., :, None]
 
 
@@ -256,15 +265,15 @@ def _exo_scale(layout, equations, scale, signal, tr) -> np.ndarray:
     resonance = np.sqrt(scalar(tr.stiffness) / scalar(tr.mass))[..., None]
     found = np.where(size > 0, resonance / np.where(size > 0, size, 1.0), 1.0)
     if isinstance(signal, Tones):
-        for k in range(len(signal.frequencies)):
+        for k in range(signal.frequencies.shape[-1]):
             found[..., 2 * k + 1] = found[..., 2 * k]
     else:
         found[..., 1] = found[..., 0] * resonance[..., 0]
     return found
 
 
-def _largest_step(excitation: Excitation, signal: Tones | Ramps) -> float:
+def _largest_step(excitation: Excitation, signal: Tones | Ramps) -> np.ndarray | float:
     """An eighth of the shortest period of the drive, or its longest straight piece."""
     if isinstance(signal, Tones):
-        return float(0.125 / np.max(signal.frequencies))
+        return 0.125 / np.max(signal.frequencies, axis=-1)
     return float(np.max(np.diff(signal.times)))

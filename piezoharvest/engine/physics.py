@@ -39,7 +39,7 @@ class Layout:
         self.names += [prefix + state.name for effect, prefix in self.effects for state in effect.states()]
         self.names += [state.name for state in self.shunt_states]
         self.n = len(self.names)
-        self.exogenous = 2 * len(signal.frequencies) + 1 if isinstance(signal, Tones) else 3
+        self.exogenous = 2 * signal.frequencies.shape[-1] + 1 if isinstance(signal, Tones) else 3
         self.width = 2 * self.n + self.exogenous
         eye = np.eye(self.width)
         self.z = dict(zip(self.names, eye[: self.n], strict=True))
@@ -108,6 +108,6 @@ def _drive(layout: Layout, signal: Tones | Ramps) -> np.ndarray:
     if isinstance(signal, Ramps):
         return layout.exo[0]
     drive = signal.offset * layout.one
-    for k in range(len(signal.frequencies)):
-        drive = drive + signal.amplitudes[..., k] * layout.exo[2 * k]
+    for k in range(signal.frequencies.shape[-1]):
+        drive = drive + signal.amplitudes[..., k : k + 1] * layout.exo[2 * k]
     return drive

@@ -72,13 +72,13 @@ class Program(NamedTuple):
     on_time: float
     hold_off: float
     efficiency: float
+    early: float  # 1 where the lag is counted from the extremum before
     step: float  # largest step, s
     period: float  # of the excitation, s; infinite where there is none
 
     signal_kind: int  # TONES or RAMPS
     charge: int  # index of q
     switched: int  # 0 none, 1 closes and opens, 2 extracts at once
-    early: int
     cut: int  # state that opening sets to zero, or -1
     categories: int
     odd: np.ndarray  # (n,) sign that mirroring gives each state
@@ -99,8 +99,8 @@ _SIZES = 10
 (
     RATE, STOP_RESPONSE, EXOSYSTEM, OMEGA, PHASE, EXO_SCALE, SCALE, STORAGE, STOP_INPUT, STOP_LIMIT, STOP_WEIGHT,
     VOLTAGE_ROW, GUARD_Z, GUARD_D, TRIGGER_ROW, PRODUCT_COEFFICIENT, PRODUCT_Z, PRODUCT_D, OUTPUT_Z, OUTPUT_D,
-    EQUILIBRIUM, LAG, ON_TIME, HOLD_OFF, EFFICIENCY, STEP, PERIOD,
-    SIGNAL_KIND, CHARGE, SWITCHED, EARLY, CUT, CATEGORY_COUNT,
+    EQUILIBRIUM, LAG, ON_TIME, HOLD_OFF, EFFICIENCY, EARLY, STEP, PERIOD,
+    SIGNAL_KIND, CHARGE, SWITCHED, CUT, CATEGORY_COUNT,
     ODD, STOP_STATE, GUARD_TARGET, GUARD_CUT, GUARD_CODE, CLOSED, OPENED, MIRROR, PRODUCT_CATEGORY,
 ) = range(_SIZES, _SIZES + len(Program._fields))  # fmt: skip
 NUMBERS = Program._fields[: PERIOD - _SIZES + 1]
@@ -153,6 +153,6 @@ def _shapes(program: Program) -> dict[str, tuple[int, ...]]:
     g, p = program.guard_target.shape[1], program.product_category.shape[1]
     shapes = (
         (c, n, a), (c, n, h), (w, w), (k,), (k,), (w,), (n,), (n, n), (h, n), (h,), (h,), (a,), (c, g, a), (c, g, n),
-        (a,), (c, p), (c, p, 2, a), (c, p, 2, n), (c, o, a), (c, o, n), (n,), (), (), (), (), (), (),
+        (a,), (c, p), (c, p, 2, a), (c, p, 2, n), (c, o, a), (c, o, n), (n,), (), (), (), (), (), (), (),
     )  # fmt: skip
     return dict(zip(NUMBERS, shapes, strict=True))

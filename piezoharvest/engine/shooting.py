@@ -25,13 +25,14 @@ NEAR = 0.1  # relative change of the mechanical state below which that of the re
 TOLERANCE = 1e-12  # aimed at
 ACCEPTED = 1e-9  # good enough where rounding allows no more
 STABLE = 1 + 1e-6
+REPEATED = 1e3 * ACCEPTED  # change over the period that is recorded, beyond which the search has deceived itself
 
 # Sections, Jacobians and scratch, by number.
 START, END, TRIAL, BEST, BASE, FOUND = range(6)
 SECTIONS = 6
 # Integers of a section, before the slips and the polarities.
 Y_CONFIGURATION, Y_DIRECTION, Y_WAITING, Y_CLOSED, Y_SLIP = range(5)
-# What W begins with: results, the span, and a rectified voltage from which it rises.
+# What W begins with: results, the span, and a rectified voltage from which it rises (-1: none known).
 TIME, RESIDUAL, RADIUS, EVALUATIONS, SPAN, PERIOD, WHEN, LOWEST, HEAD = range(9)
 
 
@@ -317,7 +318,7 @@ def _next(P, L, S, D, W, V, mirrored, jacobian, other):
     length, damping = _newton_step(L, W, V, START, jacobian, step, -1, 0.0), 1.0
     # What the steps are proposed from is kept, for every trial overwrites END.
     copy_section(L, W, V, END, BASE)
-    if dc >= 0 and W[step + dc] < -COLLAPSE * W[numbers_of(L, START) + dc]:
+    if dc >= 0 and W[LOWEST] >= 0.0 and W[step + dc] < -COLLAPSE * W[numbers_of(L, START) + dc]:
         # A bridge that does not conduct lets the voltage fall to zero, for all that Newton's method sees: the solution
         # is where conduction begins, between here and a voltage from which it rose.
         voltage = W[numbers_of(L, START) + dc]
@@ -345,7 +346,7 @@ def newton(P, L, S, D, W, V, mirrored):
     first, other = jacobian_of(L, 0), jacobian_of(L, 1)
     residual = span_map(P, L, S, D, W, V, START, mirrored, first)
     _keep_best(L, W, V, residual, first)
-    W[LOWEST] = 0.0
+    W[LOWEST] = -1.0
     if residual < np.inf:
         _note_rise(L, W, V, START)
     for _ in range(ITERATIONS):

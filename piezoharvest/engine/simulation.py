@@ -9,7 +9,7 @@ import numpy as np
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
-from piezoharvest.engine.lower import Lowered, lower
+from piezoharvest.engine.lower import Lowered, lower, symmetric
 from piezoharvest.engine.response import Response, Waveforms
 from piezoharvest.engine.shooting import ACCEPTED
 from piezoharvest.engine.state import State
@@ -74,16 +74,6 @@ def _with(response: Response, **changes) -> Response:
     return replace(response, **changes)
 
 
-def _symmetric(lowered: Lowered, excitation: Excitation) -> bool:
-    """Whether the system mirrors itself in half a period: the signal, and every configuration and its mirror."""
-    program = lowered.program
-    if not excitation.antisymmetric:
-        return False
-    signs = np.concatenate([program.odd, -np.ones(program.rate.shape[-1] - len(program.odd) - 1), [1.0]])
-    image = program.odd[:, None] * program.rate * signs
-    return bool(np.allclose(image, program.rate[program.mirror], rtol=1e-12, atol=0))
-
-
 def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str) -> Response:
     """Find the periodic steady state and record one period of it; a long run where there is none."""
     orbit, mirrored, message, evaluations, settles = _search(lowered, excitation)
@@ -117,7 +107,7 @@ def _search(lowered: Lowered, excitation: Excitation) -> tuple[Orbit, bool, str,
     """
     period = excitation.period
     assert period is not None
-    mirrored = _symmetric(lowered, excitation)
+    mirrored = symmetric(lowered, excitation)
     shooting = Shooting(Machine(lowered), period, mirrored)
     orbit = shooting.find()
     evaluations = orbit.evaluations

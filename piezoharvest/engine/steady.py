@@ -132,7 +132,7 @@ class Shooting:
     def repeats(self, orbit: Orbit, state: State) -> bool:
         """Whether a state that a period led to is the orbit's section again: the proof of the search."""
         there = orbit.numbers[: self.n]
-        return bool(np.linalg.norm(state.z[: self.n] - there) <= 1e3 * sh.ACCEPTED * np.linalg.norm(there))
+        return bool(np.linalg.norm(state.z[: self.n] - there) <= sh.REPEATED * np.linalg.norm(there))
 
     def near(self, orbit: Orbit, state: State) -> bool:
         """Whether an orbit passes close by a state."""

@@ -7,12 +7,13 @@ import numpy as np
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
-from piezoharvest.engine.kernel import FIND, RUN, engine
+from piezoharvest.engine.kernel import FIND, MANY, RUN, engine
 from piezoharvest.engine.lower import Lowered
 from piezoharvest.engine.state import State
 from piezoharvest.excitation import Ramps
 
 NONE = np.zeros(0), np.zeros(0, np.int64)
+NO_BATCH = np.zeros((0, 0)), np.zeros((0, 0))
 NO_RAMPS = np.zeros(0), np.zeros(0), np.zeros(0)
 
 
@@ -31,12 +32,14 @@ class Machine:
         self.ledger = ledger
         self.L, length = tb.contents(pg.integers(lowered.program), ledger)
         self.P = np.empty(length)
-        self.P[: self.L[pg.LENGTH]] = pg.numbers(lowered.program)
+        numbers = pg.numbers(lowered.program)
+        self.P[: self.L[pg.LENGTH]] = numbers if numbers.ndim == 1 else numbers[0]
 
     def state(self, **recorded) -> State:
         """State at rest, under the static part of the excitation; `recorded` as in `State`."""
-        state = State(self.L, ledger=self.ledger, **recorded)
-        state.z[: self.L[pg.N]] = self.lowered.program.equilibrium
+        state = State(self.L, **{"ledger": self.ledger, **recorded})
+        at = self.L[pg.EQUILIBRIUM]
+        state.z[: self.L[pg.N]] = self.P[at : at + self.L[pg.N]]
         return state
 
     def run(self, state: State, t_end: float) -> int:
@@ -46,9 +49,18 @@ class Machine:
             ramps = tuple(signal)
             piece = max(int(np.searchsorted(signal.times, state.clock[st.NOW], side="right")) - 1, 0)
         machine = self.P, self.L
-        return engine(RUN, machine, (state.S, state.D), ramps, piece, t_end, NONE, NONE, False)
+        return engine(RUN, machine, (state.S, state.D), ramps, piece, t_end, NONE, NONE, False, NONE, NO_BATCH)
 
     def search(self, trial: State, followed: State, memory: tuple[np.ndarray, np.ndarray], mirrored: bool) -> int:
         """Find the periodic steady state from where `followed` is, and return the engine's status; see `shooting`."""
         machine, moving = (self.P, self.L), (followed.S, followed.D)
-        return engine(FIND, machine, (trial.S, trial.D), NO_RAMPS, 0, 0.0, memory, moving, mirrored)
+        return engine(FIND, machine, (trial.S, trial.D), NO_RAMPS, 0, 0.0, memory, moving, mirrored, NONE, NO_BATCH)
+
+    def search_many(
+        self, trial: State, followed: State, recorder: State, memory: tuple, batch: tuple, mirrored: bool
+    ) -> None:
+        """Find the steady states of many designs; see `many`."""
+        states = ((state.S, state.D) for state in (trial, followed, recorder))
+        first, second, third = states
+        machine = self.P, self.L
+        engine(MANY, machine, first, NO_RAMPS, 0, 0.0, memory, second, mirrored, third, batch)

@@ -32,20 +32,20 @@ class SynchronisedShunt(Shunt):
     def switch(self, capacitance, period):
         """Resolve the timing for an excitation of this period (s), or None."""
         lag = self.time_lag
-        if period is None and self.phase_lag != 0:
+        if period is None and np.any(self.phase_lag != 0):
             raise ParameterError(
                 "phase_lag", f"found {self.phase_lag} for an excitation without a frequency, allowed is time_lag (s)"
             )
         if period is not None:
             lag = lag + self.phase_lag * period / (2 * np.pi)
         hold_off = self.hold_off if self.hold_off is not None else (0.25 * period if period is not None else 0.0)
-        early = lag < 0
-        if early:
-            if period is None or lag <= -0.5 * period:
+        early = np.asarray(lag) < 0
+        if np.any(early):
+            if period is None or np.any(lag <= -0.5 * period):
                 allowed = "an early action only for a periodic excitation, and by less than half its period"
-                raise ParameterError("time_lag", f"found {lag:g} s, allowed is {allowed}")
+                raise ParameterError("time_lag", f"found {np.min(lag):g} s, allowed is {allowed}")
             # The coming extremum is half a period after the last one, of the other kind.
-            lag = 0.5 * period + lag
+            lag = np.where(early, 0.5 * period + lag, lag)
         return Switch(lag, self.on_time(capacitance), hold_off, early, self.harvested_share())
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -42,10 +41,13 @@ def _answers(study: Study, shunt: int, values: np.ndarray) -> Answers:
     A batch that cannot be made is halved down to single designs: those that physics does not allow have no answer, and
     some components can only be made one at a time.
     """
-    designs = len(values)
+    from piezoharvest.engine import simulate_many  # numba: only where designs are worked on
+
+    designs, wanted = len(values), wanted_outputs(study)
     parts = [*values.T[:, :, np.newaxis]] if designs > 1 else values[0].tolist()
     try:
-        found = _simulate_many(*place(study, shunt, paths(study), parts), designs)
+        system, excitation = place(study, shunt, paths(study), parts)
+        found = simulate_many(system, excitation, designs, attenuation="attenuation_db" in wanted)
     except ValueError as error:
         if designs > 1:
             halves = [_answers(study, shunt, half) for half in (values[: designs // 2], values[designs // 2 :])]
@@ -54,7 +56,7 @@ def _answers(study: Study, shunt: int, values: np.ndarray) -> Answers:
             raise
         found = {"converged": np.zeros(1, bool)}
     converged = np.asarray(found["converged"], bool)
-    return {"converged": converged, **{name: _output(found, name) for name in wanted_outputs(study)}}
+    return {"converged": converged, **{name: _output(found, name) for name in wanted}}
 
 
 def _output(found: Mapping[str, np.ndarray], name: str) -> np.ndarray:
@@ -63,41 +65,3 @@ def _output(found: Mapping[str, np.ndarray], name: str) -> np.ndarray:
         return np.asarray(found[name], float)
     answered = np.isfinite(found.get("energy.mechanical_in", np.full(len(found["converged"]), np.nan)))
     return np.where(answered & name.startswith("energy."), 0.0, np.nan)
-
-
-# STAND-IN for `piezoharvest.engine.simulate_many`, from here to the end of the file: one design at a time.
-
-
-def _simulate_many(system: System, excitation: Excitation, designs: int) -> Mapping[str, np.ndarray]:
-    rows = [_simulate_one(_design(system, n), _design(excitation, n)) for n in range(designs)]
-    names = dict.fromkeys(name for row in rows for name in row)
-    return {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
-
-
-def _simulate_one(system: System, excitation: Excitation) -> dict[str, Any]:
-    from piezoharvest.engine import simulate
-
-    try:
-        response = simulate(system, excitation, samples=1)
-    except (ParameterError, np.linalg.LinAlgError):
-        return {"converged": False}
-    if response.waveforms is None:
-        return {"converged": False}
-    names = (
-        "converged", "harvested_power", "mechanical_power", "efficiency", "displacement_amplitude",
-        "voltage_amplitude", "dc_voltage", "attenuation_db", "events_per_period",
-    )  # fmt: skip
-    energy = {"closure" if name == "closure" else f"energy.{name}": value for name, value in response.energy.items()}
-    return {**{name: getattr(response, name) for name in names}, **energy}
-
-
-def _design(part: Any, n: int) -> Any:
-    """One design of a batch of components."""
-    if isinstance(part, np.ndarray) and part.ndim == 2:
-        return float(part[n, 0])
-    if isinstance(part, tuple):
-        return tuple(_design(inner, n) for inner in part)
-    if isinstance(part, Component | System):
-        fields = {field.name: getattr(part, field.name) for field in dataclasses.fields(part) if field.init}
-        return dataclasses.replace(part, **{name: _design(value, n) for name, value in fields.items()})
-    return part

@@ -26,7 +26,7 @@ def start_early() -> None:
     if _method() == "forkserver":
         from multiprocessing import forkserver
 
-        multiprocessing.set_forkserver_preload([evaluate.__module__, "piezoharvest.engine.simulation"])
+        multiprocessing.set_forkserver_preload([evaluate.__module__, "piezoharvest.engine.batch"])
         with _single_threaded():
             forkserver.ensure_running()
 

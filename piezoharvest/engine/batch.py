@@ -1,0 +1,171 @@
+"""Many designs at once: components with array-valued fields in, columns of results out."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from piezoharvest.engine import many
+from piezoharvest.engine import program as pg
+from piezoharvest.engine import shooting as sh
+from piezoharvest.engine.lower import Lowered, lower, symmetric
+from piezoharvest.engine.simulation import CLOSURE, simulate
+from piezoharvest.engine.state import QUEUE_LENGTH
+from piezoharvest.engine.transient import Machine
+from piezoharvest.excitation import Excitation
+from piezoharvest.parameters import Component
+from piezoharvest.shunts.short import Short
+from piezoharvest.system import System
+
+LOG = 512  # events of a span of which the times are kept
+NAMES = (
+    "harvested_power", "mechanical_power", "efficiency", "displacement_amplitude", "voltage_amplitude", "dc_voltage",
+    "attenuation_db", "events_per_period",
+)  # fmt: skip
+
+
+def simulate_many(
+    system: System, excitation: Excitation, designs: int, *, attenuation: bool = True
+) -> Mapping[str, np.ndarray]:
+    """Periodic steady states of many designs.
+
+    Parameters
+    ----------
+    system : System
+    excitation : Excitation
+        Quantities that differ from design to design are arrays of shape (designs, 1).
+    designs : int
+    attenuation : bool
+        Whether the displacement is compared with that of the short circuit, which is simulated as well where the
+        designs differ in more than their shunt.
+
+    Returns
+    -------
+    dict of (designs,) array
+        `converged` and, as in `Response`, harvested_power and mechanical_power in W, efficiency,
+        displacement_amplitude in m, voltage_amplitude and dc_voltage in V, attenuation_db, events_per_period,
+        periods_evaluated, closure, and the energies of a period in J under names such as "energy.damping". NaN where a
+        design has no answer.
+
+    Raises
+    ------
+    ParameterError
+        A component does not allow a value.
+
+    Notes
+    -----
+    All designs are lowered in one pass, and searched one after the other in compiled code. Whether a motion from rest
+    with an empty smoothing capacitor comes to the same steady state is left to `simulate`, which also takes over where
+    the search finds none.
+    """
+    if excitation.period is None:
+        return _one_by_one(system, excitation, range(designs), designs)
+    lowered = lower(system, excitation)
+    found = _columns(lowered, _steady_states(lowered, symmetric(lowered, excitation), designs), designs)
+    left = np.flatnonzero(~found["converged"])
+    slow = _one_by_one(system, excitation, left, designs)
+    for name, column in slow.items():
+        found.setdefault(name, np.full(designs, np.nan))[left] = column[left]
+    if attenuation:
+        _attenuate(found, system, excitation, designs)
+    return found
+
+
+def _steady_states(lowered: Lowered, mirrored: bool, designs: int) -> np.ndarray:
+    """What `many` keeps of every design, a row for each."""
+    numbers = pg.numbers(lowered.program)
+    programs = np.array(np.broadcast_to(numbers, (designs, numbers.shape[-1])))  # writable: one type, one compilation
+    machine = Machine(lowered, ledger=True)
+    trial = machine.state(sensitivities=int(machine.L[pg.N]) + QUEUE_LENGTH + 1, ledger=False)
+    followed, recorder = machine.state(log=LOG, ledger=False), machine.state(track=True)
+    reals, integers = sh.room(machine.L)
+    memory = np.zeros(reals), np.zeros(integers, np.int64)
+    out = np.zeros((designs, many.ENERGIES + int(machine.L[pg.CATEGORY_COUNT])))
+    machine.search_many(trial, followed, recorder, memory, (programs, out), mirrored)
+    return out
+
+
+def _columns(lowered: Lowered, out: np.ndarray, designs: int) -> dict[str, np.ndarray]:
+    """Results by name from what `many` keeps."""
+    settled = out[:, many.SETTLED] > 0
+    period = np.broadcast_to(lowered.program.period, designs)
+    energy = dict(zip(lowered.categories, out[:, many.ENERGIES :].T, strict=True))
+    mean_dc = energy.pop(pg.MEAN_DC) / period
+    supplied = energy["mechanical_in"] + energy["source"]
+    spent = sum(value for name, value in energy.items() if name not in ("mechanical_in", "source"))
+    largest = np.max(np.abs([supplied, *energy.values()]), axis=0)
+    gap = np.abs(supplied - spent - out[:, many.STORED])
+    closure = np.divide(gap, largest, out=np.zeros(designs), where=largest > 0)
+    harvested, taken = energy["harvested"], energy["mechanical_in"]
+    columns = {
+        "harvested_power": harvested / period,
+        "mechanical_power": taken / period,
+        "efficiency": np.divide(harvested, taken, out=np.full(designs, np.nan), where=taken > 0),
+        "displacement_amplitude": out[:, many.DISPLACEMENT],
+        "voltage_amplitude": out[:, many.VOLTAGE],
+        "dc_voltage": mean_dc,
+        "events_per_period": out[:, many.EVENTS],
+        "periods_evaluated": out[:, many.EVALUATED],
+        "closure": closure,
+        **{f"energy.{name}": value for name, value in energy.items()},
+    }
+    columns = {name: np.where(settled, column, np.nan) for name, column in columns.items()}
+    return {"converged": settled & (closure <= CLOSURE), **columns}
+
+
+def _attenuate(found: dict[str, np.ndarray], system: System, excitation: Excitation, designs: int) -> None:
+    """Set the displacement against that of the short circuit."""
+    shorted = System(system.transducer, Short())
+    if _differs(system.transducer) or _differs(excitation):
+        reference = simulate_many(shorted, excitation, designs, attenuation=False)["displacement_amplitude"]
+    else:
+        reference = simulate(shorted, excitation, samples=1).displacement_amplitude
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = found["displacement_amplitude"] / reference
+        found["attenuation_db"] = np.where(ratio > 0, 20 * np.log10(ratio), np.nan)
+
+
+def _one_by_one(system: System, excitation: Excitation, which: Any, designs: int) -> dict[str, np.ndarray]:
+    """The same results for some designs, each by `simulate`."""
+    columns: dict[str, np.ndarray] = {}
+    for n in which:
+        response = simulate(one_of(system, n), one_of(excitation, n), samples=1)
+        values = {name: getattr(response, name) for name in (*NAMES, "periods_evaluated")}
+        values |= {name if name == "closure" else f"energy.{name}": e for name, e in response.energy.items()}
+        if response.waveforms is None:
+            values = dict.fromkeys(values, np.nan)
+        for name, value in {**values, "converged": response.converged}.items():
+            empty = np.zeros(designs, bool) if name == "converged" else np.full(designs, np.nan)
+            columns.setdefault(name, empty)[n] = value
+    return columns
+
+
+def _differs(part: Any) -> bool:
+    """Whether a component has a field that differs from design to design."""
+    if isinstance(part, tuple):
+        return any(map(_differs, part))
+    if isinstance(part, Component):
+        return any(_differs(getattr(part, field.name)) for field in dataclasses.fields(part) if field.init)
+    return isinstance(part, np.ndarray) and part.ndim == 2
+
+
+def one_of(part: Any, n: int) -> Any:
+    """One design of components with array-valued fields.
+
+    Parameters
+    ----------
+    part : System or Component
+    n : int
+        Which design.
+    """
+    if isinstance(part, np.ndarray) and part.ndim == 2:
+        return float(part[n, 0])
+    if isinstance(part, tuple):
+        return tuple(one_of(inner, n) for inner in part)
+    if isinstance(part, Component | System):
+        fields = {field.name: getattr(part, field.name) for field in dataclasses.fields(part) if field.init}
+        return dataclasses.replace(part, **{name: one_of(value, n) for name, value in fields.items()})
+    return part
