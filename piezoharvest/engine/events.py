@@ -15,6 +15,8 @@ from piezoharvest.engine.vector import dot, multiply
 
 DONE, CHATTER, INVALID = range(3)
 TINY = 1e-12  # a guard this small, relative to its terms, is zero
+# What ends a motion on the tape, beside guards.
+NOTHING, OPENS, ACTS = -1, -2, -3
 AT_ONCE = 60  # events at one instant beyond which the model chatters
 REFRESHED = 32  # events after which the tones are set from their phase again
 
@@ -324,6 +326,30 @@ def clock_happens(P, L, S, D, kind):
 
 
 @compiled
+def begin_tape(L, S, D):
+    """Write down where a motion from one event to the next begins: time and state, configuration and slips."""
+    at, kind = D[st.TAPE] + D[st.TAPED] * (2 + L[pg.A]), D[st.TAPE_KIND] + D[st.TAPED] * (2 + L[pg.H])
+    S[at] = S[D[st.CLOCK]]
+    for i in range(L[pg.A]):
+        S[at + 2 + i] = S[i]
+    D[kind] = D[st.CONFIGURATION]
+    for j in range(L[pg.H]):
+        D[kind + 2 + j] = D[D[st.SLIP] + j]
+
+
+@compiled
+def end_tape(L, S, D, slot, guard, due, kind):
+    """Write down when a motion ends, and by what: a guard, the switch that opens or acts, or nothing."""
+    at = D[st.TAPED]
+    S[D[st.TAPE] + at * (2 + L[pg.A]) + 1] = S[D[st.CLOCK]]
+    what = L[slot_of(L, slot) + tb.FIRST_GUARD + 2 * guard] if guard != NONE else NOTHING
+    if guard == NONE and S[D[st.CLOCK]] >= due:
+        what = OPENS if kind == 1 else ACTS
+    D[D[st.TAPE_KIND] + at * (2 + L[pg.H]) + 1] = what
+    D[st.TAPED] += 1
+
+
+@compiled
 def advance(P, L, S, D, t_end):
     """Run to t_end through all events; returns DONE, CHATTER or INVALID (the state is not finite)."""
     clock = D[st.CLOCK]
@@ -337,7 +363,11 @@ def advance(P, L, S, D, t_end):
             D[st.BETWEEN] = 0
         D[st.MODE] = slot
         due, kind = clock_event(S, D)
+        if D[st.TAPED] < D[st.TAPE_ROOM]:
+            begin_tape(L, S, D)
         guard = march(P, L, S, D, slot, min(due, t_end))
+        if D[st.TAPED] < D[st.TAPE_ROOM]:
+            end_tape(L, S, D, slot, guard, due, kind)
         if not np.isfinite(S[0]):
             return INVALID
         if guard == NONE and due > t_end:

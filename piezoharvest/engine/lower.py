@@ -121,7 +121,7 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
     columns = _Columns(layout.n, scale, exo_scale)
     outputs = columns.split(np.stack(np.broadcast_arrays(*tables.outputs), axis=-3), 2)
     harmonic = isinstance(signal, Tones)
-    omega = 2 * np.pi * np.asarray(signal.frequencies, float) if isinstance(signal, Tones) else np.zeros(0)
+    omega = 2 * np.pi * np.asarray(signal.frequencies) if isinstance(signal, Tones) else np.zeros(0)
     index = {name: c for c, name in enumerate(names)}
     fields: dict[str, Any] = {
         **_motion(layout, columns.split(equations, 2)),
@@ -153,7 +153,7 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
 def _plain(value: Any) -> Any:
     """Plain numbers and contiguous arrays, so that every system has the same types and one compilation serves all."""
     value = np.asarray(value)
-    kind = np.int64 if value.dtype.kind in "iu" else np.float64
+    kind = {"i": np.int64, "u": np.int64, "c": np.complex128}.get(value.dtype.kind, np.float64)
     return kind(value) if value.ndim == 0 else np.ascontiguousarray(value, kind)
 
 
@@ -162,8 +162,9 @@ def _motion(layout: Layout, equations) -> dict[str, Any]:
     rate, mass = equations
     size = np.max(np.abs(mass), axis=-1, keepdims=True)
     size = np.where(size > 0, size, 1.0)
-    inverse = np.linalg.inv(mass / size)
-    return {"rate": inverse @ (-rate / size), "stop_response": inverse[..., layout.stop_states]}
+    inverse, stops = np.linalg.inv(mass / size), layout.stop_states
+    own = (mass / size)[..., stops, stops]  # 1, but for the complex step of a scale
+    return {"rate": inverse @ (-rate / size), "stop_response": inverse[..., stops] * own[..., None, :]}
 
 
 def _stops(layout: Layout, capacitance) -> dict[str, Any]:
@@ -248,7 +249,7 @@ def _parity(layout: Layout) -> np.ndarray:
 
 def _exosystem(layout: Layout, omega: np.ndarray, exo_scale: np.ndarray) -> np.ndarray:
     """Generator of the exogenous states: pairs (sine, cosine), or (value, slope), and the constant."""
-    matrix = np.zeros((*omega.shape[:-1], layout.exogenous, layout.exogenous))
+    matrix = np.zeros((*omega.shape[:-1], layout.exogenous, layout.exogenous), np.result_type(omega, float))
     if not omega.size:
         matrix[..., 0, 1] = 1.0
     for k in range(omega.shape[-1]):
@@ -257,12 +258,15 @@ def _exosystem(layout: Layout, omega: np.ndarray, exo_scale: np.ndarray) -> np.n
 
 
 def _exo_scale(layout, equations, scale, signal, tr) -> np.ndarray:
-    """Scales that give every exogenous column entries of the size of the resonance frequency."""
+    """Scales that give every exogenous column entries of the size of the resonance frequency.
+
+    Real numbers always: a complex step of a quantity must not move the exogenous states.
+    """
     n = layout.n
     mass = np.max(np.abs(equations[..., n : 2 * n] * scale[..., None, None, :]), axis=-1)
     columns = np.abs(equations[..., 2 * n :]) / np.where(mass > 0, mass, 1.0)[..., None]
     size = np.max(columns, axis=(-3, -2))
-    resonance = np.sqrt(scalar(tr.stiffness) / scalar(tr.mass))[..., None]
+    resonance = np.real(np.sqrt(scalar(tr.stiffness) / scalar(tr.mass)))[..., None]
     found = np.where(size > 0, resonance / np.where(size > 0, size, 1.0), 1.0)
     if isinstance(signal, Tones):
         for k in range(signal.frequencies.shape[-1]):

@@ -13,7 +13,7 @@ from piezoharvest.system import System
 
 def scalar(value) -> np.ndarray:
     """A coefficient without the trailing axis that batches carry for the sake of rows."""
-    value = np.asarray(value, float)
+    value = np.asarray(value)
     return value[..., 0] if value.ndim else value
 
 

@@ -139,7 +139,7 @@ def numbers(program: Program) -> np.ndarray:
     """The numbers of a program one after the other, or a row of them for every design of a batch."""
     shapes, blocks = _shapes(program), []
     for name, shape in shapes.items():
-        value = np.asarray(getattr(program, name), float)
+        value = np.asarray(getattr(program, name))
         batch = value.shape[: value.ndim - len(shape)]
         blocks.append(value.reshape(*batch, -1))
     batch = np.broadcast_shapes(*(block.shape[:-1] for block in blocks))

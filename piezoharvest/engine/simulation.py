@@ -76,7 +76,7 @@ def _with(response: Response, **changes) -> Response:
 
 def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str) -> Response:
     """Find the periodic steady state and record one period of it; a long run where there is none."""
-    orbit, mirrored, message, evaluations, settles = _search(lowered, excitation)
+    orbit, mirrored, message, evaluations, settles = search(lowered, excitation)
     if not settles:
         return _unsettled(lowered, excitation, samples, kind, orbit, evaluations)
     period, begin = excitation.period, orbit.time
@@ -99,8 +99,8 @@ def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str) -
     return _finish(response, message, evaluations)
 
 
-def _search(lowered: Lowered, excitation: Excitation) -> tuple[Orbit, bool, str, float, bool]:
-    """The steady state that a motion from rest comes to.
+def search(lowered: Lowered, excitation: Excitation) -> tuple[Orbit, bool, str, float, bool]:
+    """Find the steady state that a motion from rest comes to.
 
     Returns the orbit, whether it was sought on half the period, what there is to say of it, the periods simulated, and
     whether motions do settle on it.

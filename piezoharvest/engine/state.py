@@ -19,13 +19,13 @@ VECTORS = 10  # of scratch
 (
     CONFIGURATION, DIRECTION, WAITING, CLOSED, LOGGED, SAMPLED, BETWEEN, HAPPENED, MODE,
     # what is recorded,
-    SENSITIVITIES, ENERGIES, TRACKED, LOG_ROOM, SAMPLES_WANTED,
+    SENSITIVITIES, ENERGIES, TRACKED, LOG_ROOM, SAMPLES_WANTED, TAPE_ROOM, TAPED,
     # where lists begin in D,
-    SLIP, POLARITY, LOG_CODE,
+    SLIP, POLARITY, LOG_CODE, TAPE_KIND,
     # and where in S.
     CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, FLOOR, LADDER, WORK, EXTREMES, ENERGY,
-    PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME, SAMPLES, END,
-) = range(36)  # fmt: skip
+    PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME, SAMPLES, TAPE, END,
+) = range(40)  # fmt: skip
 # Places from CLOCK on in S: time now, when the switch opens, when it last acted, all in s.
 NOW, OPENS, ACTED = range(3)
 
@@ -45,9 +45,11 @@ class State:
         Events to keep.
     sample_time : (t,) array, optional
         Times in s at which the outputs are sampled.
+    tape : int
+        Motions from one event to the next to keep.
     """
 
-    def __init__(self, contents, *, sensitivities=0, ledger=False, track=False, log=0, sample_time=None):
+    def __init__(self, contents, *, sensitivities=0, ledger=False, track=False, log=0, sample_time=None, tape=0):
         times = np.zeros(0) if sample_time is None else np.asarray(sample_time, float)
         rows, h, outputs = contents[pg.ROWS], contents[pg.H], len(pg.OUTPUTS)
         guards = contents[tb.SLOT]  # more than any mode has
@@ -57,9 +59,9 @@ class State:
             THEN_GUARDS: contents[tb.GUARD_ROWS], FLOOR: guards, LADDER: padded(tb.LEVELS), WORK: VECTORS * rows,
             EXTREMES: 4, ENERGY: energies, PHI: sensitivities * rows, QUEUE_PHI: QUEUE_LENGTH * sensitivities,
             OPENS_PHI: sensitivities, EVENT_PHI: sensitivities, LOG_TIME: log, SAMPLE_TIME: len(times),
-            SAMPLES: len(times) * outputs,
+            SAMPLES: len(times) * outputs, TAPE: tape * (2 + int(contents[pg.A])),
         }  # fmt: skip
-        lists = {SLIP: h, POLARITY: QUEUE_LENGTH, LOG_CODE: log}
+        lists = {SLIP: h, POLARITY: QUEUE_LENGTH, LOG_CODE: log, TAPE_KIND: tape * (2 + int(h))}
         self.D = np.zeros(END + 1 + int(sum(lists.values())), np.int64)
         for place, offset in zip(lists, _offsets(lists, END + 1), strict=True):
             self.D[place] = offset
@@ -67,7 +69,7 @@ class State:
             self.D[place] = offset
         self.D[END] = rows + sum(places.values())
         self.D[[SENSITIVITIES, ENERGIES, TRACKED]] = sensitivities, energies, track
-        self.D[[LOG_ROOM, SAMPLES_WANTED]] = log, len(times)
+        self.D[[LOG_ROOM, SAMPLES_WANTED, TAPE_ROOM]] = log, len(times), tape
         self.S = np.zeros(int(self.D[END]))
         self._place, self._lists = places, lists
         self.z = self.S[: contents[pg.A]]

@@ -158,3 +158,10 @@ def check(status: int) -> None:
     if status != DONE:
         reasons = {1: "events follow each other without time passing", 2: "the state grows without bound"}
         raise EngineError(reasons[status])
+
+
+def solve_conserving(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solve matrix x = right with c'x = 0 for every left null vector c: what a map conserves is left alone."""
+    left, size, _ = np.linalg.svd(matrix)
+    null = left[:, size < 1e-10 * max(size[0], 1.0)]
+    return np.linalg.solve(matrix + null @ null.T, right - null @ (null.T @ right))

@@ -1,0 +1,133 @@
+"""Linear modes of a program in NumPy, for one design or a batch, with derivatives where the program carries them.
+
+A program that was lowered from quantities x + i e has complex numbers: their real parts are the nominal ones, their
+imaginary parts over e the derivatives, one design of the batch for each quantity.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from piezoharvest.engine import program as pg
+from piezoharvest.parameters import COMPLEX_STEP
+
+
+class Dual(NamedTuple):
+    """An array and its derivatives with respect to p quantities, on the first axis."""
+
+    value: np.ndarray
+    change: np.ndarray
+
+
+def dual(batch: np.ndarray, rank: int) -> Dual:
+    """Nominal value and derivatives from a batch made by a complex step, of arrays with so many axes."""
+    batch = np.asarray(batch)
+    if batch.ndim == rank:
+        return Dual(batch.real, np.zeros((1, *batch.shape)))
+    return Dual(batch[0].real, batch.imag / COMPLEX_STEP)
+
+
+class Mode:
+    """One linear mode: a configuration of the shunt and the set of stops that slip.
+
+    Parameters
+    ----------
+    program : Program
+        A batch lowered by complex steps.
+    configuration : int
+    slip : (h,) int array
+        0 for a stop that sticks.
+    """
+
+    def __init__(self, program: pg.Program, configuration: int, slip: np.ndarray):
+        self.program, self.configuration = program, configuration
+        n, a = program.rate.shape[-2:]
+        rate, response = program.rate[..., configuration, :, :], program.stop_response[..., configuration, :, :]
+        stick = np.flatnonzero(np.asarray(slip) == 0)
+        if len(stick):
+            # A stop that sticks moves with its input: z' = rate z + response s', s' = input z'.
+            into, out = program.stop_input[..., stick, :], response[..., stick]
+            rate = rate + out @ np.linalg.solve(np.eye(len(stick)) - into @ out, into @ rate)
+        batch = np.broadcast_shapes(rate.shape[:-2], program.exosystem.shape[:-2])
+        self.batched = np.zeros((*batch, a, a), np.result_type(rate, program.exosystem))
+        self.batched[..., :n, :] = rate
+        self.batched[..., n:, n:] = program.exosystem
+        self.matrix = dual(self.batched, 2)
+
+    def form(self, over_state: np.ndarray, over_rate: np.ndarray) -> Dual:
+        """Linear forms over the state and over its rate, (..., f, a) and (..., f, n), as forms of the state alone."""
+        n = self.program.rate.shape[-2]
+        return dual(over_state + over_rate @ self.batched[..., :n, :], 2)
+
+    def guard(self, number: int) -> Dual:
+        """Row of a guard of the circuit."""
+        p, c = self.program, self.configuration
+        rows = self.form(p.guard_z[..., c, number : number + 1, :], p.guard_d[..., c, number : number + 1, :])
+        return Dual(rows.value[0], rows.change[:, 0])
+
+    def stop_rate(self, number: int) -> Dual:
+        """Row of the rate of a stop's input."""
+        into = self.program.stop_input[..., number : number + 1, :]
+        rows = self.form(np.zeros((1, self.program.rate.shape[-1])), into)
+        return Dual(rows.value[0], rows.change[:, 0])
+
+    def outputs(self) -> Dual:
+        """Rows of the outputs."""
+        c = self.configuration
+        return self.form(self.program.output_z[..., c, :, :], self.program.output_d[..., c, :, :])
+
+    def powers(self, category: int) -> tuple[Dual, Dual, Dual]:
+        """Coefficients and the two factors of the products of a category."""
+        p, c = self.program, self.configuration
+        which = np.flatnonzero(p.product_category[c] == category)
+        first, second = (self.form(p.product_z[..., c, which, k, :], p.product_d[..., c, which, k, :]) for k in (0, 1))
+        return dual(p.product_coefficient[..., c, which], 1), first, second
+
+
+class Flow:
+    """exp(A t) of a mode and its derivatives, at any times, from the eigenvectors of A.
+
+    The derivative of a matrix exponential along B has in these coordinates the elements of B times divided differences
+    of the exponential (Daleckii & Krein; Higham, Functions of Matrices, 2008, theorem 3.9).
+    """
+
+    def __init__(self, matrix: Dual):
+        self.matrix = matrix
+        self.rates, self.vectors = _eigenvectors(matrix.value)
+        self.inverse = np.linalg.inv(self.vectors)
+        self.change = self.inverse @ matrix.change @ self.vectors
+
+    def states(self, start: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Motions (m, ..., a) from states (..., a) at m times."""
+        growth = np.exp(np.multiply.outer(times, self.rates))
+        modal = start @ self.inverse.T
+        shape = (len(times),) + (1,) * (start.ndim - 1) + (-1,)
+        return np.real((growth.reshape(shape) * modal) @ self.vectors.T)
+
+    def forced(self, start: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Derivatives (m, p, a) of the motion from a given state (a,) at m times with respect to the quantities."""
+        half = 0.5 * np.multiply.outer(times, self.rates)
+        mean, gap = half[:, :, None] + half[:, None, :], half[:, :, None] - half[:, None, :]
+        growth, close, tiny = np.exp(2 * half), np.abs(gap) < 0.5, np.abs(gap) < 1e-3
+        apart = (growth[:, :, None] - growth[:, None, :]) / np.where(close, 1.0, 2 * gap)
+        small = np.where(close, gap, 0.0)
+        sinc = np.where(tiny, 1 + small**2 / 6 + small**4 / 120, np.sinh(small) / np.where(tiny, 1.0, small + ~close))
+        divided = times[:, None, None] * np.where(close, np.exp(mean) * sinc, apart)
+        modal = np.einsum("mij,pij,j->mpi", divided, self.change, self.inverse @ start)
+        return np.real(modal @ self.vectors.T)
+
+
+def _eigenvectors(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues and eigenvectors, those of what is conserved (stops that stick, open electrodes) set apart.
+
+    Eigenvalues that are zero several times would come out with eigenvectors that hardly differ. A conserved form c'z has
+    c' matrix = 0; in a basis of such forms and what is orthogonal to them, the rest has no zero eigenvalue.
+    """
+    left, size, _ = np.linalg.svd(matrix)
+    lost = size <= len(size) * np.finfo(float).eps * size[0]
+    conserved, rest = left[:, lost], left[:, ~lost]
+    rates, vectors = np.linalg.eig(rest.T @ matrix @ rest)
+    follows = np.linalg.solve(rest.T @ matrix @ rest, rest.T @ matrix @ conserved)
+    return np.concatenate([np.zeros(np.sum(lost)), rates]), np.hstack([conserved - rest @ follows, rest @ vectors])

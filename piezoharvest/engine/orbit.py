@@ -1,0 +1,98 @@
+"""A periodic orbit as motions from one event to the next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezoharvest.engine import program as pg
+from piezoharvest.engine import state as st
+from piezoharvest.engine.lower import Lowered
+from piezoharvest.engine.state import State
+from piezoharvest.engine.steady import Orbit, Shooting, check
+from piezoharvest.engine.transient import Machine
+
+ROOM = 4096  # motions that are kept of a span
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One motion within a mode.
+
+    Attributes
+    ----------
+    start : (a,) array
+        Augmented state at its beginning.
+    begins, ends : float
+        s.
+    configuration : int
+    slip : (h,) int array
+    what : int
+        What ends it: a guard, or `events.OPENS`, `ACTS` or `NOTHING`.
+    """
+
+    start: np.ndarray
+    begins: float
+    ends: float
+    configuration: int
+    slip: np.ndarray
+    what: int
+
+    @property
+    def length(self) -> float:
+        """Duration, s."""
+        return self.ends - self.begins
+
+
+@dataclass(frozen=True)
+class Tape:
+    """The motions of a span, half a period where the orbit mirrors itself, and the state at its end.
+
+    The span begins where no action of the switch is waiting and the switch is open.
+    """
+
+    motions: tuple[Motion, ...]
+    end: np.ndarray
+    mirrored: bool
+    lowered: Lowered
+
+
+def follow(lowered: Lowered, orbit: Orbit, mirrored: bool) -> Tape:
+    """Record one span of an orbit."""
+    period = float(lowered.program.period)
+    machine = Machine(lowered)
+    shooting = Shooting(machine, period, mirrored)
+    span = 0.5 * period if mirrored else period
+    first = _record(machine, shooting.load(orbit, tape=ROOM), orbit.time + span, lowered)
+    begin = _idle(machine, shooting, orbit, first[0])
+    state = shooting.load(orbit)
+    check(machine.run(state, begin))
+    recorder = machine.state(tape=ROOM)
+    recorder.follow(state)
+    motions, end = _record(machine, recorder, begin + span, lowered)
+    return Tape(motions, end, mirrored, lowered)
+
+
+def _idle(machine: Machine, shooting: Shooting, orbit: Orbit, motions: tuple[Motion, ...]) -> float:
+    """Middle of the longest motion of a span that begins with nothing scheduled, s; the orbit's own time if none."""
+    best, longest, state = orbit.time, -1.0, shooting.load(orbit)
+    for motion in motions:
+        middle = 0.5 * (motion.begins + motion.ends)
+        check(machine.run(state, middle))
+        scheduled = state.D[st.WAITING] or state.D[st.CLOSED]
+        if not scheduled and motion.length > longest:
+            best, longest = middle, motion.length
+    return best
+
+
+def _record(machine: Machine, state: State, t_end: float, lowered: Lowered) -> tuple[tuple[Motion, ...], np.ndarray]:
+    check(machine.run(state, t_end))
+    a, h = int(machine.L[pg.A]), int(machine.L[pg.H])
+    count = int(state.D[st.TAPED])
+    numbers, kinds = state[st.TAPE].reshape(-1, 2 + a)[:count], state[st.TAPE_KIND].reshape(-1, 2 + h)[:count]
+    motions = tuple(
+        Motion(row[2:].copy(), row[0], row[1], int(kind[0]), kind[2:].copy(), int(kind[1]))
+        for row, kind in zip(numbers, kinds, strict=True)
+    )
+    return motions, state.z.copy()
