@@ -29,7 +29,9 @@ _HOMES = {
         "Shunt",
     ),
     "piezoharvest.effects": ("DielectricRelaxation", "Effect", "Leakage"),
-    "piezoharvest.engine": ("Response", "Waveforms", "simulate", "simulate_many"),
+    "piezoharvest.engine": (
+        "Gradient", "NoGradientError", "Response", "Waveforms", "gradient", "simulate", "simulate_many",
+    ),
     "piezoharvest.linear": (
         "TwoPort", "admittance", "closed_loop", "coupling_factor", "frequency_response", "linearize", "resonances",
     ),

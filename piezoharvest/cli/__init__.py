@@ -1,4 +1,4 @@
-"""The command line: `piezoharvest simulate | design | sweep | export | demo`.
+"""The command line: `piezoharvest simulate | design | sweep | measure | export | demo`.
 
 typer only reads the arguments; each command hands back the work to be done, which `main` runs. Exit status: 0 done;
 1 ran, but the answer is not to be trusted; 2 bad input; 130 interrupted.
@@ -21,7 +21,7 @@ import piezoharvest
 Work = Callable[[], int]
 
 app = typer.Typer(
-    help="Piezoelectric shunt damping and energy harvesting: simulate, design, sweep and export studies (TOML).",
+    help="Piezoelectric shunt damping and energy harvesting: simulate, design, sweep, measure, export (TOML).",
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,

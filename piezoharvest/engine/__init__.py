@@ -8,11 +8,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from piezoharvest.engine.batch import simulate_many
     from piezoharvest.engine.response import Response, Waveforms
+    from piezoharvest.engine.sensitivity import Gradient, NoGradientError, gradient
     from piezoharvest.engine.simulation import simulate
 
-__all__ = ["Response", "Waveforms", "simulate", "simulate_many"]
+__all__ = ["Gradient", "NoGradientError", "Response", "Waveforms", "gradient", "simulate", "simulate_many"]
 
-_HOMES = {"Response": "response", "Waveforms": "response", "simulate": "simulation", "simulate_many": "batch"}
+_HOMES = {
+    "Response": "response", "Waveforms": "response", "simulate": "simulation", "simulate_many": "batch",
+    "gradient": "sensitivity", "Gradient": "sensitivity", "NoGradientError": "sensitivity",
+}  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

@@ -6,7 +6,8 @@ imaginary parts over e the derivatives, one design of the batch for each quantit
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,9 +16,9 @@ from piezoharvest.parameters import COMPLEX_STEP
 
 
 class Dual(NamedTuple):
-    """An array and its derivatives with respect to p quantities, on the first axis."""
+    """A number or an array and its derivatives with respect to p quantities, on the first axis."""
 
-    value: np.ndarray
+    value: Any
     change: np.ndarray
 
 
@@ -73,15 +74,17 @@ class Mode:
         rows = self.form(np.zeros((1, self.program.rate.shape[-1])), into)
         return Dual(rows.value[0], rows.change[:, 0])
 
+    @cached_property
     def outputs(self) -> Dual:
         """Rows of the outputs."""
         c = self.configuration
         return self.form(self.program.output_z[..., c, :, :], self.program.output_d[..., c, :, :])
 
-    def powers(self, category: int) -> tuple[Dual, Dual, Dual]:
-        """Coefficients and the two factors of the products of a category."""
+    @cached_property
+    def harvest(self) -> tuple[Dual, Dual, Dual]:
+        """Harvested power: coefficients and the two factors of its products."""
         p, c = self.program, self.configuration
-        which = np.flatnonzero(p.product_category[c] == category)
+        which = np.flatnonzero(p.product_category[c] == pg.HARVESTED)
         first, second = (self.form(p.product_z[..., c, which, k, :], p.product_d[..., c, which, k, :]) for k in (0, 1))
         return dual(p.product_coefficient[..., c, which], 1), first, second
 
@@ -122,8 +125,8 @@ class Flow:
 def _eigenvectors(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues and eigenvectors, those of what is conserved (stops that stick, open electrodes) set apart.
 
-    Eigenvalues that are zero several times would come out with eigenvectors that hardly differ. A conserved form c'z has
-    c' matrix = 0; in a basis of such forms and what is orthogonal to them, the rest has no zero eigenvalue.
+    Eigenvalues that are zero several times would come out with eigenvectors that hardly differ. A conserved form c'z
+    has c' matrix = 0; in a basis of such forms and what is orthogonal to them, the rest has no zero eigenvalue.
     """
     left, size, _ = np.linalg.svd(matrix)
     lost = size <= len(size) * np.finfo(float).eps * size[0]

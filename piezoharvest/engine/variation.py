@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from piezoharvest.engine.steady import solve_conserving
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 NODES, WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
-RESOLVED = 2.0  # |rate| times length of an interval of the quadrature
+RESOLVED = 4.0  # |rate| times length of an interval of the quadrature
 GONE = 36.0  # exp(-36) is below rounding
 SAME = 1e-9  # times that differ by less than this part of the period are the same
 
@@ -234,12 +235,12 @@ class Variation:
 
     def _power(self, leg: Leg, state: np.ndarray) -> float:
         """Harvested power at a state."""
-        coefficient, first, second = leg.mode.powers(pg.HARVESTED)
+        coefficient, first, second = leg.mode.harvest
         return float(np.sum(coefficient.value * (first.value @ state) * (second.value @ state)))
 
     def _collect(self, leg: Leg) -> None:
         """Add what a leg harvests."""
-        coefficient, first, second = leg.mode.powers(pg.HARVESTED)
+        coefficient, first, second = leg.mode.harvest
         if not coefficient.value.size or leg.motion.length == 0.0:
             return
         _, weights, states, columns = leg.grid
@@ -279,30 +280,38 @@ class Variation:
 
     def amplitude(self, output: int) -> Dual:
         """Half of peak-to-peak of an output."""
-        found = [candidate for leg in self.legs for candidate in self._extremes(leg, output)]
+        found = [extreme for leg in self.legs for extreme in self._extremes(leg, output)]
         if self.tape.mirrored:
-            value, change = max(found, key=lambda candidate: abs(candidate[0]))
-            return Dual(np.abs(value), np.sign(value) * change)
-        (low, low_change), (high, high_change) = (f(found, key=lambda candidate: candidate[0]) for f in (min, max))
-        return Dual(0.5 * (high - low), 0.5 * (high_change - low_change))
+            value, leg, time = max(found, key=lambda extreme: abs(extreme[0]))
+            return Dual(abs(value), np.sign(value) * self._change_of(output, leg, time))
+        low, early, first = min(found, key=lambda extreme: extreme[0])
+        high, late, last = max(found, key=lambda extreme: extreme[0])
+        change = self._change_of(output, late, last) - self._change_of(output, early, first)
+        return Dual(0.5 * (high - low), 0.5 * change)
 
-    def _extremes(self, leg: Leg, output: int) -> Iterator[tuple[float, np.ndarray]]:
-        """Where an output turns within a leg, and its value at the event that ends it, with their derivatives."""
-        rows = leg.mode.outputs()
-        row, own = rows.value[output], rows.change[:, output]
+    def _extremes(self, leg: Leg, output: int) -> Iterator[tuple[float, Leg, float]]:
+        """Values of an output where it turns within a leg, at the event that ends it, and after a jump before it.
 
-        def candidate(state, columns):
-            return float(row @ state), self._total(columns) @ row + np.broadcast_to(own @ state, self.p)
-
+        Each with its leg and its time from the leg's beginning; infinity stands for the event.
+        """
+        row = leg.mode.outputs.value[output]
         if leg.motion.length > 0.0:
             for time in self._turns(leg, row):
-                states, columns = leg.at(np.array([time]))
-                yield candidate(states[0], columns[0])
+                yield float(row @ leg.flow.states(leg.motion.start, np.array([time]))[0]), leg, time
         if leg.motion.what != NOTHING:
+            yield float(row @ leg.end[0]), leg, np.inf
+        if leg is not self.legs[0] and self.program.switched == 2:
+            yield float(row @ leg.motion.start), leg, 0.0
+
+    def _change_of(self, output: int, leg: Leg, time: float) -> np.ndarray:
+        """Derivatives (p,) of an output at a time of a leg, or at the event that ends it, wherever that moves to."""
+        if np.isinf(time):
             state, columns = leg.end
-            yield candidate(state, columns + np.outer(leg.shift, leg.rate(state)))
-        if leg.columns is not self.legs[0].columns and self.program.switched == 2:
-            yield candidate(leg.motion.start, leg.columns)
+            columns = columns + np.outer(leg.shift, leg.rate(state))
+        else:
+            state, columns = (found[0] for found in leg.at(np.array([time])))
+        rows = leg.mode.outputs
+        return self._total(columns) @ rows.value[output] + np.broadcast_to(rows.change[:, output] @ state, self.p)
 
     def _turns(self, leg: Leg, row: np.ndarray) -> Iterator[float]:
         """Times within a leg at which the rate of a form changes sign."""
@@ -314,4 +323,7 @@ class Variation:
         # A rate that is zero at an event is not taken for a turn beside it.
         rates[np.abs(rates) <= SAME * np.max(np.abs(rates))] = 0.0
         for k in np.flatnonzero(rates[:-1] * rates[1:] < 0):
-            yield brentq(lambda t: leg.flow.states(leg.motion.start, np.array([t]))[0] @ slope, times[k], times[k + 1])
+            turn: Any = brentq(
+                lambda t: leg.flow.states(leg.motion.start, np.array([t]))[0] @ slope, times[k], times[k + 1]
+            )
+            yield turn

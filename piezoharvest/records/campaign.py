@@ -1,0 +1,145 @@
+"""A campaign: measured records of one specimen, read, checked, and ready to be fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from piezoharvest.parameters import ParameterError
+from piezoharvest.records.checks import check
+from piezoharvest.records.entries import (
+    FrfEntry,
+    TimeEntry,
+    build_entry,
+    build_sources,
+    default_sources,
+    response_units,
+)
+from piezoharvest.records.errors import CampaignError
+from piezoharvest.records.finding import Finding
+from piezoharvest.records.frequency import read_frequency_record
+from piezoharvest.records.reading import read_record
+from piezoharvest.records.record import FrequencyRecord, Record
+from piezoharvest.study import StudyError, build_transducer, read_toml
+from piezoharvest.transducer import Transducer
+
+_TABLES = ("title", "transducer", "channels", "records")
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """Measured records of one specimen.
+
+    Attributes
+    ----------
+    title : str
+    path : Path
+        The campaign's file.
+    transducer : Transducer
+        Nominal values: start of a fit, not truth.
+    records : tuple of Record or FrequencyRecord
+        In the order of the file.
+    findings : tuple of tuple of Finding
+        For each record what its checks have found; warnings only, unless the campaign comes with an error.
+    """
+
+    title: str
+    path: Path
+    transducer: Transducer
+    records: tuple[Record | FrequencyRecord, ...]
+    findings: tuple[tuple[Finding, ...], ...]
+
+    @property
+    def warnings(self) -> tuple[Finding, ...]:
+        """Findings of all records that are warnings."""
+        return tuple(finding for some in self.findings for finding in some if finding.severity == "warning")
+
+    @property
+    def errors(self) -> tuple[Finding, ...]:
+        """Findings of all records that are errors."""
+        return tuple(finding for some in self.findings for finding in some if finding.severity == "error")
+
+    def of_role(self, role: str) -> tuple[Record | FrequencyRecord, ...]:
+        """Records with a role, "fit" or "validate"."""
+        return tuple(record for record in self.records if record.role == role)
+
+
+def load_campaign(path: str | Path) -> Campaign:
+    """Read a campaign with all its records, and check them.
+
+    Parameters
+    ----------
+    path : str or Path
+        TOML file as in section 4 of the interface; data files are relative to it.
+
+    Returns
+    -------
+    Campaign
+        Its findings are warnings.
+
+    Raises
+    ------
+    CampaignError
+        The file or a data file cannot be read, or a check found an error: the first of them is told, and all stand in
+        the error's `campaign`, whose records can still be drawn.
+    """
+    path = Path(path)
+    campaign = _read(path)
+    errors = campaign.errors
+    if errors:
+        first = errors[0]
+        more = f" (and {len(errors) - 1} more errors)" if len(errors) > 1 else ""
+        where = {"channel": first.channel, "rows": first.rows, "campaign": campaign}
+        raise CampaignError(path.parent / first.file, "", first.message + more, **where)
+    return campaign
+
+
+def _read(path: Path) -> Campaign:
+    try:
+        table = read_toml(path)
+        return _campaign(table, path)
+    except ParameterError as error:
+        raise CampaignError(path, error.key, error.message) from None
+    except CampaignError:
+        raise
+    except StudyError as error:
+        raise CampaignError(error.path, error.key, error.message) from None
+
+
+def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
+    """Campaign from the tables of its file; raises `ParameterError` and `CampaignError`."""
+    for key in table:
+        if key not in _TABLES:
+            raise ParameterError(key, f"found an unknown key, allowed are {', '.join(_TABLES)}")
+    title = table.get("title", path.stem)
+    if not isinstance(title, str):
+        raise ParameterError("title", f"found {title!r}, allowed is a string")
+    if "transducer" not in table:
+        raise ParameterError("transducer", "found no such key, allowed is a table")
+    transducer = build_transducer(table["transducer"])
+    sources = {**default_sources(), **build_sources(table.get("channels", {}), "campaign", "channels")}
+    entries = table.get("records")
+    if not isinstance(entries, list) or not entries:
+        found = "no such key" if entries is None else repr(entries)[:60]
+        raise ParameterError("records", f"found {found}, allowed is a list of one table or more")
+    read, found = [], []
+    for n, entry in enumerate(entries):
+        record, findings = _read_entry(entry, f"records.{n}", sources, path.parent)
+        read.append(record)
+        found.append((*findings, *check(record, transducer)))
+    return Campaign(title, path, transducer, tuple(read), tuple(found))
+
+
+def _read_entry(table: Any, key: str, sources: Mapping, folder: Path) -> tuple[Record | FrequencyRecord, list[Finding]]:
+    """Read the record of one of [[records]]."""
+    entry = build_entry(table, key)
+    own = entry.channels or {}
+    if isinstance(entry, TimeEntry):
+        shunt = entry.across(key, entry.drive == "voltage")
+        sources = {**sources, **build_sources(own, "record", f"{key}.channels")}
+        return read_record(entry, key, sources, shunt, folder)
+    shunt = entry.across(key, entry.input == "voltage") if isinstance(entry, FrfEntry) else None
+    sources = build_sources(own, "record", f"{key}.channels", response_units(entry))
+    return read_frequency_record(entry, key, sources, shunt, folder), []

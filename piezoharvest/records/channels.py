@@ -1,0 +1,113 @@
+"""Channels of a record: their names, SI units and default columns, and how raw values become physical ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from piezoharvest.parameters import Component, ParameterError, quantity
+
+# SI unit and default column of every channel; time is one of them as far as files go.
+UNITS: Mapping[str, str] = MappingProxyType({
+    "time": "s", "force": "N", "displacement": "m", "voltage": "V", "current": "A", "base_acceleration": "m/s^2",
+})  # fmt: skip
+COLUMNS: Mapping[str, str] = MappingProxyType({
+    "time": "time_s", "force": "force_N", "displacement": "displacement_m", "voltage": "voltage_V",
+    "current": "current_A", "base_acceleration": "base_acceleration_m_per_s2",
+})  # fmt: skip
+DRIVES = ("force", "voltage", "displacement", "base_acceleration")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source(Component):
+    """Where the values of a channel come from, and what they mean: value = gain * raw + offset, in `unit`.
+
+    Attributes
+    ----------
+    column : str, int, tuple of these, or None
+        Name of the column, its number counted from 1, or several that are averaged (two displacement sensors on
+        either side of a specimen); default: the channel's own name in the default header.
+    unit : str
+        Unit of the values, as pint reads it; default the SI unit.
+    gain, offset : float
+        Unit of the values for one raw unit, and unit of the values.
+    sigma : float, optional
+        Known standard deviation of the noise, in `unit`.
+    file : str, optional
+        File that has the column, where it is not the record's.
+    """
+
+    column: Any = None
+    unit: str = ""
+    gain: float = quantity("", "values for one raw unit", default=1.0)
+    offset: float = quantity("", "value for raw zero", default=0.0)
+    sigma: float | None = quantity("", "known standard deviation of the noise", default=None, above=0)
+    file: str | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.gain == 0:
+            raise ParameterError("gain", "found 0, allowed is any other finite number")
+        columns = self.column if isinstance(self.column, tuple) else (self.column,)
+        for column in columns:
+            fine = isinstance(column, str) or (type(column) is int and column > 0)
+            if not fine and self.column is not None:
+                allowed = "a name, a number from 1 on, or a list of these"
+                raise ParameterError("column", f"found {column!r}, allowed is {allowed}")
+        if not columns:
+            raise ParameterError("column", "found an empty list, allowed is one column or more")
+
+    def columns(self, default: str) -> tuple[str | int, ...]:
+        """Columns that are averaged; usually one."""
+        found = default if self.column is None else self.column
+        return found if isinstance(found, tuple) else (found,)
+
+    def to_si(self, raw: np.ndarray, si: str) -> np.ndarray:
+        """Values in the SI unit of the channel; the raw ones themselves where nothing is to be done."""
+        factor = unit_factor(self.unit or si, si)
+        scale, shift = self.gain * factor, self.offset * factor
+        values = raw if scale == 1 else scale * raw
+        return values if shift == 0 else values + shift
+
+    def sigma_si(self, si: str) -> float | None:
+        """Known standard deviation of the noise in the SI unit of the channel."""
+        return None if self.sigma is None else self.sigma * unit_factor(self.unit or si, si)
+
+
+@cache
+def _registry() -> Any:
+    """Pint's registry; it takes most of a second, so only when a file names a unit."""
+    from pint import UnitRegistry
+
+    return UnitRegistry()
+
+
+@cache
+def unit_factor(unit: str, si: str) -> float:
+    """Factor from a unit to an SI unit.
+
+    Raises
+    ------
+    ParameterError
+        The unit is not known or measures something else; its key is "unit".
+    """
+    if unit == si:
+        return 1.0
+    registry = _registry()
+    try:
+        given = registry.Quantity(1.0, unit)
+    except Exception:  # pint raises what its parser stumbles over: undefined units, syntax, assertions
+        raise ParameterError("unit", f"found {unit!r}, allowed is a unit such as {si}") from None
+    wanted = registry.Quantity(1.0, si)
+    if given.dimensionality != wanted.dimensionality:
+        hint = " (g is gram: standard gravity is g_0)" if unit == "g" and si == "m/s^2" else ""
+        raise ParameterError("unit", f"found {unit!r}{hint}, allowed is a unit that converts to {si}")
+    factor = float((given / wanted).to_base_units().magnitude)
+    # To pint a radian is no unit: what turns at 1 rad/s would have 1 Hz.
+    return factor / (2 * math.pi) if si == "Hz" and "radian" in str(given.to_base_units().units) else factor

@@ -1,0 +1,70 @@
+"""Records that are too short, or sampled too slowly, for the dynamics that the nominal model claims."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from piezoharvest.linear import poles
+from piezoharvest.records.checks.model import predicted
+from piezoharvest.records.expectation import transfers
+from piezoharvest.records.finding import Finding, shifted
+from piezoharvest.records.record import Record
+from piezoharvest.records.spectra import Spectra, spread
+from piezoharvest.shunts import LinearShunt, Short
+from piezoharvest.system import System
+from piezoharvest.transducer import Transducer
+
+_LOST = 0.05  # of a response's amplitude, between samples
+_LINES = 100
+_IMAGES = 64
+
+
+def too_short(record: Record, transducer: Transducer) -> Iterator[Finding]:
+    """A record that is over before its slowest dynamics: the start still shows at the end."""
+    shunt = Short() if record.drive == "voltage" else record.shunt
+    if not isinstance(shunt, LinearShunt):
+        return
+    point = "slip" if transducer.hysteresis else "stick"
+    rates = -np.real(poles(System(transducer, shunt), operating_point=point))
+    rates = rates[rates > 0]
+    slowest = 1 / rates.min() if len(rates) else 0.0
+    if record.duration < slowest:
+        found = f"found a record of {record.duration:.4g} s, allowed is one longer than the slowest time constant"
+        message = f"{found} of the nominal model, {slowest:.4g} s"
+        rows = shifted([(0, len(record) - 1)], record.time.first_row)
+        yield Finding("warning", "too short", record.time.file, "time", rows, message)
+
+
+def too_slow(record: Record, spectra: Spectra, transducer: Transducer) -> Iterator[Finding]:
+    """A sample rate at which straight lines between samples are not the drive any more.
+
+    They weaken a line at f by sinc^2(f/fs) and add its images at n fs +- f, which a resonance may answer. What this
+    makes of a response of the nominal model, against the response to the smooth drive, is what is judged.
+    """
+    rate = record.sample_rate
+    drive = spectra[record.drive]
+    lines = spread(spectra.lines(drive), _LINES)
+    if not len(lines):
+        return
+    kept = spectra.frequencies[lines]
+    images = np.concatenate([n * rate + side * kept for n in range(1, _IMAGES + 1) for side in (-1, 1)])
+    frequencies = np.concatenate((kept, images))
+    foretold = transfers(transducer, record.shunt, record.drive, frequencies, nominal=True)
+    causes = {record.drive: np.tile(drive[lines], len(frequencies) // len(kept))}
+    expected = {channel: predicted(foretold, channel, causes) for channel in ("displacement", "voltage", "current")}
+    response, spectrum = next(((c, s) for c, s in expected.items() if s is not None), ("", None))
+    if spectrum is None:
+        return
+    power = np.abs(spectrum[0]) ** 2
+    weight = np.sinc(frequencies / rate) ** 2
+    smooth, error = power[: len(kept)], power * weight**2
+    error[: len(kept)] = smooth * (1 - weight[: len(kept)]) ** 2
+    lost = float(np.sqrt(error.sum() / smooth.sum()))
+    if lost > _LOST:
+        signal = record.signals[record.drive]
+        found = f"found {rate:.6g} Hz, at which straight lines between samples miss {lost:.0%} of the {response}"
+        rows = shifted([(0, len(record) - 1)], signal.first_row)
+        message = f"{found} that the nominal model gives, allowed is up to {_LOST:.0%}"
+        yield Finding("warning", "sample rate", signal.file, record.drive, rows, message)

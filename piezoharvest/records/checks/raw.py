@@ -1,0 +1,63 @@
+"""Raw samples: what is not a number, and time that does not run evenly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from piezoharvest.records.finding import Finding, Rows, counted, runs, shifted
+from piezoharvest.records.record import Record
+
+_GAP = 1.5  # of the usual time between samples
+_UNEVEN = 0.2  # of it
+
+
+def not_a_number(record: Record) -> Iterator[Finding]:
+    """Values that are NaN or infinite."""
+    for channel, signal in (("time", record.time), *record.signals.items()):
+        bad = ~np.isfinite(signal.values)
+        if bad.any():
+            rows = shifted(runs(bad), signal.first_row)
+            message = f"found {counted(int(bad.sum()), 'value')} NaN, infinite or missing, allowed are finite numbers"
+            yield Finding("error", "nan", signal.file, channel, rows, message)
+
+
+def clock(record: Record) -> Iterator[Finding]:
+    """Time stamps that repeat, run backward or leave a gap."""
+    time = record.time
+    if not np.isfinite(time.values).all():
+        return
+    steps = np.diff(time.values)
+    usual = float(np.median(steps))
+    allowed = "allowed is time that increases evenly"
+
+    def rows(mask: np.ndarray) -> Rows:
+        """The row after each step of the mask."""
+        return shifted(runs(mask) + 1, time.first_row)
+
+    repeated, backward = steps == 0, steps < 0
+    if repeated.any():
+        message = f"found {counted(int(repeated.sum()), 'repeated time stamp')}, {allowed}"
+        yield Finding("error", "repeated time", time.file, "time", rows(repeated), message)
+    if backward.any():
+        first = int(np.argmax(backward))
+        found = f"found time that runs backward ({time.values[first]:.9g} s, then {time.values[first + 1]:.9g} s)"
+        yield Finding("error", "backward time", time.file, "time", rows(backward), f"{found}, {allowed}")
+    gaps = steps > _GAP * usual
+    if usual > 0 and gaps.any():
+        lost = float(np.max(steps[gaps]))
+        found = f"found {counted(int(gaps.sum()), 'gap')}, the longest of {lost:.6g} s where {usual:.6g} s is usual"
+        yield Finding("error", "gap", time.file, "time", rows(gaps), f"{found}, {allowed}")
+    elif not (repeated | backward).any():
+        yield from _uneven(record, steps)
+
+
+def _uneven(record: Record, steps: np.ndarray) -> Iterator[Finding]:
+    """Time stamps that stray from even ones: a fit takes the samples as evenly spaced."""
+    mean = record.duration / len(steps)
+    stray = np.abs(record.time.values - record.time.values[0] - mean * np.arange(len(record))) > _UNEVEN * mean
+    if stray.any():
+        rows = shifted(runs(stray), record.time.first_row)
+        message = f"found time stamps that stray from even ones by more than {_UNEVEN:.0%} of {mean:.6g} s"
+        yield Finding("warning", "uneven time", record.time.file, "time", rows, f"{message}, allowed are even ones")

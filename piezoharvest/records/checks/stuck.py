@@ -1,0 +1,204 @@
+"""Channels that do not move when they should: constant throughout, clipped at an end of their range, frozen between."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from piezoharvest.records.finding import Finding, runs, shifted
+from piezoharvest.records.record import Record
+from piezoharvest.shunts import LinearShunt, Open, Short
+
+_NOISE_SAMPLES = 1 << 20  # that tell the noise
+_SPREAD_OF_FOURTH_DIFFERENCES = np.sqrt(70.0)  # of white noise
+_FEW = 16  # values that a channel takes
+_CHANGING = 0.4  # share of changes of sign: 0.8 for white noise
+_ROUNDING = 1e-9  # of the range: below it, noise is that of arithmetic
+_ODDS = 1e-6  # of a false alarm in a record, where noise is what keeps samples from being equal
+_SHORTEST_CLIPPED, _SHORTEST_FROZEN = 3, 8
+_HUMP = 6.0  # resolutions that a rounded top goes on beyond where it is cut off
+# Resolutions: the rounded top of a sampled signal falls by 3 within half of its length, the flattest by 15.
+_CORNER = 16.0
+
+
+class Level(NamedTuple):
+    """What a channel can resolve.
+
+    Attributes
+    ----------
+    step : float
+        Least difference of values: the step of the converter, or next to nothing.
+    noise : float
+        Standard deviation of what is not smooth.
+    range : float
+    noisy : bool
+        Whether noise is beyond the resolution, so that many equal samples in a row are no accident.
+    """
+
+    step: float
+    noise: float
+    range: float
+    noisy: bool
+
+    def pinned(self, count: int) -> float:
+        """Equal samples in a row that noise does not give by chance in a record of so many samples."""
+        equal = np.clip(0.5 * self.step / self.noise / np.sqrt(np.pi), 1e-6, 0.5)  # of two neighbours, to be rounded alike
+        return 1 + np.log(count / _ODDS) / -np.log(equal)
+
+    @property
+    def resolution(self) -> float:
+        """The larger of step and noise."""
+        return max(self.step, self.noise)
+
+
+def constant(record: Record) -> Iterator[Finding]:
+    """Channels with the same value throughout."""
+    silent = _silent(record)
+    for channel, signal in record.signals.items():
+        if signal.values.min() < signal.values.max() or channel in silent:
+            continue
+        which = "the drive at" if channel == record.drive else "a dead channel,"
+        message = f"found {which} {signal.values[0]:.6g} throughout, allowed is one that changes"
+        rows = shifted([(0, len(record) - 1)], signal.first_row)
+        yield Finding("error", "constant", signal.file, channel, rows, message)
+
+
+def _silent(record: Record) -> set[str]:
+    """Channels that may well be at rest: voltage across a short, current through nothing, force on a free actuator.
+
+    Behind switches and diodes voltages are held and currents blocked.
+    """
+    if record.drive == "voltage":
+        return {"force"}
+    if not isinstance(record.shunt, LinearShunt):
+        return {"voltage", "current"}
+    return {"voltage"} if isinstance(record.shunt, Short) else {"current"} if isinstance(record.shunt, Open) else set()
+
+
+def standing_still(record: Record) -> Iterator[Finding]:
+    """Stretches of exactly equal values that neither the signal's own course nor a resting drive explains."""
+    flat = {channel: _flat(signal.values) for channel, signal in record.signals.items()}
+    if not any(map(len, flat.values())):
+        return
+    levels = {channel: _level(record[channel], runs_of) for channel, runs_of in flat.items()}
+    for channel, signal in record.signals.items():
+        if not len(flat[channel]) or levels[channel].range == 0 or channel in _silent(record):
+            continue
+        judge = _drive_stuck if channel == record.drive else _response_stuck
+        found = judge(record, channel, flat[channel], levels)
+        yield from _findings(signal, channel, found, levels[channel])
+
+
+def _findings(signal, channel: str, ranges: np.ndarray, level: Level) -> Iterator[Finding]:
+    """Clipped where the value is the largest or the least of the record, frozen elsewhere."""
+    values = signal.values
+    at = values[ranges[:, 0]]
+    for limit, side in ((values.max(), "largest"), (values.min(), "least")):
+        clipped = ranges[at == limit]
+        if len(clipped):
+            count = int(np.sum(clipped[:, 1] - clipped[:, 0] + 1))
+            found = f"found {count} samples pinned at the {side} value, {limit:.6g}"
+            message = f"{found}, allowed is a range that is not used up"
+            yield Finding("warning", "clipped", signal.file, channel, shifted(clipped, signal.first_row), message)
+    frozen = ranges[(at != values.max()) & (at != values.min())]
+    if len(frozen):
+        count = int(np.sum(frozen[:, 1] - frozen[:, 0] + 1))
+        message = f"found {count} samples that stand still while the others go on, allowed is a channel that is alive"
+        yield Finding("error", "frozen", signal.file, channel, shifted(frozen, signal.first_row), message)
+
+
+def _flat(values: np.ndarray) -> np.ndarray:
+    """Runs of three equal values or more, first and last index, (runs, 2)."""
+    found = runs(values[1:] == values[:-1])
+    found[:, 1] += 1
+    return found[found[:, 1] - found[:, 0] + 1 >= _SHORTEST_CLIPPED]
+
+
+def _level(values: np.ndarray, flat: np.ndarray) -> Level:
+    """Resolution and noise of a channel; noise is what fourth differences leave of a smooth signal, runs left out."""
+    # The ends of the range are left out: where it is cut off lies between the steps of a converter.
+    taken = np.unique(values[:_NOISE_SAMPLES])
+    step = float(np.diff(taken[1:-1] if len(taken) > _FEW else taken).min(initial=np.inf))
+    kept = np.ones(min(len(values), _NOISE_SAMPLES), bool)
+    for begin, end in flat[(flat[:, 1] - flat[:, 0] >= _SHORTEST_FROZEN) & (flat[:, 0] < len(kept))]:
+        kept[begin : end + 1] = False
+    fourth = np.diff(values[: len(kept)], 4)[kept[2:-2]]
+    span = float(np.ptp(values))
+    if len(fourth) < 2:
+        return Level(step, 0.0, span, False)
+    noise = float(np.median(np.abs(fourth))) / 0.6745 / _SPREAD_OF_FOURTH_DIFFERENCES
+    # Differences of noise change sign from one to the next; those of a smooth signal do so but seldom.
+    changing = float(np.mean(fourth[1:] * fourth[:-1] < 0)) > _CHANGING
+    return Level(step, noise, span, changing and noise > max(step, _ROUNDING * span))
+
+
+def _response_stuck(record: Record, channel: str, flat: np.ndarray, levels: dict[str, Level]) -> np.ndarray:
+    """Runs of a response that are entered and left by a corner while the drive does not move evenly."""
+    values, drive = record[channel], record[record.drive]
+    level, of_drive = levels[channel], levels[record.drive]
+    begin, end = flat.T
+    length = end - begin + 1
+    middle = (begin + end) // 2
+    chord = drive[begin] + (drive[end] - drive[begin]) * (middle - begin) / (length - 1)
+    bend = np.abs(drive[middle] - chord)
+    if level.noisy:
+        resting = (bend == 0) & (drive[begin] == drive[end])
+        return flat[_unlikely(flat, values, level) & ~resting]
+    half = np.clip(length // 2, 1, 20)
+    inside = (begin >= half) & (end + half < len(values))
+    before, after = np.maximum(begin - half, 0), np.minimum(end + half, len(values) - 1)
+    top = values[begin]
+    fall = np.minimum(np.abs(values[before] - top), np.abs(values[after] - top))
+    corner = inside & (fall > _CORNER * level.resolution)
+    # What the response would show of the drive's bend were three resolutions at most: it may well be at rest.
+    tolerance = max(8 * of_drive.noise, 3 * level.resolution * of_drive.range / level.range)
+    extreme = (top == values.max()) | (top == values.min())
+    enough = length >= np.where(extreme, _SHORTEST_CLIPPED, _SHORTEST_FROZEN)
+    return flat[corner & (bend > tolerance) & enough]
+
+
+def _drive_stuck(record: Record, channel: str, flat: np.ndarray, levels: dict[str, Level]) -> np.ndarray:
+    """Runs of the drive that are no rest: it may rest wherever it likes, unless its noise stops as well.
+
+    Before and after a burst, and at zero, a drive without noise is a command. Without noise, a drive that is clipped is
+    told from one that is held by its flanks: those of a rounded top go on as a parabola, those of a ramp are straight.
+    """
+    values, level = record[channel], levels[channel]
+    at = values[flat[:, 0]]
+    flat = flat[(at != values[0]) & (at != values[-1]) & (at != 0)]
+    if level.noisy:
+        return flat[_unlikely(flat, values, level)]
+    at = values[flat[:, 0]]
+    flat = flat[(at == values.max()) | (at == values.min())]
+    kept = [run for run in flat if _rounded(values, run[0], run[1], level.resolution)]
+    return np.array(kept, dtype=int).reshape(-1, 2)
+
+
+def _unlikely(flat: np.ndarray, values: np.ndarray, level: Level) -> np.ndarray:
+    """Whether runs are longer than noise explains: each by itself, or at an end of the range all taken together."""
+    length, at, enough = flat[:, 1] - flat[:, 0] + 1, values[flat[:, 0]], level.pinned(len(values))
+    unlikely = length >= enough
+    for limit in (values.max(), values.min()):
+        here = at == limit
+        unlikely |= here & (np.sum(length[here] - 1) >= 2 * enough)
+    return unlikely
+
+
+def _rounded(values: np.ndarray, begin: int, end: int, resolution: float) -> bool:
+    """Whether the flanks beside a run are those of a parabola whose top the run has cut off."""
+    width = max((end - begin + 1) // 2, 3)
+    if begin < width or end + width >= len(values):
+        return False
+    flank = np.unique(np.linspace(1, width, 50).astype(int))
+    index = np.concatenate((begin - flank, end + flank))
+    t = (index - (begin + end) / 2) / (end - begin + 1)
+    y = values[index] - values[begin]
+    residual = []
+    for shape in (t**2, np.abs(t)):
+        basis = np.column_stack((shape, t, np.ones_like(t)))
+        coefficients = np.linalg.lstsq(basis, y, rcond=None)[0]
+        residual.append((float(np.sqrt(np.mean((basis @ coefficients - y) ** 2))), coefficients))
+    (parabola, (bend, _, hump)), (tent, _) = residual
+    return bool(parabola < 0.5 * tent and bend * hump < 0 and abs(hump) > max(_HUMP * resolution, 5 * parabola))

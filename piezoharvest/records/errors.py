@@ -1,0 +1,42 @@
+"""What is wrong with a campaign, in one sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from piezoharvest.records.finding import Rows, in_words
+from piezoharvest.study import StudyError
+
+if TYPE_CHECKING:
+    from piezoharvest.records.campaign import Campaign
+
+
+class CampaignError(StudyError):
+    """What is wrong with a campaign: file, key or channel and rows, what was found, what is allowed.
+
+    Attributes
+    ----------
+    path, key, message : str
+        As in `StudyError`: the campaign's file and a key in it, or a data file with channel and rows in words.
+    channel : str
+        Channel of a data file; empty where a key or the whole file is meant.
+    rows : tuple of (first, last)
+        Rows of the data file.
+    campaign : Campaign or None
+        What was read, with all findings, where the data could be read but a check found an error.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        key: str,
+        message: str,
+        *,
+        channel: str = "",
+        rows: Rows = (),
+        campaign: Campaign | None = None,
+    ):
+        place: Any = ", ".join(part for part in (key or channel, in_words(rows)) if part)
+        super().__init__(path, place, message)
+        self.channel, self.rows, self.campaign = channel, rows, campaign

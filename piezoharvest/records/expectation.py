@@ -1,0 +1,111 @@
+"""What the nominal model leads to expect of a record: responses to its drive, with the nominal values uncertain.
+
+Nominal values are where a fit starts, not truth. A check may therefore go by them only where every variant agrees:
+resonances 0.7 to 1.4 times as high, damping 0.3 to 3 times as large, hysteresis sticking or slipping.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from piezoharvest.linear import TwoPort, assemble, hysteresis_slope
+from piezoharvest.linear.assembly import LinearModel, angular, connect
+from piezoharvest.shunts import LinearShunt, Open, Short, Shunt
+from piezoharvest.transducer import Transducer
+
+_MASSES = (1.0, 0.5, 0.7, 1.4, 2.0)
+_DAMPINGS = (1.0, 0.3, 3.0)
+
+# Transfer functions (variants, f) by response and input; the first variant is the nominal one.
+Transfers = Mapping[str, Mapping[str, np.ndarray]]
+
+
+def variants(transducer: Transducer) -> Iterator[tuple[Transducer, str]]:
+    """Transducers that the nominal one may turn out to be, each with the operating point of its hysteresis."""
+    points = ("stick", "slip") if transducer.hysteresis else ("stick",)
+    for mass in _MASSES:
+        for damping in _DAMPINGS:
+            scaled = {"mass": mass, "damping": damping}
+            modes = tuple(_scaled(mode, scaled) for mode in transducer.modes)
+            for point in points:
+                yield _scaled(replace(transducer, modes=modes), scaled), point
+
+
+def _scaled(part, factors: Mapping[str, float]):
+    return replace(part, **{name: getattr(part, name) * factor for name, factor in factors.items()})
+
+
+def transfers(
+    transducer: Transducer, shunt: Shunt | None, drive: str, frequencies: np.ndarray, *, nominal: bool = False
+) -> Transfers:
+    """Responses of all channels to a unit drive.
+
+    Parameters
+    ----------
+    transducer : Transducer
+    shunt : Shunt or None
+        With switches or diodes, only the displacement is foretold, between that with open and with shorted electrodes.
+    drive : str
+        The imposed channel. With an imposed voltage a force acts beside it.
+    frequencies : (f,) array
+        Hz, above 0.
+    nominal : bool
+        The nominal values only.
+
+    Returns
+    -------
+    mapping
+        By response and input, arrays (variants, f) in SI units. A channel that nothing is known of is missing.
+    """
+    linear = drive == "voltage" or isinstance(shunt, LinearShunt)
+    shunts = [shunt] if linear else [Open(), Short()]
+    found: dict[str, dict[str, list[np.ndarray]]] = {}
+    for variant, point in variants(transducer):
+        for across in shunts:
+            for (response, cause), values in _responses(variant, across, drive, frequencies, point).items():
+                if linear or response == "displacement":
+                    found.setdefault(response, {}).setdefault(cause, []).append(values)
+        if nominal:
+            break
+    # Nothing but rounding would be foretold of these.
+    silent = {"voltage"} if isinstance(shunt, Short) else {"current"} if isinstance(shunt, Open) else set()
+    return {
+        response: {cause: np.array(values) for cause, values in by.items()}
+        for response, by in found.items()
+        if drive == "voltage" or response not in silent
+    }
+
+
+def _responses(
+    transducer: Transducer, shunt: Shunt | None, drive: str, frequencies: np.ndarray, point: str
+) -> dict[tuple[str, str], np.ndarray]:
+    """Transfer functions (f,) by (response, input) of one variant."""
+    slope, omega = hysteresis_slope(transducer, point), angular(frequencies)
+    if drive == "voltage":
+        model = connect(transducer, lambda port, z, dz, w: [port.v - w["voltage"]], slope=slope, electrical="voltage")
+        return _of(model, omega, ("displacement", "current"), ("force", "voltage"))
+    assert shunt is not None
+    model = assemble(transducer, shunt, slope=slope, base=drive == "base_acceleration")
+    found = _of(model, omega, ("displacement", "voltage", "current"), (drive,))
+    if drive != "displacement":
+        return found
+    # Whatever moves the structure: its displacement is known, and the others stand in proportion.
+    moved = found.pop(("displacement", drive))
+    return {("force", drive): 1 / moved, **{key: values / moved for key, values in found.items()}}
+
+
+def _of(
+    model: LinearModel, omega: np.ndarray, responses: tuple[str, ...], causes: tuple[str, ...]
+) -> dict[tuple[str, str], np.ndarray]:
+    transfer = model.phasors(omega)
+    values = {response: transfer(model.rows[response]) for response in responses}
+    return {(response, cause): values[response][..., n] for response in responses for n, cause in enumerate(causes)}
+
+
+def impedances(transducer: Transducer, frequencies: np.ndarray, mechanical) -> np.ndarray:
+    """Impedance of the leads, ohm, (variants, f)."""
+    found = (TwoPort.of(t, frequencies, operating_point=point) for t, point in variants(transducer))
+    return np.array([port.impedance(mechanical) for port in found])

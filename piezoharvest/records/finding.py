@@ -1,0 +1,76 @@
+"""What a check has found in a record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+Rows = tuple[tuple[int, int], ...]
+_MOST = 3  # ranges of rows in a message
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is wrong with a record, or likely so.
+
+    Attributes
+    ----------
+    severity : "error" or "warning"
+        Nothing can be fitted to a record with an error.
+    check : str
+        Name of the check: "nan", "gap", "clipped", "unit", ...
+    file : str
+        The data file, as the campaign names it.
+    channel : str
+        Channel it is about; empty for all.
+    rows : tuple of (first, last)
+        Where, in rows as people count: lines of a text file, samples from 1 in others. Empty where rows say nothing.
+    message : str
+        What was found, and what is allowed.
+    """
+
+    severity: Literal["error", "warning"]
+    check: str
+    file: str
+    channel: str
+    rows: Rows
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.file}: {self.place}: {self.message}"
+
+    @property
+    def place(self) -> str:
+        """Channel and rows in words."""
+        return ", ".join(part for part in (self.channel, in_words(self.rows)) if part)
+
+
+def in_words(rows: Rows) -> str:
+    """Rows as a message says them: "row 7" or "rows 7-9, 12-15 and 4 more ranges"."""
+    if not rows:
+        return ""
+    parts = [f"{first}" if first == last else f"{first}-{last}" for first, last in rows[:_MOST]]
+    more = f" and {len(rows) - _MOST} more ranges" if len(rows) > _MOST else ""
+    return ("row " if len(rows) == 1 and rows[0][0] == rows[0][1] else "rows ") + ", ".join(parts) + more
+
+
+def counted(count: int, one: str) -> str:
+    """A number of things: "1 gap", "3 gaps"."""
+    return f"{count} {one}{'' if count == 1 else 's'}"
+
+
+def runs(mask: np.ndarray) -> np.ndarray:
+    """First and last index of every run of True in a mask (n,), as an integer array (runs, 2)."""
+    edges = np.flatnonzero(mask[1:] != mask[:-1]) + 1
+    bounds = np.concatenate(([0], edges, [len(mask)])) if len(mask) else np.zeros(1, int)
+    begin, end = bounds[:-1], bounds[1:] - 1
+    kept = mask[begin] if len(mask) else np.zeros(0, bool)
+    return np.column_stack((begin[kept], end[kept]))
+
+
+def shifted(ranges: Sequence[Sequence[int]] | np.ndarray, first_row: int) -> Rows:
+    """Ranges of sample indices as rows."""
+    return tuple((int(begin) + first_row, int(end) + first_row) for begin, end in ranges)

@@ -1,0 +1,95 @@
+"""From the entry of a frequency response or an impedance to its record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from piezoharvest.records.channels import Source
+from piezoharvest.records.entries import RESPONSE_COLUMNS, FrfEntry, ImpedanceEntry, Sources, response_units
+from piezoharvest.records.errors import CampaignError
+from piezoharvest.records.readers import MissingColumnError, ReadError
+from piezoharvest.records.readers.base import shown
+from piezoharvest.records.reading import Files
+from piezoharvest.records.record import FrequencyRecord
+from piezoharvest.shunts import Shunt
+
+# The ways to give a response, the first that is there being taken.
+_FORMS = (("response",), ("real", "imaginary"), ("magnitude", "phase"))
+
+
+def read_frequency_record(
+    entry: FrfEntry | ImpedanceEntry, key: str, sources: Sources, shunt: Shunt | None, folder: Path
+) -> FrequencyRecord:
+    """Read a frequency response or an impedance.
+
+    Parameters
+    ----------
+    entry : FrfEntry or ImpedanceEntry
+    key : str
+        Where it stands in the campaign.
+    sources : mapping of str to (Source, level)
+        What the record itself says of its columns.
+    shunt : Shunt or None
+    folder : Path
+        What files are relative to.
+
+    Raises
+    ------
+    CampaignError
+        The file cannot be read, or holds no response.
+    """
+    with Files(folder) as files:
+        columns, all_sources = _find(files, entry, sources)
+        raw = files.read(entry.file, columns)
+        first_row = files.reader(entry.file).first_row
+    units = response_units(entry)
+    parts = {part: all_sources[part].to_si(values, units[part]) for part, values in raw.items()}
+    for part, values in parts.items():
+        if values.dtype.kind == "c" and part != "response":
+            message = f"found complex values, allowed are real ones (complex ones belong in {'response'!r})"
+            raise CampaignError(folder / entry.file, part, message, channel=part)
+    frf = isinstance(entry, FrfEntry)
+    return FrequencyRecord(
+        name=entry.file, key=key, role=entry.role, kind=entry.kind, shunt=shunt, start_time=entry.start_time,
+        input=entry.input if frf else "current", output=entry.output if frf else "voltage",
+        mechanical="free" if frf else entry.mechanical, frequency=parts["frequency"], response=_complex(parts),
+        coherence=parts.get("coherence"), columns=MappingProxyType({p: ", ".join(c) for p, c in columns.items()}),
+        first_row=first_row,
+    )  # fmt: skip
+
+
+def _complex(parts: Mapping[str, np.ndarray]) -> np.ndarray:
+    """The response from what it is given by."""
+    if "response" in parts:
+        return parts["response"].astype(complex)
+    if "real" in parts:
+        return parts["real"] + 1j * parts["imaginary"]
+    return parts["magnitude"] * np.exp(1j * parts["phase"])
+
+
+def _find(files: Files, entry: FrfEntry | ImpedanceEntry, sources: Sources) -> tuple[dict, dict[str, Source]]:
+    """Columns and sources of frequency, response and, where there is one, coherence."""
+    reader = files.reader(entry.file)
+    found: dict[str, list[str]] = {}
+    used = {part: source for part, (source, _) in sources.items()}
+    for part, default in RESPONSE_COLUMNS[entry.kind].items():
+        try:
+            found[part] = [reader.resolve(column) for column in used.setdefault(part, Source()).columns(default)]
+        except ReadError as error:
+            if part in sources or not isinstance(error, MissingColumnError):
+                raise files.error(entry.file, part, error) from None
+    if "phase" not in found and "phase_deg" in reader.names and "phase" not in sources:
+        found["phase"], used["phase"] = ["phase_deg"], Source(unit="deg")
+    told = [form for form in _FORMS if any(part in sources for part in form)] or _FORMS
+    form = next((form for form in told if all(part in found for part in form)), None)
+    if "frequency" not in found or form is None:
+        what = "frequency" if "frequency" not in found else "response"
+        defaults = ", ".join(RESPONSE_COLUMNS[entry.kind].values())
+        message = f"found the columns {shown(reader.names)}, allowed are {defaults}, or names in records.channels"
+        raise CampaignError(files.folder / entry.file, what, message, channel=what)
+    kept = {part: columns for part, columns in found.items() if part in ("frequency", "coherence", *form)}
+    return kept, used

@@ -1,0 +1,46 @@
+"""Readers of data files, one for each format; every module of this package that defines suffixes is found by scanning.
+
+A reader opens a file, lists the columns that it has and reads those that are wanted. Add a format by one more file with
+a subclass of `Reader`, here or in a script of your own.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from pathlib import Path
+
+from piezoharvest.parameters import subclasses_by
+from piezoharvest.records.readers.base import MissingColumnError, Reader, ReadError
+
+__all__ = ["MissingColumnError", "ReadError", "Reader", "open_reader", "registered"]
+
+for _module in pkgutil.iter_modules(__path__):
+    importlib.import_module(f"{__name__}.{_module.name}")
+
+
+def registered() -> dict[str, type[Reader]]:
+    """All readers by the endings of the files that they read, those that a user's own script defines included."""
+    return {suffix: cls for suffixes, cls in subclasses_by("suffixes", Reader).items() for suffix in suffixes}
+
+
+def open_reader(path: Path) -> Reader:
+    """Open a data file by the ending of its name.
+
+    Raises
+    ------
+    ReadError
+        No such file, an unknown ending, or a file that is not what its ending says.
+    """
+    known = registered()
+    if path.suffix.lower() not in known:
+        found = repr(path.suffix) if path.suffix else "no ending"
+        raise ReadError(f"found {found}, allowed are files ending in {', '.join(sorted(known))}")
+    try:
+        with path.open("rb") as stream:
+            empty = not stream.read(1)
+    except OSError as error:
+        raise ReadError(f"found no readable file ({error.strerror}), allowed is a file of measured data") from None
+    if empty:
+        raise ReadError("found an empty file, allowed is a file of measured data")
+    return known[path.suffix.lower()](path)

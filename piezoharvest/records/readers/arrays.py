@@ -1,0 +1,81 @@
+"""What readers of files that hold arrays have in common: columns of matrices are named as numpy indexes them."""
+
+from __future__ import annotations
+
+import re
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
+from math import prod
+from typing import Any
+
+import numpy as np
+
+from piezoharvest.records.readers.base import Reader, ReadError, numbers
+
+_INDEX = re.compile(r"(.*)\[([\d\s,:-]*)\]", re.S)
+_MOST = 200  # columns of one array that are listed one by one
+
+
+class ArrayReader(Reader):
+    """A file with named arrays.
+
+    A vector is the column of its name. A column of a larger array is `name[:, 2]`, in numpy's notation, counted from 0;
+    further colons append what they stand for: of an array (samples, channels, periods), `name[:, 1, :]` is channel 1
+    through all periods.
+    """
+
+    arrays: Mapping[str, Any]
+
+    def _found(self, arrays: Mapping[str, Any]) -> None:
+        """Take the arrays of the file: anything with a shape and a dtype that can be indexed."""
+        self.arrays = arrays
+        self.names = tuple(column for name, array in arrays.items() for column in _columns(name, array.shape))
+
+    @abstractmethod
+    def _values(self, array: Any, index: tuple[Any, ...]) -> Any:
+        """Part of an array."""
+
+    def resolve(self, column: str | int) -> str:
+        indexed = isinstance(column, str) and _INDEX.fullmatch(column)
+        if not indexed or column in self.names:
+            return super().resolve(column)
+        name, index = indexed.groups()
+        if name not in self.arrays:
+            name = super().resolve(name)
+        shape, parts = self.arrays[name].shape, [part.strip() for part in index.split(",")]
+        fine = len(parts) == len(shape) and ":" in parts
+        fine &= all(part == ":" or (part.isdigit() and int(part) < n) for part, n in zip(parts, shape, strict=False))
+        if not fine:
+            raise ReadError(f"found an array of shape {shape}, allowed is one index for each axis", str(column))
+        return f"{name}[{', '.join(parts)}]"
+
+    def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        return {name: self._column(name) for name in names}
+
+    def _column(self, name: str) -> np.ndarray:
+        indexed = _INDEX.fullmatch(name)
+        if name in self.arrays or not indexed:
+            array, index = self.arrays[name], ()
+        else:
+            array = self.arrays[indexed[1]]
+            index = tuple(slice(None) if part == ":" else int(part) for part in indexed[2].split(", "))
+        try:
+            values = self._values(array, index)
+        except Exception as error:  # what a damaged file makes of its reader is not foreseeable
+            raise ReadError(f"found damaged data ({error}), allowed is a whole file", name) from None
+        return numbers(np.ravel(values, order="F"), name)
+
+
+def _columns(name: str, shape: tuple[int, ...]) -> Iterator[str]:
+    """Names of the columns of an array: samples run along its longest axis."""
+    if prod(shape) <= 1:
+        return
+    if prod(shape) == max(shape):
+        yield name or "[:]"
+    elif prod(shape) // max(shape) > _MOST:
+        yield f"{name}[{', '.join(f'0..{n - 1}' for n in shape)}]"
+    else:
+        axis = int(np.argmax(shape))
+        for index in product(*(":" if n == axis else map(str, range(size)) for n, size in enumerate(shape))):
+            yield f"{name}[{', '.join(index)}]"

@@ -1,0 +1,136 @@
+"""What a reader is: a data file that is open, with columns that have names."""
+
+from __future__ import annotations
+
+import difflib
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+
+class ReadError(ValueError):
+    """What is wrong with a data file.
+
+    Attributes
+    ----------
+    message : str
+        What was found, and what is allowed.
+    column : str
+        Empty where the whole file is meant.
+    row : int or None
+        Row as people count, in a text file the line.
+    """
+
+    def __init__(self, message: str, column: str = "", row: int | None = None):
+        super().__init__(message)
+        self.message, self.column, self.row = message, column, row
+
+
+class MissingColumnError(ReadError):
+    """There is no such column in the file; says which there are."""
+
+
+class Reader(ABC):
+    """A data file of one format. Subclasses give `suffixes` and are found by scanning the package.
+
+    Parameters
+    ----------
+    path : Path
+
+    Attributes
+    ----------
+    names : sequence of str
+        Columns that the file has.
+    first_row : int
+        Row of the first sample as people count: the line of a text file, else 1.
+
+    Raises
+    ------
+    ReadError
+        The file is not of this format, or damaged.
+    """
+
+    suffixes: ClassVar[tuple[str, ...]]
+    names: Sequence[str]
+    first_row: int = 1
+
+    def __init__(self, path: Path):
+        self.path = path
+
+    @abstractmethod
+    def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Values of columns by their full names, (n,) arrays of float or complex.
+
+        Raises
+        ------
+        ReadError
+            A column holds something that is not a number.
+        """
+
+    def time_of(self, name: str) -> np.ndarray | None:
+        """Time in s of a column's samples, (n,), where the format itself tells it."""
+        return None
+
+    def resolve(self, column: str | int) -> str:
+        """Full name of a column that is given by its name, its last part (of a path) or its number from 1.
+
+        Raises
+        ------
+        MissingColumnError
+            There is no such column.
+        ReadError
+            There are several of this name.
+        """
+        if isinstance(column, int):
+            if column <= len(self.names):
+                return self.names[column - 1]
+            raise MissingColumnError(f"found {len(self.names)} columns, allowed is a number up to that", str(column))
+        named = [name for name in self.names if name == column]
+        found = named or [name for name in self.names if last_part(name) == column]
+        if len(found) > 1:
+            raise ReadError(f"found {len(found)} columns {column!r} ({shown(found)}), allowed is one", column)
+        if not found:
+            near = difflib.get_close_matches(column, self.names, n=1)
+            hint = f" (did you mean {near[0]!r}?)" if near else ""
+            raise MissingColumnError(f"found no column {column!r}{hint}, allowed are {shown(self.names)}", column)
+        return found[0]
+
+    def close(self) -> None:  # noqa: B027 - most files have nothing to be closed
+        """Close the file."""
+
+    def __enter__(self) -> Reader:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def last_part(name: str) -> str:
+    r"""Last part of a path such as "group/channel", or "Model Root"/"ADC"/"Out1" and Model Root/ADC\Out1 of dSPACE."""
+    return name.replace("\\", "/").rsplit("/", 1)[-1].strip('"')
+
+
+def shown(names: Sequence[str], most: int = 12) -> str:
+    """Names in a message: all of them, if they are not too many."""
+    kept = [name.strip() or "''" for name in names[:most]]
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return (", ".join(kept) or "none") + more
+
+
+def numbers(values: Any, name: str) -> np.ndarray:
+    """Values as an array of float or complex, without a copy where they are that already.
+
+    Raises
+    ------
+    ReadError
+        They are not numbers.
+    """
+    array = np.asarray(values)
+    if array.dtype.names == ("real", "imag"):  # how MATLAB and others write complex numbers to HDF5
+        array = array["real"] + 1j * array["imag"]
+    if array.dtype.kind not in "fiubc":
+        raise ReadError(f"found {array.dtype.name} values, allowed are numbers", name)
+    return np.ascontiguousarray(array, complex if array.dtype.kind == "c" else float)

@@ -1,0 +1,38 @@
+"""HDF5 files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, ClassVar
+
+from piezoharvest.records.readers.arrays import ArrayReader
+from piezoharvest.records.readers.base import ReadError
+
+
+class Hdf5(ArrayReader):
+    """HDF5 file: every data set of numbers, by its path; a column may also be named by the last part alone."""
+
+    suffixes: ClassVar[tuple[str, ...]] = (".h5", ".hdf5", ".hdf")
+
+    def __init__(self, path: Path):
+        import h5py
+
+        super().__init__(path)
+        arrays: dict[str, Any] = {}
+
+        def visit(name: str, item: Any) -> None:
+            if isinstance(item, h5py.Dataset) and (item.dtype.kind in "fiubc" or item.dtype.names == ("real", "imag")):
+                arrays[name] = item
+
+        try:
+            self._file = h5py.File(path, "r")
+            self._file.visititems(visit)
+        except (OSError, RuntimeError, KeyError) as error:
+            raise ReadError(f"found no HDF5 file ({error}), allowed is a whole one") from None
+        self._found(arrays)
+
+    def _values(self, array: Any, index: tuple[Any, ...]) -> Any:
+        return array[index]
+
+    def close(self) -> None:
+        self._file.close()

@@ -1,0 +1,44 @@
+"""Parquet files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from piezoharvest.records.readers.base import Reader, ReadError, numbers
+
+
+class Parquet(Reader):
+    """Parquet file; what is null in it is not a number (NaN)."""
+
+    suffixes: ClassVar[tuple[str, ...]] = (".parquet",)
+
+    def __init__(self, path: Path):
+        from pyarrow import ArrowException, parquet
+
+        super().__init__(path)
+        try:
+            self._file = parquet.ParquetFile(path)
+        except (ArrowException, OSError) as error:
+            raise ReadError(f"found no Parquet file ({error}), allowed is a whole one") from None
+        self.names = tuple(self._file.schema_arrow.names)
+
+    def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        from pyarrow import ArrowException
+
+        try:
+            return {name: self._column(name) for name in names}
+        except (ArrowException, OSError) as error:
+            raise ReadError(f"found damaged data ({error}), allowed is a whole Parquet file") from None
+
+    def _column(self, name: str) -> np.ndarray:
+        """One column, row group by row group: never much more than it is in memory."""
+        groups = (self._file.read_row_group(n, columns=[name]) for n in range(self._file.num_row_groups))
+        parts = [numbers(group.column(0).to_numpy(), name) for group in groups]
+        return np.concatenate(parts) if parts else np.empty(0)
+
+    def close(self) -> None:
+        self._file.close()

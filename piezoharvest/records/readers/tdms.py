@@ -1,0 +1,49 @@
+"""TDMS files of LabVIEW and other NI software."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from piezoharvest.records.readers.base import Reader, ReadError, numbers
+
+
+class Tdms(Reader):
+    """TDMS file: channels by "group/channel", or by the channel's name alone; scaled as their properties say."""
+
+    suffixes: ClassVar[tuple[str, ...]] = (".tdms",)
+
+    def __init__(self, path: Path):
+        from nptdms import TdmsFile
+
+        super().__init__(path)
+        try:
+            self._file = TdmsFile.open(path)
+        except Exception as error:  # nptdms raises what the bytes lead it to
+            raise ReadError(f"found no TDMS file ({error}), allowed is a whole one") from None
+        self._channels: dict[str, Any] = {
+            f"{group.name}/{channel.name}": channel for group in self._file.groups() for channel in group.channels()
+        }
+        self.names = tuple(self._channels)
+
+    def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        return {name: self._column(name) for name in names}
+
+    def _column(self, name: str) -> np.ndarray:
+        try:
+            values = self._channels[name][:]
+        except Exception as error:  # as above
+            raise ReadError(f"found damaged data ({error}), allowed is a whole TDMS file", name) from None
+        return numbers(values, name)
+
+    def time_of(self, name: str) -> np.ndarray | None:
+        """Time by the channel's waveform properties, where it has them."""
+        channel = self._channels[name]
+        step = channel.properties.get("wf_increment", 0.0)
+        return channel.properties.get("wf_start_offset", 0.0) + step * np.arange(len(channel)) if step else None
+
+    def close(self) -> None:
+        self._file.close()

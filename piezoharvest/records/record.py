@@ -1,0 +1,136 @@
+"""Records as they have been read: signals in SI units over time, and frequency responses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from piezoharvest.shunts import Shunt
+
+Role = Literal["fit", "validate"]
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """One measured channel of a record.
+
+    Attributes
+    ----------
+    values : (n,) array
+        In the channel's SI unit.
+    sigma : float or None
+        Known standard deviation of the noise, in the same unit.
+    file, column : str
+        Where the values were read; the column is empty where they follow from the sample rate.
+    first_row : int
+        Row of the first sample in the file, as people count.
+    """
+
+    values: np.ndarray
+    sigma: float | None
+    file: str
+    column: str
+    first_row: int
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Channels measured at the same time.
+
+    Attributes
+    ----------
+    name : str
+        The file, as the campaign names it.
+    key : str
+        Where it stands in the campaign: "records.0".
+    role : "fit" or "validate"
+    drive : str
+        The imposed channel: "force", "voltage", "displacement" or "base_acceleration".
+    shunt : Shunt or None
+        What is across the electrodes; None where the voltage is imposed and nothing else is said.
+    start_time : float
+        s since the campaign began.
+    time : Signal
+        s; raw time stamps where the file has them.
+    signals : mapping of str to Signal
+        By channel; the drive is one of them, and any other may be missing.
+    """
+
+    name: str
+    key: str
+    role: Role
+    drive: str
+    shunt: Shunt | None
+    start_time: float
+    time: Signal
+    signals: Mapping[str, Signal]
+
+    def __getitem__(self, channel: str) -> np.ndarray:
+        """Values of a channel in its SI unit, (n,); those of "time" too."""
+        return (self.time if channel == "time" else self.signals[channel]).values
+
+    def __len__(self) -> int:
+        return len(self.time.values)
+
+    @property
+    def responses(self) -> tuple[str, ...]:
+        """Channels other than the drive."""
+        return tuple(channel for channel in self.signals if channel != self.drive)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample, s."""
+        return float(self.time.values[-1] - self.time.values[0])
+
+    @cached_property
+    def sample_rate(self) -> float:
+        """Samples a second, Hz."""
+        return (len(self) - 1) / self.duration
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyRecord:
+    """A measured frequency response: of one channel to another, or the impedance of the leads.
+
+    Attributes
+    ----------
+    name, key, role, shunt, start_time
+        As in `Record`; the shunt is None for an impedance.
+    kind : "frf" or "impedance"
+    input, output : str
+        Channels; the response is output over input. An impedance is that of voltage to the current INTO the leads.
+    mechanical : "free" or "blocked"
+        For an impedance, what holds the structure.
+    frequency : (n,) array
+        Hz.
+    response : (n,) complex array
+        SI unit of the output over that of the input; e^(jwt).
+    coherence : (n,) array or None
+        From 0 to 1.
+    columns : mapping of str to str
+        Columns read, by what they hold: "frequency", "real", "imaginary", "magnitude", "phase", "coherence".
+    first_row : int
+        Row of the first line in the file, as people count.
+    """
+
+    name: str
+    key: str
+    role: Role
+    kind: Literal["frf", "impedance"]
+    input: str
+    output: str
+    shunt: Shunt | None
+    mechanical: Literal["free", "blocked"]
+    start_time: float
+    frequency: np.ndarray
+    response: np.ndarray
+    coherence: np.ndarray | None
+    columns: Mapping[str, str]
+    first_row: int
+
+    def __len__(self) -> int:
+        return len(self.frequency)

@@ -1,0 +1,77 @@
+"""Spectra of a record's channels, and the lines in which its drive has its energy."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from scipy.fft import next_fast_len, rfft
+from scipy.signal.windows import hann
+
+from piezoharvest.records.record import Record
+
+_SHARE = 0.98  # of the drive's energy that its lines hold
+_ABOVE_FLOOR = 30.0  # times the median power, where the drive is that of a few lines and the rest is noise
+_NOISE = 0.3  # of the energy: a floor that has more is the drive
+_MOST = 400  # lines that are looked at, spread over all
+
+
+class Spectra:
+    """Hann-windowed spectra of the channels of a record, made when they are asked for.
+
+    Parameters
+    ----------
+    record : Record
+        Evenly sampled, without NaN.
+    """
+
+    def __init__(self, record: Record):
+        self.record = record
+        self._kept: dict[str, np.ndarray] = {}
+
+    @cached_property
+    def frequencies(self) -> np.ndarray:
+        """Frequencies in Hz, (f,)."""
+        count = self._padded
+        return np.arange(count // 2 + 1) * (self.record.sample_rate / count)
+
+    @property
+    def _padded(self) -> int:
+        """Samples that a record is padded to with zeros, for the transform to be fast."""
+        return next_fast_len(len(self.record), real=True) or len(self.record)
+
+    def __getitem__(self, channel: str) -> np.ndarray:
+        """Amplitude spectrum of a channel, (f,) complex: a sine of amplitude A is a peak of |A|."""
+        if channel not in self._kept:
+            values = self.record[channel]
+            n = len(values)
+            window = hann(n, sym=False)
+            # Without mean and trend; what is left of them is in the lowest lines, which nobody looks at.
+            ramp = np.linspace(-1.0, 1.0, n)
+            trend = 3.0 * np.mean(ramp * values) * (n - 1) / (n + 1)
+            ramp *= -trend
+            ramp += values
+            ramp -= np.mean(values)
+            ramp *= window
+            self._kept[channel] = rfft(ramp, self._padded) * (2 / window.sum())
+        return self._kept[channel]
+
+    def lines(self, spectrum: np.ndarray) -> np.ndarray:
+        """Indices of the lines that hold a spectrum's energy, slower than one period in the record left out."""
+        power = np.abs(spectrum) ** 2
+        power[self.frequencies < 1 / self.record.duration] = 0
+        power[-1] = 0
+        floor = float(np.median(power))
+        if floor * len(power) < _NOISE * np.log(2) * power.sum():  # the median of noise is log 2 times its mean
+            power[power < _ABOVE_FLOOR * floor] = 0
+        order = np.argsort(power)[::-1]
+        total = np.cumsum(power[order])
+        if total[-1] == 0:
+            return np.empty(0, int)
+        kept = np.sort(order[: int(np.searchsorted(total, _SHARE * total[-1])) + 1])
+        return kept[power[kept] > 0]
+
+
+def spread(lines: np.ndarray, most: int = _MOST) -> np.ndarray:
+    """Some of many lines, evenly."""
+    return lines if len(lines) <= most else lines[np.linspace(0, len(lines) - 1, most).astype(int)]
