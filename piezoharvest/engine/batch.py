@@ -10,7 +10,7 @@ import numpy as np
 
 from piezoharvest.engine import many
 from piezoharvest.engine import program as pg
-from piezoharvest.engine import shooting as sh
+from piezoharvest.engine import section as sc
 from piezoharvest.engine.lower import Lowered, lower, symmetric
 from piezoharvest.engine.simulation import CLOSURE, simulate
 from piezoharvest.engine.state import QUEUE_LENGTH
@@ -81,7 +81,7 @@ def _steady_states(lowered: Lowered, mirrored: bool, designs: int) -> np.ndarray
     machine = Machine(lowered, ledger=True)
     trial = machine.state(sensitivities=int(machine.L[pg.N]) + QUEUE_LENGTH + 1, ledger=False)
     followed, recorder = machine.state(log=LOG, ledger=False), machine.state(track=True)
-    reals, integers = sh.room(machine.L)
+    reals, integers = sc.room(machine.L)
     memory = np.zeros(reals), np.zeros(integers, np.int64)
     out = np.zeros((designs, many.ENERGIES + int(machine.L[pg.CATEGORY_COUNT])))
     machine.search_many(trial, followed, recorder, memory, (programs, out), mirrored)

@@ -7,10 +7,10 @@ import numpy as np
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
+from piezoharvest.engine.advance import DONE, advance
 from piezoharvest.engine.compiled import compiled, entry
-from piezoharvest.engine.events import DONE, advance
+from piezoharvest.engine.glide import glide
 from piezoharvest.engine.many import steady_states
-from piezoharvest.engine.march import glide
 from piezoharvest.engine.shooting import find
 from piezoharvest.engine.state import set_ramp, set_tones
 from piezoharvest.engine.tables import block_of, seek

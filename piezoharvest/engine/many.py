@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from piezoharvest.engine import program as pg
+from piezoharvest.engine import section as sc
 from piezoharvest.engine import shooting as sh
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
+from piezoharvest.engine.advance import DONE
 from piezoharvest.engine.compiled import compiled
-from piezoharvest.engine.events import DONE
 from piezoharvest.engine.state import stored
 
 # What is kept of a design, before its energies.
@@ -43,12 +44,12 @@ def _half_span(S, D, k, mirrored):
 def _record(P, L, S, D, W, V, out, at, mirrored):
     """Run the orbit that was found through one span and keep what belongs to a period."""
     reset(P, L, S, D)
-    sh.load(P, L, S, D, W, V, sh.BEST, W[sh.TIME], 0)
+    sc.load(P, L, S, D, W, V, sc.BEST, W[sc.TIME], 0)
     before, periods = stored(P, L, S), 2.0 if mirrored else 1.0
-    if sh.move(P, L, S, D, W, V, W[sh.TIME] + W[sh.SPAN]) != DONE:
+    if sh.move(P, L, S, D, W, V, W[sc.TIME] + W[sc.SPAN]) != DONE:
         return
-    sh.save(P, L, S, D, W, V, sh.END, mirrored)
-    if sh.distance(P, L, W, V, sh.BEST) > sh.REPEATED:
+    sc.save(P, L, S, D, W, V, sc.END, mirrored)
+    if sc.distance(P, L, W, V, sc.BEST) > sh.REPEATED:
         return
     out[at + SETTLED] = 1.0
     out[at + EVENTS] = periods * D[st.LOGGED]
@@ -74,16 +75,16 @@ def steady_states(P, L, S, D, W, V, s, d, r, e, designs, count, out, width, symm
         L[tb.HELD] = 0
         for k in range(width):
             out[b * width + k] = 0.0
-        W[sh.EVALUATIONS], W[sh.PERIOD] = 0.0, P[L[pg.PERIOD]]
+        W[sc.EVALUATIONS], W[sc.PERIOD] = 0.0, P[L[pg.PERIOD]]
         for attempt in range(2):
             mirrored = symmetric and attempt == 0
-            W[sh.SPAN] = 0.5 * W[sh.PERIOD] if mirrored else W[sh.PERIOD]
+            W[sc.SPAN] = 0.5 * W[sc.PERIOD] if mirrored else W[sc.PERIOD]
             reset(P, L, S, D)
             reset(P, L, s, d)
             status = sh.find(P, L, S, D, W, V, s, d, mirrored)
-            if status == DONE and sh.converged(W[sh.RESIDUAL], W[sh.RADIUS]):
+            if status == DONE and sh.converged(W[sc.RESIDUAL], W[sc.RADIUS]):
                 _record(P, L, r, e, W, V, out, b * width, mirrored)
                 break
             if not mirrored:
                 break
-        out[b * width + EVALUATED] = W[sh.EVALUATIONS]
+        out[b * width + EVALUATED] = W[sc.EVALUATIONS]

@@ -26,8 +26,8 @@ def dual(batch: np.ndarray, rank: int) -> Dual:
     """Nominal value and derivatives from a batch made by a complex step, of arrays with so many axes."""
     batch = np.asarray(batch)
     if batch.ndim == rank:
-        return Dual(batch.real, np.zeros((1, *batch.shape)))
-    return Dual(batch[0].real, batch.imag / COMPLEX_STEP)
+        return Dual(np.real(batch), np.zeros((1, *batch.shape)))
+    return Dual(np.real(batch[0]), np.imag(batch) / COMPLEX_STEP)
 
 
 class Mode:

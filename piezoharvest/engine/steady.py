@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezoharvest.engine import program as pg
+from piezoharvest.engine import section as sc
 from piezoharvest.engine import shooting as sh
 from piezoharvest.engine import state as st
-from piezoharvest.engine.events import DONE
+from piezoharvest.engine.advance import DONE
 from piezoharvest.engine.state import QUEUE_LENGTH, State
 from piezoharvest.engine.transient import Machine
 
@@ -84,27 +85,27 @@ class Shooting:
         if start is not None:
             warm.follow(start)
         moved = machine.state(sensitivities=n + QUEUE_LENGTH + 1)
-        numbers, integers = sh.room(machine.L)
+        numbers, integers = sc.room(machine.L)
         W, V = np.zeros(numbers), np.zeros(integers, np.int64)
-        W[sh.PERIOD], W[sh.SPAN] = self.period, 0.5 * self.period if self.mirrored else self.period
+        W[sc.PERIOD], W[sc.SPAN] = self.period, 0.5 * self.period if self.mirrored else self.period
         check(machine.search(moved, warm, (W, V), self.mirrored))
-        x, y = n + QUEUE_LENGTH + 2, sh.Y_SLIP + int(machine.L[pg.H]) + QUEUE_LENGTH
-        section = W[sh.HEAD + sh.BEST * x :][:x].copy(), V[sh.BEST * y :][:y].copy()
-        return Orbit(*section, *(float(W[k]) for k in (sh.TIME, sh.RESIDUAL, sh.RADIUS, sh.EVALUATIONS)))
+        x, y = n + QUEUE_LENGTH + 2, sc.Y_SLIP + int(machine.L[pg.H]) + QUEUE_LENGTH
+        section = W[sc.HEAD + sc.BEST * x :][:x].copy(), V[sc.BEST * y :][:y].copy()
+        return Orbit(*section, *(float(W[k]) for k in (sc.TIME, sc.RESIDUAL, sc.RADIUS, sc.EVALUATIONS)))
 
     def load(self, orbit: Orbit, **recorded) -> State:
         """State on an orbit at its time; `recorded` as in `State`."""
         state, n, h = self.machine.state(**recorded), self.n, int(self.machine.L[pg.H])
         x, y = orbit.numbers, orbit.integers
-        waiting, closed = int(y[sh.Y_WAITING]), bool(y[sh.Y_CLOSED])
+        waiting, closed = int(y[sc.Y_WAITING]), bool(y[sc.Y_CLOSED])
         state.z[:n] = x[:n]
         for place, value in (
-            (st.CONFIGURATION, y[sh.Y_CONFIGURATION]), (st.DIRECTION, y[sh.Y_DIRECTION]),
+            (st.CONFIGURATION, y[sc.Y_CONFIGURATION]), (st.DIRECTION, y[sc.Y_DIRECTION]),
             (st.WAITING, waiting), (st.CLOSED, closed),
         ):  # fmt: skip
             state.D[place] = value
-        state[st.SLIP][:] = y[sh.Y_SLIP : sh.Y_SLIP + h]
-        state[st.POLARITY][:waiting] = y[sh.Y_SLIP + h :][:waiting]
+        state[st.SLIP][:] = y[sc.Y_SLIP : sc.Y_SLIP + h]
+        state[st.POLARITY][:waiting] = y[sc.Y_SLIP + h :][:waiting]
         state[st.QUEUE][:waiting] = orbit.time + x[n : n + waiting]
         opens = orbit.time + x[n + QUEUE_LENGTH] if closed else np.inf
         state.clock[:] = orbit.time, opens, orbit.time + x[n + QUEUE_LENGTH + 1]

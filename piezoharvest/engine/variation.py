@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from piezoharvest.engine import program as pg
-from piezoharvest.engine.events import ACTS, NOTHING, OPENS
 from piezoharvest.engine.modes import Dual, Flow, Mode, dual
 from piezoharvest.engine.orbit import Motion, Tape
 from piezoharvest.engine.steady import solve_conserving
+from piezoharvest.engine.tape import ACTS, NOTHING, OPENS
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 NODES, WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
@@ -56,7 +56,7 @@ class Leg:
         """
         edges, length, rates = [0.0], self.motion.length, self.flow.rates
         while edges[-1] < length:
-            alive = np.abs(rates[-rates.real * edges[-1] < GONE])
+            alive = np.abs(rates[-np.real(rates) * edges[-1] < GONE])
             step = RESOLVED / max(float(np.max(alive, initial=0.0)), RESOLVED / length)
             edges.append(length if edges[-1] + 1.01 * step >= length else edges[-1] + step)
         steps = np.diff(edges)
@@ -182,7 +182,7 @@ class Variation:
         """What an event does to the columns beside moving in time: currents cut, stops at limits, charge extracted."""
         program, what = self.program, motion.what
         for j in np.flatnonzero((following.slip != 0) & (motion.slip == 0)):
-            columns[:, program.stop_state[j]] = following.slip[j] * self._limit(j).change
+            columns[:, program.stop_state[j]] = following.slip[j] * self._limit(int(j)).change
         if what == OPENS and program.cut >= 0:
             columns[:, program.cut] = 0.0
         if 0 <= what < program.guard_target.shape[1] and program.guard_cut[motion.configuration, what] >= 0:

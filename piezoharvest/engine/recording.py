@@ -1,0 +1,148 @@
+"""What is recorded of a motion: samples, extremes, energies and sensitivities."""
+
+from __future__ import annotations
+
+from piezoharvest.engine import program as pg
+from piezoharvest.engine import state as st
+from piezoharvest.engine import tables as tb
+from piezoharvest.engine.compiled import compiled
+from piezoharvest.engine.crossing import NONE
+from piezoharvest.engine.exponentials import NODES, WEIGHTS
+from piezoharvest.engine.motion import FLOW, KEPT, SAMPLE, exact, taylor
+from piezoharvest.engine.state import dot_column, vector
+from piezoharvest.engine.tables import block_of, slot_of
+from piezoharvest.engine.vector import copy, dot, grow, multiply
+
+
+@compiled
+def observe(P, L, S, D, slot, tau, arrived):
+    """Samples and extremes between the state now and the state at `arrived`, tau later."""
+    now = S[D[st.CLOCK]]
+    end, z, outputs = now + tau, vector(L, D, SAMPLE), block_of(L, slot) + L[tb.OUTPUTS]
+    while D[st.SAMPLED] < D[st.SAMPLES_WANTED] and S[D[st.SAMPLE_TIME] + D[st.SAMPLED]] <= end:
+        k = D[st.SAMPLED]
+        into = S[D[st.SAMPLE_TIME] + k] - now
+        here = D[st.SAMPLES] + k * len(pg.OUTPUTS)
+        if into <= 1e-12 * tau:
+            multiply(P, outputs, tb.OUTPUT_ROWS, L[pg.COLUMNS], S, 0, here)
+        elif into >= tau * (1 - 1e-12):
+            multiply(P, outputs, tb.OUTPUT_ROWS, L[pg.COLUMNS], S, arrived, here)
+        else:
+            exact(P, L, S, D, slot, 0, into, z)
+            multiply(P, outputs, tb.OUTPUT_ROWS, L[pg.COLUMNS], S, z, here)
+        D[st.SAMPLED] += 1
+    if D[st.TRACKED]:
+        at = slot_of(L, slot)
+        first = L[at + tb.GUARD_COUNT] - pg.WATCHED
+        for k in range(pg.WATCHED):
+            output = outputs + (pg.DISPLACEMENT if k == 0 else pg.VOLTAGE)
+            rate = block_of(L, slot) + L[tb.LINES] + 2 * L[at + tb.FIRST_GUARD + 2 * (first + k) + 1] * L[pg.ROWS]
+            _turn(P, L, S, D, slot, tau, arrived, k, output, rate)
+
+
+@compiled
+def _turn(P, L, S, D, slot, tau, arrived, k, output, rate):
+    """Widen the extremes by the ends of a step, and by the turning point where the output's rate changes sign."""
+    a, rows, z = L[pg.A], L[pg.ROWS], vector(L, D, SAMPLE)
+    _widen(S, D, k, dot_column(P, output, tb.OUTPUT_ROWS, S, 0, a))
+    _widen(S, D, k, dot_column(P, output, tb.OUTPUT_ROWS, S, arrived, a))
+    before, after = dot(P, rate, S, 0, rows), dot(P, rate, S, arrived, rows)
+    if not before * after < 0.0:
+        return
+    low, high, low_rate, high_rate = 0.0, tau, before, after
+    for _ in range(60):
+        # Illinois variant of the secant method: the end that stays loses half its weight.
+        x = low + (high - low) * low_rate / (low_rate - high_rate)
+        exact(P, L, S, D, slot, 0, x, z)
+        value = dot(P, rate, S, z, rows)
+        if value * before > 0.0:
+            low, low_rate, high_rate = x, value, 0.5 * high_rate
+        else:
+            high, high_rate, low_rate = x, value, 0.5 * low_rate
+        if abs(value) <= 1e-9 * (abs(before) + abs(after)) or high - low <= 1e-12 * tau:
+            break
+    _widen(S, D, k, dot_column(P, output, tb.OUTPUT_ROWS, S, z, a))
+
+
+@compiled
+def _widen(S, D, k, value):
+    lowest = D[st.EXTREMES] + 2 * k
+    S[lowest] = min(S[lowest], value)
+    S[lowest + 1] = max(S[lowest + 1], value)
+
+
+@compiled
+def account(P, L, S, D, slot, tau, level):
+    """Energies and sensitivities of a motion by tau from the state now.
+
+    `level` is the level of a full step, or NONE for any tau.
+    """
+    if level != NONE:
+        _full_step(P, L, S, D, slot, level)
+        return
+    rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
+    finest, steps = L[slot_of(L, slot) + tb.FINEST_LEVEL], block + L[tb.STEPS]
+    if D[st.ENERGIES] == 0:
+        for s in range(D[st.SENSITIVITIES]):
+            phi, out = D[st.PHI] + s * rows, vector(L, D, FLOW)
+            exact(P, L, S, D, slot, phi, tau, out)
+            copy(S, out, phi, rows)
+        return
+    rest, kept, out = tau, vector(L, D, KEPT), vector(L, D, FLOW)
+    copy(S, 0, kept, rows)
+    for k in range(finest + 1):
+        if rest >= P[steps + k]:
+            _full_step(P, L, S, D, slot, k)
+            grow(P, block + L[tb.GROWTH] + k * rows * columns, rows, columns, S, 0, out)
+            copy(S, out, 0, rows)
+            rest -= P[steps + k]
+    if rest > 0.0:
+        _collect_short(P, L, S, D, slot, rest)
+        for s in range(D[st.SENSITIVITIES]):
+            taylor(P, L, S, D, block, D[st.PHI] + s * rows, rest, rest / P[steps + finest])
+    copy(S, kept, 0, rows)
+
+
+@compiled
+def _full_step(P, L, S, D, slot, level):
+    """Energies and sensitivities of a full step of one level from the state now."""
+    rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
+    square, out = rows * columns, vector(L, D, FLOW)
+    for e in range(D[st.ENERGIES]):
+        multiply(P, block + L[tb.GRAMIAN] + (level * L[tb.LEDGER] + e) * square, rows, columns, S, 0, out)
+        total = 0.0
+        for i in range(rows):
+            total += S[i] * S[out + i]
+        S[D[st.ENERGY] + e] += total
+    growth = block + L[tb.GROWTH] + level * square
+    for s in range(D[st.SENSITIVITIES]):
+        phi = D[st.PHI] + s * rows
+        grow(P, growth, rows, columns, S, phi, out)
+        copy(S, out, phi, rows)
+
+
+@compiled
+def _collect_short(P, L, S, D, slot, tau):
+    """Energies of a step shorter than the finest level, by Gauss-Legendre quadrature of its Taylor series."""
+    block, z, a, own = block_of(L, slot), vector(L, D, SAMPLE), L[pg.A], L[pg.PRODUCTS]
+    short, configuration = P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]], D[st.CONFIGURATION]
+    for q in range(len(NODES)):
+        copy(S, 0, z, L[pg.ROWS])
+        taylor(P, L, S, D, block, z, NODES[q] * tau, NODES[q] * tau / short)
+        for p in range(own + L[pg.H]):
+            category, weight = pg.HYSTERESIS, tau * WEIGHTS[q]
+            if p < own:
+                category = L[L[pg.PRODUCT_CATEGORY] + configuration * own + p]
+                weight *= P[L[pg.PRODUCT_COEFFICIENT] + configuration * own + p]
+            if category >= 0:
+                S[D[st.ENERGY] + category] += weight * _form_product(P, L, block + L[tb.PRODUCTS] + 2 * p * a, S, z)
+
+
+@compiled
+def _form_product(P, L, product, S, z):
+    """Product of two linear forms that stand one after the other."""
+    a, first, second = L[pg.A], 0.0, 0.0
+    for j in range(a):
+        first += P[product + j] * S[z + j]
+        second += P[product + a + j] * S[z + j]
+    return first * second
