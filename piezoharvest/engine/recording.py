@@ -19,13 +19,14 @@ def observe(P, L, S, D, slot, tau, arrived):
     """Samples and extremes between the state now and the state at `arrived`, tau later."""
     now = S[D[st.CLOCK]]
     end, z, outputs = now + tau, vector(L, D, SAMPLE), block_of(L, slot) + L[tb.OUTPUTS]
+    rounding = 1e-15 * end  # of times, for samples wanted at the ends of steps
     while D[st.SAMPLED] < D[st.SAMPLES_WANTED] and S[D[st.SAMPLE_TIME] + D[st.SAMPLED]] <= end:
         k = D[st.SAMPLED]
         into = S[D[st.SAMPLE_TIME] + k] - now
         here = D[st.SAMPLES] + k * len(pg.OUTPUTS)
-        if into <= 1e-12 * tau:
+        if into <= rounding:
             multiply(P, outputs, tb.OUTPUT_ROWS, L[pg.COLUMNS], S, 0, here)
-        elif into >= tau * (1 - 1e-12):
+        elif into >= tau - rounding:
             multiply(P, outputs, tb.OUTPUT_ROWS, L[pg.COLUMNS], S, arrived, here)
         else:
             exact(P, L, S, D, slot, 0, into, z)
