@@ -21,7 +21,7 @@ class Channel(NamedTuple):
     Attributes
     ----------
     key : str
-        Table of [bench] that describes it.
+        Key of [bench] that sets how much of the converter's range it takes.
     sensitivity : float
         Converter volts for one unit.
     noise : float
@@ -46,13 +46,13 @@ def channels(bench: Bench, *, base: bool) -> dict[str, Channel]:
     cell, meter, laser = bench.load_cell, bench.accelerometer, bench.laser
     buffer, sense = bench.buffer, bench.current_sense
     if base:
-        drive = {"base_acceleration": Channel("accelerometer", meter.sensitivity, meter.noise)}
+        drive = {"base_acceleration": Channel("accelerometer.sensitivity", meter.sensitivity, meter.noise)}
     else:
-        drive = {"force": Channel("load_cell", cell.sensitivity, cell.noise)}
+        drive = {"force": Channel("load_cell.sensitivity", cell.sensitivity, cell.noise)}
     return drive | {
-        "displacement": Channel("laser", laser.sensitivity, laser.noise, laser.resolution),
-        "voltage": Channel("buffer", buffer.gain, buffer.noise),
-        "current": Channel("current_sense", sense.sensitivity, sense.noise),
+        "displacement": Channel("laser.sensitivity", laser.sensitivity, laser.noise, laser.resolution),
+        "voltage": Channel("buffer.gain", buffer.gain, buffer.noise),
+        "current": Channel("current_sense.gain", sense.sensitivity, sense.noise),
     }
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from piezoharvest.records.checks.dynamics import too_short, too_slow
+from piezoharvest.records.checks.dynamics import lost_between_samples, too_short, too_slow
 from piezoharvest.records.checks.frequency import check_frequency
 from piezoharvest.records.checks.hum import mains_hum
 from piezoharvest.records.checks.model import against_model
@@ -20,6 +20,8 @@ from piezoharvest.records.spectra import Spectra
 from piezoharvest.transducer import Transducer
 
 __all__ = ["check"]
+
+_ALIASED = 0.15  # of a response that is lost between samples: the lines of such a record are not those of the drive
 
 
 def check(record: Record | FrequencyRecord, transducer: Transducer) -> tuple[Finding, ...]:
@@ -39,13 +41,16 @@ def check(record: Record | FrequencyRecord, transducer: Transducer) -> tuple[Fin
     if isinstance(record, FrequencyRecord):
         return tuple(check_frequency(record, transducer))
     found = list(_raw(record))
+    if _errors(found):
+        return tuple(found)
     spectra = Spectra(record)
-    if not _errors(found):
+    lost = lost_between_samples(record, spectra, transducer)
+    if lost < _ALIASED:
         found += against_model(record, spectra, transducer)
     if not _errors(found):
         found += mains_hum(record, spectra, transducer)
         found += too_short(record, transducer)
-        found += too_slow(record, spectra, transducer)
+        found += too_slow(record, lost)
     return tuple(found)
 
 

@@ -37,34 +37,36 @@ def too_short(record: Record, transducer: Transducer) -> Iterator[Finding]:
         yield Finding("warning", "too short", record.time.file, "time", rows, message)
 
 
-def too_slow(record: Record, spectra: Spectra, transducer: Transducer) -> Iterator[Finding]:
-    """A sample rate at which straight lines between samples are not the drive any more.
+def lost_between_samples(record: Record, spectra: Spectra, transducer: Transducer) -> float:
+    """Share of a response's amplitude that straight lines between the samples of the drive get wrong.
 
     They weaken a line at f by sinc^2(f/fs) and add its images at n fs +- f, which a resonance may answer. What this
-    makes of a response of the nominal model, against the response to the smooth drive, is what is judged.
+    makes of a response of the nominal model is set against the response to the smooth drive.
     """
-    rate = record.sample_rate
-    drive = spectra[record.drive]
+    rate, drive = record.sample_rate, spectra[record.drive]
     lines = spread(spectra.lines(drive), _LINES)
-    if not len(lines):
-        return
     kept = spectra.frequencies[lines]
+    if not len(kept):
+        return 0.0
     images = np.concatenate([n * rate + side * kept for n in range(1, _IMAGES + 1) for side in (-1, 1)])
     frequencies = np.concatenate((kept, images))
     foretold = transfers(transducer, record.shunt, record.drive, frequencies, nominal=True)
     causes = {record.drive: np.tile(drive[lines], len(frequencies) // len(kept))}
-    expected = {channel: predicted(foretold, channel, causes) for channel in ("displacement", "voltage", "current")}
-    response, spectrum = next(((c, s) for c, s in expected.items() if s is not None), ("", None))
+    expected = (predicted(foretold, channel, causes) for channel in ("displacement", "voltage", "current"))
+    spectrum = next((found for found in expected if found is not None), None)
     if spectrum is None:
-        return
-    power = np.abs(spectrum[0]) ** 2
-    weight = np.sinc(frequencies / rate) ** 2
+        return 0.0
+    power, weight = np.abs(spectrum[0]) ** 2, np.sinc(frequencies / rate) ** 2
     smooth, error = power[: len(kept)], power * weight**2
     error[: len(kept)] = smooth * (1 - weight[: len(kept)]) ** 2
-    lost = float(np.sqrt(error.sum() / smooth.sum()))
+    return float(np.sqrt(error.sum() / smooth.sum()))
+
+
+def too_slow(record: Record, lost: float) -> Iterator[Finding]:
+    """A sample rate at which straight lines between samples are not the drive any more."""
     if lost > _LOST:
         signal = record.signals[record.drive]
-        found = f"found {rate:.6g} Hz, at which straight lines between samples miss {lost:.0%} of the {response}"
+        found = f"found {record.sample_rate:.6g} Hz, at which straight lines between samples miss {lost:.0%}"
         rows = shifted([(0, len(record) - 1)], signal.first_row)
-        message = f"{found} that the nominal model gives, allowed is up to {_LOST:.0%}"
+        message = f"{found} of the response that the nominal model gives, allowed is up to {_LOST:.0%}"
         yield Finding("warning", "sample rate", signal.file, record.drive, rows, message)

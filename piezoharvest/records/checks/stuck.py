@@ -14,11 +14,15 @@ from piezoharvest.shunts import LinearShunt, Open, Short
 _NOISE_SAMPLES = 1 << 20  # that tell the noise
 _SPREAD_OF_FOURTH_DIFFERENCES = np.sqrt(70.0)  # of white noise
 _FEW = 16  # values that a channel takes
+_BEYOND = 2.0  # steps of a converter, whose rounding looks like noise of up to one
+_MOVING = 0.5  # least share of samples outside runs
+_EQUAL = 0.35  # share of equal neighbours among these, where noise would leave hardly any
 _CHANGING = 0.4  # share of changes of sign: 0.8 for white noise
 _ROUNDING = 1e-9  # of the range: below it, noise is that of arithmetic
 _ODDS = 1e-6  # of a false alarm in a record, where noise is what keeps samples from being equal
 _SHORTEST_CLIPPED, _SHORTEST_FROZEN = 3, 8
 _HUMP = 6.0  # resolutions that a rounded top goes on beyond where it is cut off
+_BLOCKED = 0.2  # of the drive's range
 # Resolutions: the rounded top of a sampled signal falls by 3 within half of its length, the flattest by 15.
 _CORNER = 16.0
 
@@ -44,7 +48,8 @@ class Level(NamedTuple):
 
     def pinned(self, count: int) -> float:
         """Equal samples in a row that noise does not give by chance in a record of so many samples."""
-        equal = np.clip(0.5 * self.step / self.noise / np.sqrt(np.pi), 1e-6, 0.5)  # of two neighbours, to be rounded alike
+        # The odds that two neighbours are rounded alike.
+        equal = np.clip(0.5 * self.step / self.noise / np.sqrt(np.pi), 1e-6, 0.5)
         return 1 + np.log(count / _ODDS) / -np.log(equal)
 
     @property
@@ -131,7 +136,10 @@ def _level(values: np.ndarray, flat: np.ndarray) -> Level:
     noise = float(np.median(np.abs(fourth))) / 0.6745 / _SPREAD_OF_FOURTH_DIFFERENCES
     # Differences of noise change sign from one to the next; those of a smooth signal do so but seldom.
     changing = float(np.mean(fourth[1:] * fourth[:-1] < 0)) > _CHANGING
-    return Level(step, noise, span, changing and noise > max(step, _ROUNDING * span))
+    beyond = noise > max(_BEYOND * step, _ROUNDING * span)
+    # A square wave has few samples that are not in a run, a staircase many steps.
+    moving = np.mean(kept) > _MOVING and np.mean(np.diff(values[: len(kept)])[kept[1:]] == 0) < _EQUAL
+    return Level(step, noise, span, bool(beyond and changing and moving))
 
 
 def _response_stuck(record: Record, channel: str, flat: np.ndarray, levels: dict[str, Level]) -> np.ndarray:
@@ -140,11 +148,8 @@ def _response_stuck(record: Record, channel: str, flat: np.ndarray, levels: dict
     level, of_drive = levels[channel], levels[record.drive]
     begin, end = flat.T
     length = end - begin + 1
-    middle = (begin + end) // 2
-    chord = drive[begin] + (drive[end] - drive[begin]) * (middle - begin) / (length - 1)
-    bend = np.abs(drive[middle] - chord)
     if level.noisy:
-        resting = (bend == 0) & (drive[begin] == drive[end])
+        resting = _bend(drive, begin, end) == 0
         return flat[_unlikely(flat, values, level) & ~resting]
     half = np.clip(length // 2, 1, 20)
     inside = (begin >= half) & (end + half < len(values))
@@ -152,11 +157,23 @@ def _response_stuck(record: Record, channel: str, flat: np.ndarray, levels: dict
     top = values[begin]
     fall = np.minimum(np.abs(values[before] - top), np.abs(values[after] - top))
     corner = inside & (fall > _CORNER * level.resolution)
-    # What the response would show of the drive's bend were three resolutions at most: it may well be at rest.
-    tolerance = max(8 * of_drive.noise, 3 * level.resolution * of_drive.range / level.range)
     extreme = (top == values.max()) | (top == values.min())
     enough = length >= np.where(extreme, _SHORTEST_CLIPPED, _SHORTEST_FROZEN)
-    return flat[corner & (bend > tolerance) & enough]
+    # What the response would show of the drive's bend were three resolutions at most: it may well be at rest.
+    tolerance = max(8 * of_drive.noise, 3 * level.resolution * of_drive.range / level.range)
+    # Hysteresis that sticks keeps charge from moving for a while, whatever the drive does.
+    blocked = of_drive.range * _BLOCKED * (channel in ("voltage", "current")) * ~extreme
+    return flat[corner & enough & (_bend(drive, begin, end) > np.maximum(tolerance, blocked))]
+
+
+def _bend(drive: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """How far the drive is from a straight line through its values at both ends of a run."""
+    bend = np.zeros(len(begin))
+    for part in (0.25, 0.5, 0.75):
+        inner = begin + (part * (end - begin)).astype(int)
+        chord = drive[begin] + (drive[end] - drive[begin]) * (inner - begin) / (end - begin)
+        bend = np.maximum(bend, np.abs(drive[inner] - chord))
+    return bend
 
 
 def _drive_stuck(record: Record, channel: str, flat: np.ndarray, levels: dict[str, Level]) -> np.ndarray:

@@ -1,0 +1,230 @@
+"""The bench's solver against independent integrations, and its own energy balance."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bench_runs import HOLD, LINEAR, LOAD, OPEN, SHORT, SINE, STACK, C, K, T, error, waves
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracles.reference import simulate as reference
+from scipy.integrate import simpson, solve_ivp
+from studies import BENCH, DRIVE, SECOND, STOPS
+
+import piezoharvest.records.bench
+from piezoharvest.hysteresis import stop
+from piezoharvest.records.bench.solver import SolverError
+from piezoharvest.study import build_excitation
+
+# What the solver promises, relative to the largest value of each waveform.
+PROMISED = 1e-7
+RLC = {"resistance": 2e4, "inductance": 300.0, "capacitance": 80e-9}
+SHUNTS = {
+    "open": OPEN,
+    "short": SHORT,
+    "resistor": {"kind": "resistor", "resistance": 8e4},
+    "series_rl": {"kind": "series_rl", "inductance": 200.0, "resistance": 2e4},
+    "parallel_rl": {"kind": "parallel_rl", "inductance": 200.0, "resistance": 2e5},
+    "series_rlc": {"kind": "series_rlc", **RLC},
+    "parallel_rlc": {"kind": "parallel_rlc", **RLC},
+    "rectifier": {"kind": "rectifier", "smoothing_capacitance": 1e-6, "load_resistance": 1e5, "diode_drop": 0.3},
+    "rectifier dc": {"kind": "rectifier", "dc_voltage": 2.0},
+}
+
+
+def check(excitation, shunt, transducer, length, tolerance=PROMISED, **oracle):
+    found = waves(excitation, shunt, transducer, length=length)
+    study = {"transducer": transducer, "excitation": excitation, "shunts": [shunt]}
+    wanted = reference(study, 0, duration=length, times=found.time, **oracle)
+    # What is zero by nature (the voltage of a short) is so to rounding.
+    floor = 1e-3 * np.abs(wanted.x).max() * transducer["coupling"] / transducer["capacitance"]
+    # A bridge's current begins with a jump of its slope, and the stack's mass rings for microseconds.
+    assert error(found.displacement, wanted.x) < tolerance
+    assert error(found.velocity[1:], wanted.u[1:]) < 10 * tolerance
+    assert error(found.voltage, wanted.v, floor) < tolerance
+    if shunt["kind"] == "open":
+        assert not found.current.any()
+    else:
+        assert error(found.current[1:], wanted.i[1:]) < 10 * tolerance
+    return found, wanted
+
+
+@pytest.mark.parametrize("hysteresis", [{}, {"hysteresis": STOPS}], ids=["plain", "hysteresis"])
+@pytest.mark.parametrize("shunt", SHUNTS)
+def test_cantilever_against_the_oracle(shunt, hysteresis):
+    check(DRIVE, SHUNTS[shunt], {**BENCH, **hysteresis}, 0.2)
+
+
+@pytest.mark.parametrize(
+    "excitation",
+    [
+        {"kind": "sine_base", "amplitude": 2.0, "frequency": 50.6},
+        {"kind": "step_force", "amplitude": 0.02, "duration": 0.0937, "rise_time": 0.0111},
+        {
+            "kind": "multisine", "duration": 0.2,
+            "amplitudes": [0.01, 0.01], "frequencies": [40.0, 90.0], "phases": [0.0, 1.0],
+        },
+    ],
+    ids=lambda table: table["kind"],
+)  # fmt: skip
+def test_excitations_of_two_modes_against_the_oracle(excitation):
+    check(excitation, SHUNTS["resistor"], {**BENCH, "hysteresis": STOPS, "modes": [SECOND]}, 0.2)
+
+
+def test_stack_against_the_oracle():
+    """Its mechanics are a thousand times faster than the samples."""
+    found, wanted = check(SINE, LOAD, STACK, 0.25, method="Radau", rtol=1e-9)
+    # Stops that turn back do so together: one event here, one for each of them there.
+    assert found.events == len({round(time, 7) for time, name in wanted.events if "stop" in name}) > 10
+    # Ten seconds of it take some ten thousand steps: this is what makes campaigns quick.
+    assert found.steps < 2 * len(found.time)
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    coupling=st.floats(1e-4, 3e-3),
+    damping=st.floats(0.01, 1.0),
+    # Where the load discharges C within a sample the oracle's explicit method is good to some 1e-6 only.
+    resistance=st.floats(3e4, 1e7),
+    frequency=st.floats(5.0, 120.0),
+    weights=st.tuples(st.floats(0, 1e7), st.floats(0, 1e7)),
+    offset=st.floats(-0.1, 0.1),
+)
+def test_any_study_against_the_oracle(coupling, damping, resistance, frequency, weights, offset):
+    transducer = {**BENCH, "coupling": coupling, "damping": damping}
+    transducer["hysteresis"] = {"thresholds": [1e-8, 1e-7], "weights": list(weights)}
+    drive = {"kind": "sine_force", "amplitude": 0.02, "frequency": frequency, "offset": offset}
+    check(drive, {"kind": "resistor", "resistance": resistance}, transducer, 0.1)
+
+
+def test_a_load_that_discharges_within_a_sample():
+    check({**DRIVE, "offset": 0.03}, {"kind": "resistor", "resistance": 1300.0}, BENCH, 0.05, method="Radau")
+
+
+@pytest.mark.parametrize("kind", ["random_force", "random_base", "record"])
+def test_random_and_recorded_drive_against_exponentials(tmp_path, kind):
+    """Straight lines between the corners of the drive, which are not at the samples, are taken exactly."""
+    samples = np.random.default_rng(0).normal(size=338)
+    (tmp_path / "drive.csv").write_text("f\n" + "\n".join(f"{v:.17g}" for v in samples))
+    table = {"kind": kind, "psd": 1e-5, "band": [5.0, 90.0], "duration": 0.5, "seed": 3}
+    if kind == "record":
+        table = {"kind": kind, "file": str(tmp_path / "drive.csv"), "column": "f", "sample_rate": 673.0}
+    found = waves(table, {"kind": "resistor", "resistance": 8e4}, BENCH, length=0.5)
+    m, b, k, t, c = (BENCH[key] for key in ("mass", "damping", "stiffness", "coupling", "capacitance"))
+    rc, gain = 8e4 * c, -m if kind == "random_base" else 1.0
+    # x, u, q, with v = (q - t x)/c and q' = -v/r.
+    A = np.array([[0, 1, 0], [-(k + t * t / c) / m, -b / m, t / (c * m)], [t / rc, 0, -1 / rc]])
+    values, vectors = np.linalg.eig(A)
+    once = -np.linalg.solve(A, [0, gain / m, 0])  # what a constant drive of 1 ends at
+    twice = np.linalg.solve(A, once)
+    signal = build_excitation(table, tmp_path).signal()
+    grid = np.union1d(signal.times[signal.times < 0.5], found.time)
+    level = signal.at(grid)
+    # From rest under the first value, where v = 0; a random drive comes out of nothing.
+    start = 0.0 if kind != "record" else level[0] / k
+    wanted = [np.array([start, 0.0, t * start])]
+    for here, there, step in zip(level, level[1:], np.diff(grid), strict=False):
+        slope = (there - here) / step
+        transient = np.linalg.solve(vectors, wanted[-1] - once * here - twice * slope)
+        wanted.append((vectors @ (np.exp(values * step) * transient)).real + once * there + twice * slope)
+    x, _, q = np.array(wanted)[np.searchsorted(grid, found.time)].T
+    assert error(found.displacement, x) < PROMISED
+    assert error(found.voltage, (q - t * x) / c) < PROMISED
+
+
+def nonlinear(t, y, force, p):
+    """Equations of the cantilever with every smooth effect, written for this test alone."""
+    x, u, q, polarisation, crept = y
+    now = p["T"] * (1 + p["drift"] * t)
+    charge = q - now * x - p["T2"] * x * x - polarisation
+    roots = np.roots([p["beta"] * p["C"], 0.0, p["C"], -charge])
+    v = float(roots[np.argmin(np.abs(roots.imag))].real)
+    acceleration = force(t) + (now + 2 * p["T2"] * x) * v - p["b"] * u - p["k"] * (x - crept) - p["k3"] * x**3
+    return [
+        u,
+        acceleration / p["m"],
+        p["bias"] - v / p["R"] - v / p["leak"],
+        (p["Cr"] * v - polarisation) / p["tau_r"],
+        (p["ratio"] * (x - crept) - crept) / p["tau_c"],
+    ]
+
+
+def test_all_smooth_effects_at_once_against_dop853():
+    p = {"T": 1e-3, "C": 40e-9, "m": 0.01, "b": 0.0628, "k": 986.96, "R": 8e4}
+    p |= {"beta": 2e-3, "k3": 5e8, "T2": 0.3, "drift": -0.5, "leak": 3e5, "bias": 1e-6, "Cr": 2e-8, "tau_r": 0.03}
+    p |= {"ratio": 0.1, "tau_c": 0.05}
+    effects = {
+        "voltage_dependent_capacitance": {"beta": p["beta"]},
+        "stiffening": {"cubic_stiffness": p["k3"]},
+        "nonlinear_coupling": {"quadratic_coupling": p["T2"]},
+        "coupling_drift": {"relative_drift": p["drift"] * 0.2},  # of a record of 0.2 s
+        "leakage": {"resistance": p["leak"]},
+        "bias_current": {"current": p["bias"]},
+        "dielectric_relaxation": {"capacitance": p["Cr"], "time_constant": p["tau_r"]},
+        "creep": {"compliance_ratio": p["ratio"], "time_constant": p["tau_c"]},
+    }
+    drive = {"kind": "sine_force", "amplitude": 0.1, "frequency": 50.6}
+    found = waves(drive, {"kind": "resistor", "resistance": p["R"]}, BENCH, effects=effects, length=0.2)
+
+    def force(t):
+        return 0.1 * np.sin(2 * np.pi * 50.6 * t)
+
+    options = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-16, "t_eval": found.time}
+    wanted = solve_ivp(nonlinear, (0, 0.2), np.zeros(5), args=(force, p), **options).y
+    assert error(found.displacement, wanted[0]) < PROMISED
+    assert error(found.states[:, 2], wanted[2]) < PROMISED
+    assert error(found.states[:, 3], wanted[3]) < PROMISED
+    assert error(found.states[:, 4], wanted[4]) < PROMISED
+
+
+def test_a_loaded_step_decays_with_rc():
+    """The stack follows F + T v at once, so that C + T^2/k discharges into the load."""
+    found = waves(HOLD, LOAD, LINEAR, length=1.0)
+    total = C + T * T / K
+    wanted = -T * 1000.0 / K / total * np.exp(-found.time / (LOAD["resistance"] * total))
+    # The mechanics settle within a millisecond; what they do not settle to is of order b/(k R C).
+    assert error(found.voltage[5:], wanted[5:]) < 1e-4
+
+
+def test_energy_closes():
+    """Force's work is found again in damping, hysteresis, the load and what is stored."""
+    found = waves(length=0.4, rate=20_000.0)
+    x, u, q = found.states.T
+    # Not the integral of F u: in the first microseconds the mass has to gather speed.
+    work = np.sum(0.5 * (found.drive[1:] + found.drive[:-1]) * np.diff(x))
+    friction = simpson(STACK["damping"] * u**2, x=found.time)
+    load = simpson(found.voltage * found.current, x=found.time)
+    # Where the charge turns or a stop gives way, straight lines between samples are off by their distance squared.
+    pairs = zip(STACK["hysteresis"]["weights"], STACK["hysteresis"]["thresholds"], strict=True)
+    hysteretic = sum(w * stop(q, r) for w, r in pairs)  # at the first sample q is where the stops are relaxed
+    inside = np.sum(0.5 * (hysteretic[1:] + hysteretic[:-1]) * np.diff(q))
+    v_t = (q - T * x) / C
+    stored = 0.5 * STACK["mass"] * u**2 + 0.5 * K * x**2 + 0.5 * C * v_t**2
+    assert work == pytest.approx(friction + load + inside + stored[-1] - stored[0], abs=1e-6 * (load + inside))
+    assert min(load, inside) > 0.1 * (load + inside)
+
+
+def test_the_solution_does_not_depend_on_the_samples():
+    coarse, fine = waves(rate=250.0), waves(rate=4000.0)
+    assert error(coarse.voltage, fine.voltage[::16]) < PROMISED
+    assert error(coarse.displacement, fine.displacement[::16]) < PROMISED
+
+
+def test_what_has_no_solution_is_said():
+    """With beta < 0 the charge has a maximum, where v^2 = 1/(3 |beta|): 5.8 V here, and the stack would give 7.4 V."""
+    effects = {"voltage_dependent_capacitance": {"beta": -0.01}}
+    with pytest.raises(SolverError, match=r"no step is short enough at 0\.\d+ s"):
+        waves({**HOLD, "rise_time": 0.1}, OPEN, LINEAR, effects=effects)
+
+
+def test_nothing_of_the_engine_is_used():
+    """Neither the engine nor the equations that it lowers, so that data for tests do not come from what they test."""
+    forbidden = {"engine", "linear", "equations", "circuit", "effects", "spice"}
+    for path in Path(piezoharvest.records.bench.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [node.module] if isinstance(node, ast.ImportFrom) else []
+            names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            for name in names:
+                words = name.split(".")
+                assert words[0] != "piezoharvest" or words[1] not in forbidden, f"{path}:{node.lineno}: {name}"
