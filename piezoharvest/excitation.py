@@ -51,10 +51,15 @@ def ramps_through(times: np.ndarray, values: np.ndarray) -> Ramps:
 
 @dataclass(frozen=True, kw_only=True)
 class Excitation(Component):
-    """Base of all excitations. `base` tells whether the signal is base acceleration (m/s^2) rather than force (N)."""
+    """Base of all excitations.
+
+    `base` tells whether the signal is base acceleration (m/s^2) rather than force (N), `batched` whether quantities that
+    are arrays (see `Component`) make a batch of signals.
+    """
 
     kind: ClassVar[str]
     base: ClassVar[bool] = False
+    batched: ClassVar[bool] = False
 
     @property
     def period(self) -> float | None:
@@ -88,6 +93,8 @@ class Excitation(Component):
 
 @dataclass(frozen=True, kw_only=True)
 class _Sine(Excitation):
+    batched: ClassVar[bool] = True
+
     amplitude: float = quantity("N or m/s^2", "peak value", at_least=0)
     frequency: float = quantity("Hz", "frequency", above=0)
     offset: float = quantity("N or m/s^2", "static value added to the sine", default=0.0)

@@ -61,7 +61,8 @@ def simulate_many(
     with an empty smoothing capacitor comes to the same steady state is left to `simulate`, which also takes over where
     the search finds none.
     """
-    if excitation.period is None:
+    alone = _differs(excitation) and not excitation.batched
+    if alone or excitation.period is None:
         return _one_by_one(system, excitation, range(designs), designs)
     lowered = lower(system, excitation)
     found = _columns(lowered, _steady_states(lowered, symmetric(lowered, excitation), designs), designs)

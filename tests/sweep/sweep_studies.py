@@ -100,7 +100,7 @@ def start(folder, *arguments):
 
 def finish(process):
     """Exit status, stdout and stderr of a process, which has to end by itself."""
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate(timeout=300)
     assert "Traceback" not in err
     return process.returncode, out, err
 
@@ -110,7 +110,7 @@ def parts(out):
     return sorted(Path(f"{out}.partial").glob("[0-9]*.arrow"))
 
 
-def wait_for(condition, process=None, seconds=60.0):
+def wait_for(condition, process=None, seconds=240.0):  # the first simulation compiles
     """Wait until a condition holds, as long as the process runs."""
     end = time.monotonic() + seconds
     while not condition():
