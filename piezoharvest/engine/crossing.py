@@ -8,7 +8,7 @@ from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.compiled import compiled
-from piezoharvest.engine.interpolation import crossing, quintic
+from piezoharvest.engine.interpolation import crossing, peaks, quintic
 from piezoharvest.engine.motion import FOUND, TRIAL, exact, taylor
 from piezoharvest.engine.state import vector
 from piezoharvest.engine.tables import block_of, slot_of
@@ -51,8 +51,8 @@ def locate(P, L, S, D, slot, row, sign, offset, low, high, tau, rises, out):
         else:
             exact(P, L, S, D, slot, 0, target, out)
         tau = target
-        # Newton's next step would be about the square of this one.
-        if abs(shift) <= 1e-7 * short and rate > 0.0:
+        # Newton's next step would be about the square of this one, in units of 1/|A|.
+        if abs(shift) <= 3e-5 * short and rate > 0.0:
             return tau
         if high - low <= 1e-15 * longest:
             break
@@ -71,10 +71,12 @@ def earliest(P, L, S, D, slot, now, then, step):
         f0, f1 = sign * S[now + row] + offset, sign * S[then + row] + offset
         d0, d1 = sign * S[now + forms + row], sign * S[then + forms + row]
         noise = noise_of(f0, d0, f1, d1, step, S[D[st.FLOOR] + g])
-        if not (f1 > noise or (d0 > 0.0 and d1 < 0.0)):
+        s0, s1 = sign * S[now + 2 * forms + row], sign * S[then + 2 * forms + row]
+        falls = peaks(f0, d0, s0, f1, d1, s1, step, noise)
+        if not (f1 > noise or falls):
             continue
-        c = quintic(f0, d0, sign * S[now + 2 * forms + row], f1, d1, sign * S[then + 2 * forms + row], step)
-        low, high, guess = crossing(c, noise, d0 > 0.0 and d1 < 0.0)
+        c = quintic(f0, d0, s0, f1, d1, s1, step)
+        low, high, guess = crossing(c, noise, f1 > noise and d0 > 0.0 and d1 > 0.0, falls)
         if low > high or low * step > best_tau:
             continue
         tau = 0.0

@@ -40,12 +40,14 @@ def doubt(f0, d0, s0, f1, d1, s1, h):
 
 
 @compiled
-def crossing(c, noise, falls):
+def crossing(c, noise, rising, falls):
     """Fractions (low, high) of a step between which a guard first rises through zero, and an estimate of where.
 
-    low > high if it does not rise. What does not exceed `noise` is no rise. `falls` tells that the guard rises at the
-    beginning of the step and falls at its end: then it may have been above zero between two samples.
+    low > high if it does not rise. What does not exceed `noise` is no rise. `rising` tells that the guard ends above
+    zero and rises at both ends, so that it crosses once; `falls` that it may be above zero between two samples (`peaks`).
     """
+    if c[0] < -noise and rising:
+        return 0.0, 1.0, root(c, 0.0, 1.0)
     low, before = 0.0, c[0]
     end = c[0] + c[1] + c[2] + c[3] + c[4] + c[5]
     for k in range(1, 9):
@@ -70,16 +72,35 @@ def crossing(c, noise, falls):
 
 
 @compiled
+def peaks(f0, d0, s0, f1, d1, s1, h, noise):
+    """Whether a function that rises at the beginning of a step and falls at its end may be above zero between.
+
+    A function that bends down throughout stays below its tangents, which meet between the ends.
+    """
+    if not (d0 > 0.0 and d1 < 0.0):
+        return False
+    meet = f0 + d0 * (f1 - f0 - h * d1) / (d0 - d1)
+    return meet > noise or s0 > 0.0 or s1 > 0.0
+
+
+@compiled
 def top(c):
-    """Where the interpolation has its top: bisection on its derivative, which falls through zero."""
-    low, high = 0.0, 1.0
-    for _ in range(30):
-        x = 0.5 * (low + high)
-        if slope(c, x) > 0.0:
+    """Where the interpolation has its top: its derivative falls through zero, found by safeguarded Newton."""
+    low, high, x = 0.0, 1.0, c[1] / (c[1] - slope(c, 1.0))
+    for _ in range(20):
+        rate = slope(c, x)
+        if rate > 0.0:
             low = x
         else:
             high = x
-    return 0.5 * (low + high)
+        bend = 2 * c[2] + x * (6 * c[3] + x * (12 * c[4] + x * 20 * c[5]))
+        target = x - rate / bend if bend < 0.0 else 0.5 * (low + high)
+        if not low < target < high:
+            target = 0.5 * (low + high)
+        shift, x = target - x, target
+        if abs(shift) < 1e-6:
+            break
+    return x
 
 
 @compiled

@@ -8,7 +8,7 @@ from piezoharvest.engine import tables as tb
 from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.crossing import NONE, earliest, noise_of
 from piezoharvest.engine.exponentials import BOLD
-from piezoharvest.engine.interpolation import doubt
+from piezoharvest.engine.interpolation import doubt, peaks
 from piezoharvest.engine.motion import ARRIVED, FOUND, exact
 from piezoharvest.engine.recording import account, observe
 from piezoharvest.engine.state import vector
@@ -37,10 +37,12 @@ def _look(L, S, D, slot, now, then, step):
         row += forms
         d0, d1 = sign * S[now + row], sign * S[then + row]
         row += forms
-        doubtful = doubt(f0, d0, sign * S[now + row], f1, d1, sign * S[then + row], step)
+        s0, s1 = sign * S[now + row], sign * S[then + row]
+        doubtful = doubt(f0, d0, s0, f1, d1, s1, step)
         size = max(abs(f0), abs(f1))
         if g < events:
-            rises |= f1 > noise_of(f0, d0, f1, d1, step, floor) or (d0 > 0.0 and d1 < 0.0)
+            noise = noise_of(f0, d0, f1, d1, step, floor)
+            rises |= f1 > noise or peaks(f0, d0, s0, f1, d1, s1, step, noise)
         else:
             size += 1e4 * floor
         too_long |= doubtful > BELIEVED * size

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from piezoharvest.engine.vector import COLUMNS as COLUMNS_AT_ONCE
 from piezoharvest.engine.vector import padded
 
 TONES, RAMPS = 0, 1
@@ -116,7 +117,7 @@ def integers(program: Program) -> np.ndarray:
     header = np.zeros(CONTENTS + ROOM, np.int64)
     guards, products = program.guard_target.shape[1], program.product_category.shape[1]
     rows = padded(a)
-    columns = a + a % 2
+    columns = -(-a // COLUMNS_AT_ONCE) * COLUMNS_AT_ONCE
     shapes = _shapes(program)
     length = int(sum(np.prod(shape, dtype=int) for shape in shapes.values()))
     header[:_SIZES] = a, n, c, len(program.stop_state), guards, products, len(program.phase), rows, columns, length

@@ -15,6 +15,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic as _intrinsic
 
 LANES = 8  # numbers in a register; where the machine's are shorter, the compiler takes two
+COLUMNS = 4  # columns that are added up side by side
 
 intrinsic: Any = _intrinsic  # its callers leave the context out, which type checkers do not know
 
@@ -62,17 +63,20 @@ def spread(builder, number):
 
 
 def _columns_summed(builder, matrix, at, rows, columns, i, vector, x, start):
-    """Elements i... of matrix times vector, two columns at a time so that their sums do not wait for each other."""
-    one, two, zero = (ir.Constant(_INDEX, k) for k in (1, 2, 0))
-    sums = [cgutils.alloca_once(builder, _VECTOR) for _ in range(2)]
+    """Elements i... of matrix times vector, some columns at a time so that their sums do not wait for each other."""
+    zero, at_once = (ir.Constant(_INDEX, k) for k in (0, COLUMNS))
+    sums = [cgutils.alloca_once(builder, _VECTOR) for _ in range(COLUMNS)]
+    for total in sums:
+        builder.store(ir.Constant(_VECTOR, [0.0] * LANES), total)
     builder.store(start, sums[0])
-    builder.store(ir.Constant(_VECTOR, [0.0] * LANES), sums[1])
-    with cgutils.for_range_slice(builder, zero, columns, two, _INDEX) as (j, _):
-        for column, total in zip((j, builder.add(j, one)), sums, strict=True):
+    with cgutils.for_range_slice(builder, zero, columns, at_once, _INDEX) as (j, _):
+        for k, total in enumerate(sums):
+            column = builder.add(j, ir.Constant(_INDEX, k))
             factors = matrix.load(builder.add(builder.add(at, i), builder.mul(column, rows)))
             term = builder.fmul(factors, vector.spread(builder.add(x, column)), flags=_FUSED)
             builder.store(builder.fadd(builder.load(total), term, flags=_FUSED), total)
-    return builder.fadd(builder.load(sums[0]), builder.load(sums[1]))
+    first, second, third, fourth = (builder.load(total) for total in sums)
+    return builder.fadd(builder.fadd(first, second), builder.fadd(third, fourth))
 
 
 def _blocks(builder, rows):
@@ -131,7 +135,7 @@ def dot(typing_context: Any, m, at, v, x, rows):
 
 @intrinsic
 def multiply(typing_context: Any, m, at, rows, columns, v, x, y):
-    """V[y:] = M V[x:], the matrix at `at` in m with padded rows; the number of columns is even. y is not x."""
+    """V[y:] = M V[x:], the matrix at `at` in m with padded rows; their number is a multiple of COLUMNS. y is not x."""
     signature = types.void(m, types.intp, types.intp, types.intp, v, types.intp, types.intp)
 
     def generate(context, builder, signature, arguments):
