@@ -7,7 +7,8 @@ import numpy as np
 from piezoharvest.engine.compiled import compiled
 
 ZERO = 1e-10  # a pivot this small, against the largest, is none
-DOUBLINGS = 26
+DOUBLINGS, SETTLED = 26, 8  # of the power whose root is the radius: at most, and at least
+ROOT_ERROR = 1e-9  # relative, of the radius
 
 
 @compiled
@@ -107,8 +108,9 @@ def radius(W, matrix, n, work):
         for k in range(n * n):
             W[here + k] /= size
         # Size is that of the power 2^doubling, of which it takes the root.
-        logarithm += np.log(size) * 0.5**doubling
-        if doubling == DOUBLINGS:
+        growth = np.log(size) * 0.5**doubling
+        logarithm += growth
+        if doubling > SETTLED and abs(growth) < ROOT_ERROR:
             break
         for i in range(n):
             for j in range(n):

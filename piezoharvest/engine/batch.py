@@ -20,6 +20,7 @@ from piezoharvest.parameters import Component
 from piezoharvest.shunts.short import Short
 from piezoharvest.system import System
 
+AT_ONCE = 128  # designs whose programs are laid out at one time: what fits into the cache
 LOG = 512  # events of a span of which the times are kept
 NAMES = (
     "harvested_power", "mechanical_power", "efficiency", "displacement_amplitude", "voltage_amplitude", "dc_voltage",
@@ -77,15 +78,18 @@ def simulate_many(
 
 def _steady_states(lowered: Lowered, mirrored: bool, designs: int) -> np.ndarray:
     """What `many` keeps of every design, a row for each."""
-    numbers = pg.numbers(lowered.program)
-    programs = np.array(np.broadcast_to(numbers, (designs, numbers.shape[-1])))  # writable: one type, one compilation
     machine = Machine(lowered, ledger=True)
     trial = machine.state(sensitivities=int(machine.L[pg.N]) + QUEUE_LENGTH + 1, ledger=False)
     followed, recorder = machine.state(log=LOG, ledger=False), machine.state(track=True)
     reals, integers = sc.room(machine.L)
     memory = np.zeros(reals), np.zeros(integers, np.int64)
     out = np.zeros((designs, many.ENERGIES + int(machine.L[pg.CATEGORY_COUNT])))
-    machine.search_many(trial, followed, recorder, memory, (programs, out), mirrored)
+    for begin in range(0, designs, AT_ONCE):
+        rows = out[begin : begin + AT_ONCE]
+        numbers = pg.numbers(pg.part(lowered.program, slice(begin, begin + AT_ONCE)))
+        # Writable, for arrays that are not would be another type, and compiled for again.
+        programs = np.array(np.broadcast_to(numbers, (len(rows), numbers.shape[-1])))
+        machine.search_many(trial, followed, recorder, memory, (programs, rows), mirrored)
     return out
 
 

@@ -26,7 +26,7 @@ from piezoharvest.engine.tables import (
     rungs_of,
     slot_of,
 )
-from piezoharvest.engine.vector import grow, multiply
+from piezoharvest.engine.vector import dot, grow, multiply
 
 # |A| h on the finest level: a Taylor series over half of that is short.
 FINEST = 1.0 / 16.0
@@ -142,10 +142,7 @@ def _double_form(P, L, form, double, growth, scratch):
         for i in range(rows):
             P[scratch + i] += P[form + j * rows + i]
         for i in range(a):
-            total = P[scratch + i]
-            for k in range(a):
-                total += P[growth + i * rows + k] * P[scratch + k]
-            P[double + j * rows + i] += total
+            P[double + j * rows + i] += P[scratch + i] + dot(P, growth + i * rows, P, scratch, rows)
 
 
 @compiled

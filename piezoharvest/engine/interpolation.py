@@ -44,7 +44,7 @@ def crossing(c, noise, rising, falls):
     """Fractions (low, high) of a step between which a guard first rises through zero, and an estimate of where.
 
     low > high if it does not rise. What does not exceed `noise` is no rise. `rising` tells that the guard ends above
-    zero and rises at both ends, so that it crosses once; `falls` that it may be above zero between two samples (`peaks`).
+    zero and rises at both ends, so that it crosses once; `falls` that it may be above zero in between (`peaks`).
     """
     if c[0] < -noise and rising:
         return 0.0, 1.0, root(c, 0.0, 1.0)

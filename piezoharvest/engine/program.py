@@ -147,6 +147,16 @@ def numbers(program: Program) -> np.ndarray:
     return np.concatenate([np.broadcast_to(b, (*batch, b.shape[-1])) for b in blocks], axis=-1)
 
 
+def part(program: Program, which: int | slice) -> Program:
+    """Some designs of a batch, or one of them."""
+    changes = {}
+    for name, shape in _shapes(program).items():
+        value = np.asarray(getattr(program, name))
+        if value.ndim > len(shape):
+            changes[name] = value[which]
+    return program._replace(**changes)
+
+
 def _shapes(program: Program) -> dict[str, tuple[int, ...]]:
     """Shape of every array of numbers in one design."""
     c, n, a = program.rate.shape[-3:]

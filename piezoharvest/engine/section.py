@@ -17,6 +17,8 @@ from piezoharvest.engine.state import QUEUE_LENGTH
 # Sections, Jacobians and scratch, by number.
 START, END, TRIAL, BEST, BASE, FOUND = range(6)
 SECTIONS = 6
+# Square matrices: two Jacobians, four of scratch, and the Jacobian of the best section.
+MATRICES, BEST_JACOBIAN = 7, 6
 # Integers of a section, before the slips and the polarities.
 Y_CONFIGURATION, Y_DIRECTION, Y_WAITING, Y_CLOSED, Y_SLIP = range(5)
 # What W begins with: results, the span, and a rectified voltage from which it rises (-1: none known).
@@ -51,7 +53,7 @@ def room(L: np.ndarray) -> tuple[int, int]:
     """Numbers of W and integers of V."""
     n, h = int(L[pg.N]), int(L[pg.H])
     m = n + QUEUE_LENGTH + 1
-    numbers = HEAD + SECTIONS * (n + QUEUE_LENGTH + 2) + 6 * m * m + 3 * m
+    numbers = HEAD + SECTIONS * (n + QUEUE_LENGTH + 2) + MATRICES * m * m + 3 * m
     return numbers, SECTIONS * (Y_SLIP + h + QUEUE_LENGTH) + m
 
 

@@ -12,10 +12,12 @@ from piezoharvest.engine.compiled import compiled, inlined
 from piezoharvest.engine.section import (
     BASE,
     BEST,
+    BEST_JACOBIAN,
     END,
     EVALUATIONS,
     FOUND,
     LOWEST,
+    MATRICES,
     PERIOD,
     RADIUS,
     RESIDUAL,
@@ -111,11 +113,12 @@ def propose(P, L, W, V, step, damping):
 
 @compiled
 def _keep_best(L, W, V, residual, jacobian):
-    """Remember START as the best section, with the spectral radius of its map."""
+    """Remember START as the best section, with the Jacobian of its map."""
     copy_section(L, W, V, START, BEST)
     W[TIME], W[RESIDUAL], W[RADIUS] = W[WHEN], residual, np.inf
     if residual < np.inf:
-        W[RADIUS] = radius(W, jacobian, variables(L, V, START), jacobian_of(L, 2))
+        for k in range(variables(L, V, START) ** 2):
+            W[jacobian_of(L, BEST_JACOBIAN) + k] = W[jacobian + k]
 
 
 @compiled
@@ -135,7 +138,7 @@ def _newton_step(L, W, V, k, jacobian, step, pinned, shift):
     The variable `pinned` is shifted as given and the others follow; -1 pins none.
     """
     n, matrix, work = variables(L, V, k), jacobian_of(L, 2), jacobian_of(L, 3)
-    right = jacobian_of(L, 6)
+    right = jacobian_of(L, MATRICES)
     for i in range(n):
         W[right + i] = W[place_of(L, V, END, i)] - W[place_of(L, V, k, i)]
         for j in range(n):
@@ -170,7 +173,7 @@ def _next(P, L, S, D, W, V, mirrored, jacobian, other):
     high hardly changes in a period, which the change itself would take for a solution. Newton's method may also propose
     what no motion leads to, a negative dc voltage for one. Returns the distance, or nan where there is no motion.
     """
-    step = jacobian_of(L, 6) + largest(L)
+    step = jacobian_of(L, MATRICES) + largest(L)
     rest, dc = step + largest(L), rectified(L)
     length, damping = _newton_step(L, W, V, START, jacobian, step, -1, 0.0), 1.0
     # What the steps are proposed from is kept, for every trial overwrites END.
@@ -199,7 +202,15 @@ def _next(P, L, S, D, W, V, mirrored, jacobian, other):
 
 @compiled
 def newton(P, L, S, D, W, V, mirrored):
-    """Newton's method from the section START with a line search; where it does not help, the map itself is followed."""
+    """Newton's method from the section START to BEST, and the spectral radius of the map there."""
+    _iterate(P, L, S, D, W, V, mirrored)
+    if W[RESIDUAL] < np.inf:
+        W[RADIUS] = radius(W, jacobian_of(L, BEST_JACOBIAN), variables(L, V, BEST), jacobian_of(L, 2))
+
+
+@compiled
+def _iterate(P, L, S, D, W, V, mirrored):
+    """Newton's method with a line search; where it does not help, the map itself is followed."""
     first, other = jacobian_of(L, 0), jacobian_of(L, 1)
     residual = span_map(P, L, S, D, W, V, START, mirrored, first)
     _keep_best(L, W, V, residual, first)

@@ -32,8 +32,7 @@ class Machine:
         self.ledger = ledger
         self.L, length = tb.contents(pg.integers(lowered.program), ledger)
         self.P = np.empty(length)
-        numbers = pg.numbers(lowered.program)
-        self.P[: self.L[pg.LENGTH]] = numbers if numbers.ndim == 1 else numbers[0]
+        self.P[: self.L[pg.LENGTH]] = pg.numbers(pg.part(lowered.program, 0))  # of a batch, the first
 
     def state(self, **recorded) -> State:
         """State at rest, under the static part of the excitation; `recorded` as in `State`."""
