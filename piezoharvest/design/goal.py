@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 MARGIN = 1e-3  # tuning keeps this share away from a limit, so that what it finds does not violate it by rounding
 PENALTY = 100.0  # merit for one e-fold beyond a limit: far above any trade between the logarithms of these figures
 _TOLERANCE = 1e-6
-_LEAST = 1e-30  # W or m, in place of zero under a logarithm
+LEAST = 1e-30  # W or m, in place of zero under a logarithm
 
 
 class Figures(NamedTuple):
@@ -44,6 +44,14 @@ class Figures(NamedTuple):
     converged: bool = True
     message: str = ""
     response: Response | None = None
+
+
+class Slopes(NamedTuple):
+    """Derivatives (n,) of the logarithms of a shunt's figures by those of its parts."""
+
+    harvested_power: np.ndarray
+    displacement_amplitude: np.ndarray
+    voltage_amplitude: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -89,6 +97,15 @@ class Goal:
             found["min_attenuation_db"] = (figures.attenuation_db + abs(o.min_attenuation_db)) * np.log(10) / 20
         return found
 
+    def excess_slopes(self, slopes: Slopes) -> np.ndarray:
+        """Derivatives (m, n) of each `excess`."""
+        o, level = self.options, slopes.displacement_amplitude
+        found = [
+            (o.max_voltage, slopes.voltage_amplitude), (o.max_displacement, level),
+            (o.min_power, -slopes.harvested_power), (o.min_attenuation_db, level),
+        ]  # fmt: skip
+        return np.reshape([slope for limit, slope in found if limit is not None], (-1, len(level)))
+
     def violated(self, figures: Figures, shunt: Shunt, capacitance: float) -> tuple[str, ...]:
         """Names of the limits that are not kept; not-a-number counts as not kept."""
         broken = [name for name, by in self.excess(figures).items() if not by <= _TOLERANCE]
@@ -100,6 +117,10 @@ class Goal:
     def score(self, figures: Figures) -> float:
         """The objective alone, smaller is better: logarithm of displacement, or of one over power."""
         return _log(figures.displacement_amplitude) if self.damping else -_log(figures.harvested_power)
+
+    def score_slope(self, slopes: Slopes) -> np.ndarray:
+        """Derivatives (n,) of `score`."""
+        return slopes.displacement_amplitude if self.damping else -slopes.harvested_power
 
     def agree(self, first: Figures, second: Figures, within: float) -> bool:
         """Whether two judgements of a shunt are the same: in e-folds of what counts, and on the side of each limit."""
@@ -122,4 +143,4 @@ def largest_inductance(shunt: Shunt, capacitance: float) -> float:
 
 
 def _log(value: float) -> float:
-    return float(np.log(max(value, _LEAST)))
+    return float(np.log(max(value, LEAST)))

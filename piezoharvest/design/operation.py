@@ -114,14 +114,25 @@ def mean_nodes(
     taken: a load that takes power damps more. `most` caps the number.
     """
     middle, half = 0.5 * (band[0] + band[1]), 0.5 * (band[1] - band[0])
-    found = np.concatenate([poles(System(transducer, shunt)) for shunt in (Short(), Open())])
-    found = found[np.imag(found) > 0]
-    places = (found / (2j * np.pi) - middle) / half  # of real frequency: the pole's damping is its distance from it
+    # Of real frequency: the pole's damping is its distance from it.
+    places = (_extreme_poles(transducer) / (2j * np.pi) - middle) / half
     root = np.sqrt(places**2 - 1 + 0j)
     ellipse = float(np.min(np.maximum(np.abs(places + root), np.abs(places - root)), initial=1e3))
     needed = np.log(1 / tolerance) / (2 * np.log(max(ellipse, 1 + 1e-9)))
     nodes, weights = _gauss(int(np.clip(np.ceil(needed) + 1, 5, most)))
     return middle + half * nodes, 0.5 * weights
+
+
+def narrowest_width(transducer: Transducer) -> float:
+    """Half-power width in Hz of the least damped resonance, shorted or open."""
+    damping = float(np.min(-np.real(_extreme_poles(transducer)), initial=np.inf))
+    return max(damping / np.pi, 1e-6 * transducer.short_circuit_frequency)
+
+
+def _extreme_poles(transducer: Transducer) -> np.ndarray:
+    """Poles in rad/s with shorted and with open electrodes, one of each pair."""
+    found = np.concatenate([poles(System(transducer, shunt)) for shunt in (Short(), Open())])
+    return found[np.imag(found) > 0]
 
 
 @cache

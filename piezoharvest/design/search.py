@@ -54,8 +54,9 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
     -----
     Linear shunts are tuned on the exact two-port from the closed forms of the literature (`starts`, `minimax`), and
     on the engine from there where the two disagree (hysteresis, an excitation of several tones). Rectifying shunts
-    are tuned on the engine from every optimum of their equivalent impedance (`bridges`, `refine`). Over a band the
-    drive is a sine of unchanged amplitude: harvested power is its mean, displacement the worst peak.
+    are tuned on the engine from every optimum of their equivalent impedance (`bridges`, `refine`). On the engine,
+    several parts are tuned by its gradient where it has one. Over a band the drive is a sine of unchanged amplitude:
+    harvested power is its mean, displacement the worst peak.
     """
     options = study.design or DesignOptions()
     for key, allowed in (("objective", ("harvest", "damping")), ("parts", (None,))):

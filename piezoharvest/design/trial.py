@@ -8,14 +8,12 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from piezoharvest.design.goal import Figures
-from piezoharvest.design.operation import mean_nodes
+from piezoharvest.design.goal import LEAST, Figures, Slopes
+from piezoharvest.design.operation import mean_nodes, narrowest_width
 from piezoharvest.design.twoport import LinearView
-from piezoharvest.engine import simulate
+from piezoharvest.engine import Gradient, NoGradientError, gradient, simulate
 from piezoharvest.engine.response import Response
-from piezoharvest.linear import poles
 from piezoharvest.shunts import LinearShunt, Shunt
-from piezoharvest.shunts.open import Open
 from piezoharvest.shunts.short import Short
 from piezoharvest.system import System
 
@@ -27,6 +25,9 @@ _PEAK_STEPS = 8
 _TUNING_SAMPLES = 16  # waveforms are not looked at while tuning; amplitudes do not depend on them
 
 
+Tangent = tuple[Figures, Slopes]
+
+
 @dataclass
 class Trial:
     """Simulates shunts in an operation and sums up what they do.
@@ -36,12 +37,13 @@ class Trial:
     view : LinearView
         The transducer, its operation and the goal.
     simulations : int
-        How many have been run.
+        How many steady states or transients have been searched, with a gradient or without.
     """
 
     view: LinearView
     simulations: int = 0
     _known: dict[tuple[Shunt, bool], Figures] = field(default_factory=dict)
+    _tangents: dict[tuple[Shunt, tuple[str, ...]], Tangent] = field(default_factory=dict)
 
     def merit(self, shunt: Shunt) -> float:
         """What every tuning on the engine makes small."""
@@ -54,6 +56,45 @@ class Trial:
             judge = self._over_band if self.view.operation.band else self._alone
             self._known[key] = judge(shunt, complete)
         return self._known[key]
+
+    def tangent(self, shunt: Shunt, parts: tuple[str, ...]) -> Tangent:
+        """Figures of a shunt and their slopes in the logarithms of its parts, kept for the next time.
+
+        Raises
+        ------
+        NoGradientError
+            There is no periodic steady state, the excitation is not a sine, or the worst peak of a band counts, which
+            jumps from one to another.
+        """
+        op, goal, key = self.view.operation, self.view.goal, (shunt, parts)
+        if not op.apart or (op.band and (goal.damping or goal.limits_levels)):
+            raise NoGradientError("only a sine, and the mean power over a band, are derived")
+        if key not in self._tangents:
+            nodes, weights = self._nodes[False] if op.band else (op.frequencies, np.ones(1))
+            self.simulations += len(nodes)
+            system = System(self.view.transducer, shunt)
+            found = [gradient(system, op.at(float(f))) for f in nodes]
+            self._tangents[key] = self._sum_up(found, weights, parts)
+        return self._tangents[key]
+
+    def _sum_up(self, found: list[Gradient], weights: np.ndarray, parts: tuple[str, ...]) -> Tangent:
+        """Mean power and largest amplitudes of sines one at a time, and their slopes."""
+        columns = [found[0].quantities.index(f"shunt.{name}") for name in parts]
+        values, levels, slopes = found[0].values[columns], {}, {}
+        for name in Slopes._fields:
+            each = np.array([getattr(g, name) for g in found])
+            share = weights if name == "harvested_power" else np.eye(len(found))[np.argmax(each)]
+            levels[name] = float(share @ each)
+            slopes[name] = values * (share @ [g.by[name][columns] for g in found]) / max(levels[name], LEAST)
+        attenuation = self._attenuation(levels["displacement_amplitude"], complete=False)
+        return Figures(**levels, attenuation_db=attenuation), Slopes(**slopes)
+
+    def _attenuation(self, displacement: float, *, complete: bool) -> float:
+        """Against the short circuit in dB, where it is asked for."""
+        if not complete and self.view.goal.options.min_attenuation_db is None:
+            return float("nan")
+        with np.errstate(all="ignore"):
+            return 20 * float(np.log10(displacement / self._shorted))
 
     def _simulate(self, shunt: Shunt, complete: bool, frequency: float | None = None) -> Response:
         self.simulations += 1
@@ -78,10 +119,7 @@ class Trial:
             self._close_in(shunt, complete, found)
         responses = [found[f] for f in sorted(found)]
         worst = max(responses, key=lambda r: r.displacement_amplitude)
-        attenuation = float("nan")
-        if complete or goal.options.min_attenuation_db is not None:
-            with np.errstate(all="ignore"):
-                attenuation = 20 * float(np.log10(worst.displacement_amplitude / self._shorted))
+        attenuation = self._attenuation(worst.displacement_amplitude, complete=complete)
         failed = [r for r in responses if not r.converged]
         told = next((r.message for r in (*failed, *responses) if r.message), "")
         voltage = max(r.voltage_amplitude for r in responses)
@@ -114,16 +152,9 @@ class Trial:
         if not complete and known >= _TUNING_POINTS:
             return []
         most = _FINAL_POINTS if complete else _TUNING_POINTS
-        count = int(np.clip(2 * np.ceil((high - low) / self._width) + 1, _FEWEST_POINTS, most))
+        wanted = 2 * np.ceil((high - low) / narrowest_width(self.view.transducer)) + 1
+        count = int(np.clip(wanted, _FEWEST_POINTS, most))
         return [float(f) for f in np.linspace(low, high, count)]
-
-    @cached_property
-    def _width(self) -> float:
-        """Half-power width in Hz of the least damped resonance, shorted or open."""
-        transducer = self.view.transducer
-        found = np.concatenate([poles(System(transducer, shunt)) for shunt in (Short(), Open())])
-        damping = float(np.min(-np.real(found[np.imag(found) > 0]), initial=np.inf))
-        return max(damping / np.pi, 1e-6 * transducer.short_circuit_frequency)
 
     @property
     def unresolved(self) -> bool:
@@ -139,7 +170,9 @@ class Trial:
 
     @cached_property
     def _shorted(self) -> float:
-        """Worst displacement over the band with shorted electrodes, m."""
+        """Displacement with shorted electrodes, over a band the worst, m."""
+        if self.view.operation.band is None:
+            return self._simulate(Short(), False).displacement_amplitude
         found: dict[float, Response] = {}
         self._close_in(Short(), False, found)
         return max(r.displacement_amplitude for r in found.values())

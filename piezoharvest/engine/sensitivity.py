@@ -20,6 +20,7 @@ from piezoharvest.engine import program as pg
 from piezoharvest.engine.lower import lower
 from piezoharvest.engine.orbit import follow
 from piezoharvest.engine.simulation import search
+from piezoharvest.engine.steady import EngineError
 from piezoharvest.engine.variation import Variation
 from piezoharvest.excitation import Excitation
 from piezoharvest.parameters import COMPLEX_STEP, Component
@@ -61,7 +62,7 @@ def gradient(system: System, excitation: Excitation) -> Gradient:
     ----------
     system : System
     excitation : Excitation
-        Periodic.
+        Periodic. By its own quantities the gradient is taken where it is one sine.
 
     Returns
     -------
@@ -75,10 +76,13 @@ def gradient(system: System, excitation: Excitation) -> Gradient:
     if excitation.period is None:
         raise NoGradientError(f"{excitation.kind} has no period")
     lowered = lower(system, excitation)
-    orbit, mirrored, _, _, settles = search(lowered, excitation)
-    if not settles:
-        raise NoGradientError("no periodic steady state was found")
-    tape = follow(lowered, orbit, mirrored)
+    try:
+        orbit, mirrored, _, _, settles = search(lowered, excitation)
+        if not settles:
+            raise NoGradientError("no periodic steady state was found")
+        tape = follow(lowered, orbit, mirrored)
+    except EngineError as error:
+        raise NoGradientError(str(error)) from None
     names, values = zip(*quantities(system, excitation), strict=True)
     batch = lower(*stepped(system, excitation))
     variation = Variation(tape, batch.program, len(names))
@@ -98,7 +102,9 @@ def gradient(system: System, excitation: Excitation) -> Gradient:
 
 def quantities(system: System, excitation: Excitation) -> list[tuple[str, float]]:
     """Paths and values of the quantities that a system and an excitation are made of, in the order of `stepped`."""
-    parts = (("transducer", system.transducer), ("shunt", system.shunt), ("excitation", excitation))
+    parts: list[tuple[str, Component]] = [("transducer", system.transducer), ("shunt", system.shunt)]
+    if excitation.batched:
+        parts.append(("excitation", excitation))
     return [pair for name, part in parts for pair in _within(part, name)]
 
 
@@ -144,5 +150,5 @@ def stepped(system: System, excitation: Excitation) -> tuple[System, Excitation]
     def moved(field: dataclasses.Field, value: Any) -> Any:
         return value + 1j * COMPLEX_STEP * next(columns) if _number(field, "", value) else value
 
-    transducer, shunt, drive = step(system.transducer), step(system.shunt), step(excitation)
-    return System(transducer, shunt), drive
+    transducer, shunt = step(system.transducer), step(system.shunt)
+    return System(transducer, shunt), step(excitation) if excitation.batched else excitation

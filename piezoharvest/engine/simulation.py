@@ -84,6 +84,7 @@ def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str) -
     # The section is anywhere in the period; samples are taken where those of a period from phase zero lie.
     grid = np.arange(samples) * period / samples
     offset = np.mod(grid - begin, period)
+    offset[offset >= period * (1 - 1e-12)] = 0.0  # by rounding; it would fall behind the end
     order = np.argsort(offset, kind="stable")
     shooting = Shooting(Machine(lowered, ledger=True), period, mirrored)
     state = shooting.load(orbit, track=True, log=LONGEST_LOG, sample_time=begin + offset[order])
