@@ -53,8 +53,8 @@ def ramps_through(times: np.ndarray, values: np.ndarray) -> Ramps:
 class Excitation(Component):
     """Base of all excitations.
 
-    `base` tells whether the signal is base acceleration (m/s^2) rather than force (N), `batched` whether quantities that
-    are arrays (see `Component`) make a batch of signals.
+    `base` tells whether the signal is base acceleration (m/s^2) rather than force (N), `batched` whether quantities
+    that are arrays (see `Component`) make a batch of signals.
     """
 
     kind: ClassVar[str]

@@ -95,9 +95,9 @@ def check_quantity(field: dataclasses.Field, value: Any) -> None:
         return
     numbers = np.asarray(value)
     try:
-        if numbers.dtype.kind not in "fiuc" or np.any(np.abs(numbers.imag) > COMPLEX_STEP):
+        if numbers.dtype.kind not in "fiuc" or np.any(np.abs(np.imag(numbers)) > COMPLEX_STEP):
             raise ValueError
-        numbers = numbers.real
+        numbers = np.real(numbers)
         fine = np.isfinite(numbers.astype(float))
     except (TypeError, ValueError):
         raise ParameterError(field.name, f"found {value!r}, allowed is {allowed(field)}") from None

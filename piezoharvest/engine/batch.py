@@ -87,8 +87,8 @@ def _steady_states(lowered: Lowered, mirrored: bool, designs: int) -> np.ndarray
     for begin in range(0, designs, AT_ONCE):
         rows = out[begin : begin + AT_ONCE]
         numbers = pg.numbers(pg.part(lowered.program, slice(begin, begin + AT_ONCE)))
-        # Writable, for arrays that are not would be another type, and compiled for again.
-        programs = np.array(np.broadcast_to(numbers, (len(rows), numbers.shape[-1])))
+        # Row by row and writable: anything else would be another type, and compiled for again.
+        programs = np.array(np.broadcast_to(numbers, (len(rows), numbers.shape[-1])), order="C")
         machine.search_many(trial, followed, recorder, memory, (programs, rows), mirrored)
     return out
 

@@ -264,10 +264,12 @@ def _exo_scale(layout, equations, scale, signal, tr) -> np.ndarray:
     """
     n = layout.n
     mass = np.max(np.abs(equations[..., n : 2 * n] * scale[..., None, None, :]), axis=-1)
-    columns = np.abs(equations[..., 2 * n :]) / np.where(mass > 0, mass, 1.0)[..., None]
+    columns = np.abs(np.real(equations[..., 2 * n :])) / np.where(mass > 0, mass, 1.0)[..., None]
     size = np.max(columns, axis=(-3, -2))
     resonance = np.real(np.sqrt(scalar(tr.stiffness) / scalar(tr.mass)))[..., None]
     found = np.where(size > 0, resonance / np.where(size > 0, size, 1.0), 1.0)
+    # The constant also stands for diode drops and limits: a tiny offset of the drive must not blow these up.
+    found[..., -1] = np.minimum(found[..., -1], 1.0)
     if isinstance(signal, Tones):
         for k in range(signal.frequencies.shape[-1]):
             found[..., 2 * k + 1] = found[..., 2 * k]

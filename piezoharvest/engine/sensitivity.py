@@ -81,11 +81,11 @@ def gradient(system: System, excitation: Excitation) -> Gradient:
         if not settles:
             raise NoGradientError("no periodic steady state was found")
         tape = follow(lowered, orbit, mirrored)
+        names, values = zip(*quantities(system, excitation), strict=True)
+        batch = lower(*stepped(system, excitation))
+        variation = Variation(tape, batch.program, len(names))
     except EngineError as error:
         raise NoGradientError(str(error)) from None
-    names, values = zip(*quantities(system, excitation), strict=True)
-    batch = lower(*stepped(system, excitation))
-    variation = Variation(tape, batch.program, len(names))
     found = {
         "harvested_power": variation.power(),
         "displacement_amplitude": variation.amplitude(pg.DISPLACEMENT),

@@ -11,7 +11,7 @@ import numpy as np
 from piezoharvest.engine import program as pg
 from piezoharvest.engine.modes import Dual, Flow, Mode, dual
 from piezoharvest.engine.orbit import Motion, Tape
-from piezoharvest.engine.steady import solve_conserving
+from piezoharvest.engine.steady import EngineError, solve_conserving
 from piezoharvest.engine.tape import ACTS, NOTHING, OPENS
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -149,8 +149,11 @@ class Variation:
         if what == OPENS:
             return closing + self._number("on_time").change
         if what == ACTS:
-            lag = self._number("lag")
-            cause = min(legs[:-1], key=lambda other: abs(other.motion.ends + lag.value - motion.ends))
+            lag, late = self._number("lag"), SAME * self.span.value
+            causes = (other for other in legs[:-1] if abs(other.motion.ends + lag.value - motion.ends) <= late)
+            cause = next(causes, None)
+            if cause is None:
+                raise EngineError("an action of the switch was decided before the span in which it happens")
             return cause.shift + lag.change
         state, columns = leg.end
         row, offset = self._guard_row(leg)

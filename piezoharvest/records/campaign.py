@@ -18,7 +18,7 @@ from piezoharvest.records.entries import (
     response_units,
 )
 from piezoharvest.records.errors import CampaignError
-from piezoharvest.records.finding import Finding
+from piezoharvest.records.finding import Finding, counted
 from piezoharvest.records.frequency import read_frequency_record
 from piezoharvest.records.reading import read_record
 from piezoharvest.records.record import FrequencyRecord, Record
@@ -84,13 +84,28 @@ def load_campaign(path: str | Path) -> Campaign:
     CampaignError
         The file or a data file cannot be read, or a check found an error: the first of them is told, and all stand in
         the error's `campaign`, whose records can still be drawn.
+
+    Notes
+    -----
+    Beyond what the interface says, a file may have
+
+    - `[channels]`: `time` (column and unit) beside the measured channels; `column` as a number counted from 1, as an
+      index into an array such as "data[:, 2]", or as a list of columns that are averaged; `file` where a channel stands
+      in a file of its own. `sigma`, like `gain` and `offset`, is in the channel's unit.
+    - `[records.channels]`: the same for one record.
+    - `rows = [first, last]`: the part of a file that is a record, in rows as findings count them.
+    - text tables (.txt, .dat, .tsv) and single arrays (.npy) as data files.
+    - `kind = "frf"`: `input` (default force), `output` and a load; columns frequency_Hz, real and imaginary, or
+      magnitude and phase_rad or phase_deg, or a complex response, and coherence; or others by `[records.channels]`.
+    - `kind = "impedance"`: `mechanical` ("free" or "blocked"); columns frequency_Hz, resistance_ohm and reactance_ohm,
+      or impedance_ohm and phase_rad or phase_deg.
     """
     path = Path(path)
     campaign = _read(path)
     errors = campaign.errors
     if errors:
         first = errors[0]
-        more = f" (and {len(errors) - 1} more errors)" if len(errors) > 1 else ""
+        more = f" (and {counted(len(errors) - 1, 'more error')})" if len(errors) > 1 else ""
         where = {"channel": first.channel, "rows": first.rows, "campaign": campaign}
         raise CampaignError(path.parent / first.file, "", first.message + more, **where)
     return campaign
@@ -124,12 +139,13 @@ def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
     if not isinstance(entries, list) or not entries:
         found = "no such key" if entries is None else repr(entries)[:60]
         raise ParameterError("records", f"found {found}, allowed is a list of one table or more")
-    read, found = [], []
-    for n, entry in enumerate(entries):
-        record, findings = _read_entry(entry, f"records.{n}", sources, path.parent)
-        read.append(record)
-        found.append((*findings, *check(record, transducer)))
-    return Campaign(title, path, transducer, tuple(read), tuple(found))
+    read = [_read_entry(entry, f"records.{n}", sources, path.parent) for n, entry in enumerate(entries)]
+    records = tuple(record for record, _ in read)
+    # A channel may be missing in some records; one that [channels] names and none has may be misspelt.
+    measured = {channel for record in records if isinstance(record, Record) for channel in record.signals}
+    absent = [[finding for finding in some if finding.channel not in measured] for _, some in read]
+    found = (tuple((*some, *check(record, transducer))) for record, some in zip(records, absent, strict=True))
+    return Campaign(title, path, transducer, records, tuple(found))
 
 
 def _read_entry(table: Any, key: str, sources: Mapping, folder: Path) -> tuple[Record | FrequencyRecord, list[Finding]]:

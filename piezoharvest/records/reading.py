@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from types import MappingProxyType
 
@@ -12,51 +10,14 @@ import numpy as np
 from piezoharvest.records.channels import COLUMNS, UNITS, Source
 from piezoharvest.records.entries import Sources, TimeEntry
 from piezoharvest.records.errors import CampaignError
+from piezoharvest.records.files import Files
 from piezoharvest.records.finding import Finding
-from piezoharvest.records.readers import MissingColumnError, Reader, ReadError, open_reader
+from piezoharvest.records.readers import MissingColumnError, ReadError
 from piezoharvest.records.readers.base import shown
 from piezoharvest.records.record import Record, Signal
 from piezoharvest.shunts import Shunt
 
 _RATE_TOLERANCE = 1e-3  # between the time stamps and a sample rate that is given too
-
-
-class Files(ExitStack):
-    """The data files of one record, each opened once and closed at the end."""
-
-    def __init__(self, folder: Path):
-        super().__init__()
-        self.folder = folder
-        self._open: dict[str, Reader] = {}
-
-    def reader(self, name: str) -> Reader:
-        """Reader of a file; raises `CampaignError`."""
-        if name not in self._open:
-            try:
-                self._open[name] = self.enter_context(open_reader(self.folder / name))
-            except ReadError as error:
-                raise self.error(name, "", error) from None
-        return self._open[name]
-
-    def read(self, name: str, columns: Mapping[str, Sequence[str]]) -> dict[str, np.ndarray]:
-        """Raw values by channel, of one file; several columns of a channel are averaged. Raises `CampaignError`."""
-        reader = self.reader(name)
-        try:
-            raw = reader.read(list(dict.fromkeys(column for some in columns.values() for column in some)))
-        except ReadError as error:
-            channel = next((key for key, some in columns.items() if error.column in some), "")
-            raise self.error(name, channel, error) from None
-        return {
-            channel: raw[some[0]] if len(some) == 1 else np.mean([raw[column] for column in some], axis=0)
-            for channel, some in columns.items()
-        }
-
-    def error(self, name: str, channel: str, error: ReadError) -> CampaignError:
-        """The error of a reader, with file, channel, column and row."""
-        rows = () if error.row is None else ((error.row, error.row),)
-        column = f"column {error.column!r}" if error.column and channel else ""
-        key = " ".join(part for part in (channel, f"({column})" if column else "") if part)
-        return CampaignError(self.folder / name, key, error.message, channel=channel, rows=rows)
 
 
 class Reading:
@@ -66,8 +27,8 @@ class Reading:
     ----------
     entry : TimeEntry
     sources : mapping of str to (Source, level)
-        By channel; a column that only the default header names may be missing, one of [channels] may with a warning,
-        one that the record itself names may not, and the drive never.
+        By channel; a column may be missing unless the record itself names it or it is the drive's. That of one that
+        [channels] names is noted in `findings`.
     files : Files
 
     Raises

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from piezoharvest.records import Finding, FrequencyRecord, Record, Signal
 from piezoharvest.records.channels import UNITS
 from piezoharvest.report import style
-from piezoharvest.report.units import prefix_of
+from piezoharvest.report.units import prefix_of, pretty_unit
 
 _COLOURS = {"error": style.LIMIT, "warning": style.PALETTE[4]}
 _PIXELS = 1500  # beyond twice as many samples, the least and the largest of each
@@ -95,8 +95,11 @@ def _time_axis(record: Record) -> tuple[np.ndarray, str]:
 
 def _frequency_panels(record: FrequencyRecord) -> list[tuple]:
     """As `_time_panels`: magnitude in decibels, phase, and coherence where there is one."""
-    unit = "Ω" if record.kind == "impedance" else f"{UNITS[record.output]}/({UNITS[record.input]})"
-    name = "impedance" if record.kind == "impedance" else f"{record.output} / {record.input}".replace("_", " ")
+    over = UNITS[record.input]
+    unit = pretty_unit(f"{UNITS[record.output]}/{f'({over})' if '/' in over else over}")
+    name = f"{record.output} / {record.input}".replace("_", " ")
+    if record.kind == "impedance":
+        unit, name = pretty_unit("ohm"), "impedance"
     size = np.abs(record.response)
     level = 20 * np.log10(size, out=np.full(len(size), np.nan), where=size > 0)
     angle = np.degrees(np.angle(record.response))

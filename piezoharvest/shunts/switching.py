@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ class SynchronisedShunt(Shunt):
 
     def switch(self, capacitance, period):
         """Resolve the timing for an excitation of this period (s), or None."""
-        lag = self.time_lag
+        lag: Any = self.time_lag
         if period is None and np.any(self.phase_lag != 0):
             raise ParameterError(
                 "phase_lag", f"found {self.phase_lag} for an excitation without a frequency, allowed is time_lag (s)"
@@ -39,7 +40,7 @@ class SynchronisedShunt(Shunt):
         if period is not None:
             lag = lag + self.phase_lag * period / (2 * np.pi)
         hold_off = self.hold_off if self.hold_off is not None else (0.25 * period if period is not None else 0.0)
-        early = np.asarray(lag) < 0
+        early: Any = np.asarray(lag) < 0
         if np.any(early):
             if period is None or np.any(lag <= -0.5 * period):
                 allowed = "an early action only for a periodic excitation, and by less than half its period"

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
-from piezoharvest.excitation import Excitation
-from piezoharvest.parameters import Component, ParameterError
+from piezoharvest.parameters import ParameterError
 from piezoharvest.study import Study
 from piezoharvest.sweep.place import place
 from piezoharvest.sweep.table import paths, wanted_outputs
-from piezoharvest.system import System
 
 Answers = dict[str, np.ndarray]
 

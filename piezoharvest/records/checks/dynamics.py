@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from piezoharvest.linear import poles
-from piezoharvest.records.checks.model import predicted
+from piezoharvest.records.checks.score import predicted
 from piezoharvest.records.expectation import transfers
 from piezoharvest.records.finding import Finding, shifted
 from piezoharvest.records.record import Record

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from piezoharvest.records.checks.model import FACTOR
+from piezoharvest.records.checks.score import FACTOR
 from piezoharvest.records.expectation import impedances, transfers
 from piezoharvest.records.finding import Finding, runs, shifted
 from piezoharvest.records.record import FrequencyRecord

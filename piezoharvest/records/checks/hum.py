@@ -9,7 +9,7 @@ import numpy as np
 from scipy.signal.windows import hann
 
 from piezoharvest.records.channels import UNITS
-from piezoharvest.records.checks.model import predicted
+from piezoharvest.records.checks.score import predicted
 from piezoharvest.records.expectation import transfers
 from piezoharvest.records.finding import Finding, shifted
 from piezoharvest.records.record import Record

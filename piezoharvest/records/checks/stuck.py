@@ -3,59 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
-from piezoharvest.records.finding import Finding, runs, shifted
-from piezoharvest.records.record import Record
+from piezoharvest.records.checks.level import Level, flat_runs, level_of
+from piezoharvest.records.finding import Finding, shifted
+from piezoharvest.records.record import Record, Signal
 from piezoharvest.shunts import LinearShunt, Open, Short
 
-_NOISE_SAMPLES = 1 << 20  # that tell the noise
-_SPREAD_OF_FOURTH_DIFFERENCES = np.sqrt(70.0)  # of white noise
-_FEW = 16  # values that a channel takes
-_BEYOND = 2.0  # steps of a converter, whose rounding looks like noise of up to one
-_MOVING = 0.5  # least share of samples outside runs
-_EQUAL = 0.35  # share of equal neighbours among these, where noise would leave hardly any
-_CHANGING = 0.4  # share of changes of sign: 0.8 for white noise
-_ROUNDING = 1e-9  # of the range: below it, noise is that of arithmetic
-_ODDS = 1e-6  # of a false alarm in a record, where noise is what keeps samples from being equal
-_SHORTEST_CLIPPED, _SHORTEST_FROZEN = 3, 8
+_SHORTEST_FROZEN = 8
 _HUMP = 6.0  # resolutions that a rounded top goes on beyond where it is cut off
 _BLOCKED = 0.2  # of the drive's range
 # Resolutions: the rounded top of a sampled signal falls by 3 within half of its length, the flattest by 15.
 _CORNER = 16.0
-
-
-class Level(NamedTuple):
-    """What a channel can resolve.
-
-    Attributes
-    ----------
-    step : float
-        Least difference of values: the step of the converter, or next to nothing.
-    noise : float
-        Standard deviation of what is not smooth.
-    range : float
-    noisy : bool
-        Whether noise is beyond the resolution, so that many equal samples in a row are no accident.
-    """
-
-    step: float
-    noise: float
-    range: float
-    noisy: bool
-
-    def pinned(self, count: int) -> float:
-        """Equal samples in a row that noise does not give by chance in a record of so many samples."""
-        # The odds that two neighbours are rounded alike.
-        equal = np.clip(0.5 * self.step / self.noise / np.sqrt(np.pi), 1e-6, 0.5)
-        return 1 + np.log(count / _ODDS) / -np.log(equal)
-
-    @property
-    def resolution(self) -> float:
-        """The larger of step and noise."""
-        return max(self.step, self.noise)
 
 
 def constant(record: Record) -> Iterator[Finding]:
@@ -84,19 +44,19 @@ def _silent(record: Record) -> set[str]:
 
 def standing_still(record: Record) -> Iterator[Finding]:
     """Stretches of exactly equal values that neither the signal's own course nor a resting drive explains."""
-    flat = {channel: _flat(signal.values) for channel, signal in record.signals.items()}
+    flat = {channel: flat_runs(signal.values) for channel, signal in record.signals.items()}
     if not any(map(len, flat.values())):
         return
-    levels = {channel: _level(record[channel], runs_of) for channel, runs_of in flat.items()}
+    levels = {channel: level_of(record[channel], runs_of) for channel, runs_of in flat.items()}
     for channel, signal in record.signals.items():
         if not len(flat[channel]) or levels[channel].range == 0 or channel in _silent(record):
             continue
         judge = _drive_stuck if channel == record.drive else _response_stuck
         found = judge(record, channel, flat[channel], levels)
-        yield from _findings(signal, channel, found, levels[channel])
+        yield from _findings(signal, channel, found)
 
 
-def _findings(signal, channel: str, ranges: np.ndarray, level: Level) -> Iterator[Finding]:
+def _findings(signal: Signal, channel: str, ranges: np.ndarray) -> Iterator[Finding]:
     """Clipped where the value is the largest or the least of the record, frozen elsewhere."""
     values = signal.values
     at = values[ranges[:, 0]]
@@ -112,34 +72,6 @@ def _findings(signal, channel: str, ranges: np.ndarray, level: Level) -> Iterato
         count = int(np.sum(frozen[:, 1] - frozen[:, 0] + 1))
         message = f"found {count} samples that stand still while the others go on, allowed is a channel that is alive"
         yield Finding("error", "frozen", signal.file, channel, shifted(frozen, signal.first_row), message)
-
-
-def _flat(values: np.ndarray) -> np.ndarray:
-    """Runs of three equal values or more, first and last index, (runs, 2)."""
-    found = runs(values[1:] == values[:-1])
-    found[:, 1] += 1
-    return found[found[:, 1] - found[:, 0] + 1 >= _SHORTEST_CLIPPED]
-
-
-def _level(values: np.ndarray, flat: np.ndarray) -> Level:
-    """Resolution and noise of a channel; noise is what fourth differences leave of a smooth signal, runs left out."""
-    # The ends of the range are left out: where it is cut off lies between the steps of a converter.
-    taken = np.unique(values[:_NOISE_SAMPLES])
-    step = float(np.diff(taken[1:-1] if len(taken) > _FEW else taken).min(initial=np.inf))
-    kept = np.ones(min(len(values), _NOISE_SAMPLES), bool)
-    for begin, end in flat[(flat[:, 1] - flat[:, 0] >= _SHORTEST_FROZEN) & (flat[:, 0] < len(kept))]:
-        kept[begin : end + 1] = False
-    fourth = np.diff(values[: len(kept)], 4)[kept[2:-2]]
-    span = float(np.ptp(values))
-    if len(fourth) < 2:
-        return Level(step, 0.0, span, False)
-    noise = float(np.median(np.abs(fourth))) / 0.6745 / _SPREAD_OF_FOURTH_DIFFERENCES
-    # Differences of noise change sign from one to the next; those of a smooth signal do so but seldom.
-    changing = float(np.mean(fourth[1:] * fourth[:-1] < 0)) > _CHANGING
-    beyond = noise > max(_BEYOND * step, _ROUNDING * span)
-    # A square wave has few samples that are not in a run, a staircase many steps.
-    moving = np.mean(kept) > _MOVING and np.mean(np.diff(values[: len(kept)])[kept[1:]] == 0) < _EQUAL
-    return Level(step, noise, span, bool(beyond and changing and moving))
 
 
 def _response_stuck(record: Record, channel: str, flat: np.ndarray, levels: dict[str, Level]) -> np.ndarray:
@@ -158,7 +90,7 @@ def _response_stuck(record: Record, channel: str, flat: np.ndarray, levels: dict
     fall = np.minimum(np.abs(values[before] - top), np.abs(values[after] - top))
     corner = inside & (fall > _CORNER * level.resolution)
     extreme = (top == values.max()) | (top == values.min())
-    enough = length >= np.where(extreme, _SHORTEST_CLIPPED, _SHORTEST_FROZEN)
+    enough = extreme | (length >= _SHORTEST_FROZEN)
     # What the response would show of the drive's bend were three resolutions at most: it may well be at rest.
     tolerance = max(8 * of_drive.noise, 3 * level.resolution * of_drive.range / level.range)
     # Hysteresis that sticks keeps charge from moving for a while, whatever the drive does.

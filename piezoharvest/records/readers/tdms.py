@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
@@ -18,12 +19,17 @@ class Tdms(Reader):
 
     def __init__(self, path: Path):
         from nptdms import TdmsFile
+        from nptdms.log import log_manager
 
         super().__init__(path)
+        log_manager.set_level(logging.ERROR)  # what it would warn of is an error below
         try:
             self._file = TdmsFile.open(path)
+            incomplete = self._file.file_status.incomplete_final_segment
         except Exception as error:  # nptdms raises what the bytes lead it to
             raise ReadError(f"found no TDMS file ({error}), allowed is a whole one") from None
+        if incomplete:
+            raise ReadError("found a last segment that is cut off, allowed is a whole TDMS file")
         self._channels: dict[str, Any] = {
             f"{group.name}/{channel.name}": channel for group in self._file.groups() for channel in group.channels()
         }

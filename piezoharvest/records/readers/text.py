@@ -32,6 +32,11 @@ class Layout:
         """Cells of a line."""
         return [cell.strip() for cell in line.strip("\r\n").split(self.delimiter)]
 
+    def is_row(self, line: str) -> bool:
+        """Whether a line is one of the table: at least half of its cells are numbers (others may be remarks, dates)."""
+        cells = self.split(line)
+        return 2 * sum(self.is_number(cell) for cell in cells if cell) >= len([cell for cell in cells if cell]) > 0
+
     def is_number(self, cell: str) -> bool:
         """Whether a cell is a number, or says that there is none."""
         if cell.lower() in _MISSING:
@@ -145,7 +150,7 @@ def _layout(path: Path) -> Layout:
             comment = line.strip().lstrip("#% ") or comment
             continue
         guess = _guess(line, [later for _, later in head[row - 1 :]])
-        if all(map(guess.is_number, guess.split(line))):
+        if guess.is_row(line):
             return _named(guess, guess.split(line), header or comment, bool(header), row - 1)
         if header:
             raise ReadError(f"found no row of numbers below {header.strip()[:60]!r}, {_ALLOWED}", row=row)

@@ -1,0 +1,186 @@
+"""Innermost operations on flat memory against NumPy."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from piezoharvest.engine import vector as vc
+from piezoharvest.engine.algebra import radius, solve_conserving
+from piezoharvest.engine.compiled import entry
+
+MULTIPLY, GROW, ADD, COPY, DOT = range(5)
+EDGE = 7.25  # what stands around a result and must stay
+
+
+@entry
+def operate(task, matrix, at, rows, columns, factor, vectors, x, y, z):
+    """One operation of `vector` on flat arrays."""
+    m, v = vc.pointer(matrix), vc.pointer(vectors)
+    if task == MULTIPLY:
+        vc.multiply(m, at, rows, columns, v, x, y)
+    elif task == GROW:
+        vc.grow(m, at, rows, columns, v, x, y)
+    elif task == ADD:
+        vc.add_term(m, at, rows, columns, factor, v, x, y, z)
+    elif task == COPY:
+        vc.copy(v, x, y, rows)
+    else:
+        return vc.dot(m, at, v, x, rows)
+    return 0.0
+
+
+@entry
+def solve(numbers, integers, matrix, right, n, order, work, out):
+    solve_conserving(vc.pointer(numbers), vc.pointer(integers), matrix, right, n, order, work, out)
+
+
+@entry
+def spectral_radius(numbers, matrix, n, work):
+    return radius(vc.pointer(numbers), matrix, n, work)
+
+
+class Memory:
+    """A padded matrix, column by column, and three vectors, with gaps between them."""
+
+    def __init__(self, seed, rows, columns, gap):
+        rng = np.random.default_rng(seed)
+        self.rows, self.columns = vc.padded(rows), -(-columns // vc.COLUMNS) * vc.COLUMNS
+        self.a = np.zeros((self.rows, self.columns))
+        self.a[:rows, :columns] = rng.normal(size=(rows, columns)) * 10.0 ** rng.uniform(-3, 3, (rows, columns))
+        self.at, length = gap, max(self.rows, self.columns)
+        self.matrix = np.concatenate([np.full(gap, EDGE), self.a.T.ravel(), np.full(gap, EDGE)])
+        self.x, self.y, self.z = (gap + k * (length + gap) for k in range(3))
+        self.vectors = np.full(self.z + length + gap, EDGE)
+        self.length = length
+        for begin in (self.x, self.y, self.z):
+            self.vectors[begin : begin + length] = rng.normal(size=length)
+        self.before = self.vectors.copy()
+
+    def run(self, task, factor=1.0):
+        places = self.x, self.y, self.z
+        return operate(task, self.matrix, self.at, self.rows, self.columns, factor, self.vectors, *places)
+
+    def vector(self, place, memory=None, count=None):
+        return (self.before if memory is None else memory)[place : place + (count or self.rows)]
+
+    def check(self, wanted):
+        """The vectors named hold these values, to the rounding of a sum in any order, and nothing else has changed."""
+        size = np.abs(self.a) @ np.abs(self.vector(self.x, count=self.columns)) + np.abs(self.before).max()
+        for place, value in wanted.items():
+            assert np.all(np.abs(self.vector(place, self.vectors) - value) <= 1e-14 * size)
+            self.vectors[place : place + self.rows] = self.before[place : place + self.rows]
+        assert np.array_equal(self.vectors, self.before)
+
+
+sizes = {
+    "seed": st.integers(0, 10**6), "rows": st.integers(1, 40), "columns": st.integers(1, 40), "gap": st.integers(0, 9),
+}  # fmt: skip
+
+
+@settings(max_examples=100, deadline=None)
+@given(**sizes)
+def test_multiply(seed, rows, columns, gap):
+    memory = Memory(seed, rows, columns, gap)
+    memory.run(MULTIPLY)
+    memory.check({memory.y: memory.a @ memory.vector(memory.x, count=memory.columns)})
+
+
+@settings(max_examples=100, deadline=None)
+@given(**sizes)
+def test_grow(seed, rows, columns, gap):
+    memory = Memory(seed, rows, columns, gap)
+    memory.run(GROW)
+    product = memory.a @ memory.vector(memory.x, count=memory.columns)
+    memory.check({memory.y: memory.vector(memory.x) + product})
+
+
+@settings(max_examples=100, deadline=None)
+@given(factor=st.floats(-10, 10), **sizes)
+def test_add_term(seed, rows, columns, gap, factor):
+    memory = Memory(seed, rows, columns, gap)
+    memory.run(ADD, factor)
+    term = factor * (memory.a @ memory.vector(memory.x, count=memory.columns))
+    size = 1 + abs(factor)
+    assert np.all(np.isfinite(memory.vectors))
+    scaled = {memory.y: term, memory.z: memory.vector(memory.z) + term}
+    for place, value in scaled.items():
+        bound = np.abs(memory.a) @ np.abs(memory.vector(memory.x, count=memory.columns)) + 1
+        assert np.all(np.abs(memory.vector(place, memory.vectors) - value) <= 1e-14 * size * bound + 1e-14)
+        memory.vectors[place : place + memory.rows] = memory.before[place : place + memory.rows]
+    assert np.array_equal(memory.vectors, memory.before)
+
+
+@settings(max_examples=50, deadline=None)
+@given(**sizes)
+def test_copy_is_exact(seed, rows, columns, gap):
+    memory = Memory(seed, rows, columns, gap)
+    memory.run(COPY)
+    assert np.array_equal(memory.vector(memory.y, memory.vectors), memory.vector(memory.x))
+    memory.check({memory.y: memory.vector(memory.x)})
+
+
+@settings(max_examples=50, deadline=None)
+@given(**sizes)
+def test_dot(seed, rows, columns, gap):
+    memory = Memory(seed, rows, columns, gap)
+    x, column = memory.vector(memory.x), memory.matrix[memory.at : memory.at + memory.rows]
+    found = memory.run(DOT)
+    assert abs(found - column @ x) <= 1e-14 * (np.abs(column) @ np.abs(x) + 1e-300)
+    assert np.array_equal(memory.vectors, memory.before)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), n=st.integers(1, 14), free=st.integers(0, 3))
+def test_solve_conserving(seed, n, free):
+    """I - M, of which `free` left vectors are null: the solution solves what can be, and leaves the rest alone."""
+    rng, free = np.random.default_rng(seed), min(free, n)
+    left, _ = np.linalg.qr(rng.normal(size=(n, n)))
+    right, _ = np.linalg.qr(rng.normal(size=(n, n)))
+    size = np.concatenate([10.0 ** rng.uniform(-3, 0, n - free), np.zeros(free)])
+    matrix, conserved = (left * size) @ right.T, left[:, n - free :]
+    wanted = matrix @ rng.normal(size=n)
+    # What is conserved must not be orthogonal to what may move, or no solution has c'x = 0.
+    if free and np.linalg.svd(conserved.T @ right[:, n - free :])[1].min() < 0.05:
+        return
+    numbers, integers = np.zeros(5 * n * n + 3 * n), np.zeros(2 * n, np.int64)
+    numbers[: n * n], numbers[n * n : n * n + n] = matrix.ravel(), wanted
+    work = n * n + 2 * n
+    solve(numbers, integers, 0, n * n, n, 0, work, n * n + n)
+    found = numbers[n * n + n : n * n + 2 * n]
+    assert np.abs(matrix @ found - wanted).max() <= 1e-9 * max(np.abs(wanted).max(), 1e-3)
+    assert np.abs(conserved.T @ found).max(initial=0.0) <= 1e-8 * max(np.abs(found).max(), 1.0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), n=st.integers(1, 14), exponent=st.floats(-100, 100))
+def test_radius(seed, n, exponent):
+    rng = np.random.default_rng(seed)
+    matrix = rng.normal(size=(n, n)) * 10.0**exponent
+    numbers = np.concatenate([matrix.ravel(), np.zeros(2 * n * n)])
+    wanted = np.abs(np.linalg.eigvals(matrix)).max()
+    assert spectral_radius(numbers, 0, n, n * n) == pytest.approx(wanted, rel=2e-6)
+    assert np.array_equal(numbers[: n * n], matrix.ravel())
+
+
+@pytest.mark.parametrize(
+    ("matrix", "wanted"),
+    [
+        (np.zeros((4, 4)), 0.0),
+        (np.eye(5), 1.0),
+        (np.diag([0.5, -1.0, 0.25]), 1.0),
+        (np.array([[0.0, 1.0], [-1.0, 0.0]]), 1.0),
+        (np.array([[1.0, 1e3], [0.0, 1.0]]), 1.0),
+        (np.triu(np.ones((6, 6)), 1), 0.0),
+    ],
+    ids=["zero", "identity", "sign", "rotation", "Jordan block", "nilpotent"],
+)
+def test_radius_of_special_matrices(matrix, wanted):
+    n = len(matrix)
+    numbers = np.concatenate([matrix.ravel(), np.zeros(2 * n * n)])
+    assert spectral_radius(numbers, 0, n, n * n) == pytest.approx(wanted, abs=2e-6)
+
+
+def test_radius_without_bound():
+    numbers = np.concatenate([[np.inf], np.zeros(2)])
+    assert spectral_radius(numbers, 0, 1, 1) == np.inf
