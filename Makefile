@@ -1,13 +1,14 @@
 # make demo   install on first use and write the demonstration report to demo-report/
 # make test   run the tests
 # make bench  measure speed and error beside ngspice, solve_ivp and NumPy: reports/speed/, table in README.md (10 minutes)
+# make paper  simulate and audit the reference paper's tables: reports/paper/index.html, findings.json (5 minutes)
 # make check  lint and type check
 # make clean  remove the environment, caches, builds and the report
 
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test bench check clean
+.PHONY: demo test bench paper check clean
 
 demo: .venv/.installed
 	$(BIN)/piezoharvest demo --out demo-report
@@ -17,6 +18,9 @@ test: .venv/.installed
 
 bench: .venv/.installed
 	$(BIN)/python -m reports.speed
+
+paper: .venv/.installed
+	$(BIN)/python -m reports.paper
 
 check: .venv/.installed
 	$(BIN)/ruff check .

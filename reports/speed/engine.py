@@ -30,7 +30,7 @@ class Simulation:
 
     def restart(self) -> None:
         """Go back to rest."""
-        self.state = self.machine.state(self.excitation.rest)
+        self.state = self.machine.state()
 
     def run(self, t_end: float) -> None:
         """Run on to t_end (s)."""
