@@ -1,4 +1,4 @@
-"""What a channel can resolve, and how large its noise is, with runs of equal samples left out."""
+"""What a channel can resolve, and how large its noise is."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ import numpy as np
 from piezoharvest.records.finding import runs
 
 _SHORTEST = 3  # equal samples that count as a run
-_LONG = 8  # equal samples that say nothing of the noise
+_LONG = 8  # equal samples at an end of the range that say nothing of the noise
 _NOISE_SAMPLES = 1 << 20  # that tell the noise
-_SPREAD_OF_FOURTH_DIFFERENCES = np.sqrt(70.0)  # of white noise
+_GAIN_OF_FOURTH_DIFFERENCES = 70.0  # for the variance of white noise
 _FEW = 16  # values that a channel takes
-_BEYOND = 1.2  # steps of a converter, whose rounding looks like noise of less than one
+_TRIMMED = 0.95  # share of the differences that noise is taken from: the rest may be corners
+_BEYOND = 0.6  # steps of a converter, whose rounding is noise of 0.29
 _MOVING = 0.3  # least share of samples outside runs
-_EQUAL = 0.35  # share of equal neighbours among these, where noise would leave hardly any
+_EQUAL = 0.5  # share of equal neighbours among these
 _CHANGING = 0.4  # share of changes of sign: 0.8 for white noise
 _ROUNDING = 1e-9  # of the range: below it, noise is that of arithmetic
 _ODDS = 1e-6  # of a false alarm in a record, where noise is what keeps samples from being equal
@@ -33,18 +34,20 @@ class Level(NamedTuple):
     range : float
     noisy : bool
         Whether noise is beyond the resolution, so that many equal samples in a row are no accident.
+    equal : float
+        Share of equal neighbours.
     """
 
     step: float
     noise: float
     range: float
     noisy: bool
+    equal: float
 
     def pinned(self, count: int) -> float:
         """Equal samples in a row that noise does not give by chance in a record of so many samples."""
-        # The odds that two neighbours are rounded alike.
-        equal = np.clip(0.5 * self.step / self.noise / np.sqrt(np.pi), 1e-6, 0.5)
-        return 1 + np.log(count / _ODDS) / -np.log(equal)
+        rounded_alike = 0.5 * self.step / self.noise / np.sqrt(np.pi)
+        return 1 + np.log(count / _ODDS) / -np.log(np.clip(max(rounded_alike, self.equal), 1e-6, _EQUAL))
 
     @property
     def resolution(self) -> float:
@@ -60,21 +63,31 @@ def flat_runs(values: np.ndarray) -> np.ndarray:
 
 
 def level_of(values: np.ndarray, flat: np.ndarray) -> Level:
-    """Resolution and noise of a channel; noise is what fourth differences leave of a smooth signal, runs left out."""
+    """Resolution and noise of a channel; noise is what fourth differences leave of a smooth signal."""
     # The ends of the range are left out: where it is cut off lies between the steps of a converter.
     taken = np.unique(values[:_NOISE_SAMPLES])
     step = float(np.diff(taken[1:-1] if len(taken) > _FEW else taken).min(initial=np.inf))
     kept = np.ones(min(len(values), _NOISE_SAMPLES), bool)
-    for begin, end in flat[(flat[:, 1] - flat[:, 0] >= _LONG) & (flat[:, 0] < len(kept))]:
+    for begin, end in _suspects(values, flat[flat[:, 0] < len(kept)]):
         kept[begin : end + 1] = False
     fourth = np.diff(values[: len(kept)], 4)[kept[2:-2]]
     span = float(np.ptp(values))
     if len(fourth) < 2:
-        return Level(step, 0.0, span, False)
-    noise = float(np.median(np.abs(fourth))) / 0.6745 / _SPREAD_OF_FOURTH_DIFFERENCES
+        return Level(step, 0.0, span, False, 1.0)
+    squares = fourth**2
+    noise = float(np.sqrt(np.mean(squares[squares <= np.quantile(squares, _TRIMMED)]) / _GAIN_OF_FOURTH_DIFFERENCES))
     # Differences of noise change sign from one to the next; those of a smooth signal do so but seldom.
     changing = float(np.mean(fourth[1:] * fourth[:-1] < 0)) > _CHANGING
     beyond = noise > max(_BEYOND * step, _ROUNDING * span)
-    # A square wave has few samples that are not in a run, a staircase many steps.
-    moving = np.mean(kept) > _MOVING and np.mean(np.diff(values[: len(kept)])[kept[1:]] == 0) < _EQUAL
-    return Level(step, noise, span, bool(beyond and changing and moving))
+    # A square wave has few samples that are not in a run, a staircase many that are equal to their neighbours.
+    equal = float(np.mean(np.diff(values[: len(kept)])[kept[1:]] == 0))
+    return Level(step, noise, span, beyond and changing and np.mean(kept) > _MOVING and equal < _EQUAL, equal)
+
+
+def _suspects(values: np.ndarray, flat: np.ndarray) -> np.ndarray:
+    """Runs that say nothing of the noise if they are faults: those at the ends of the range, and the longest."""
+    if not len(flat):
+        return flat
+    length, at = flat[:, 1] - flat[:, 0] + 1, values[flat[:, 0]]
+    extreme = (at == values.max()) | (at == values.min())
+    return flat[(extreme & (length >= _LONG)) | (length == length.max())]
