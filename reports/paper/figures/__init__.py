@@ -1,0 +1,1 @@
+"""Figures of the page, in the style of the package's reports."""

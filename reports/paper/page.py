@@ -1,0 +1,197 @@
+"""The page: what stands in it, and the files beside it."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable
+from importlib import resources
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup, escape
+
+import piezoharvest
+from piezoharvest.output import write_text
+from piezoharvest.report import style
+from piezoharvest.report.units import number
+from reports.paper import beyond, compare, reproduction
+from reports.paper.audit.finding import Finding
+from reports.paper.compare import Comparison
+from reports.paper.extended import extended_fit
+from reports.paper.files import findings_json, rows_csv
+from reports.paper.fitting import repeatability
+from reports.paper.gallery import Picture
+from reports.paper.tables import experiment, paper
+
+_UNITS = {
+    "charge": ("T/k", 1e9, "nC/N"), "capacitance": ("C + T²/k", 1e6, "µF"), "stiffness": ("k", 1e-8, "·10⁸ N/m"),
+    "leak": ("leak", 1e-3, "kΩ"), "slow_capacitance": ("slow C", 1e6, "µF"), "slow_time": ("slow time", 1.0, "s"),
+    "rise_time": ("rise", 1e3, "ms"), "step_cycles": ("cycles, I", 1.0, ""), "stroke_cycles": ("cycles, III", 1.0, ""),
+    "record": ("record", 1.0, "s"), "peak_factor": ("peaks ×", 1.0, ""), "force_750": ("force at 0.75 kN ×", 1.0, ""),
+    "load_1": ("R1 ×", 1.0, ""), "load_2": ("R2 ×", 1.0, ""), "load_3": ("R3 ×", 1.0, ""),
+    "hertz": ("Hertz", 1e9, "nm/N^⅔"), "seat": ("seat", 1e6, "µm"), "seat_force": ("seat force", 1.0, "N"),
+    "cubic": ("cubic", 1e6, "1/kN²"),
+}  # fmt: skip
+
+
+def write_page(findings: dict[str, list[Finding]], pictures: Iterable[Picture], directory: Path) -> Path:
+    """Write figures, rows, findings and, last, the page into a directory."""
+    figures, numbers = {}, count(1)
+    for picture in pictures:
+        file = f"{picture.name}.png"
+        style.write_png(picture.figure, directory / file)
+        svg = Markup(style.inline_svg(picture.figure, picture.name, picture.heading))
+        words = {"heading": picture.heading, "caption": picture.caption, "file": file}
+        figures[picture.name] = {**words, "svg": svg, "number": next(numbers)}
+    write_text(rows_csv(), directory / "rows.csv")
+    write_text(findings_json(findings), directory / "findings.json")
+    folder = Path(__file__).parent
+    options = {"autoescape": True, "undefined": StrictUndefined, "trim_blocks": True, "lstrip_blocks": True}
+    environment = Environment(loader=FileSystemLoader(folder), **options)
+    environment.filters["marked"] = _marked
+    css = resources.files("piezoharvest.report").joinpath("templates", "report.css").read_text(encoding="utf-8")
+    text = environment.get_template("page.html.j2").render(
+        css=Markup(css), version=piezoharvest.__version__, figures=figures, **findings, **_content(findings)
+    )
+    write_text(text, directory / "index.html")
+    return directory / "index.html"
+
+
+def _marked(text: str) -> Markup:
+    """Text with indices below the line and exponents above it."""
+    lowered = re.sub(r"\b([A-Za-z])_([A-Za-z]+|\d)", r"\1<sub>\2</sub>", str(escape(text)))
+    return Markup(re.sub(r"\^(\d[\d.]*\d|\d)", r"<sup>\1</sup>", lowered))
+
+
+def _content(findings: dict[str, list[Finding]]) -> dict[str, Any]:
+    """What the template fills in beside findings and figures."""
+    p = extended_fit().parameters
+    everything = [f for group in findings.values() for f in group]
+    kinds = Counter(f.confidence for f in findings["audit"])
+    return {
+        "title": paper()["title"],
+        "specimen": paper()["specimen"],
+        "cards": _cards(len(everything)),
+        "summary": _summary({f.name: f for f in everything}),
+        "sine_load": f"{experiment()['loads_ohm'][1] / 1e3:g} kΩ",
+        "step_cycles": f"{p['step_cycles']:.1f}",
+        "stroke_cycles": f"{p['stroke_cycles']:.1f}",
+        "rise_time": f"{p['rise_time'] * 1e3:.0f} ms",
+        "tables": [_table(name) for name in ("I", "II", "III", "IV")],
+        "errors": _errors(),
+        "counts": f"{len(findings['audit'])} findings: {kinds['certain']} certain, {kinds['likely']} likely, "
+        f"{kinds['undecidable']} that cannot be decided from the paper.",
+        "repeatability": f"{repeatability():.1%}",
+        "comparisons": [
+            ("Tables I and II", [_comparison(c) for c in [*compare.electrical(), *compare.hysteretic()]]),
+            ("Tables III and IV", [_comparison(c) for c in compare.mechanical()]),
+            ("All four tables", [_comparison(compare.extended())]),
+            ("Tables I and II, what the paper leaves open", [_choice(c) for c in compare.choices()]),
+        ],
+        "interfaces": [interface.name for interface in beyond.INTERFACES],
+        "harvest": _harvest(),
+    }
+
+
+def _cards(count_of_findings: int) -> list[tuple[str, str, str]]:
+    before, after = reproduction.error(reproduction.summed()), reproduction.error(reproduction.extended())
+    return [
+        ("rows compared", str(len(reproduction.per_cycle())), "two printed numbers each"),
+        ("findings", str(count_of_findings), "in findings.json"),
+        ("Table V, summed", f"× {np.exp(before):.1f}", "typical error, rms of logarithms"),
+        ("extended model", f"{after:.1%}", f"{len(extended_fit().candidate.free)} parameters for 96 numbers"),
+        ("on rows left out", f"{compare.extended().left_out:.1%}", "a level, load or frequency at a time"),
+    ]
+
+
+def _summary(by_name: dict[str, Finding]) -> list[str]:
+    """The claims that weigh most, with what they mean."""
+    chosen = (
+        "stiffness-agrees", "sums-over-a-record", "mechanical-energy-is-gross", "voltage-beyond-open-circuit",
+        "fit-loss-beside-the-load",
+        "displacement-is-not-the-specimens", "fit-hysteresis", "fit-before-and-after", "outlook-switching",
+    )  # fmt: skip
+    return [f"{by_name[name].claim} ({by_name[name].confidence})" for name in chosen]
+
+
+def _milli(value: float) -> str:
+    """In thousandths, three digits."""
+    return f"{value * 1e3:#.3g}".rstrip(".")
+
+
+def _table(name: str) -> dict[str, Any]:
+    """Rows of a table as they are shown."""
+    step = paper()["tables"][name]["excitation"] == "step"
+    series = [
+        [c for c in results if c.row.table == name]
+        for results in (reproduction.per_cycle(), reproduction.summed(), reproduction.extended())
+    ]
+    shown, before = [], None
+    for plain, total, extended in zip(*series, strict=True):
+        row = plain.row
+        energy, peak = (f"{v.text} ± {v.half * 1e3:g}" for v in (row.energy, row.peak))
+        # The rise time makes a difference to peaks of steps only.
+        peaks = (plain, total, extended) if step else (plain, extended)
+        cells = [energy, *(_milli(c.energy) for c in (plain, total, extended)), peak, *(_milli(c.peak) for c in peaks)]
+        second = f"{row.load / 1e3:g} kΩ" if row.load is not None else f"{row.frequency:g} Hz"
+        first = row.force != before
+        shown.append({"force": f"{row.force / 1e3:g} kN", "second": second, "cells": cells, "first": first})
+        before = row.force
+    caption = paper()["tables"][name]["caption"]
+    return {"name": name, "caption": caption, "second": "load" if step else "frequency", "step": step, "rows": shown}
+
+
+def _errors() -> list[tuple[str, list[str]]]:
+    named = {
+        "Table V, one cycle, as headed": reproduction.per_cycle(),
+        "Table V, summed, stop reading": reproduction.summed(),
+        "Table V, summed, play reading": reproduction.summed("play"),
+        "Table V, summed, without hysteresis": reproduction.summed("none"),
+        "extended": reproduction.extended(),
+    }
+    return [
+        (name, [f"{reproduction.error(results, table):.2f}" for table in ("I", "II", "III", "IV", None)])
+        for name, results in named.items()
+    ]
+
+
+def _comparison(c: Comparison) -> dict[str, Any]:
+    """A fitted candidate as a line of its table."""
+    parts = []
+    for name, spread in c.fit.spread.items():
+        words, factor, unit = _UNITS[name]
+        known = f"± {spread:.0%}" if spread < 1 else "(not determined)"
+        parts.append(f"{words} {c.fit.parameters[name] * factor:.3g} {unit}".strip() + f" {known}")
+    return {
+        "name": c.fit.candidate.name,
+        "free": len(c.fit.candidate.free),
+        "rms": f"{c.fit.rms:.3f}",
+        "left_out": number(c.left_out, 2),
+        "worst": c.worst,
+        "chi": f"{c.fit.reduced_chi_squared:.1f}",
+        "parameters": "; ".join(parts),
+    }
+
+
+def _choice(c: Comparison) -> dict[str, Any]:
+    """The same, named by what it chooses."""
+    chosen = c.fit.candidate.choice
+    kind = "leak" if "leak" in c.fit.candidate.free else "polarisation"
+    starts = f"sines from {chosen.sine_from / 1e3:g} kN, steps from {chosen.step_from / 1e3:g} kN"
+    return {**_comparison(c), "name": f"{kind}, sines on {compare.LOADS[chosen.sine_load]}, {starts}"}
+
+
+def _harvest() -> list[tuple[list[str], list[str]]]:
+    lines = []
+    for (name, frequency, drop), tuned in beyond.survey().tuned.items():
+        cells = []
+        for interface in beyond.INTERFACES:
+            best = tuned[interface.name]
+            value = {"ohm": f" ({best.value / 1e3:.1f} kΩ)", "V": f" ({best.value:.1f} V)", "": ""}[interface.tuned]
+            cells.append(f"{best.power * 1e6:.0f} µW{value}" if best.converged else "not converged")
+        lines.append(([name, f"{frequency:g} Hz", f"{drop:g} V"], cells))
+    return lines
