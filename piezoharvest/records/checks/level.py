@@ -14,6 +14,7 @@ _NOISE_SAMPLES = 1 << 20  # that tell the noise
 _GAIN_OF_FOURTH_DIFFERENCES = 70.0  # for the variance of white noise
 _FEW = 16  # values that a channel takes
 _TRIMMED = 0.95  # share of the differences that noise is taken from: the rest may be corners
+_TRIMMED_VARIANCE = 0.759  # of normal noise without the largest 5 %
 _BEYOND = 0.6  # steps of a converter, whose rounding is noise of 0.29
 _MOVING = 0.3  # least share of samples outside runs
 _EQUAL = 0.5  # share of equal neighbours among these
@@ -75,13 +76,14 @@ def level_of(values: np.ndarray, flat: np.ndarray) -> Level:
     if len(fourth) < 2:
         return Level(step, 0.0, span, False, 1.0)
     squares = fourth**2
-    noise = float(np.sqrt(np.mean(squares[squares <= np.quantile(squares, _TRIMMED)]) / _GAIN_OF_FOURTH_DIFFERENCES))
+    variance = np.mean(squares[squares <= np.quantile(squares, _TRIMMED)]) / _TRIMMED_VARIANCE
+    noise = float(np.sqrt(variance / _GAIN_OF_FOURTH_DIFFERENCES))
     # Differences of noise change sign from one to the next; those of a smooth signal do so but seldom.
     changing = float(np.mean(fourth[1:] * fourth[:-1] < 0)) > _CHANGING
     beyond = noise > max(_BEYOND * step, _ROUNDING * span)
     # A square wave has few samples that are not in a run, a staircase many that are equal to their neighbours.
     equal = float(np.mean(np.diff(values[: len(kept)])[kept[1:]] == 0))
-    return Level(step, noise, span, beyond and changing and np.mean(kept) > _MOVING and equal < _EQUAL, equal)
+    return Level(step, noise, span, bool(beyond and changing and np.mean(kept) > _MOVING and equal < _EQUAL), equal)
 
 
 def _suspects(values: np.ndarray, flat: np.ndarray) -> np.ndarray:

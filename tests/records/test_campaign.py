@@ -1,0 +1,450 @@
+"""Campaigns: what is accepted, units and signs of the channels, and that whatever is wrong is said in one sentence."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from record_cases import stack_sine
+from scipy.io import savemat
+
+from piezoharvest.linear import TwoPort, frequency_response
+from piezoharvest.output import write_table
+from piezoharvest.records import Campaign, CampaignError, Finding, FrequencyRecord, Record, load_campaign
+from piezoharvest.shunts import Open, Resistor, SeriesRL
+from piezoharvest.study import StudyError, build_transducer
+from piezoharvest.system import System
+
+TRANSDUCER = '[transducer]\ncatalogue = "NAC2125-H10"\n'
+RECORD = '[[records]]\nfile = "run.csv"\nload_resistance = 97780.0\n'
+NAMES = {"time": "time_s", "force": "force_N", "displacement": "displacement_m", "voltage": "voltage_V",
+         "current": "current_A"}  # fmt: skip
+
+
+@pytest.fixture
+def columns():
+    of, _ = stack_sine()
+    return {name: of[channel] for channel, name in NAMES.items()}
+
+
+def load(folder, text, **tables) -> Campaign:
+    """Campaign of a text and tables by file name (its last underscore the dot)."""
+    for name, table in tables.items():
+        stem, _, ending = name.rpartition("_")
+        write_table(table, folder / f"{stem}.{ending}")
+    (folder / "campaign.toml").write_text(text)
+    return load_campaign(folder / "campaign.toml")
+
+
+def failure(folder, text, **tables) -> CampaignError:
+    with pytest.raises(CampaignError) as caught:
+        load(folder, text, **tables)
+    error = caught.value
+    assert isinstance(error, StudyError)
+    assert "\n" not in str(error)
+    assert "found " in error.message
+    assert "allowed " in error.message
+    assert str(error).startswith(str(folder))
+    return error
+
+
+class TestAccepted:
+    def test_default_header(self, tmp_path, columns):
+        campaign = load(tmp_path, TRANSDUCER + RECORD, run_csv=columns)
+        (record,) = campaign.records
+        assert isinstance(record, Record)
+        assert (campaign.title, campaign.path) == ("campaign", tmp_path / "campaign.toml")
+        assert campaign.transducer == build_transducer({"catalogue": "NAC2125-H10"})
+        assert (record.name, record.role, record.drive, record.start_time) == ("run.csv", "fit", "force", 0.0)
+        assert record.shunt == Resistor(resistance=97780.0)
+        assert record.responses == ("displacement", "voltage", "current")
+        for channel, name in NAMES.items():
+            np.testing.assert_array_equal(record[channel], columns[name])
+        assert record.sample_rate == pytest.approx(1000.0)
+        assert len(record) == 5000
+        assert record.signals["voltage"].column == "voltage_V"
+        assert campaign.warnings == campaign.errors == ()
+
+    @pytest.mark.parametrize("missing", [["current_A"], ["displacement_m", "voltage_V"], ["voltage_V", "current_A"]])
+    def test_any_channel_but_the_drive_may_be_missing(self, tmp_path, columns, missing):
+        kept = {name: values for name, values in columns.items() if name not in missing}
+        campaign = load(tmp_path, TRANSDUCER + RECORD, run_csv=kept)
+        assert {signal.column for signal in campaign.records[0].signals.values()} == kept.keys() - {"time_s"}
+        assert campaign.warnings == ()
+
+    def test_units_gain_offset_and_sigma(self, tmp_path, columns):
+        pounds = columns["force_N"] / 4.4482216152605
+        raw = {"t": 1e3 * columns["time_s"], "F": pounds, "v": columns["voltage_V"] / 20 + 1,
+               "x": 1e6 * columns["displacement_m"] + 3, "sense": (columns["current_A"] - 1e-7) / 2e-4}  # fmt: skip
+        text = """
+        [channels]
+        time = { column = "t", unit = "ms" }
+        force = { column = "F", unit = "lbf" }
+        displacement = { column = "x", unit = "µm", offset = -3, sigma = 0.012 }
+        voltage = { column = "v", gain = 20, offset = -20.0, sigma = 1e-3 }
+        current = { column = "sense", unit = "mA", gain = 0.2, offset = 1e-4 }
+        """
+        (record,) = load(tmp_path, TRANSDUCER + text + RECORD, run_npz=raw, run_csv=raw).records
+        for channel, name in NAMES.items():
+            scale = np.max(np.abs(columns[name]))
+            np.testing.assert_allclose(record[channel], columns[name], rtol=1e-12, atol=1e-12 * scale)
+        assert record.signals["displacement"].sigma == pytest.approx(1.2e-8)
+        assert record.signals["voltage"].sigma == pytest.approx(1e-3)
+        assert record.signals["force"].sigma is None
+
+    def test_columns_are_averaged(self, tmp_path, columns):
+        x = columns.pop("displacement_m")
+        tilt = 1e-6 * np.sin(np.arange(len(x)))
+        text = '[channels]\ndisplacement = { column = ["left", "right"], unit = "m" }\n'
+        (record,) = load(
+            tmp_path, TRANSDUCER + text + RECORD, run_csv={**columns, "left": x + tilt, "right": x - tilt}
+        ).records
+        np.testing.assert_allclose(record["displacement"], x, atol=1e-20)
+
+    def test_a_record_has_channels_of_its_own(self, tmp_path, columns):
+        other = {name: values for name, values in columns.items() if name != "displacement_m"}
+        text = (
+            RECORD + '[records.channels]\ndisplacement = { file = "laser.npz", column = "data[:, 1]", unit = "um" }\n'
+        )
+        np.savez(tmp_path / "laser.npz", data=np.column_stack([columns["time_s"], 1e6 * columns["displacement_m"]]))
+        (record,) = load(tmp_path, TRANSDUCER + text, run_csv=other).records
+        np.testing.assert_allclose(record["displacement"], columns["displacement_m"], rtol=1e-12)
+        assert record.signals["displacement"].file == "laser.npz"
+        assert record.signals["displacement"].first_row == 1
+
+    def test_sample_rate_instead_of_time(self, tmp_path, columns):
+        del columns["time_s"]
+        (record,) = load(tmp_path, TRANSDUCER + RECORD + "sample_rate = 1000\n", run_csv=columns).records
+        np.testing.assert_allclose(record["time"], np.arange(5000) / 1000)
+
+    def test_a_part_of_the_rows(self, tmp_path, columns):
+        text = TRANSDUCER + RECORD + "rows = [1002, 3001]\n" + RECORD + 'rows = [3002, 5001]\nrole = "validate"\n'
+        campaign = load(tmp_path, text, run_csv=columns)
+        first, second = campaign.records
+        np.testing.assert_array_equal(first["voltage"], columns["voltage_V"][1000:3000])
+        np.testing.assert_array_equal(second["voltage"], columns["voltage_V"][3000:])
+        assert first.signals["voltage"].first_row == 1002
+        assert campaign.of_role("validate") == (second,)
+
+    def test_rows_of_findings_are_lines_of_the_file(self, tmp_path, columns):
+        columns["voltage_V"][1500] = np.nan
+        error = failure(tmp_path, TRANSDUCER + RECORD + "rows = [1002, 3001]\n", run_csv=columns)
+        assert error.rows == ((1502, 1502),)
+        assert "nan" in (tmp_path / "run.csv").read_text().splitlines()[1501].lower() + "nan"
+        assert (tmp_path / "run.csv").read_text().splitlines()[1501].split(",")[3] in ("", "nan")
+
+    def test_shunts_and_start_times(self, tmp_path, columns):
+        text = (
+            '[[records]]\nfile = "run.csv"\nstart_time = 60\nshunt = { kind = "resistor", resistance = 97780 }\n'
+            '[[records]]\nfile = "run.csv"\n'
+            '[records.shunt]\nkind = "series_rl"\ninductance = 1e-3\nresistance = 97780.0\n'
+        )
+        first, second = load(tmp_path, TRANSDUCER + text, run_csv=columns).records
+        assert first.start_time == 60.0
+        assert second.shunt == SeriesRL(inductance=1e-3, resistance=97780.0)
+
+    def test_an_actuator_needs_no_load(self, tmp_path):
+        time = np.arange(2000) / 200.0
+        voltage = 50 + 50 * np.sin(2 * np.pi * time)
+        table = {"time_s": time, "voltage_V": voltage, "displacement_m": 7.822 * voltage / 3.125e8}
+        text = '[[records]]\nfile = "run.csv"\ndrive = "voltage"\n'
+        (record,) = load(tmp_path, TRANSDUCER + text, run_csv=table).records
+        assert (record.drive, record.shunt, record.responses) == ("voltage", None, ("displacement",))
+
+    @pytest.mark.parametrize("ending", ["csv", "npz", "h5", "parquet"])
+    def test_all_formats_say_the_same(self, tmp_path, columns, ending):
+        text = TRANSDUCER + RECORD.replace("csv", ending)
+        (record,) = load(tmp_path, text, **{f"run_{ending}": columns}).records
+        np.testing.assert_array_equal(record["force"], columns["force_N"])
+
+    def test_a_recording_of_dspace(self, tmp_path, columns):
+        names = [name for name in columns if name != "time_s"]
+        y = np.array([(f'"Model Root"/"ADC"/"{name}"', columns[name], 1) for name in names],
+                     dtype=[("Name", "O"), ("Data", "O"), ("XIndex", "O")])  # fmt: skip
+        savemat(tmp_path / "run.mat", {"run": {"X": {"Name": "t", "Data": columns["time_s"]}, "Y": y}})
+        (record,) = load(tmp_path, TRANSDUCER + RECORD.replace("csv", "mat")).records
+        np.testing.assert_array_equal(record["time"], columns["time_s"])
+        np.testing.assert_array_equal(record["voltage"], columns["voltage_V"])
+
+    def test_signals_of_another_raster_do_not_belong_together(self, tmp_path, columns):
+        y = np.array([("force_N", columns["force_N"], 1), ("voltage_V", columns["voltage_V"][::2], 2)],
+                     dtype=[("Name", "O"), ("Data", "O"), ("XIndex", "O")])  # fmt: skip
+        x = np.array([(columns["time_s"],), (columns["time_s"][::2],)], dtype=[("Data", "O")])
+        savemat(tmp_path / "run.mat", {"run": {"X": x, "Y": y}})
+        error = failure(tmp_path, TRANSDUCER + RECORD.replace("csv", "mat"))
+        assert error.channel == "voltage"
+        assert "found 2500 samples, allowed are 5000" in error.message
+
+
+class TestWarnings:
+    def test_warnings_are_carried_on(self, tmp_path, columns):
+        columns["voltage_V"] = np.minimum(columns["voltage_V"], 0.9 * columns["voltage_V"].max())
+        (finding,) = load(tmp_path, TRANSDUCER + RECORD, run_csv=columns).warnings
+        assert isinstance(finding, Finding)
+        assert (finding.check, finding.channel, finding.file) == ("clipped", "voltage", "run.csv")
+        assert str(finding).startswith("run.csv: voltage, rows ")
+
+    def test_a_column_that_no_record_has(self, tmp_path, columns):
+        text = '[channels]\nvoltage = { column = "voltage" }\n'
+        (finding,) = load(tmp_path, TRANSDUCER + text + RECORD, run_csv=columns).warnings
+        assert (finding.check, finding.channel) == ("missing column", "voltage")
+        assert "found no column 'voltage' (did you mean 'voltage_V'?), allowed are time_s, force_N" in finding.message
+
+    def test_a_column_that_one_record_has_not(self, tmp_path, columns):
+        text = '[channels]\nvoltage = { column = "voltage_V" }\n' + RECORD + RECORD.replace("run", "two")
+        two = {name: values for name, values in columns.items() if name != "voltage_V"}
+        campaign = load(tmp_path, TRANSDUCER + text, run_csv=columns, two_csv=two)
+        assert campaign.warnings == ()
+        assert "voltage" not in campaign.records[1].signals
+
+
+class TestWrong:
+    @pytest.mark.parametrize(
+        ("text", "key", "message"),
+        [
+            (RECORD, "transducer", "found no such key, allowed is a table"),
+            (TRANSDUCER, "records", "found no such key, allowed is a list of one table or more"),
+            (TRANSDUCER + "records = []\n", "transducer.records", "an unknown key"),
+            ("records = []\n" + TRANSDUCER, "records", "found [], allowed is a list of one table or more"),
+            (TRANSDUCER + '[[records]]\nfile = "run.csv"\n', "records.0.load_resistance", "found no such key"),
+            (TRANSDUCER + "[[records]]\nload_resistance = 1.0\n", "records.0.file", "found no such key"),
+            (TRANSDUCER + RECORD.replace("97780.0", "-1.0"), "records.0.load_resistance", "found -1.0"),
+            (TRANSDUCER + RECORD + 'role = "test"\n', "records.0.role", "'fit' or 'validate'"),
+            (TRANSDUCER + RECORD + 'drive = "current"\n', "records.0.drive", "found 'current'"),
+            (TRANSDUCER + RECORD + 'kind = "spectrum"\n', "records.0.kind", "allowed are time, frf, impedance"),
+            (TRANSDUCER + RECORD + "sample_rate = 0\n", "records.0.sample_rate", "found 0"),
+            (TRANSDUCER + RECORD + "samplerate = 10\n", "records.0.samplerate", "did you mean 'sample_rate'?"),
+            (TRANSDUCER + RECORD + 'shunt = { kind = "open" }\n', "records.0.shunt", "found load_resistance too"),
+            (TRANSDUCER + RECORD + "rows = [9, 2]\n", "records.0.rows", "first < last"),
+            (TRANSDUCER + "records = 3\n", "transducer.records", "an unknown key"),
+            ("x = 1\n" + TRANSDUCER + RECORD, "x", "an unknown key, allowed are title, transducer, channels, records"),
+            ("title = 3\n" + TRANSDUCER + RECORD, "title", "found 3, allowed is a string"),
+            (TRANSDUCER + "[channels]\nvolts = {}\n" + RECORD, "channels.volts", "an unknown channel"),
+            (TRANSDUCER + "[channels]\nvoltage = 3\n" + RECORD, "channels.voltage", "allowed is a table"),
+            (TRANSDUCER + '[channels]\nvoltage = { unit = "mm" }\n' + RECORD, "channels.voltage.unit", "converts to V"),
+            (TRANSDUCER + '[channels]\nvoltage = { unit = "volz" }\n' + RECORD, "channels.voltage.unit", "'volz'"),
+            (TRANSDUCER + '[channels]\nvoltage = { unit = "V*" }\n' + RECORD, "channels.voltage.unit", "'V*'"),
+            (TRANSDUCER + '[channels.base_acceleration]\nunit = "g"\n' + RECORD, "channels.base_acceleration.unit",
+             "standard gravity is g_0"),
+            (TRANSDUCER + "[channels]\nvoltage = { gain = 0 }\n" + RECORD, "channels.voltage.gain", "found 0"),
+            (TRANSDUCER + "[channels]\nvoltage = { sigma = 0 }\n" + RECORD, "channels.voltage.sigma", "greater than 0"),
+            (TRANSDUCER + "[channels]\nvoltage = { column = 0 }\n" + RECORD, "channels.voltage.column", "from 1 on"),
+            (TRANSDUCER + "[channels]\nvoltage = { column = [] }\n" + RECORD, "channels.voltage.column", "empty list"),
+            (TRANSDUCER + "[channels]\nvoltage = { col = 1 }\n" + RECORD, "channels.voltage.col", "an unknown key"),
+            (TRANSDUCER.replace("NAC2125", "NAC") + RECORD, "transducer.catalogue", "did you mean"),
+        ],
+    )  # fmt: skip
+    def test_tables(self, tmp_path, columns, text, key, message):
+        error = failure(tmp_path, text, run_csv=columns)
+        assert (error.path, error.key) == (str(tmp_path / "campaign.toml"), key)
+        assert message in error.message
+
+    def test_no_campaign(self, tmp_path):
+        with pytest.raises(CampaignError, match="found no readable file"):
+            load_campaign(tmp_path / "campaign.toml")
+        (tmp_path / "campaign.toml").write_text("= 3")
+        with pytest.raises(CampaignError, match="TOML syntax"):
+            load_campaign(tmp_path / "campaign.toml")
+
+    def test_no_data_file(self, tmp_path):
+        error = failure(tmp_path, TRANSDUCER + RECORD)
+        assert error.path == str(tmp_path / "run.csv")
+        assert "No such file" in error.message
+
+    def test_the_drive_is_missing(self, tmp_path, columns):
+        del columns["force_N"]
+        error = failure(tmp_path, TRANSDUCER + RECORD, run_csv=columns)
+        assert (error.path, error.key, error.channel) == (str(tmp_path / "run.csv"), "force, the drive", "force")
+        assert error.message.endswith("allowed are time_s, displacement_m, voltage_V, current_A")
+
+    def test_nothing_but_the_drive(self, tmp_path, columns):
+        kept = {name: columns[name] for name in ("time_s", "force_N")}
+        assert "no channel beside the drive" in failure(tmp_path, TRANSDUCER + RECORD, run_csv=kept).message
+
+    def test_a_column_that_the_record_itself_names(self, tmp_path, columns):
+        text = TRANSDUCER + RECORD + '[records.channels]\nvoltage = { column = "u" }\n'
+        error = failure(tmp_path, text, run_csv=columns)
+        assert (error.channel, error.path) == ("voltage", str(tmp_path / "run.csv"))
+
+    def test_no_time(self, tmp_path, columns):
+        del columns["time_s"]
+        error = failure(tmp_path, TRANSDUCER + RECORD, run_csv=columns)
+        assert error.channel == "time"
+        assert "sample_rate in the record" in error.message
+
+    def test_two_times(self, tmp_path, columns):
+        error = failure(tmp_path, TRANSDUCER + RECORD + "sample_rate = 2000.0\n", run_csv=columns)
+        assert error.message == "found 1000 Hz, allowed is what sample_rate says, 2000 Hz, or no such key"
+        load(tmp_path, TRANSDUCER + RECORD + "sample_rate = 1000.0\n")
+
+    def test_text_among_the_numbers(self, tmp_path, columns):
+        write_table(columns, tmp_path / "run.csv")
+        lines = (tmp_path / "run.csv").read_text().splitlines()
+        lines[41] = ",".join(["0.04", "OVERLOAD", *lines[41].split(",")[2:]])
+        (tmp_path / "run.csv").write_text("\n".join(lines))
+        error = failure(tmp_path, TRANSDUCER + RECORD)
+        assert (error.channel, error.rows) == ("force", ((42, 42),))
+        assert str(error) == (
+            f"{tmp_path / 'run.csv'}: force (column 'force_N'), row 42: found 'OVERLOAD', allowed is a number"
+        )
+
+    def test_files_of_different_length(self, tmp_path, columns):
+        text = TRANSDUCER + RECORD + '[records.channels]\nvoltage = { file = "v.npy", column = "[:]" }\n'
+        np.save(tmp_path / "v.npy", columns["voltage_V"][:-1])
+        error = failure(tmp_path, text, run_csv=columns)
+        assert error.path == str(tmp_path / "v.npy")
+        assert "found 4999 samples, allowed are 5000 as in the drive, force" in error.message
+
+    def test_complex_samples(self, tmp_path, columns):
+        error = failure(
+            tmp_path,
+            TRANSDUCER + RECORD.replace("csv", "npz"),
+            run_npz={**columns, "voltage_V": 1j * columns["voltage_V"]},
+        )
+        assert (error.channel, error.message) == ("voltage", "found complex values, allowed are real ones")
+
+    @pytest.mark.parametrize("count", [0, 1])
+    def test_no_samples(self, tmp_path, columns, count):
+        text = TRANSDUCER + RECORD.replace("csv", "parquet")
+        error = failure(tmp_path, text, run_parquet={name: values[:count] for name, values in columns.items()})
+        assert f"found {count} samples" in error.message
+
+    @pytest.mark.parametrize("rows", [[1, 100], [2, 5002]])
+    def test_rows_that_are_not_there(self, tmp_path, columns, rows):
+        error = failure(tmp_path, TRANSDUCER + RECORD + f"rows = {rows}\n", run_csv=columns)
+        assert error.message == f"found {rows}, allowed is from 2 to 5001"
+
+    def test_the_first_of_several_errors_is_told(self, tmp_path, columns):
+        columns["voltage_V"][[10, 11]] = np.nan
+        columns["current_A"][7] = np.inf
+        error = failure(tmp_path, TRANSDUCER + RECORD, run_csv=columns)
+        assert error.path == str(tmp_path / "run.csv")
+        assert (error.channel, error.rows) == ("voltage", ((12, 13),))
+        assert str(error).endswith("voltage, rows 12-13: found 2 values NaN, infinite or missing, allowed are finite "
+                                   "numbers (and 1 more error)")  # fmt: skip
+        assert [finding.channel for finding in error.campaign.errors] == ["voltage", "current"]
+        assert len(error.campaign.records) == 1
+
+
+FREQUENCIES = np.geomspace(1.0, 400.0, 60)
+FRF = '[[records]]\nkind = "frf"\nfile = "frf.csv"\noutput = "displacement"\nload_resistance = 97780.0\n'
+IMPEDANCE = '[[records]]\nkind = "impedance"\nfile = "z.csv"\n'
+
+
+@pytest.fixture(scope="module")
+def device():
+    return build_transducer({"catalogue": "NAC2125-H10"})
+
+
+@pytest.fixture(scope="module")
+def compliance(device):
+    return frequency_response(System(device, Resistor(resistance=97780.0)), FREQUENCIES).displacement
+
+
+@pytest.fixture(scope="module")
+def impedance(device):
+    return TwoPort.of(device, FREQUENCIES).impedance()
+
+
+class TestFrequencyRecords:
+    def only(self, folder, text, **tables) -> FrequencyRecord:
+        campaign = load(folder, TRANSDUCER + text, **tables)
+        assert campaign.warnings == ()
+        (record,) = campaign.records
+        assert isinstance(record, FrequencyRecord)
+        return record
+
+    @pytest.mark.parametrize("form", ["complex", "cartesian", "polar", "degrees"])
+    def test_frf(self, tmp_path, compliance, form):
+        polar = {"magnitude": np.abs(compliance)}
+        table = {
+            "complex": {"response": compliance}, "cartesian": {"real": compliance.real, "imaginary": compliance.imag},
+            "polar": {**polar, "phase_rad": np.angle(compliance)},
+            "degrees": {**polar, "phase_deg": np.degrees(np.angle(compliance))},
+        }[form]  # fmt: skip
+        table = {"frequency_Hz": FREQUENCIES, "coherence": np.full(60, 0.99), **table}
+        record = self.only(tmp_path, FRF.replace("csv", "npz"), frf_npz=table)
+        np.testing.assert_allclose(record.response, compliance, rtol=1e-12)
+        np.testing.assert_allclose(record.frequency, FREQUENCIES)
+        np.testing.assert_allclose(record.coherence, 0.99)
+        assert (record.kind, record.input, record.output) == ("frf", "force", "displacement")
+        assert record.shunt == Resistor(resistance=97780.0)
+
+    def test_units_of_a_response(self, tmp_path, compliance):
+        text = FRF + (
+            '[records.channels]\nfrequency = { column = "w", unit = "rad/s" }\n'
+            'magnitude = { column = "a", unit = "um/kN" }\nphase = { column = "p", unit = "deg" }\n'
+        )
+        table = {"w": 2 * np.pi * FREQUENCIES, "a": 1e9 * np.abs(compliance), "p": np.degrees(np.angle(compliance))}
+        record = self.only(tmp_path, text, frf_csv=table)
+        np.testing.assert_allclose(record.frequency, FREQUENCIES, rtol=1e-12)
+        np.testing.assert_allclose(record.response, compliance, rtol=1e-9)
+
+    @pytest.mark.parametrize("form", ["polar", "cartesian"])
+    def test_impedance(self, tmp_path, impedance, form):
+        table = {
+            "polar": {"impedance_ohm": np.abs(impedance), "phase_deg": np.degrees(np.angle(impedance))},
+            "cartesian": {"resistance_ohm": impedance.real, "reactance_ohm": impedance.imag},
+        }[form]
+        record = self.only(tmp_path, IMPEDANCE, z_csv={"frequency_Hz": FREQUENCIES, **table})
+        np.testing.assert_allclose(record.response, impedance, rtol=1e-9)
+        assert (record.kind, record.input, record.output, record.shunt) == ("impedance", "current", "voltage", None)
+        assert record.mechanical == "free"
+
+    def test_beside_time_records(self, tmp_path, columns, compliance, impedance):
+        frf = {"frequency_Hz": FREQUENCIES, "real": compliance.real, "imaginary": compliance.imag}
+        z = {"frequency_Hz": FREQUENCIES, "resistance_ohm": impedance.real, "reactance_ohm": impedance.imag}
+        campaign = load(tmp_path, TRANSDUCER + RECORD + FRF + IMPEDANCE, run_csv=columns, frf_csv=frf, z_csv=z)
+        assert [type(record) for record in campaign.records] == [Record, FrequencyRecord, FrequencyRecord]
+        assert campaign.warnings == ()
+
+    @pytest.mark.parametrize(
+        ("change", "check", "rows"),
+        [
+            (lambda f, z: (f, np.where(np.arange(60) == 5, np.nan, z)), "nan", ((7, 7),)),
+            (lambda f, z: (f[::-1], z), "frequency", ((3, 61),)),
+            (lambda f, z: (f - 1.0, z), "frequency", ((2, 2),)),
+            (lambda f, z: (f, 1e3 * z), "unit", ((2, 61),)),
+            (lambda f, z: (f, 1e-3 * z), "unit", ((2, 61),)),
+            (lambda f, z: (f, -z), "sign", ((2, 61),)),
+            (lambda f, z: (f, z.conj()), "sign", ((2, 61),)),
+            (lambda f, z: (f, 0 * z + 3.0), "constant", ((2, 61),)),
+        ],
+    )
+    def test_what_is_wrong_with_an_impedance(self, tmp_path, impedance, change, check, rows):
+        f, z = change(FREQUENCIES, impedance + 0j)
+        table = {"frequency_Hz": f, "resistance_ohm": z.real, "reactance_ohm": z.imag}
+        error = failure(tmp_path, TRANSDUCER + IMPEDANCE, z_csv=table)
+        assert (error.campaign.errors[0].check, error.rows) == (check, rows)
+
+    @pytest.mark.parametrize(("factor", "check"), [(1e6, "unit"), (-1, "sign"), (1e-3, "unit")])
+    def test_what_is_wrong_with_a_response(self, tmp_path, compliance, factor, check):
+        table = {"frequency_Hz": FREQUENCIES, "real": factor * compliance.real, "imaginary": factor * compliance.imag}
+        error = failure(tmp_path, TRANSDUCER + FRF, frf_csv=table)
+        assert (error.channel, error.campaign.errors[0].check) == ("response", check)
+
+    def test_coherence_beyond_1(self, tmp_path, compliance):
+        table = {"frequency_Hz": FREQUENCIES, "real": compliance.real, "imaginary": compliance.imag,
+                 "coherence": np.where(FREQUENCIES > 300, 1.3, 0.9)}  # fmt: skip
+        assert failure(tmp_path, TRANSDUCER + FRF, frf_csv=table).channel == "coherence"
+
+    @pytest.mark.parametrize(
+        ("text", "table", "key"),
+        [
+            (FRF, {"frequency_Hz": FREQUENCIES, "magnitude": FREQUENCIES}, "response"),
+            (FRF, {"f": FREQUENCIES, "real": FREQUENCIES, "imaginary": FREQUENCIES}, "frequency"),
+            (FRF + '[records.channels]\nmagnitude = { column = "a" }\n', {"frequency_Hz": FREQUENCIES}, "magnitude"),
+            (FRF + '[records.channels]\nmagnitude = { unit = "mm" }\n', {"frequency_Hz": FREQUENCIES},
+             "records.0.channels.magnitude.unit"),
+            (FRF.replace("displacement", "force"), {"frequency_Hz": FREQUENCIES}, "records.0.output"),
+            (FRF.replace('output = "displacement"\n', ""), {"frequency_Hz": FREQUENCIES}, "records.0.output"),
+        ],
+    )  # fmt: skip
+    def test_what_is_missing(self, tmp_path, text, table, key):
+        assert failure(tmp_path, TRANSDUCER + text, frf_csv=table).key == key
+
+    def test_open_leads_are_said(self, tmp_path, device):
+        response = frequency_response(System(device, Open()), FREQUENCIES).voltage
+        table = {"frequency_Hz": FREQUENCIES, "real": response.real, "imaginary": response.imag}
+        text = FRF.replace("displacement", "voltage").replace("load_resistance = 97780.0", 'shunt = { kind = "open" }')
+        record = self.only(tmp_path, text, frf_csv=table)
+        assert (record.output, record.shunt) == ("voltage", Open())

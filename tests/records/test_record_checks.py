@@ -1,0 +1,375 @@
+"""Checks of raw data: healthy records raise no alarm, and every fault that is planted is found where it is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from record_cases import (
+    BENCH,
+    STACK,
+    actuator,
+    everything,
+    generator,
+    measured,
+    record,
+    resistor,
+    rows,
+    sine,
+    stack_sine,
+    with_values,
+)
+
+from piezoharvest.records.checks import check
+from piezoharvest.records.finding import runs
+from piezoharvest.shunts import Open, Short
+from piezoharvest.study import build_transducer
+
+CAPACITANCE = 3.2e-6  # of the stack
+
+
+def found(of, device):
+    """What the checks find, by name and channel."""
+    return {(finding.check, finding.channel): finding for finding in check(of, device)}
+
+
+def only(of, device, name, channel, severity):
+    """The one finding that there should be."""
+    all_found = check(of, device)
+    assert [(f.check, f.channel, f.severity) for f in all_found] == [(name, channel, severity)], all_found
+    assert all_found[0].message.startswith("found ")
+    assert "allowed " in all_found[0].message
+    return all_found[0]
+
+
+def hold(amplitude):
+    """A load that is held for 3 s and released."""
+    return {"kind": "step_force", "amplitude": amplitude, "duration": 3.0, "rise_time": 0.05, "offset": 100.0}
+
+
+EXCITATIONS = {
+    "sine": lambda draw, span: sine(draw(st.sampled_from([1.0, 2.0, 5.0]))),
+    "step": lambda draw, span: {
+        "kind": "step_force", "amplitude": draw(st.sampled_from([500.0, -750.0, 1250.0])), "duration": span / 2,
+        "rise_time": draw(st.sampled_from([0.0, 0.01, 0.2])), "offset": draw(st.sampled_from([0.0, 100.0])),
+    },
+    "multisine": lambda draw, span: {
+        "kind": "multisine", "amplitudes": [300.0, 200.0, 100.0], "frequencies": [1.0, 3.0, 7.0],
+        "phases": [0.0, 1.0, draw(st.sampled_from([0.0, 2.0, 4.0]))], "duration": 1.0,
+    },
+    "random": lambda draw, span: {
+        "kind": "random_force", "psd": 100.0, "band": [0.5, 12.0], "duration": span,
+        "seed": draw(st.integers(0, 1)),
+    },
+}  # fmt: skip
+
+
+@st.composite
+def generators(draw):
+    """Force experiments on the paper's stack: every load long enough for its time constant."""
+    shunt = draw(st.sampled_from([resistor(51.43e3), resistor(97e3), resistor(1e6), resistor(13e6), {"kind": "open"},
+                                  {"kind": "short"}, {"kind": "rectifier", "smoothing_capacitance": 1e-5,
+                                                      "load_resistance": 1e6}]))  # fmt: skip
+    span = max(4.0, np.ceil(1.2 * CAPACITANCE * shunt["resistance"])) if shunt["kind"] == "resistor" else 4.0
+    excitation = EXCITATIONS[draw(st.sampled_from(sorted(EXCITATIONS)))](draw, span)
+    return generator(STACK, shunt, excitation, duration=span, rate=1000.0 if span < 10 else 200.0)
+
+
+@st.composite
+def benches(draw):
+    """Base and force experiments on a weakly damped harvester, at and beside its resonance near 50 Hz."""
+    inductor = {"kind": "series_rl", "inductance": 250.0, "resistance": 1e4}
+    switched = {"kind": "parallel_sshi", "inductance": 0.1, "quality": 5.0, "dc_voltage": 5.0}
+    passive = [resistor(97e3), resistor(13e6), {"kind": "open"}, {"kind": "short"}, inductor]
+    shunt = draw(st.sampled_from([*passive, switched]))
+    what = draw(st.sampled_from(["force", "base"]))
+    level = {"force": 0.02, "base": 2.0}[what]
+    frequency = draw(st.sampled_from([10.0, 30.0, 49.0, 50.0, 50.6, 52.0, 60.0, 80.0]))
+    tone = {"kind": f"sine_{what}", "amplitude": level, "frequency": frequency}
+    noise = {"kind": f"random_{what}", "psd": level**2 / 100, "band": [5.0, 100.0], "duration": 3.0, "seed": 3}
+    return generator(BENCH, shunt, draw(st.sampled_from([tone, noise])), duration=3.0, rate=2000.0)
+
+
+@st.composite
+def actuators(draw):
+    """Voltage experiments on the paper's stack."""
+    rate, time = 200.0, np.arange(2000) / 200.0
+    shape = draw(st.sampled_from(["sine", "triangle", "growing", "staircase", "burst"]))
+    wave = {
+        "sine": np.sin(2 * np.pi * time),
+        "triangle": 2 * np.abs(2 * (time % 1.0) - 1) - 1,
+        "growing": np.minimum(time / 8, 1.0) * np.sin(2 * np.pi * time),
+        "staircase": np.floor(4 * np.minimum(time, 10 - time)) / 16,
+        "burst": np.where((time > 2) & (time < 8), np.sin(2 * np.pi * 3 * time), 0.0),
+    }[shape]
+    voltage = draw(st.sampled_from([10.0, 100.0])) * (wave + draw(st.sampled_from([0.0, 1.0])))
+    return actuator(STACK, voltage, rate)
+
+
+@st.composite
+def healthy(draw):
+    """Any of these with noise, a converter, and channels that were not measured."""
+    clean, device = draw(st.one_of(generators(), benches(), actuators()))
+    noise, bits = draw(
+        st.sampled_from([(0.0, None), (0.0, 12), (0.0, 16), (1e-4, 12), (1e-3, 16), (0.02, 16), (0.1, None)])
+    )
+    missing = draw(st.sets(st.sampled_from(sorted(clean.responses)), max_size=len(clean.responses) - 1))
+    return measured(clean, noise=noise, bits=bits, seed=draw(st.integers(0, 3)), without=missing), device
+
+
+class TestHealthy:
+    @settings(max_examples=100, deadline=None)
+    @given(healthy())
+    def test_nothing_is_found(self, case):
+        of, device = case
+        assert check(of, device) == ()
+
+    def test_displacement_may_be_the_drive(self):
+        of, device = stack_sine()
+        signals = dict(of.signals)
+        assert (
+            check(record(of["time"], {c: s.values for c, s in signals.items()}, "displacement", of.shunt), device) == ()
+        )
+
+    @pytest.mark.parametrize("shift", [0.7, 1.4])
+    def test_nominal_values_may_be_wrong(self, shift):
+        clean, _ = generator(BENCH, resistor(), sine(50.0, 0.02, 0.0), duration=3.0, rate=2000.0)
+        nominal = {**BENCH, "mass": BENCH["mass"] * shift, "damping": 0.2, "coupling": 2e-3, "capacitance": 25e-9}
+        assert check(measured(clean, noise=1e-3), build_transducer(nominal)) == ()
+
+    def test_time_stamps_may_be_rounded(self):
+        of, device = stack_sine()
+        assert check(with_values(of, time=np.round(of["time"] + 0.00037, 4)), device) == ()
+
+
+class TestRawSamples:
+    @pytest.mark.parametrize("channel", ["force", "displacement", "voltage", "current"])
+    @pytest.mark.parametrize("value", [np.nan, np.inf])
+    def test_not_a_number(self, channel, value):
+        of, device = stack_sine()
+        values = of[channel].copy()
+        values[[100, 101, 102, 4000]] = value
+        finding = only(with_values(of, **{channel: values}), device, "nan", channel, "error")
+        assert finding.rows == rows(100, 102) + rows(4000, 4000)
+
+    def test_gap(self):
+        of, device = stack_sine()
+        time = of["time"].copy()
+        time[1000:] += 0.1
+        finding = only(with_values(of, time=time), device, "gap", "time", "error")
+        assert finding.rows == rows(1000, 1000)
+        assert "0.101 s where 0.001 s is usual" in finding.message
+
+    def test_repeated(self):
+        of, device = stack_sine()
+        time = of["time"].copy()
+        time[[50, 51]] = time[49]
+        all_found = found(with_values(of, time=time), device)
+        assert all_found["repeated time", "time"].rows == rows(50, 51)
+
+    def test_backward(self):
+        of, device = stack_sine()
+        time = of["time"].copy()
+        time[2000:] -= 1.0
+        finding = only(with_values(of, time=time), device, "backward time", "time", "error")
+        assert finding.rows == rows(2000, 2000)
+
+    def test_uneven(self):
+        of, device = stack_sine()
+        time = of["time"].copy()
+        time[300:310] += 4e-4
+        finding = only(with_values(of, time=time), device, "uneven time", "time", "warning")
+        assert finding.rows == rows(300, 309)
+
+    @pytest.mark.parametrize("channel", ["force", "displacement", "voltage", "current"])
+    def test_constant(self, channel):
+        of, device = stack_sine()
+        finding = only(with_values(of, **{channel: np.full(len(of), -317.2)}), device, "constant", channel, "error")
+        assert finding.rows == everything(of)
+
+    @pytest.mark.parametrize(("shunt", "channel"), [(Short(), "voltage"), (Open(), "current")])
+    def test_nothing_across_a_short_is_no_fault(self, shunt, channel):
+        of, device = generator(STACK, {"kind": shunt.kind}, sine(), duration=5.0)
+        assert check(with_values(of, **{channel: np.zeros(len(of))}), device) == ()
+
+    def test_runs(self):
+        assert runs(np.array([True, False, False, True, True])).tolist() == [[0, 0], [3, 4]]
+        assert runs(np.zeros(3, bool)).tolist() == []
+        assert runs(np.ones(3, bool)).tolist() == [[0, 2]]
+        assert runs(np.zeros(0, bool)).tolist() == []
+
+
+class TestStuck:
+    @pytest.mark.parametrize("channel", ["force", "displacement", "voltage", "current"])
+    @pytest.mark.parametrize("noise", [2e-3, 0.02])
+    def test_clipped(self, channel, noise):
+        of, device = stack_sine(noise=noise)
+        values = of[channel]
+        limit = values.max() - 0.1 * np.ptp(values)
+        finding = only(with_values(of, **{channel: np.minimum(values, limit)}), device, "clipped", channel, "warning")
+        covered = np.concatenate([np.arange(first, last + 1) for first, last in finding.rows]) - 2
+        assert np.all(values[covered] >= limit)
+        assert len(covered) > 0.8 * np.sum(values > limit)
+        assert f"{limit:.6g}" in finding.message
+
+    @pytest.mark.parametrize("channel", ["displacement", "voltage", "current"])
+    def test_clipped_without_noise(self, channel):
+        of, device = stack_sine(noise=0.0)
+        values = of[channel]
+        clipped = np.maximum(values, values.min() + 0.05 * np.ptp(values))
+        only(with_values(of, **{channel: clipped}), device, "clipped", channel, "warning")
+
+    def test_clipped_drive_without_noise_is_told_by_its_flanks(self):
+        clean, device = generator(STACK, resistor(), sine(), duration=5.0)
+        only(with_values(clean, force=np.minimum(clean["force"], 960.0)), device, "clipped", "force", "warning")
+
+    @pytest.mark.parametrize("channel", ["force", "displacement", "voltage", "current"])
+    def test_frozen(self, channel):
+        of, device = stack_sine()
+        values = of[channel].copy()
+        values[2100:2200] = values[2100]
+        finding = only(with_values(of, **{channel: values}), device, "frozen", channel, "error")
+        assert finding.rows == rows(2100, 2199)
+
+    @pytest.mark.parametrize("channel", ["displacement", "voltage", "current"])
+    def test_frozen_to_the_end(self, channel):
+        of, device = stack_sine()
+        values = of[channel].copy()
+        values[3000:] = values[3000]
+        finding = only(with_values(of, **{channel: values}), device, "frozen", channel, "error")
+        assert finding.rows == rows(3000, 4999)
+
+    @pytest.mark.parametrize("excitation", [sine(), sine(0.5), hold(900.0)])
+    def test_clipped_load_cell_of_little_noise(self, excitation):
+        """Noise of half a step of the converter, of which a good part of the record shows nothing."""
+        clean, device = generator(STACK, resistor(), excitation, duration=6.0)
+        step, rng = 50e3 / 2**16, np.random.default_rng(0)
+        noisy = np.round((clean["force"] + 0.6 * step * rng.normal(size=len(clean))) / step) * step
+        assert check(with_values(clean, force=noisy), device) == ()
+        finding = only(with_values(clean, force=np.minimum(noisy, 700.0)), device, "clipped", "force", "warning")
+        covered = sum(last - first + 1 for first, last in finding.rows)
+        assert covered > 0.9 * np.sum(noisy > 700.0)
+
+    def test_a_hold_is_not_frozen(self):
+        """A servo that holds exactly, and a sensor that resolves little."""
+        of, device = generator(STACK, resistor(), hold(1000.0), duration=6.0)
+        coarse = 3e-8 * np.round(of["displacement"] / 3e-8)
+        assert check(with_values(of, displacement=coarse), device) == ()
+
+
+class TestAgainstTheModel:
+    @pytest.mark.parametrize("channel", ["displacement", "voltage", "current"])
+    @pytest.mark.parametrize(("factor", "unit"), [(1e3, "m"), (1e6, "u"), (1e-3, "k"), (1e9, "n")])
+    def test_unit(self, channel, factor, unit):
+        of, device = stack_sine()
+        finding = only(with_values(of, **{channel: factor * of[channel]}), device, "unit", channel, "error")
+        assert finding.rows == everything(of)
+        symbol = {"displacement": "m", "voltage": "V", "current": "A"}[channel]
+        assert f"is it {unit}{symbol}?" in finding.message
+
+    def test_a_displacement_of_3_m(self):
+        of, device = stack_sine()
+        assert ("unit", "displacement") in found(with_values(of, displacement=of["displacement"] * 1e6), device)
+
+    @pytest.mark.parametrize(("factor", "unit"), [(1e-3, "kN"), (1e3, "mN")])
+    def test_unit_of_the_drive(self, factor, unit):
+        of, device = stack_sine()
+        finding = only(with_values(of, force=factor * of["force"]), device, "unit", "force", "error")
+        assert f"is it {unit}?" in finding.message
+
+    @pytest.mark.parametrize("channel", ["displacement", "voltage", "current"])
+    def test_sign(self, channel):
+        of, device = stack_sine()
+        finding = only(with_values(of, **{channel: -of[channel]}), device, "sign", channel, "error")
+        assert finding.rows == everything(of)
+
+    def test_sign_of_the_drive(self):
+        of, device = stack_sine()
+        only(with_values(of, force=-of["force"]), device, "sign", "force", "error")
+
+    def test_sign_at_a_resonance_can_be_told_by_many_lines_only(self):
+        noise = {"kind": "random_force", "psd": 1e-6, "band": [5.0, 100.0], "duration": 3.0, "seed": 3}
+        broad, device = generator(BENCH, resistor(), noise, duration=3.0, rate=2000.0)
+        only(with_values(broad, displacement=-broad["displacement"]), device, "sign", "displacement", "error")
+        one, device = generator(BENCH, resistor(), sine(50.0, 0.02, 0.0), duration=3.0, rate=2000.0)
+        assert check(with_values(one, displacement=-one["displacement"]), device) == ()
+
+    @pytest.mark.parametrize("pair", [("displacement", "voltage"), ("voltage", "current"), ("force", "displacement"),
+                                      ("force", "voltage"), ("force", "current")])  # fmt: skip
+    def test_swapped(self, pair):
+        of, device = stack_sine()
+        one, other = pair
+        finding = only(with_values(of, **{one: of[other], other: of[one]}), device, "swapped", one, "error")
+        assert one in finding.message
+        assert other in finding.message
+
+    def test_swapped_channels_of_an_actuator(self):
+        time = np.arange(2000) / 200.0
+        of, device = actuator(STACK, 50 + 50 * np.sin(2 * np.pi * time), 200.0)
+        of = measured(of, noise=1e-3, without=("current",))
+        swapped = with_values(of, voltage=of["displacement"], displacement=of["voltage"])
+        assert {name for name, _ in found(swapped, device)} == {"swapped"}
+
+    @pytest.mark.parametrize("channel", ["displacement", "voltage", "current"])
+    def test_dead(self, channel):
+        of, device = stack_sine()
+        noise = 1e-4 * np.std(of[channel]) * np.random.default_rng(1).normal(size=len(of))
+        only(with_values(of, **{channel: 7e-4 * np.std(of[channel]) + noise}), device, "dead", channel, "error")
+
+    def test_small_signals_in_noise_are_not_judged(self):
+        of, device = stack_sine()
+        noise = 100 * np.std(of["current"]) * np.random.default_rng(1).normal(size=len(of))
+        assert check(with_values(of, current=of["current"] + noise), device) == ()
+
+    def test_current_into_the_leads_is_told(self):
+        time = np.arange(2000) / 200.0
+        of, device = actuator(STACK, 50 + 50 * np.sin(2 * np.pi * time), 200.0)
+        finding = only(with_values(of, current=-of["current"]), device, "sign", "current", "error")
+        assert "out of the transducer" in finding.message
+
+
+class TestHum:
+    @pytest.mark.parametrize("channel", ["force", "displacement", "voltage", "current"])
+    @pytest.mark.parametrize("mains", [50.0, 60.0, 49.95])
+    def test_found(self, channel, mains):
+        of, device = stack_sine()
+        hum = 0.03 * np.std(of[channel]) * np.sin(2 * np.pi * mains * of["time"] + 1.0)
+        finding = only(with_values(of, **{channel: of[channel] + hum}), device, "mains hum", channel, "warning")
+        assert finding.rows == everything(of)
+
+    def test_ringing_at_50_hz_is_none(self):
+        of, device = generator(BENCH, {"kind": "open"}, sine(38.0, 0.02, 0.0), duration=4.0, rate=2000.0)
+        assert check(measured(of, noise=1e-3), device) == ()
+
+    def test_a_drive_at_50_hz_is_none(self):
+        tones = {"amplitudes": [300.0, 30.0], "frequencies": [4.0, 50.0], "phases": [0.0, 1.0], "duration": 1.0}
+        of, device = generator(STACK, resistor(), {"kind": "multisine", **tones}, duration=4.0)
+        assert check(measured(of, noise=1e-3), device) == ()
+
+
+class TestDynamics:
+    def test_too_short(self):
+        of, device = generator(STACK, resistor(13e6), sine(), duration=5.0)
+        finding = only(measured(of, noise=1e-3), device, "too short", "time", "warning")
+        assert finding.rows == everything(of)
+        slowest = 13e6 * (device.capacitance + device.coupling**2 / device.stiffness)  # clamped C with T^2/k beside it
+        assert f"{slowest:.4g} s" in finding.message
+
+    @pytest.mark.parametrize("rate", [110.0, 150.0, 250.0])
+    def test_sampled_too_slowly(self, rate):
+        of, device = generator(BENCH, resistor(), sine(45.0, 0.02, 0.0), duration=4.0, rate=rate)
+        finding = only(of, device, "sample rate", "force", "warning")
+        assert f"{rate:.6g} Hz" in finding.message
+
+    def test_sampled_below_the_resonance_that_the_drive_reaches(self):
+        """At 55 Hz a sine of 50.6 Hz looks like one of 4.4 Hz."""
+        of, device = generator(BENCH, resistor(), sine(50.6, 0.02, 0.0), duration=4.0, rate=55.0)
+        all_found = found(of, device)
+        assert ("sample rate", "force") in all_found
+
+    def test_resonance_far_above_a_slow_drive_is_no_fault(self):
+        """The paper's stack: 22 kHz, sampled at 1 kHz."""
+        of, device = stack_sine()
+        assert device.short_circuit_frequency > 20 * of.sample_rate
+        assert check(of, device) == ()
