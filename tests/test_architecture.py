@@ -20,6 +20,7 @@ LAYERS = [
     {"linear", "engine", "spice"},
     {"study", "output"},
     {"records"},
+    {"predict"},
     {"identify", "design", "sweep"},
     {"diagnose"},
     {"report"},
@@ -29,7 +30,7 @@ LAYERS = [
 RANK = {name: rank for rank, layer in enumerate(LAYERS) for name in layer}
 # Packages that only these parts may use, wherever in a file the import stands.
 ONLY = {
-    "numba": {"engine"},
+    "numba": {"engine", "predict"},
     "scipy.integrate": {"engine"},
     "matplotlib": {"report"},
     "jinja2": {"report"},

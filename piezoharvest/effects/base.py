@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from piezoharvest.circuit import Port, Product, Row, State
 from piezoharvest.parameters import Component
@@ -32,6 +32,13 @@ class Effect(Component):
     def equations(self, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         """Residuals, zero along every motion, one for each own state."""
         return ()
+
+    def act(self, specimen: Any) -> None:
+        """Add terms to the equations of a `predict.specimen.Specimen`."""
+
+    def connect(self, shunt: Any) -> Any:
+        """What is really connected where a label says `shunt`."""
+        return shunt
 
     def losses(self, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Product]:
         """Power in W that the effect dissipates."""

@@ -20,5 +20,8 @@ class Leakage(Effect):
     def current(self, port, z, dz):
         return port.v / self.resistance
 
+    def act(self, specimen):
+        specimen.draw(specimen.v / self.resistance)
+
     def losses(self, port, z, dz):
         return [Product(1.0 / self.resistance, port.v, port.v)]

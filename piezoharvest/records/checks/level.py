@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import erf
 
 from piezoharvest.records.finding import runs
 
@@ -18,6 +19,7 @@ _TRIMMED_VARIANCE = 0.759  # of normal noise without the largest 5 %
 _BEYOND = 0.6  # steps of a converter, whose rounding is noise of 0.29
 _MOVING = 0.3  # least share of samples outside runs
 _EQUAL = 0.5  # share of equal neighbours among these
+_ALIKE = 0.9  # likeliest that the next sample is equal
 _CHANGING = 0.4  # share of changes of sign: 0.8 for white noise
 _ROUNDING = 1e-9  # of the range: below it, noise is that of arithmetic
 _ODDS = 1e-6  # of a false alarm in a record, where noise is what keeps samples from being equal
@@ -45,10 +47,20 @@ class Level(NamedTuple):
     noisy: bool
     equal: float
 
+    @property
+    def beyond(self) -> bool:
+        """Whether noise is more than rounding, by the converter or by arithmetic."""
+        return self.noise > max(_BEYOND * self.step, _ROUNDING * self.range)
+
     def pinned(self, count: int) -> float:
-        """Equal samples in a row that noise does not give by chance in a record of so many samples."""
-        rounded_alike = 0.5 * self.step / self.noise / np.sqrt(np.pi)
-        return 1 + np.log(count / _ODDS) / -np.log(np.clip(max(rounded_alike, self.equal), 1e-6, _EQUAL))
+        """Equal samples in a row that noise does not give by chance in a record of so many samples.
+
+        A signal that stands still in the middle of a step is the likeliest to be rounded alike: then the next sample is
+        equal with the probability that the noise, without that of the rounding itself, stays within half a step.
+        """
+        noise = np.sqrt(max(self.noise**2 - self.step**2 / 12, np.finfo(float).tiny))
+        rounded_alike = erf(self.step / noise / np.sqrt(8))
+        return 1 + np.log(count / _ODDS) / -np.log(np.clip(max(rounded_alike, self.equal), 1e-6, _ALIKE))
 
     @property
     def resolution(self) -> float:
@@ -75,15 +87,23 @@ def level_of(values: np.ndarray, flat: np.ndarray) -> Level:
     span = float(np.ptp(values))
     if len(fourth) < 2:
         return Level(step, 0.0, span, False, 1.0)
-    squares = fourth**2
-    variance = np.mean(squares[squares <= np.quantile(squares, _TRIMMED)]) / _TRIMMED_VARIANCE
-    noise = float(np.sqrt(variance / _GAIN_OF_FOURTH_DIFFERENCES))
-    # Differences of noise change sign from one to the next; those of a smooth signal do so but seldom.
-    changing = float(np.mean(fourth[1:] * fourth[:-1] < 0)) > _CHANGING
-    beyond = noise > max(_BEYOND * step, _ROUNDING * span)
+    noise, changing = white_noise(fourth)
     # A square wave has few samples that are not in a run, a staircase many that are equal to their neighbours.
     equal = float(np.mean(np.diff(values[: len(kept)])[kept[1:]] == 0))
-    return Level(step, noise, span, bool(beyond and changing and np.mean(kept) > _MOVING and equal < _EQUAL), equal)
+    level = Level(step, noise, span, False, equal)
+    noisy = level.beyond and changing > _CHANGING and np.mean(kept) > _MOVING and equal < _EQUAL
+    return level._replace(noisy=bool(noisy))
+
+
+def white_noise(fourth: np.ndarray) -> tuple[float, float]:
+    """Standard deviation of the noise that fourth differences show, and how often they change sign.
+
+    Those of noise change sign from one to the next; those of a smooth signal do so but seldom.
+    """
+    squares = fourth**2
+    variance = np.mean(squares[squares <= np.quantile(squares, _TRIMMED)]) / _TRIMMED_VARIANCE
+    changing = float(np.mean(fourth[1:] * fourth[:-1] < 0))
+    return float(np.sqrt(variance / _GAIN_OF_FOURTH_DIFFERENCES)), changing
 
 
 def _suspects(values: np.ndarray, flat: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from piezoharvest.records.checks.frozen import go_on, jumps, unlikely
 from piezoharvest.records.checks.level import Level, flat_runs, level_of
 from piezoharvest.records.finding import Finding, shifted
 from piezoharvest.records.record import Record, Signal
@@ -16,6 +17,8 @@ _HUMP = 6.0  # resolutions that a rounded top goes on beyond where it is cut off
 _BLOCKED = 0.2  # of the drive's range
 # Resolutions: the rounded top of a sampled signal falls by 3 within half of its length, the flattest by 15.
 _CORNER = 16.0
+
+_Judged = tuple[np.ndarray, np.ndarray]  # runs that are no rest (runs, 2), and whether that is beyond doubt
 
 
 def constant(record: Record) -> Iterator[Finding]:
@@ -52,11 +55,10 @@ def standing_still(record: Record) -> Iterator[Finding]:
         if not len(flat[channel]) or levels[channel].range == 0 or channel in _silent(record):
             continue
         judge = _drive_stuck if channel == record.drive else _response_stuck
-        found = judge(record, channel, flat[channel], levels)
-        yield from _findings(signal, channel, found)
+        yield from _findings(signal, channel, *judge(record, channel, flat[channel], levels))
 
 
-def _findings(signal: Signal, channel: str, ranges: np.ndarray) -> Iterator[Finding]:
+def _findings(signal: Signal, channel: str, ranges: np.ndarray, sure: np.ndarray) -> Iterator[Finding]:
     """Clipped where the value is the largest or the least of the record, frozen elsewhere."""
     values = signal.values
     at = values[ranges[:, 0]]
@@ -67,22 +69,29 @@ def _findings(signal: Signal, channel: str, ranges: np.ndarray) -> Iterator[Find
             found = f"found {count} samples pinned at the {side} value, {limit:.6g}"
             message = f"{found}, allowed is a range that is not used up"
             yield Finding("warning", "clipped", signal.file, channel, shifted(clipped, signal.first_row), message)
-    frozen = ranges[(at != values.max()) & (at != values.min())]
-    if len(frozen):
-        count = int(np.sum(frozen[:, 1] - frozen[:, 0] + 1))
-        message = f"found {count} samples that stand still while the others go on, allowed is a channel that is alive"
-        yield Finding("error", "frozen", signal.file, channel, shifted(frozen, signal.first_row), message)
+    inner = (at != values.max()) & (at != values.min())
+    for sure_of_it, frozen in ((True, ranges[inner & sure]), (False, ranges[inner & ~sure])):
+        if len(frozen):
+            count = int(np.sum(frozen[:, 1] - frozen[:, 0] + 1))
+            found = f"found {count} samples that stand still while the others go on"
+            rows = shifted(frozen, signal.first_row)
+            message = f"{found}, allowed is a channel that is alive"
+            yield Finding("error" if sure_of_it else "warning", "frozen", signal.file, channel, rows, message)
 
 
-def _response_stuck(record: Record, channel: str, flat: np.ndarray, levels: dict[str, Level]) -> np.ndarray:
-    """Runs of a response that are entered and left by a corner while the drive does not move evenly."""
+def _response_stuck(record: Record, channel: str, flat: np.ndarray, levels: dict[str, Level]) -> _Judged:
+    """Runs of a response in which its noise stops, or that are entered and left by a corner, while the drive goes on.
+
+    The corner alone is no proof: a joint may stick.
+    """
     values, drive = record[channel], record[record.drive]
     level, of_drive = levels[channel], levels[record.drive]
     begin, end = flat.T
     length = end - begin + 1
     if level.noisy:
         resting = _bend(drive, begin, end) == 0
-        return flat[_unlikely(flat, values, level) & ~resting]
+        found = flat[unlikely(flat, values, level) & ~resting]
+        return found, np.ones(len(found), bool)
     half = np.clip(length // 2, 1, 20)
     inside = (begin >= half) & (end + half < len(values))
     before, after = np.maximum(begin - half, 0), np.minimum(end + half, len(values) - 1)
@@ -95,7 +104,8 @@ def _response_stuck(record: Record, channel: str, flat: np.ndarray, levels: dict
     tolerance = max(8 * of_drive.noise, 3 * level.resolution * of_drive.range / level.range)
     # Hysteresis that sticks keeps charge from moving for a while, whatever the drive does.
     blocked = of_drive.range * _BLOCKED * (channel in ("voltage", "current")) * ~extreme
-    return flat[corner & enough & (_bend(drive, begin, end) > np.maximum(tolerance, blocked))]
+    found = flat[corner & enough & (_bend(drive, begin, end) > np.maximum(tolerance, blocked))]
+    return found, np.zeros(len(found), bool)
 
 
 def _bend(drive: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -108,31 +118,24 @@ def _bend(drive: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
     return bend
 
 
-def _drive_stuck(record: Record, channel: str, flat: np.ndarray, levels: dict[str, Level]) -> np.ndarray:
-    """Runs of the drive that are no rest: it may rest wherever it likes, unless its noise stops as well.
+def _drive_stuck(record: Record, channel: str, flat: np.ndarray, levels: dict[str, Level]) -> _Judged:
+    """Runs of the drive that are no rest: it may rest wherever it likes, unless the responses go on.
 
-    Before and after a burst, and at zero, a drive without noise is a command. Without noise, a drive that is clipped is
-    told from one that is held by its flanks: those of a rounded top go on as a parabola, those of a ramp are straight.
+    Before and after a burst, and at zero, a drive is a command. Without noise, a drive that is clipped is told from one
+    that is held by its flanks: those of a rounded top go on as a parabola, those of a ramp are straight. With noise, a
+    drive that stops is dead beyond doubt where all responses go on and it comes back elsewhere.
     """
     values, level = record[channel], levels[channel]
     at = values[flat[:, 0]]
     flat = flat[(at != values[0]) & (at != values[-1]) & (at != 0)]
     if level.noisy:
-        return flat[_unlikely(flat, values, level)]
-    at = values[flat[:, 0]]
-    flat = flat[(at == values.max()) | (at == values.min())]
-    kept = [run for run in flat if _rounded(values, run[0], run[1], level.resolution)]
-    return np.array(kept, dtype=int).reshape(-1, 2)
-
-
-def _unlikely(flat: np.ndarray, values: np.ndarray, level: Level) -> np.ndarray:
-    """Whether runs are longer than noise explains: each by itself, or at an end of the range all taken together."""
-    length, at, enough = flat[:, 1] - flat[:, 0] + 1, values[flat[:, 0]], level.pinned(len(values))
-    unlikely = length >= enough
-    for limit in (values.max(), values.min()):
-        here = at == limit
-        unlikely |= here & (np.sum(length[here] - 1) >= 2 * enough)
-    return unlikely
+        flat = flat[unlikely(flat, values, level)]
+        extreme = np.isin(values[flat[:, 0]], (values.max(), values.min()))
+        found = flat[[end or go_on(record, run[0], run[1], levels) for end, run in zip(extreme, flat, strict=True)]]
+        return found, np.array([jumps(values, run[0], run[1]) for run in found], bool)
+    extreme = flat[np.isin(values[flat[:, 0]], (values.max(), values.min()))]
+    kept = [run for run in extreme if _rounded(values, run[0], run[1], level.resolution)]
+    return np.array(kept, dtype=int).reshape(-1, 2), np.zeros(len(kept), bool)
 
 
 def _rounded(values: np.ndarray, begin: int, end: int, resolution: float) -> bool:

@@ -1,0 +1,81 @@
+"""Records in the form in which a fit takes them: samples, settings of the prediction, and what is known of their noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from piezoharvest.predict.prediction import Setting, setting_of
+from piezoharvest.records.errors import CampaignError
+from piezoharvest.records.record import Record
+
+JITTER = 1e-2  # of the sample time, that stamps may be off a uniform grid
+RESPONSES = ("displacement", "voltage", "current", "force")
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """One record.
+
+    Attributes
+    ----------
+    name, role : str
+    record : Record
+    setting : Setting
+    channels : tuple of str
+        Responses that a model predicts.
+    sigma : mapping of str to float
+        Known standard deviations.
+    """
+
+    name: str
+    role: str
+    record: Record
+    setting: Setting
+    channels: tuple[str, ...]
+    sigma: Mapping[str, float]
+
+    @property
+    def drive(self) -> str:
+        """The imposed channel."""
+        return self.setting.drive
+
+    @cached_property
+    def values(self) -> np.ndarray:
+        """Measured responses, (samples, channels)."""
+        return np.column_stack([self.record[channel] for channel in self.channels])
+
+    def __len__(self) -> int:
+        return self.setting.count
+
+
+def data_of(record: Record) -> Data:
+    """Prepare a record.
+
+    Raises
+    ------
+    CampaignError
+        The samples are not uniform in time, or there are no responses.
+    """
+    time = record["time"]
+    step = record.duration / (len(record) - 1)
+    off = np.abs(time - time[0] - step * np.arange(len(time)))
+    if off.max() > JITTER * step:
+        worst = int(np.argmax(off))
+        message = f"found a time stamp {off.max() / step:.2g} samples off a uniform grid, allowed are uniform samples"
+        row = record.time.first_row + worst
+        raise CampaignError(record.time.file, "", message, channel="time", rows=((row, row),))
+    channels = tuple(channel for channel in RESPONSES if channel in record.signals and channel != record.drive)
+    if not channels:
+        raise CampaignError(record.name, record.key, "found the drive alone, allowed is a record with a response")
+    setting = setting_of(record.drive, record.shunt, step, record[record.drive])
+    sigma = {c: s.sigma for c, s in record.signals.items() if s.sigma is not None}
+    return Data(record.name, record.role, record, setting, channels, sigma)
+
+
+def all_data(records: Sequence[Record]) -> tuple[Data, ...]:
+    """Prepare records; raises as `data_of` does."""
+    return tuple(data_of(record) for record in records)

@@ -1,0 +1,326 @@
+"""Output-error fit of all channels of all records at once: Levenberg-Marquardt on Whittle's likelihood.
+
+Sources: Ljung, System Identification, 1999, sections 7.2 and 10.2 (output error, Gauss-Newton); Soderstrom, Automatica 43(6),
+939-958, 2007 (noise in the drive).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import lsq_linear
+from threadpoolctl import threadpool_limits
+
+from piezoharvest.identify.data import Data
+from piezoharvest.identify.noise import Noise, estimate, first_guess
+from piezoharvest.identify.responses import FIRST_ERROR, FrequencyData, ResponseWeights
+from piezoharvest.identify.sums import Model, Sums, Whitener, gain_of, residual_blocks, spectra_of
+from piezoharvest.parameters import ParameterError
+from piezoharvest.predict.parameters import Parameter, put, value_at
+from piezoharvest.predict.prediction import Prediction, PredictionError
+from piezoharvest.transducer import Transducer
+
+PRIOR = 1.0  # standard deviation of the logarithm of a parameter about its nominal value, where nothing else is known
+WEAK = 10.0  # the same for a linear one, in units of its own size
+MOST = 60  # iterations
+ENOUGH = 1e-2  # of -2 ln L that an iteration may still promise
+ROUGH = 1e-3  # the same relative to it, while the noise is passed on by a model that is not fitted yet
+ROUNDS = 3  # of estimating the noise
+LEAP = 0.5  # of a logarithm in one iteration: what the data hardly shows must not run away meanwhile
+WORKERS = 2
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model.
+
+    Attributes
+    ----------
+    model : Model
+    own : tuple of (o,) array
+        For each record its states at the start, jumps and offsets.
+    noise : Noise
+    cost : float
+        Sum of squares of the whitened residuals and of the priors; -2 ln L but for a constant.
+    sums : tuple of Sums
+        For each record at the solution.
+    information, prior : (p, p) array
+        Of all parameters, those of the records behind those of the model.
+    converged : bool
+    iterations : int
+    message : str
+    """
+
+    model: Model
+    own: tuple[np.ndarray, ...]
+    noise: Noise
+    cost: float
+    sums: tuple[Sums, ...]
+    information: np.ndarray
+    prior: np.ndarray
+    converged: bool
+    iterations: int
+    message: str
+
+
+class Problem:
+    """Records to be fitted with a model.
+
+    Parameters
+    ----------
+    data : sequence of Data
+    nominal : Transducer
+        Mean of the prior.
+    offset_channels : tuple of str
+    """
+
+    def __init__(self, data: Sequence[Data | FrequencyData], nominal: Transducer, offset_channels: tuple[str, ...]) -> None:
+        self.data, self.nominal, self.offset_channels = tuple(data), nominal, offset_channels
+
+    def noise(self) -> Noise:
+        """Guess of the noise from the records themselves."""
+        found: dict[str, list[float]] = {}
+        for data in self.data:
+            if isinstance(data, FrequencyData):
+                found[data.name] = [FIRST_ERROR]
+                continue
+            for channel in (*data.channels, data.drive):
+                guess = first_guess(data.record[channel])
+                floor = 1e-6 * float(np.ptp(data.record[channel])) + 1e-300
+                found.setdefault(channel, []).append(data.sigma.get(channel, max(guess, floor)))
+        return Noise({channel: float(np.median(values)) for channel, values in found.items()})
+
+    @property
+    def known(self) -> dict[str, float]:
+        """Standard deviations that the campaign gives."""
+        return {channel: sigma for data in self.data for channel, sigma in data.sigma.items()}
+
+    def start(self, model: Model) -> tuple[np.ndarray, ...]:
+        """Own numbers of the records before a fit: all zero."""
+        return tuple(np.zeros(len(self.own_names(model, data))) for data in self.data)
+
+    def own_names(self, model: Model, data: Data | FrequencyData) -> tuple[str, ...]:
+        """Names of a record's own numbers."""
+        if isinstance(data, FrequencyData):
+            return ()
+        offsets = tuple(f"{c} offset" for c in data.channels if c in self.offset_channels)
+        return (*model.prediction(data).own_names, *offsets)
+
+
+def fit(
+    problem: Problem,
+    model: Model,
+    own: Sequence[np.ndarray] | None = None,
+    noise: Noise | None = None,
+    *,
+    estimate_noise: bool = True,
+    rounds: int = ROUNDS,
+    tell: Callable[[str], None] = lambda text: None,
+) -> Fit:
+    """Fit a model to the records of a problem.
+
+    Parameters
+    ----------
+    problem : Problem
+    model : Model
+        Start of the fit, and what varies.
+    own : sequence of arrays, optional
+        Start of the records' own numbers.
+    noise : Noise, optional
+    estimate_noise : bool
+        Whether the noise is estimated from the residuals, alternating with the fit.
+    rounds : int
+        How often.
+    tell : callable
+        Told about every iteration.
+    """
+    noise = problem.noise() if noise is None else noise
+    own = problem.start(model) if own is None else tuple(own)
+    found: Fit | None = None
+    rounds = rounds if estimate_noise else 1
+    for n in range(rounds):
+        found = _descend(problem, model, own, noise, tell, loose=n < rounds - 1)
+        model, own = found.model, found.own
+        if n < rounds - 1:
+            noise = reestimated(problem, found)
+    assert found is not None
+    return found
+
+
+def reestimated(problem: Problem, found: Fit) -> Noise:
+    """Noise from the residuals of a fit."""
+    spectra, errors = [], {}
+    for data, own, sums in zip(problem.data, found.own, found.sums, strict=True):
+        if isinstance(data, FrequencyData):
+            excess = float(np.sqrt(sums.squares.sum() / max(sums.count.sum(), 1.0)))
+            errors[data.name] = found.noise.sigma[data.name] * max(excess, 1e-3)
+            continue
+        for prediction, _, residual, _ in residual_blocks(found.model, data, own, False):
+            frequencies = np.fft.rfftfreq(len(residual), data.setting.sample_time)
+            spectra.append((
+                data.channels, data.drive, spectra_of(residual) / np.sqrt(2.0), gain_of(prediction, data.channels, frequencies)
+            ))  # fmt: skip
+    white = {name: sigma for name, sigma in found.noise.sigma.items() if name not in errors}
+    return Noise({**(estimate(spectra, problem.known, Noise(white)).sigma if spectra else {}), **errors})
+
+
+def _inner(model: Model) -> np.ndarray:
+    return np.array([p.inner(value_at(model.transducer, p.path)) for p in model.parameters])
+
+
+def moved(model: Model, values: np.ndarray) -> Model:
+    """Model with other values of what is varied."""
+    transducer = model.transducer
+    for parameter, value in zip(model.parameters, values, strict=True):
+        transducer = put(transducer, parameter.path, float(np.real(parameter.outer(float(value)))))
+    return replace(model, transducer=transducer)
+
+
+def _prior(problem: Problem, model: Model, own: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Means and inverse variances of all parameters."""
+    means, precision = [], []
+    for parameter in model.parameters:
+        if parameter.path[0] == "effects":
+            means.append(0.0)
+            precision.append(0.0)
+            continue
+        nominal = parameter.inner(value_at(problem.nominal, parameter.path))
+        means.append(nominal)
+        size = PRIOR if parameter.scaling == "log" else WEAK * (abs(nominal) or 1.0)
+        precision.append(size**-2)
+    return np.concatenate([means, np.zeros(sum(map(len, own)))]), np.concatenate([precision, np.zeros(sum(map(len, own)))])
+
+
+def whiteners(problem: Problem, model: Model, noise: Noise) -> tuple[Whitener | ResponseWeights, ...]:
+    """Whiteners of all records, by a model that need not be the best."""
+    return tuple(
+        ResponseWeights(noise.sigma[data.name], data)
+        if isinstance(data, FrequencyData)
+        else Whitener(Prediction(model.transducer, data.setting), noise, data)
+        for data in problem.data
+    )
+
+
+def _sums(
+    problem: Problem, model: Model, own: Sequence[np.ndarray], white: Sequence[Whitener | ResponseWeights]
+) -> tuple[Sums, ...]:
+    # Records side by side; threads within products of small matrices would wait for each other most of the time.
+    with threadpool_limits(1), ThreadPoolExecutor(WORKERS) as pool:
+        jobs = [pool.submit(each.sums, model, mine) for each, mine in zip(white, own, strict=True)]
+        return tuple(job.result() for job in jobs)
+
+
+def _whole(model: Model, own: Sequence[np.ndarray], sums: Sequence[Sums]) -> tuple[np.ndarray, np.ndarray, float]:
+    """Information, gradient and sum of squares of all records."""
+    p, sizes = len(model.parameters), [len(mine) for mine in own]
+    total = p + sum(sizes)
+    information, gradient, squares, at = np.zeros((total, total)), np.zeros(total), 0.0, p
+    for size, part in zip(sizes, sums, strict=True):
+        places = np.concatenate([np.arange(p), np.arange(at, at + size)])
+        information[np.ix_(places, places)] += part.information.sum(axis=0)
+        gradient[places] += part.gradient.sum(axis=0)
+        squares += float(part.squares.sum())
+        at += size
+    return information, gradient, squares
+
+
+def _descend(problem, model, own, noise, tell, *, loose: bool) -> Fit:
+    """Levenberg-Marquardt with bounds."""
+    lower = np.concatenate([[p.lower for p in model.parameters], np.full(sum(map(len, own)), -np.inf)])
+    upper = np.concatenate([[p.upper for p in model.parameters], np.full(sum(map(len, own)), np.inf)])
+    most = np.array([LEAP if p.scaling == "log" else np.inf for p in model.parameters] + [np.inf] * sum(map(len, own)))
+    mean, precision = _prior(problem, model, own)
+    values = np.concatenate([_inner(model), *own])
+    white = whiteners(problem, model, noise)
+    sums = _sums(problem, model, own, white)
+    information, gradient, squares = _whole(model, own, sums)
+    cost = squares + float(precision @ (values - mean) ** 2)
+    damping, converged, message = 1e-4, False, "too many iterations"
+    iteration = 0
+    for iteration in range(1, MOST + 1):
+        total = information + np.diag(precision)
+        slope = gradient - precision * (values - mean)
+        step, promise = _bounded_step(total, slope, damping, np.maximum(lower - values, -most), np.minimum(upper - values, most))
+        if promise < (max(1.0, ROUGH * cost) if loose else ENOUGH):
+            converged, message = True, "converged"
+            break
+        trial = values + step
+        try:
+            new_model, new_own = moved(model, trial[: len(model.parameters)]), _split(trial, model, own)
+            new_sums = _sums(problem, new_model, new_own, white)
+            new_information, new_gradient, squares = _whole(new_model, new_own, new_sums)
+            new_cost = squares + float(precision @ (trial - mean) ** 2)
+        except (PredictionError, ParameterError, np.linalg.LinAlgError, OverflowError):
+            new_cost = np.inf
+        if new_cost < cost:
+            gained = (cost - new_cost) / promise
+            model, own, sums, values, cost = new_model, new_own, new_sums, trial, new_cost
+            information, gradient = new_information, new_gradient
+            damping = max(damping * (0.1 if gained > 0.5 else 1.0 if gained > 0.1 else 4.0), 1e-12)
+            tell(f"iteration {iteration}: {cost:.6g}")
+        else:
+            damping = max(10.0 * damping, 1e-6)
+            if damping > 1e10:
+                message = "no step improves the fit"
+                converged = promise < 1.0
+                break
+    return Fit(model, tuple(own), noise, cost, sums, information, np.diag(precision), converged, iteration, message)
+
+
+def _split(values: np.ndarray, model: Model, own: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
+    ends = np.cumsum([len(model.parameters), *(len(mine) for mine in own)])
+    return tuple(values[begin:end] for begin, end in zip(ends[:-1], ends[1:], strict=True))
+
+
+def _bounded_step(information, slope, damping, lower, upper) -> tuple[np.ndarray, float]:
+    """Step within bounds, and by how much it should lower the cost."""
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    scaled = information / np.outer(size, size) + damping * np.eye(len(size))
+    factor = np.linalg.cholesky(scaled + 1e-14 * np.eye(len(size)))
+    right = np.linalg.solve(factor, slope / size)
+    low, high = lower * size, upper * size
+    step = np.linalg.solve(factor.T, right)
+    if np.any(step < low) or np.any(step > high):
+        free = low < high
+        step = lsq_linear(factor.T, right, (np.where(free, low, -1e-300), np.where(free, high, 1e-300)), tol=1e-12).x
+    step = step / size
+    return step, float(2.0 * slope @ step - step @ information @ step)
+
+
+def covariance(found: Fit) -> np.ndarray:
+    """Covariance of all parameters, with the residuals' colour as it is: a sandwich by bands of frequency.
+
+    Where the residuals of a band are larger than the noise (rounding, slow noise, what the model misses), the information of the
+    band counts that much less; they are never taken to be smaller.
+    """
+    model, own = found.model, found.own
+    p, at = len(model.parameters), len(model.parameters)
+    meat = np.zeros_like(found.information)
+    squares = sum(part.squares for part in found.sums)
+    count = sum(part.count for part in found.sums)
+    # Bands with few lines are judged with those above them.
+    excess = np.maximum(np.cumsum(squares) / np.maximum(np.cumsum(count), 1.0), squares / np.maximum(count, 1.0))
+    excess = np.maximum(excess, 1.0)
+    for mine, part in zip(own, found.sums, strict=True):
+        places = np.concatenate([np.arange(p), np.arange(at, at + len(mine))])
+        meat[np.ix_(places, places)] += np.einsum("b,bij->ij", excess, part.information)
+        at += len(mine)
+    bread = inverse(found.information + found.prior)
+    return bread @ (meat + found.prior) @ bread
+
+
+def inverse(information: np.ndarray) -> np.ndarray:
+    """Inverse of an information matrix whose parameters have very different sizes."""
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    values, vectors = np.linalg.eigh(information / np.outer(size, size))
+    found = (vectors / np.maximum(values, 1e-14)) @ vectors.T
+    return found / np.outer(size, size)
+
+
+def with_parameters(model: Model, parameters: Sequence[Parameter]) -> Model:
+    """Model with other numbers that vary."""
+    return replace(model, parameters=tuple(parameters))
+

@@ -1,0 +1,68 @@
+"""What the data can determine, what it cannot, and which combination of the rest it does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from piezoharvest.identify.fit import Fit, inverse
+from piezoharvest.predict.parameters import Parameter
+
+UNKNOWN = 0.5  # standard deviation of a logarithm from which on a parameter counts as not determined
+TIED = 0.2  # exponent from which on another parameter belongs to the combination
+
+# Which measurement separates what is only known together.
+SEPARATE = {
+    "mass": "a record or a frequency response up to the resonance",
+    "damping": "a frequency response through the resonance, or a free decay",
+    "stiffness": "a record with displacement, its electrodes shorted",
+    "coupling": "a record with voltage or current beside the displacement, or one driven by a voltage",
+    "capacitance": "an impedance below the resonance, or records with two load resistances",
+    "thresholds": "a record with larger charge, and a slow one that reverses several times",
+    "weights": "a record with larger charge, and a slow one that reverses several times",
+}
+
+
+def undetermined(found: Fit) -> list[int]:
+    """Parameters that the data cannot determine when all others are free: the least certain one is taken out first."""
+    parameters = found.model.parameters
+    free = list(range(len(found.information)))
+    out: list[int] = []
+    while True:
+        total = (found.information + found.prior)[np.ix_(free, free)]
+        std = np.sqrt(np.diag(inverse(total)))
+        doubt = [(std[n], k) for n, k in enumerate(free) if k < len(parameters) and relative(parameters[k])]
+        if not doubt or max(doubt)[0] < UNKNOWN:
+            return out
+        worst = max(doubt)[1]
+        out.append(worst)
+        free.remove(worst)
+
+
+def relative(parameter: Parameter) -> bool:
+    """Whether what is varied is a logarithm."""
+    return parameter.scaling == "log"
+
+
+def combination(found: Fit, k: int, fixed: Sequence[int]) -> str:
+    """What is known of an undetermined parameter together with others: "coupling / stiffness^0.5"; empty if nothing."""
+    parameters = found.model.parameters
+    if found.information[k, k] < UNKNOWN**-2:
+        return ""  # even with all others known the data would not tell it
+    others = [j for j in range(len(found.information)) if j != k and j not in fixed]
+    rows = found.information[np.ix_(others, others)]
+    follow = -inverse(rows) @ found.information[others, k]
+    parts = [parameters[k].name]
+    for j, exponent in zip(others, follow, strict=True):
+        if j < len(parameters) and relative(parameters[j]) and abs(exponent) > TIED:
+            # Others follow by this power: the product with the opposite power stays.
+            power = f"^{abs(exponent):.2g}" if abs(abs(exponent) - 1.0) > 0.05 else ""
+            parts.append(f"{'/' if exponent > 0 else '*'} {parameters[j].name}{power}")
+    return " ".join(parts) if len(parts) > 1 else ""
+
+
+def experiment(parameter: Parameter) -> str:
+    """The measurement that would determine a parameter."""
+    words = [str(part) for part in parameter.path if isinstance(part, str)]
+    return next((SEPARATE[word] for word in reversed(words) if word in SEPARATE), "a record in which it matters")

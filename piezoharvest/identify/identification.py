@@ -1,0 +1,231 @@
+"""From a campaign to parameters with their standard errors, and how well they foretell what was not fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from piezoharvest.identify.data import Data, data_of
+from piezoharvest.identify.fit import Fit, Problem, covariance, fit
+from piezoharvest.identify.identifiable import combination, experiment, undetermined
+from piezoharvest.identify.noise import Noise
+from piezoharvest.identify.responses import FrequencyData
+from piezoharvest.identify.sums import Model, gain_of, residual_blocks
+from piezoharvest.predict.parameters import Parameter, parameters_of, value_at
+from piezoharvest.predict.prediction import Prediction
+from piezoharvest.records.campaign import Campaign
+from piezoharvest.records.errors import CampaignError
+from piezoharvest.records.record import FrequencyRecord, Record
+from piezoharvest.transducer import Transducer
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter as the data has it.
+
+    Attributes
+    ----------
+    parameter : Parameter
+    value, nominal : float
+        SI unit.
+    std : float or None
+        Standard error in the same unit; None where the data does not determine it.
+    identifiable : bool
+    combination : str
+        What is known instead, where something is.
+    experiment : str
+        The measurement that would determine it.
+    """
+
+    parameter: Parameter
+    value: float
+    nominal: float
+    std: float | None
+    identifiable: bool
+    combination: str = ""
+    experiment: str = ""
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How large residuals are, and how large noise alone would make them, by channel; SI units."""
+
+    rms: Mapping[str, float]
+    noise: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class RecordQuality:
+    """One record: its name, role, and residuals."""
+
+    name: str
+    role: str
+    quality: Quality
+    own: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """A campaign's parameters.
+
+    Attributes
+    ----------
+    campaign : Campaign
+    transducer : Transducer
+        With the identified values.
+    estimates : tuple of Estimate
+    fit, validation : Quality
+        Of the fitted and of the other records; without any of these the latter has no channels.
+    records : tuple of RecordQuality
+    noise : Noise
+    converged : bool
+    message : str
+    found : Fit
+    offsets : tuple of str
+        Channels whose offset was free in every record.
+    """
+
+    campaign: Campaign
+    transducer: Transducer
+    estimates: tuple[Estimate, ...]
+    fit: Quality
+    validation: Quality
+    records: tuple[RecordQuality, ...]
+    noise: Noise
+    converged: bool
+    message: str
+    found: Fit
+    offsets: tuple[str, ...]
+
+
+def prepared(campaign: Campaign, role: str) -> tuple[Data | FrequencyData, ...]:
+    """Records of a role as a fit takes them.
+
+    Raises
+    ------
+    CampaignError
+        The model cannot be driven by a record.
+    """
+    return tuple(data_of(r) if isinstance(r, Record) else FrequencyData(r) for r in campaign.of_role(role))
+
+
+def identify(campaign: Campaign, tell: Tell = lambda text: None, offsets: Sequence[str] | None = None) -> Identification:
+    """Identify the parameters of a campaign's transducer.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    tell : callable
+        Told about progress.
+    offsets : sequence of str, optional
+        Channels whose offset is free in every record; default all responses.
+
+    Raises
+    ------
+    CampaignError
+        There is nothing to fit, or a record cannot be predicted.
+    """
+    data = prepared(campaign, "fit")
+    if not data:
+        raise CampaignError(campaign.path, "records", 'found none with role "fit", allowed is one or more')
+    if offsets is None:
+        offsets = sorted({channel for each in data for channel in each.channels})
+    problem = Problem(data, campaign.transducer, tuple(offsets))
+    parameters = parameters_of(campaign.transducer, {r.drive for r in campaign.records if isinstance(r, Record)})
+    model = Model(campaign.transducer, tuple(parameters), tuple(offsets))
+    first = fit(problem, model, tell=tell, rounds=2)
+    fixed = undetermined(first)
+    kept = [p for k, p in enumerate(parameters) if k not in fixed]
+    nominal = _with_nominal(first.model.transducer, campaign.transducer, [parameters[k] for k in fixed])
+    last = fit(problem, replace(first.model, transducer=nominal, parameters=tuple(kept)), first.own, first.noise, tell=tell, rounds=1)
+    estimates = _estimates(campaign.transducer, parameters, first, fixed, last)
+    judged = [*_judged(data, last), *_validated(campaign, last, tuple(offsets), tell)]
+    return Identification(
+        campaign, last.model.transducer, tuple(estimates),
+        _together([r for r in judged if r.role == "fit"]), _together([r for r in judged if r.role == "validate"]),
+        tuple(judged), last.noise, last.converged, last.message, last, tuple(offsets),
+    )  # fmt: skip
+
+
+def _with_nominal(transducer: Transducer, nominal: Transducer, parameters: Sequence[Parameter]) -> Transducer:
+    from piezoharvest.predict.parameters import put
+
+    for parameter in parameters:
+        transducer = put(transducer, parameter.path, value_at(nominal, parameter.path))
+    return transducer
+
+
+def _estimates(nominal: Transducer, parameters, first: Fit, fixed: list[int], last: Fit):
+    """Estimates in the order of the parameters."""
+    std = np.sqrt(np.diag(covariance(last)))
+    places = {p.path: k for k, p in enumerate(last.model.parameters)}
+    for k, parameter in enumerate(parameters):
+        before = float(value_at(nominal, parameter.path))
+        if k in fixed:
+            together = combination(first, k, [j for j in fixed if j != k])
+            yield Estimate(parameter, before, before, None, False, together, experiment(parameter))
+            continue
+        value = float(value_at(last.model.transducer, parameter.path))
+        slope = parameter.slope(parameter.inner(value))
+        yield Estimate(parameter, value, before, slope * float(std[places[parameter.path]]), True)
+
+
+def _validated(campaign: Campaign, last: Fit, offsets: tuple[str, ...], tell: Tell) -> list[RecordQuality]:
+    """Records that were not fitted: their own numbers only are."""
+    data = prepared(campaign, "validate")
+    if not data:
+        return []
+    problem = Problem(data, campaign.transducer, offsets)
+    sigma = {**problem.noise().sigma, **last.noise.sigma}
+    model = replace(last.model, parameters=())
+    return _judged(data, fit(problem, model, None, Noise(sigma), estimate_noise=False, tell=tell))
+
+
+def _judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuality]:
+    judged = []
+    for each, own in zip(data, found.own, strict=True):
+        if isinstance(each, FrequencyData):
+            value, _ = each.response(replace(found.model, parameters=()))
+            rms = float(np.sqrt(np.mean(np.abs(each.record.response - value) ** 2)))
+            noise = found.noise.sigma[each.name] * float(np.sqrt(2 * np.mean(np.abs(each.record.response) ** 2)))
+            output = f"{each.record.output}/{each.record.input}"
+            judged.append(RecordQuality(each.name, each.role, Quality({output: rms}, {output: noise}), {}))
+            continue
+        squares, count = np.zeros(len(each.channels)), 0
+        for _, _, residual, _ in residual_blocks(replace(found.model, parameters=()), each, own, False):
+            squares += (residual**2).sum(axis=0)
+            count += len(residual)
+        rms = dict(zip(each.channels, np.sqrt(squares / count).tolist(), strict=True))
+        names = Problem([each], found.model.transducer, found.model.offset_channels).own_names(found.model, each)
+        own_values = dict(zip(names, own.tolist(), strict=True))
+        judged.append(RecordQuality(each.name, each.role, Quality(rms, _expected(each, found)), own_values))
+    return judged
+
+
+def _expected(data: Data, found: Fit) -> dict[str, float]:
+    """Standard deviation of residuals of noise alone, that of the drive included."""
+    frequencies = np.fft.rfftfreq(min(len(data), 4096), data.setting.sample_time)
+    gain = gain_of(Prediction(found.model.transducer, data.setting), data.channels, frequencies)
+    passed = (np.abs(gain) ** 2).mean(axis=0) * found.noise.sigma.get(data.drive, 0.0) ** 2
+    own = [found.noise.sigma[channel] ** 2 for channel in data.channels]
+    return dict(zip(data.channels, np.sqrt(passed + own).tolist(), strict=True))
+
+
+def _together(records: Sequence[RecordQuality]) -> Quality:
+    """Root mean squares over records."""
+
+    def mean(which: str) -> dict[str, float]:
+        values: dict[str, list[float]] = {}
+        for record in records:
+            for channel, value in getattr(record.quality, which).items():
+                values.setdefault(channel, []).append(value)
+        return {channel: float(np.sqrt(np.mean(np.square(some)))) for channel, some in values.items()}
+
+    return Quality(mean("rms"), mean("noise"))
+
+
+__all__ = ["Estimate", "FrequencyRecord", "Identification", "Quality", "RecordQuality", "identify", "prepared"]

@@ -1,0 +1,105 @@
+"""A record of a loop as the fit sees it: prediction and derivatives, convex fit, and the search about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezoharvest.identify.memory import initial_states, plays
+
+LIMIT = 0.999  # of half the input range: thresholds above are not seen
+
+
+@dataclass(frozen=True, eq=False)
+class LoopData:
+    """A record, and what is known of its operators before their weights are.
+
+    Attributes
+    ----------
+    signal, output : (samples,) array
+    kind : "stop" or "play"
+    virgin : bool
+        The operators begin from 0; else their initial states are unknown.
+    """
+
+    signal: np.ndarray
+    output: np.ndarray
+    kind: str
+    virgin: bool
+
+    @property
+    def excited(self) -> float:
+        """Half the range of the input."""
+        return 0.5 * float(np.ptp(self.signal))
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """What of an operator is not linear in the prediction.
+
+    Attributes
+    ----------
+    thresholds : (n,) array
+    turns : (n,) array
+        Initial states as `memory.initial_states` has them; nothing where the record is from the virgin state.
+    """
+
+    thresholds: np.ndarray
+    turns: np.ndarray
+
+    def states(self, data: LoopData) -> np.ndarray:
+        """Initial states, (n,)."""
+        if data.virgin:
+            return np.zeros(len(self.thresholds))
+        return initial_states(data.signal[0], self.thresholds, self.turns)[0]
+
+    def design(self, data: LoopData) -> np.ndarray:
+        """Columns of offset, slope and weights, (samples, 2 + n)."""
+        outputs = plays(data.signal, self.thresholds, self.states(data)).outputs
+        operators = outputs if data.kind == "play" else data.signal[:, None] - outputs
+        return np.column_stack((np.ones(len(outputs)), data.signal, operators))
+
+    def derivatives(self, data: LoopData, weights: np.ndarray) -> np.ndarray:
+        """Derivatives of the prediction by thresholds and turns, (samples, 2 n), or (samples, n) from the virgin state."""
+        found = plays(data.signal, self.thresholds, self.states(data))
+        signed = weights if data.kind == "play" else -weights
+        if data.virgin:
+            return found.slopes * signed
+        _, by_turns, by_thresholds = initial_states(data.signal[0], self.thresholds, self.turns)
+        kept = found.kept * signed
+        return np.hstack((found.slopes * signed + kept @ by_thresholds, kept @ by_turns))
+
+
+def convex_fit(design: np.ndarray, output: np.ndarray, free: int = 1) -> np.ndarray:
+    """Least squares with all unknowns but the first `free` at least 0, solved as the convex problem that it is.
+
+    Parameters
+    ----------
+    design : (samples, n) array
+    output : (samples,) array
+    free : int
+        Leading columns whose unknowns may have any sign.
+
+    Returns
+    -------
+    (n,) array
+    """
+    import cvxpy
+
+    scale = np.linalg.norm(design, axis=0)
+    scale[scale == 0] = 1.0
+    size = float(np.linalg.norm(output)) or 1.0
+    # The triangular factor holds all that the samples say, and keeps the problem small.
+    factor = np.linalg.qr(np.column_stack((design / scale, output / size)), mode="r")
+    x = cvxpy.Variable(design.shape[1])
+    misfit = cvxpy.sum_squares(factor[:, :-1] @ x - factor[:, -1])
+    cvxpy.Problem(cvxpy.Minimize(misfit), [x[free:] >= 0]).solve(solver=cvxpy.CLARABEL)
+    # An interior point is not on the bounds: the last step is the plain least squares of what is above them.
+    found = np.asarray(x.value)
+    active = (np.arange(len(found)) < free) | (found > 1e-7 * np.abs(found).max())
+    solution = np.zeros(len(found))
+    solution[active] = np.linalg.lstsq(factor[:, :-1][:, active], factor[:, -1])[0]
+    if np.any(solution[free:] < 0):
+        solution = np.concatenate((found[:free], np.maximum(found[free:], 0.0)))
+    return solution * size / scale

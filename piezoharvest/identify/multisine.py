@@ -1,0 +1,133 @@
+"""Frequency responses from periodic multisines, with the noise told apart from the nonlinear distortion.
+
+Source: Pintelon & Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., 2012, chapters 4 and 7 (the
+robust method): what differs between periods is noise; what differs between realisations, beyond the noise, is the
+stochastic part of nonlinear distortion; what is common to all is the best linear approximation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_SHARE = 1e-3  # of the strongest line's power: a line with less is not excited
+_SMOOTHED = 21  # lines over which variances, which come from few realisations, are averaged
+
+
+class FrequencyError(ValueError):
+    """Records from which a frequency response or its modes cannot be had."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MultisineResponse:
+    """Best linear approximation of a system with u inputs and y outputs at f excited lines.
+
+    Attributes
+    ----------
+    frequency : (f,) array
+        Hz.
+    response : (f, y, u) array of complex
+        Output per input.
+    noise, total : (f, y, u) array
+        Standard deviation of the response by noise alone, and by noise and nonlinear distortion together, as a complex
+        number: that of each of its parts is a factor sqrt(2) less. `total` is NaN where realisations are no more than
+        inputs.
+    noise_level, distortion_level : (f, y) array
+        Rms of a line in one period of the output. The distortion is from the realisations or, where they are too few,
+        from the lines within the band that are not excited; NaN where there are none of these either.
+    transient : (y,) array
+        Rms by which the last period differs from the first in its first tenth, over that in its last tenth: near 1 in
+        the periodic steady state.
+    """
+
+    frequency: np.ndarray
+    response: np.ndarray
+    noise: np.ndarray
+    total: np.ndarray
+    noise_level: np.ndarray
+    distortion_level: np.ndarray
+    transient: np.ndarray
+
+
+def multisine_response(inputs: np.ndarray, outputs: np.ndarray, sample_rate: float, skip: int = 0) -> MultisineResponse:
+    """Frequency response from whole periods of multisines.
+
+    Parameters
+    ----------
+    inputs : (samples, u, realisations, periods) array
+        One period along the first axis, as many realisations as inputs or more.
+    outputs : (samples, y, realisations, periods) array
+    sample_rate : float
+        Hz.
+    skip : int
+        Leading periods that are left out for their transient.
+
+    Raises
+    ------
+    FrequencyError
+        The arrays do not match, are not finite, or have too few realisations or periods.
+    """
+    inputs, outputs = _checked(inputs, outputs, skip)
+    samples, sources, realisations, periods = inputs.shape
+    spectra_in, spectra_out = (np.fft.rfft(values, axis=0) / samples for values in (inputs, outputs))
+    power = (np.abs(spectra_in) ** 2).sum(axis=(1, 2, 3))
+    power[0] = 0.0
+    lines = np.flatnonzero(power > _SHARE * power.max())
+    u, y = spectra_in[lines].mean(-1), spectra_out[lines].mean(-1)
+    response = y @ np.linalg.pinv(u)
+    # Per realisation: the noise of its mean over periods, and all that differs from the linear response.
+    each = spectra_out[lines] - np.einsum("fij,fjrp->firp", response, spectra_in[lines])
+    scatter = (np.abs(each - each.mean(-1, keepdims=True)) ** 2).sum(-1) / (periods - 1)
+    noise = _smooth(scatter.mean(-1))
+    freedom = realisations - sources
+    left = (np.abs(each.mean(-1)) ** 2).sum(-1)
+    total = _smooth(left / freedom) if freedom > 0 else np.full(noise.shape, np.nan)
+    distortion = total - noise / periods if freedom > 0 else _detected(spectra_out, lines, noise / periods)
+    gain = np.real(np.diagonal(np.linalg.inv(u @ u.conj().swapaxes(1, 2)), axis1=1, axis2=2))
+    return MultisineResponse(
+        frequency=lines * sample_rate / samples, response=response,
+        noise=np.sqrt(noise[:, :, None] / periods * gain[:, None, :]), total=np.sqrt(total[:, :, None] * gain[:, None, :]),
+        noise_level=np.sqrt(2 * noise), distortion_level=np.sqrt(2 * np.maximum(distortion, 0.0)),
+        transient=_transient(outputs),
+    )  # fmt: skip
+
+
+def _detected(spectra: np.ndarray, lines: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Distortion power at the excited lines, from those between them that are not excited; (f, y)."""
+    quiet = np.setdiff1d(np.arange(lines[0], lines[-1]), lines)
+    if len(quiet) == 0:
+        return np.full(noise.shape, np.nan)
+    power = _smooth((np.abs(spectra[quiet].mean(-1)) ** 2).mean(-1))
+    at_lines = [np.interp(lines, quiet, column) for column in power.T]
+    return np.stack(at_lines, axis=1) - noise
+
+
+def _smooth(power: np.ndarray) -> np.ndarray:
+    from scipy.ndimage import uniform_filter1d
+
+    return uniform_filter1d(power, min(_SMOOTHED, len(power)), axis=0, mode="nearest")
+
+
+def _transient(outputs: np.ndarray) -> np.ndarray:
+    change = outputs[..., -1] - outputs[..., 0]
+    change = change - change.mean(axis=0)
+    tenth = max(len(change) // 10, 1)
+    first, last = (np.sqrt((part**2).mean(axis=(0, 2))) for part in (change[:tenth], change[-tenth:]))
+    return first / np.where(last > 0, last, np.inf)
+
+
+def _checked(inputs: np.ndarray, outputs: np.ndarray, skip: int) -> tuple[np.ndarray, np.ndarray]:
+    inputs, outputs = (np.asarray(values, float) for values in (inputs, outputs))
+    if inputs.ndim != 4 or outputs.ndim != 4 or np.delete(inputs.shape, 1).tolist() != np.delete(outputs.shape, 1).tolist():
+        shapes = f"found shapes {inputs.shape} and {outputs.shape}"
+        raise FrequencyError(f"inputs and outputs: {shapes}, allowed is (samples, channels, realisations, periods) of both")
+    inputs, outputs = inputs[..., skip:], outputs[..., skip:]
+    for name, values in (("inputs", inputs), ("outputs", outputs)):
+        if not np.all(np.isfinite(values)):
+            raise FrequencyError(f"{name}: found {np.sum(~np.isfinite(values))} NaN or infinite values, allowed are none")
+    _, sources, realisations, periods = inputs.shape
+    if realisations < sources or periods < 2:
+        found = f"found {realisations} realisations of {periods} periods for {sources} inputs"
+        raise FrequencyError(f"inputs: {found}, allowed are as many realisations as inputs or more, of 2 periods or more")
+    return inputs, outputs

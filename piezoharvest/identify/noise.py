@@ -1,0 +1,108 @@
+"""Noise of a campaign as it is: white in every channel, and that of the drive as the specimen passes it on.
+
+A residual is r = n - G n_d: the noise n of the channels less the response G to the noise n_d of the measured drive. Its
+cross-spectral matrix diag(sigma^2) + sigma_d^2 G G^H is coloured and couples the channels; with it an output-error fit is
+right to first order in the noise of the drive (errors in variables: Soderstrom, Automatica 43(6), 939-958, 2007; Whittle's
+likelihood: Brillinger, Time Series, 1981).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+
+UPPER = 0.5  # share of the band from which noise is estimated: what is slower may be structure
+BANDS = 16  # whose median tells noise from lines
+FOURTH = 70.0  # gain of fourth differences for the variance of white noise
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of white noise by channel, the drive's under its own name; SI units."""
+
+    sigma: Mapping[str, float]
+
+    def covariance(self, channels: Sequence[str], drive: str, gain: np.ndarray) -> np.ndarray:
+        """Cross-spectral matrices of the residuals.
+
+        Parameters
+        ----------
+        channels : sequence of str
+        drive : str
+        gain : (f, channels) complex array
+            Response of the channels to the drive.
+
+        Returns
+        -------
+        (f, channels, channels) complex array
+        """
+        own = np.diag([self.sigma[channel] ** 2 for channel in channels])
+        return own + self.sigma.get(drive, 0.0) ** 2 * gain[:, :, None] * np.conj(gain[:, None, :])
+
+
+def first_guess(values: np.ndarray) -> float:
+    """Noise of a channel from its fourth differences, which a smooth signal hardly has."""
+    fourth = np.diff(values, 4)
+    return float(np.sqrt(np.median(fourth**2) / 0.4549 / FOURTH)) if len(fourth) else 0.0
+
+
+def estimate(
+    spectra: Sequence[tuple[Sequence[str], str, np.ndarray, np.ndarray]], known: Mapping[str, float], start: Noise
+) -> Noise:
+    """Standard deviations from residuals.
+
+    Parameters
+    ----------
+    spectra : sequence of (channels, drive, residual, gain)
+        For each record residuals (f, channels) whose squares are spectral densities in units of white noise, and the
+        response (f, channels) to the drive, both from zero to half the sample rate.
+    known : mapping of str to float
+        What is known and kept.
+    start : Noise
+        Weights, and what is kept where the residuals do not tell.
+    """
+    names = list(start.sigma)
+    rows, right = [], []
+    for channels, drive, residual, gain in spectra:
+        upper = slice(int(len(residual) * UPPER), None)
+        size = np.array([start.sigma[channel] for channel in channels])
+        cross = _median_of_means(_cross(residual[upper] / size))
+        passed = np.real(_cross(gain[upper] / size)).mean(axis=0)
+        weight = np.sqrt(len(residual))
+        for a in range(len(channels)):
+            for b in range(a, len(channels)):
+                row = np.zeros(len(names))
+                if a == b:
+                    row[names.index(channels[a])] = 1.0
+                if drive in names:
+                    row[names.index(drive)] = passed[a, b] * start.sigma[drive] ** 2
+                value = cross[a, b] - sum(
+                    row[names.index(name)] * (known[name] / start.sigma[name]) ** 2 for name in known if name in names
+                )
+                for name in known:
+                    if name in names:
+                        row[names.index(name)] = 0.0
+                rows.append(weight * row)
+                right.append(weight * value)
+    shares, _ = nnls(np.array(rows), np.array(right))
+    found = {}
+    for name, share in zip(names, shares, strict=True):
+        told = np.any(np.abs(np.array(rows)[:, names.index(name)]) > 0)
+        floor = 1e-3 * start.sigma[name]
+        found[name] = known[name] if name in known else max(float(np.sqrt(share)) * start.sigma[name], floor)
+        if name not in known and not told:
+            found[name] = start.sigma[name]
+    return Noise(found)
+
+
+def _cross(values: np.ndarray) -> np.ndarray:
+    return values[:, :, None] * np.conj(values[:, None, :])
+
+
+def _median_of_means(cross: np.ndarray) -> np.ndarray:
+    """Median over bands of the mean in each: a line spoils one band only."""
+    bands = np.array_split(np.real(cross), min(BANDS, len(cross)))
+    return np.median([band.mean(axis=0) for band in bands], axis=0)

@@ -1,0 +1,90 @@
+"""Vector fitting: common stable poles of several frequency responses, as the start of a fit of modes.
+
+Sources: Gustavsen & Semlyen, IEEE Trans. Power Delivery 14(3), 1052-1061, 1999; Gustavsen, ibid. 21(3), 1587-1592, 2006
+(relaxed); Deschrijver et al., IEEE Microwave and Wireless Components Letters 18(6), 383-385, 2008 (one QR per response).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def vector_fit(s: np.ndarray, responses: np.ndarray, poles: np.ndarray, rounds: int = 15) -> tuple[np.ndarray, np.ndarray]:
+    """Poles and residues of sum_k R_k/(s - p_k) + D, R and p real or in conjugate pairs, all poles stable.
+
+    Parameters
+    ----------
+    s : (f,) array of complex
+        On the imaginary axis, scaled to the order of 1.
+    responses : (f, m) array of complex
+    poles : (n,) array of complex
+        Start, one of each conjugate pair with positive imaginary part.
+    rounds : int
+        Relocations of the poles.
+
+    Returns
+    -------
+    poles : (k,) array of complex
+        One of each pair, and real ones; the number of each may have changed.
+    residues : (k, m) array of complex
+    """
+    count, poles = len(s), np.asarray(poles, complex)
+    for _ in range(rounds):
+        basis = _basis(s, poles)
+        own, shared = np.column_stack((basis, np.ones(count))), basis.shape[1] + 1
+        blocks = []
+        for response in responses.T:
+            rows = _real(np.hstack((own, -response[:, None] * own)))
+            blocks.append(np.linalg.qr(rows, mode="r")[own.shape[1] :, own.shape[1] :])
+        # Relaxed: the sum of the scaling function's real part is that of 1, instead of its value at infinity.
+        size = np.linalg.norm(blocks) / count
+        matrix = np.vstack((*blocks, size * own.sum(axis=0).real))
+        right = np.zeros(len(matrix))
+        right[-1] = size * count
+        scale = np.linalg.norm(matrix, axis=0)
+        solution = np.linalg.lstsq(matrix / scale, right)[0] / scale
+        poles = _zeros(poles, solution[: shared - 1] / solution[-1])
+    rows = _real(np.column_stack((_basis(s, poles), np.ones(count))))
+    found = np.linalg.lstsq(rows, _real(responses))[0]
+    return poles, _residues(poles, found)
+
+
+def _basis(s: np.ndarray, poles: np.ndarray) -> np.ndarray:
+    """Partial fractions whose factors are real, (f, order)."""
+    columns = []
+    for pole in poles:
+        if pole.imag == 0:
+            columns.append(1 / (s - pole.real))
+        else:
+            one, other = 1 / (s - pole), 1 / (s - pole.conjugate())
+            columns += [one + other, 1j * (one - other)]
+    return np.array(columns).T
+
+
+def _zeros(poles: np.ndarray, factors: np.ndarray) -> np.ndarray:
+    """Zeros of 1 + sum factors * basis: the poles of the next round, moved to the stable half plane."""
+    order = len(factors)
+    matrix, column, n = np.zeros((order, order)), np.zeros(order), 0
+    for pole in poles:
+        if pole.imag == 0:
+            matrix[n, n], column[n] = pole.real, 1.0
+            n += 1
+        else:
+            matrix[n : n + 2, n : n + 2] = [[pole.real, pole.imag], [-pole.imag, pole.real]]
+            column[n] = 2.0
+            n += 2
+    zeros = np.linalg.eigvals(matrix - np.outer(column, factors))
+    zeros = -np.abs(zeros.real) + 1j * zeros.imag
+    return zeros[zeros.imag >= 0]
+
+
+def _residues(poles: np.ndarray, found: np.ndarray) -> np.ndarray:
+    rows, n = [], 0
+    for pole in poles:
+        rows.append(found[n] + (0 if pole.imag == 0 else 1j * found[n + 1]))
+        n += 1 if pole.imag == 0 else 2
+    return np.array(rows)
+
+
+def _real(values: np.ndarray) -> np.ndarray:
+    return np.concatenate((values.real, values.imag))

@@ -1,0 +1,324 @@
+"""The compiled march over the samples of a record, with the derivatives to all parameters beside it.
+
+Everything between two samples is linear but for the elements, whose outputs at the end of a step depend on the state there:
+Newton on their inputs. A stop whose input turns within the step is taken to the turning point first, which the cubic through
+values and rates at both ends gives. Derivatives are propagated with the step, parameters being the innermost axis so that
+the loops over them run in vector registers.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+_STOP, _PRODUCT, _POWER = 0, 1, 2
+_TRIES = 30
+_CLOSE = 1e-13  # relative residual of the inputs at which Newton ends
+_NEAR = 1e-8  # the same, which is still good enough where rounding stands in the way
+_fast = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+
+
+@_fast
+def _turning(a, da, b, db, h):
+    """Extreme value between two samples of values a, b and rates da, db, with its derivatives to these four.
+
+    On the cubic through them; the first is NaN where there is none inside.
+    """
+    # p(s) = a + h da s + c2 s^2 + c3 s^3
+    c2, c3 = 3.0 * (b - a) - h * (2.0 * da + db), 2.0 * (a - b) + h * (da + db)
+    if da * db >= 0.0:
+        return np.nan, 0.0, 0.0, 0.0, 0.0
+    root = c2 * c2 - 3.0 * c3 * h * da
+    if root < 0.0:
+        return np.nan, 0.0, 0.0, 0.0, 0.0
+    # The root that tends to that of the parabola.
+    s = -h * da / (c2 + math.copysign(math.sqrt(root), c2))
+    if not 0.0 < s < 1.0:
+        return np.nan, 0.0, 0.0, 0.0, 0.0
+    s2, s3 = s * s, s * s * s
+    # At an extreme the place does not matter to first order: the derivatives are those of the interpolation.
+    w_b, w_da, w_db = 3.0 * s2 - 2.0 * s3, h * (s - 2.0 * s2 + s3), h * (s3 - s2)
+    return (1.0 - w_b) * a + w_da * da + w_b * b + w_db * db, 1.0 - w_b, w_da, w_b, w_db
+
+
+@_fast
+def _clip(value, limit):
+    return min(max(value, -limit), limit)
+
+
+@_fast
+def _element(kind, limit, before, a, da, b, db, second, h):
+    """Output of an element, and its slopes to (output before, a, da, b, db, second input, limit).
+
+    a and da are input and rate at the sample before, b and db those now.
+    """
+    if kind == _STOP:
+        turn, w_a, w_da, w_b, w_db = _turning(a, da, b, db, h)
+        if turn == turn:
+            middle = _clip(before + turn - a, limit)
+            free = 1.0 if abs(before + turn - a) < limit else 0.0
+            held = (1.0 - free) * math.copysign(1.0, before + turn - a)
+            value = middle + b - turn
+            if abs(value) < limit:
+                return (
+                    value, free, free * (w_a - 1.0) - w_a, free * w_da - w_da, free * w_b + 1.0 - w_b,
+                    free * w_db - w_db, 0.0, held,
+                )  # fmt: skip
+            return _clip(value, limit), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.copysign(1.0, value)
+        value = before + b - a
+        if abs(value) < limit:
+            return value, 1.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0
+        return _clip(value, limit), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.copysign(1.0, value)
+    if kind == _PRODUCT:
+        return b * second, 0.0, 0.0, 0.0, second, 0.0, b, 0.0
+    if kind == _POWER:
+        size = abs(b)
+        slope = limit * size ** (limit - 1.0)
+        return math.copysign(size**limit, b), 0.0, 0.0, 0.0, slope, 0.0, 0.0, 0.0
+    if b <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    return b**limit, 0.0, 0.0, 0.0, limit * b ** (limit - 1.0), 0.0, 0.0, 0.0
+
+
+@_fast
+def _add(into, factor, row):
+    """into += factor * row, all of them one-dimensional."""
+    if factor != 0.0:
+        for p in range(len(into)):
+            into[p] += factor * row[p]
+
+
+@_fast
+def _dot(rows, z, w, e, out):
+    """Rows over [z | w | e]."""
+    n, nw = len(z), len(w)
+    for r in range(len(out)):
+        total = 0.0
+        for j in range(n):
+            total += rows[r, j] * z[j]
+        for j in range(nw):
+            total += rows[r, n + j] * w[j]
+        for j in range(len(e)):
+            total += rows[r, n + nw + j] * e[j]
+        out[r] = total
+
+
+@_fast
+def _weigh(tangents, z, w, e, out):
+    """Sum of the derivatives of the rows' coefficients times what they multiply with; `out` holds all rows side by side."""
+    n, nw = len(z), len(w)
+    out[:] = 0.0
+    for j in range(n):
+        _add(out, z[j], tangents[j])
+    for j in range(nw):
+        _add(out, w[j], tangents[n + j])
+    for j in range(len(e)):
+        _add(out, e[j], tangents[n + nw + j])
+
+
+@_fast
+def _solve(K, slopes, places, J, right):
+    """Overwrite `right` by the solution of (1 - K f') d = right, f' being the slopes to inputs and rates now."""
+    m = len(J)
+    half = m // 2
+    for r in range(m):
+        for c in range(m):
+            J[r, c] = 1.0 if r == c else 0.0
+    for j in range(len(places)):
+        for r in range(m):
+            J[r, places[j, 0]] -= K[r, j] * slopes[j, 3]
+            J[r, half + places[j, 0]] -= K[r, j] * slopes[j, 4]
+            J[r, places[j, 1]] -= K[r, j] * slopes[j, 5]
+    for c in range(m):
+        pivot = c
+        for r in range(c + 1, m):
+            if abs(J[r, c]) > abs(J[pivot, c]):
+                pivot = r
+        if pivot != c:
+            for k in range(m):
+                J[c, k], J[pivot, k] = J[pivot, k], J[c, k]
+            for p in range(right.shape[1]):
+                right[c, p], right[pivot, p] = right[pivot, p], right[c, p]
+        for r in range(m):
+            if r != c and J[r, c] != 0.0:
+                factor = J[r, c] / J[c, c]
+                for k in range(c, m):
+                    J[r, k] -= factor * J[c, k]
+                _add(right[r], -factor, right[c])
+    for c in range(m):
+        inverse = 1.0 / J[c, c]
+        for p in range(right.shape[1]):
+            right[c, p] *= inverse
+
+
+@_fast
+def _find(K, base, limits, kinds, places, before, old, h, relaxed, w, trial, slopes, J, residual):
+    """Outputs `w` of the elements and their inputs `trial`, by Newton from `trial`; whether they were found.
+
+    base are the inputs but for what the outputs add, K w; `before` and `old` are outputs and inputs a sample ago. With
+    `relaxed` the stops give nothing.
+    """
+    half, worst = len(base) // 2, 0.0
+    for _ in range(_TRIES):
+        for j in range(len(w)):
+            a, b = places[j, 0], places[j, 1]
+            if relaxed and kinds[j] == _STOP:
+                w[j] = 0.0
+                slopes[j] = 0.0
+                continue
+            s = _element(
+                kinds[j], limits[j], before[j], old[a], old[half + a], trial[a], trial[half + a], trial[b], h
+            )
+            w[j] = s[0]
+            for q in range(7):
+                slopes[j, q] = s[q + 1]
+        worst = 0.0
+        for r in range(len(base)):
+            total, size = base[r], abs(base[r])
+            for j in range(len(w)):
+                total += K[r, j] * w[j]
+                size += abs(K[r, j] * w[j])
+            residual[r, 0] = total - trial[r]
+            worst = max(worst, abs(residual[r, 0]) / (size + 1e-300))
+        if worst < _CLOSE:
+            return True
+        _solve(K, slopes, places, J, residual)
+        for r in range(len(base)):
+            trial[r] += residual[r, 0]
+    return worst < _NEAR
+
+
+@_fast
+def march(
+    coefficients, bumps, first, share, at_start, h, M, H, O, limits, kinds, places, dM, dH, dO, dlimits,
+    z, w, inputs, dz, dw, dinputs, Y, dY,
+):  # fmt: skip
+    """March over a block of samples.
+
+    Parameters
+    ----------
+    coefficients : (samples - 1, 4) array
+        Of the drive in every step.
+    bumps : (steps, 2) array of int
+        Steps in which a parameter adds 6 s (1 - s) to the drive, and which parameter.
+    first : float
+        Time at the first sample, as share of the record.
+    share : float
+        Share of the record that a step takes.
+    at_start : bool
+        Whether the record begins here: then the first sample is observed too, else it is the last one of the block before.
+    h : float
+        s between samples.
+    M, H, O, limits
+        As in `Step`.
+    kinds, places
+        As in `Matrices`.
+    dM : (n + elements + 6, n * parameters) array
+        Derivatives of M, column by column; dH and dO in the same form; dlimits (elements, parameters).
+    z, w, inputs, dz, dw, dinputs : arrays
+        States, outputs and inputs of the elements (then their rates) at the first sample, with their derivatives;
+        overwritten by those at the last.
+    Y : (samples, outputs) array
+    dY : (samples, outputs, parameters) array
+        Both written.
+
+    Returns
+    -------
+    int
+        -1, or the step in which the elements' outputs were not found.
+    """
+    n, nw, m, P, no = len(z), len(w), len(inputs), dz.shape[1], Y.shape[1]
+    half = m // 2
+    e, c = np.zeros(4), np.zeros(6)
+    old, before, trial, base = inputs.copy(), w.copy(), np.zeros(m), np.zeros(m)
+    zl, all_rows, none = np.zeros(n), np.zeros(m + no), np.zeros(nw)
+    slopes, J, residual = np.zeros((nw, 7)), np.zeros((m, m)), np.zeros((m, 1))
+    dold, dbefore, dzl, right = dinputs.copy(), dw.copy(), np.zeros(n * P), np.zeros((m, P))
+    drows, dturn = np.zeros((m + no) * P), np.zeros(n * P)
+    direct = np.ascontiguousarray(O[:m, n : n + nw])
+    K = direct.copy()
+    for k in range(-1 if at_start else 0, len(coefficients)):
+        now = first + share * (k + 1)
+        q = coefficients[max(k, 0)]
+        if k < 0:
+            e[0], e[1], e[2], e[3] = q[0], q[1] / h, 1.0, first
+            zl[:] = z
+            for r in range(n):
+                dzl[r * P : (r + 1) * P] = dz[r]
+        else:
+            if k == 0:
+                K[:] = direct + np.ascontiguousarray(O[:m, :n]) @ H
+            e[0], e[1], e[2], e[3] = q[0] + q[1] + q[2] + q[3], (q[1] + 2 * q[2] + 3 * q[3]) / h, 1.0, now
+            c[0], c[1], c[2], c[3], c[4], c[5] = q[0], q[1], q[2], q[3], 1.0, now - share
+            _dot(M, z, w, c, zl)
+            if P:
+                _weigh(dM, z, w, c, dzl)
+                for r in range(n):
+                    row = dzl[r * P : (r + 1) * P]
+                    for j in range(n):
+                        _add(row, M[r, j], dz[j])
+                    for j in range(nw):
+                        _add(row, M[r, n + j], dw[j])
+                for b in range(len(bumps)):
+                    if bumps[b, 0] == k:
+                        for r in range(n):
+                            dzl[r * P + bumps[b, 1]] += 6.0 * (M[r, n + nw + 1] - M[r, n + nw + 2])
+        old[:], before[:] = inputs, w
+        _dot(O[:m], zl, none, e, base)
+        for r in range(m):
+            trial[r] = base[r]
+            for j in range(nw):
+                trial[r] += K[r, j] * w[j]
+        if not _find(K, base, limits, kinds, places, before, old, h, k < 0, w, trial, slopes, J, residual):
+            return max(k, 0)
+        inputs[:], z[:] = trial, zl
+        if k >= 0:
+            for r in range(n):
+                for j in range(nw):
+                    z[r] += H[r, j] * w[j]
+        _dot(O[m:], z, w, e, Y[k + 1])
+        if not P:
+            continue
+        # The same once more with the derivatives; first what does not go through the elements' inputs now.
+        dold[:], dbefore[:] = dinputs, dw
+        _weigh(dO, z, w, e, drows)
+        if k >= 0:
+            dturn[:] = 0.0
+            for j in range(nw):
+                _add(dturn, w[j], dH[j])
+            _add(dzl, 1.0, dturn)
+        for j in range(nw):
+            a = places[j, 0]
+            dw[j] = 0.0
+            if k >= 0:
+                _add(dw[j], slopes[j, 0], dbefore[j])
+                _add(dw[j], slopes[j, 1], dold[a])
+                _add(dw[j], slopes[j, 2], dold[half + a])
+                _add(dw[j], slopes[j, 6], dlimits[j])
+        for r in range(m):
+            right[r] = drows[r * P : (r + 1) * P]
+            for j in range(n):
+                _add(right[r], O[r, j], dzl[j * P : (j + 1) * P])
+            for j in range(nw):
+                _add(right[r], K[r, j], dw[j])
+        _solve(K, slopes, places, J, right)
+        dinputs[:] = right
+        for j in range(nw):
+            _add(dw[j], slopes[j, 3], dinputs[places[j, 0]])
+            _add(dw[j], slopes[j, 4], dinputs[half + places[j, 0]])
+            _add(dw[j], slopes[j, 5], dinputs[places[j, 1]])
+        for r in range(n):
+            dz[r] = dzl[r * P : (r + 1) * P]
+            if k >= 0:
+                for j in range(nw):
+                    _add(dz[r], H[r, j], dw[j])
+        for r in range(no):
+            row = dY[k + 1, r]
+            row[:] = drows[(m + r) * P : (m + r + 1) * P]
+            for j in range(n):
+                _add(row, O[m + r, j], dz[j])
+            for j in range(nw):
+                _add(row, O[m + r, n + j], dw[j])
+    return -1

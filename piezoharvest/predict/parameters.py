@@ -1,0 +1,117 @@
+"""Parameters of a transducer and its effects as a vector: how each is scaled, and how a value is put in its place."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from piezoharvest.transducer import Transducer
+
+# Small enough for what it is multiplied with to be one that components take (parameters.COMPLEX_STEP).
+STEP = 1e-165
+Path = tuple[str | int, ...]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a transducer.
+
+    Attributes
+    ----------
+    path : tuple
+        Where it stands: ("stiffness",), ("modes", 0, "mass"), ("effects", 1, "resistance").
+    unit : str
+    scaling : "log", "linear" or "reciprocal"
+        What is varied: the logarithm, the value, or 1/value for what is absent at infinity.
+    lower, upper : float
+        Bounds of what is varied.
+    """
+
+    path: Path
+    unit: str
+    scaling: str
+    lower: float
+    upper: float
+
+    @property
+    def name(self) -> str:
+        """Name in results: "stiffness", "modes.0.mass", "hysteresis.weights.1", "leakage.resistance"."""
+        return ".".join(str(part) for part in self.path)
+
+    def inner(self, value: float) -> float:
+        """What is varied, from a value."""
+        return {"log": np.log, "linear": float, "reciprocal": lambda v: 1.0 / v}[self.scaling](value)
+
+    def outer(self, inner: complex) -> Any:
+        """Value, from what is varied."""
+        if self.scaling == "linear":
+            return inner
+        if self.scaling == "log":
+            return np.exp(inner)
+        return 1.0 / inner if inner != 0 else np.inf
+
+    def slope(self, inner: float) -> float:
+        """Derivative of the value to what is varied; that of 1/value where this is absent at infinity."""
+        return float(np.exp(inner)) if self.scaling == "log" else 1.0
+
+
+def parameter_of(component: Any, field: dataclasses.Field, path: Path) -> Parameter:
+    """Parameter for a field with unit and bounds."""
+    meta = field.metadata
+    lower = max((-np.inf if meta[key] is None else meta[key]) for key in ("above", "at_least"))
+    upper = min((np.inf if meta[key] is None else meta[key]) for key in ("below", "at_most"))
+    if meta["null"] == np.inf:
+        return Parameter(path, meta["unit"], "reciprocal", 0.0, np.inf)
+    if lower >= 0 and meta["null"] is None:
+        return Parameter(path, meta["unit"], "log", -np.inf, np.inf)
+    return Parameter(path, meta["unit"], "linear", lower, upper)
+
+
+def _fields(component: Any, names: Sequence[str], path: Path) -> list[Parameter]:
+    fields = {f.name: f for f in dataclasses.fields(component)}
+    return [parameter_of(component, fields[name], (*path, name)) for name in names]
+
+
+def parameters_of(transducer: Transducer, drive_kinds: set[str]) -> list[Parameter]:
+    """Parameters of a transducer without its effects, those that the drives of a campaign let matter."""
+    mechanical = ["mass", "damping", "stiffness", "coupling"]
+    found = _fields(transducer, [*mechanical, "capacitance"], ())
+    for n, mode in enumerate(transducer.modes):
+        found += _fields(mode, mechanical, ("modes", n))
+    if transducer.hysteresis is not None:
+        for j in range(len(transducer.hysteresis.weights)):
+            found.append(Parameter(("hysteresis", "weights", j), "V/C", "linear", 0.0, np.inf))
+        for j in range(len(transducer.hysteresis.weights)):
+            found.append(Parameter(("hysteresis", "thresholds", j), "C", "log", -np.inf, np.inf))
+    return found
+
+
+def value_at(transducer: Transducer, path: Path) -> Any:
+    """Value that stands at a path."""
+    value: Any = transducer
+    for part in path:
+        value = value[part] if isinstance(part, int) else getattr(value, part)
+    return value
+
+
+def put(component: Any, path: Path, value: Any) -> Any:
+    """Copy of a component with another value at a path, unchecked: it may have a complex step of any size."""
+    if not path:
+        return value
+    first, rest = path[0], path[1:]
+    if isinstance(first, int):
+        return (*component[:first], put(component[first], rest, value), *component[first + 1 :])
+    new = copy.copy(component)
+    new.__dict__.pop("all_modes", None)
+    object.__setattr__(new, first, put(getattr(component, first), rest, value))
+    return new
+
+
+def stepped(transducer: Transducer, parameter: Parameter, inner: float) -> Transducer:
+    """Transducer with a complex step of what is varied."""
+    return put(transducer, parameter.path, parameter.outer(inner + 1j * STEP))

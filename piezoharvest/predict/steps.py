@@ -1,0 +1,86 @@
+"""From equations to a step of one sample: exact for the linear part under a cubic drive and straight elements."""
+
+from __future__ import annotations
+
+from math import factorial
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import expm
+
+from piezoharvest.predict.specimen import Matrices
+
+DEGREE = 3  # of the drive between two samples
+
+
+class Step(NamedTuple):
+    """What advances a specimen by one sample.
+
+    With g = [z, w, c0..c3, 1, time] (states, elements' outputs, the drive's coefficients in powers of the share of the step):
+    z <- M g + H w and O as in `Matrices`. For derivatives every array has the parameters as its last axis.
+
+    Attributes
+    ----------
+    M : (n, n + elements + 6) array
+    H : (n, elements) array
+    O : (2 inputs + outputs, n + elements + 4) array
+    limits : (elements,) array
+        Thresholds of stops, exponents of powers.
+    start : (n,) array
+        Equilibrium under the first value of the drive, operators relaxed.
+    """
+
+    M: np.ndarray
+    H: np.ndarray
+    O: np.ndarray  # noqa: E741
+    limits: np.ndarray
+    start: np.ndarray
+
+
+def step_of(matrices: Matrices, sample_time: float, share: float, first: float) -> Step:
+    """Discretise.
+
+    Parameters
+    ----------
+    matrices : Matrices
+        Real, or with a complex step.
+    sample_time : float
+        s.
+    share : float
+        Of the record, that one step takes.
+    first : float
+        First value of the drive.
+    """
+    A, B, W, h = matrices.A, matrices.B, matrices.W, sample_time
+    n = len(A)
+    chain = np.zeros(((DEGREE + 2) * n, (DEGREE + 2) * n), np.result_type(A, float))
+    chain[:n, :n] = A * h
+    for k in range(DEGREE + 1):
+        chain[k * n : (k + 1) * n, (k + 1) * n : (k + 2) * n] = np.eye(n)
+    top = expm(chain)[:n]
+    # G[k]: integral of e^(A (h - s)) (s/h)^k ds.
+    G = [h * factorial(k) * top[:, (k + 1) * n : (k + 2) * n] for k in range(DEGREE + 1)]
+    drive, rate, one, time = B.T
+    parts = [G[0] @ drive, *(G[k] @ drive + (k / h) * (G[k - 1] @ rate) for k in range(1, DEGREE + 1))]
+    constant = G[0] @ one + share * (G[1] @ time)
+    M = np.column_stack([top[:, :n], (G[0] - G[1]) @ W, *parts, constant, G[0] @ time])
+    return Step(M, G[1] @ W, matrices.O, matrices.parameters, _equilibrium(matrices, first))
+
+
+def _equilibrium(matrices: Matrices, first: float) -> np.ndarray:
+    """State that does not move under the first value of the drive; stops give nothing."""
+    from piezoharvest.predict.elements import outputs_of
+
+    A, B, W = matrices.A, matrices.B, matrices.W
+    e = np.array([first, 0.0, 1.0, 0.0])
+    w = np.zeros(len(matrices.kinds), A.dtype)
+    z = np.zeros(len(A), A.dtype)
+    # Open electrodes keep their charge: the pseudo-inverse takes the one with the least energy.
+    real = np.linalg.pinv(np.real(A), rcond=1e-13)
+    inverse = real - 1j * (real @ np.imag(A) @ real) if np.iscomplexobj(A) else real
+    for _ in range(50):
+        before, z = z, -inverse @ (B @ e + W @ w)
+        if np.abs(z - before).max() <= 1e-14 * np.abs(z).max():
+            break
+        w = outputs_of(matrices, z, w, e)
+    return z

@@ -1,0 +1,1 @@
+"""Two measured actuators: loops of a stack, frequency responses of a mirror; page in `index.html`."""
