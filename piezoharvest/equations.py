@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from piezoharvest.circuit import Port, Row, State
 from piezoharvest.effects.base import Effect
+from piezoharvest.parameters import ParameterError
 from piezoharvest.transducer import Transducer
 
 Rows = Mapping[str, Row]
@@ -75,7 +76,17 @@ def own_rows(rows: Rows, prefix: str, states: Sequence[State]) -> SimpleNamespac
 
 
 def effect_prefixes(transducer: Transducer) -> list[tuple[Effect, str]]:
-    """The effects with what stands before the names of their states, so that two of a kind stay apart."""
+    """The effects with what stands before the names of their states, so that two of a kind stay apart.
+
+    Raises
+    ------
+    ParameterError
+        An effect acts elsewhere than at the electrodes.
+    """
+    for effect in transducer.effects:
+        if not effect.at_the_electrodes:
+            found = "found an effect that only predicted records can have"
+            raise ParameterError(f"effects.{effect.name}", f"{found}, allowed are effects across the electrodes")
     return [(effect, f"effect{n}_{effect.name}_") for n, effect in enumerate(transducer.effects, 1)]
 
 

@@ -1,4 +1,4 @@
-"""The command line: `piezoharvest simulate | design | sweep | measure | export | demo`.
+"""The command line: `piezoharvest simulate | design | sweep | measure | identify | export | demo`.
 
 typer only reads the arguments; each command hands back the work to be done, which `main` runs. Exit status: 0 done;
 1 ran, but the answer is not to be trusted; 2 bad input; 130 interrupted.
@@ -21,7 +21,7 @@ import piezoharvest
 Work = Callable[[], int]
 
 app = typer.Typer(
-    help="Piezoelectric shunt damping and energy harvesting: simulate, design, sweep, measure, export (TOML).",
+    help="Piezoelectric shunt damping and energy harvesting: simulate, design, sweep, measure, identify, export (TOML).",
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -135,6 +135,24 @@ def measure(
     from piezoharvest.cli import measuring
 
     return partial(measuring.measure, study, out)
+
+
+@app.command()
+def identify(
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Campaign file (TOML).", show_default=False)],
+    json: AsJson = False,
+    report: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write a report (HTML) into this directory.")
+    ] = None,
+) -> Work:
+    """Identify a transducer's parameters from measured records.
+
+    The records of a campaign are read, checked, and fitted at once. A parameter that they cannot determine keeps its
+    nominal value and is reported as not identifiable.
+    """
+    from piezoharvest.cli import identifying
+
+    return partial(identifying.identify, campaign, as_json=json, report=report)
 
 
 @app.command()

@@ -143,7 +143,6 @@ def _print_table(
     notes: Sequence[str] = (),
 ) -> None:
     from rich import box
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
@@ -161,6 +160,26 @@ def _print_table(
     for n, name in enumerate(names):
         cells = [column.cells[n] for column in columns]
         table.add_row(*map(Text, (name if trusted[n] else f"{name}\n(not trusted)", *cells, *notes[n : n + 1])))
+    _print_rich(table)
+
+
+def print_rows(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print rows of text; the first column and the last are left-justified."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=Text(title) if title else None, title_justify="left", box=box.SIMPLE_HEAD, show_edge=False)
+    for n, name in enumerate(header):
+        table.add_column(name, justify="left" if n in (0, len(header) - 1) else "right", no_wrap=n == 0)
+    for row in rows:
+        table.add_row(*map(Text, row))
+    _print_rich(table)
+
+
+def _print_rich(table: Any) -> None:
+    from rich.console import Console
+
     console = Console(highlight=False)
     if not console.is_terminal:  # a file or a pipe: as wide as it takes
         console.width = 200

@@ -14,6 +14,8 @@ class Leakage(Effect):
 
     name: ClassVar[str] = "leakage"
     source: ClassVar[str] = "IEEE Std 176-1987"
+    looks: ClassVar[str] = "the voltage decays faster than the load alone lets it, most with the largest load resistance"
+    told_by: ClassVar[str] = "a step with open electrodes: the decay is the leakage's alone"
 
     resistance: float = quantity("ohm", "leakage resistance", above=0, null=float("inf"))
 
@@ -25,3 +27,7 @@ class Leakage(Effect):
 
     def losses(self, port, z, dz):
         return [Product(1.0 / self.resistance, port.v, port.v)]
+
+    @classmethod
+    def starts(cls, scene):
+        yield cls(resistance=1e15)

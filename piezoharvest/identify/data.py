@@ -8,6 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
+from piezoharvest.identify.denoise import denoised
+from piezoharvest.identify.noise import first_guess
 from piezoharvest.predict.prediction import Setting, setting_of
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.record import Record
@@ -25,6 +27,9 @@ class Data:
     name, role : str
     record : Record
     setting : Setting
+        Driven by what stands out of the drive's noise.
+    rest : (samples,) array
+        What is left of the measured drive.
     channels : tuple of str
         Responses that a model predicts.
     sigma : mapping of str to float
@@ -35,6 +40,7 @@ class Data:
     role: str
     record: Record
     setting: Setting
+    rest: np.ndarray
     channels: tuple[str, ...]
     sigma: Mapping[str, float]
 
@@ -71,9 +77,11 @@ def data_of(record: Record) -> Data:
     channels = tuple(channel for channel in RESPONSES if channel in record.signals and channel != record.drive)
     if not channels:
         raise CampaignError(record.name, record.key, "found the drive alone, allowed is a record with a response")
-    setting = setting_of(record.drive, record.shunt, step, record[record.drive])
     sigma = {c: s.sigma for c, s in record.signals.items() if s.sigma is not None}
-    return Data(record.name, record.role, record, setting, channels, sigma)
+    drive = record[record.drive]
+    clean = denoised(drive, sigma.get(record.drive, first_guess(drive)))
+    setting = setting_of(record.drive, record.shunt, step, clean)
+    return Data(record.name, record.role, record, setting, drive - clean, channels, sigma)
 
 
 def all_data(records: Sequence[Record]) -> tuple[Data, ...]:

@@ -15,9 +15,10 @@ from scipy.optimize import lsq_linear
 from threadpoolctl import threadpool_limits
 
 from piezoharvest.identify.data import Data
+from piezoharvest.identify.gain import gain_of
 from piezoharvest.identify.noise import Noise, estimate, first_guess
 from piezoharvest.identify.responses import FIRST_ERROR, FrequencyData, ResponseWeights
-from piezoharvest.identify.sums import Model, Sums, Whitener, gain_of, residual_blocks, spectra_of
+from piezoharvest.identify.sums import Model, Sums, Whitener, own_names, residual_blocks, spectra_of
 from piezoharvest.parameters import ParameterError
 from piezoharvest.predict.parameters import Parameter, put, value_at
 from piezoharvest.predict.prediction import Prediction, PredictionError
@@ -104,10 +105,7 @@ class Problem:
 
     def own_names(self, model: Model, data: Data | FrequencyData) -> tuple[str, ...]:
         """Names of a record's own numbers."""
-        if isinstance(data, FrequencyData):
-            return ()
-        offsets = tuple(f"{c} offset" for c in data.channels if c in self.offset_channels)
-        return (*model.prediction(data).own_names, *offsets)
+        return () if isinstance(data, FrequencyData) else own_names(model, data)
 
 
 def fit(
@@ -288,6 +286,11 @@ def _bounded_step(information, slope, damping, lower, upper) -> tuple[np.ndarray
         step = lsq_linear(factor.T, right, (np.where(free, low, -1e-300), np.where(free, high, 1e-300)), tol=1e-12).x
     step = step / size
     return step, float(2.0 * slope @ step - step @ information @ step)
+
+
+def linearised(problem: Problem, model: Model, own: Sequence[np.ndarray], found: Fit) -> tuple[np.ndarray, np.ndarray, float]:
+    """Information, gradient and sum of squares of a model, residuals weighed as in another fit of the same records."""
+    return _whole(model, own, _sums(problem, model, own, whiteners(problem, found.model, found.noise)))
 
 
 def covariance(found: Fit) -> np.ndarray:

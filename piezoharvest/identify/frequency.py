@@ -6,13 +6,17 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from piezoharvest.identify.modal_unknowns import linearised, pack, scaled, stable, unpack
 from piezoharvest.identify.modes import ModalFit, Modes
 from piezoharvest.identify.multisine import FrequencyError, MultisineResponse, multisine_response
 from piezoharvest.identify.vector_fitting import vector_fit
 
-__all__ = ["FrequencyError", "ModalFit", "Modes", "MultisineResponse", "fit_modes", "multisine_response", "select_modes"]
-_LEAST_DAMPING = 1e-4
+__all__ = [
+    "FrequencyError", "ModalFit", "Modes", "MultisineResponse", "fit_modes", "multisine_response", "select_modes",
+]  # fmt: skip
 _STEPS = 60
+_SPARE, _FEW = 4, 600  # poles of the start beyond the modes, and lines that choose its delay
+_DELAYS = (0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0)  # of the start, by the highest angular frequency
 
 
 def fit_modes(
@@ -45,22 +49,22 @@ def fit_modes(
     # Scaled to the order of 1: frequencies by the highest, responses by their rms.
     top, size = 2 * np.pi * frequency[-1], float(np.sqrt(np.mean(np.abs(weight * response) ** 2)))
     s, target = 2j * np.pi * frequency / top, weight * response / size
-    model = _scaled(start, top) if isinstance(start, Modes) else _start(s, response, weight, start)
-    x, (ny, nu) = _pack(model), response.shape[1:]
-    misfit, jacobian = _linearised(s, target, weight / size, x, ny, nu)
+    model = scaled(start, top) if isinstance(start, Modes) else _start(s, response, weight, start)
+    x, (ny, nu) = pack(model), response.shape[1:]
+    misfit, jacobian = linearised(s, target, weight / size, x, ny, nu)
     damping, cost = 1e-3, _square(misfit)
     for _ in range(_STEPS):
         normal, gradient = jacobian.T @ jacobian, jacobian.T @ misfit
         while True:
-            trial = _stable(x + _solve(normal, gradient, damping), ny, nu)
-            reached = _square(target - weight / size * _unpack(trial, ny, nu).response(s.imag / (2 * np.pi)))
+            trial = stable(x + _solve(normal, gradient, damping), ny, nu)
+            reached = _square(target - weight / size * unpack(trial, ny, nu).response(s.imag / (2 * np.pi)))
             if reached < cost or damping > 1e6:
                 break
             damping *= 4
         if reached >= cost:
             break
         gain, x, cost, damping = 1 - reached / cost, trial, reached, max(damping / 5, 1e-9)
-        misfit, jacobian = _linearised(s, target, weight / size, x, ny, nu)
+        misfit, jacobian = linearised(s, target, weight / size, x, ny, nu)
         if gain < 1e-6:
             break
     return _result(x, top, jacobian, misfit, float(np.sqrt(cost / _square(target))), ny, nu)
@@ -112,87 +116,28 @@ def _check(frequency: np.ndarray, response: np.ndarray, start: int | Modes) -> N
 
 
 def _start(s: np.ndarray, response: np.ndarray, weight: np.ndarray, number: int) -> Modes:
-    """Vector fit with some poles to spare, of which the rank-one parts that weigh most stay."""
-    delay = _delay(s, response)
-    flat = (response * np.exp(s * delay)[:, None, None]).reshape(len(s), -1)
-    size = np.sqrt(np.mean(np.abs(flat) ** 2))
+    """Vector fits with some poles to spare and several delays; of the best, the rank-one parts that weigh most."""
+    flat = response.reshape(len(s), -1) / np.sqrt(np.mean(np.abs(response) ** 2))
+    few = slice(None, None, max(len(s) // _FEW, 1))
     # The lowest is where a tenth of the lines is below: vector fitting would put poles where there is nothing else.
-    centres = np.linspace(s[len(s) // 10].imag, 1.0, number + 4)
-    poles, residues = vector_fit(s, flat / size, -0.01 * centres + 1j * centres)
-    found = []
-    for pole, residue in zip(poles, residues * size, strict=True):
+    centres = np.linspace(s[len(s) // 10].imag, 1.0, number + _SPARE)
+    poles = -0.01 * centres + 1j * centres
+    tried = {delay: vector_fit(s[few], flat[few] * np.exp(s[few] * delay)[:, None], poles, 8) for delay in _DELAYS}
+    delay = min(tried, key=lambda delay: tried[delay].error)
+    fit = vector_fit(s, flat * np.exp(s * delay)[:, None], tried[delay].poles[np.imag(tried[delay].poles) > 0], 8)
+    size, found = np.sqrt(np.mean(np.abs(response) ** 2)), []
+    for pole, residue in zip(fit.poles, fit.residues * size, strict=True):
         if pole.imag == 0:
             continue
         left, values, right = np.linalg.svd(residue.reshape(response.shape[1:]))
         c, b = values[0] * left[:, 0], right[0]
         lines = np.outer(c, b) / (s - pole)[:, None, None]
         found.append((float(np.linalg.norm(weight * lines)), pole, c, b))
+    if len(found) < number:
+        raise FrequencyError(f"response: found {len(found)} resonances, allowed are no fewer than modes ({number})")
     kept = sorted(sorted(found, key=lambda one: -one[0])[:number], key=lambda one: abs(one[1]))
     _, p, c, b = (np.array(part) for part in zip(*kept, strict=True))
-    direct = np.zeros(response.shape[1:])
-    return Modes(poles=p, outputs=c, inputs=b, direct=direct, delay=delay)
-
-
-def _delay(s: np.ndarray, response: np.ndarray) -> float:
-    """Delay from the phase of the determinant, or of the mean, below the lowest mode."""
-    low = response[: max(len(s) // 10, 3)]
-    phase = np.unwrap(np.angle(low * np.exp(-1j * np.angle(low[0]))), axis=0)
-    weight = np.abs(low)
-    x = s[: len(low)].imag[:, None, None]
-    slope = (weight * (x - x.mean()) * phase).sum() / (weight * (x - x.mean()) ** 2).sum()
-    return float(max(-slope, 0.0))
-
-
-def _linearised(
-    s: np.ndarray, target: np.ndarray, weight: np.ndarray, x: np.ndarray, ny: int, nu: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted misfit and the derivatives of the prediction: real parts, then imaginary; (2 f y u, ...)."""
-    model = _unpack(x, ny, nu)
-    lag = weight * np.exp(-s * model.delay)[:, None, None]
-    halves = [
-        _derivatives(s, *terms)
-        for terms in (
-            (model.poles, model.outputs, model.inputs),
-            (model.poles.conj(), model.outputs.conj(), model.inputs.conj()),
-        )
-    ]
-    real, imaginary = halves[0] + halves[1], 1j * (halves[0] - halves[1])
-    modal = np.stack((real, imaginary), axis=-1).reshape(len(s), ny, nu, -1) * lag[..., None]
-    direct = np.eye(ny * nu).reshape(ny, nu, -1) * lag[..., None]
-    predicted = weight * model.response(s.imag / (2 * np.pi))
-    columns = (modal, direct, (-s[:, None, None] * predicted)[..., None])
-    misfit, jacobian = (target - predicted).ravel(), np.concatenate(columns, axis=-1).reshape(target.size, -1)
-    return np.concatenate((misfit.real, misfit.imag)), np.concatenate((jacobian.real, jacobian.imag))
-
-
-def _derivatives(s: np.ndarray, p: np.ndarray, c: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Of c b'/(s - p) by p, c and b, mode by mode; (f, y, u, n (1 + y + u))."""
-    factor = 1 / (s[:, None] - p)
-    ny, nu = c.shape[1], b.shape[1]
-    by_pole = np.einsum("fk,ki,kj->fijk", factor**2, c, b)[..., None]
-    by_output = np.einsum("fk,im,kj->fijkm", factor, np.eye(ny), b)
-    by_input = np.einsum("fk,ki,jm->fijkm", factor, c, np.eye(nu))
-    return np.concatenate((by_pole, by_output, by_input), axis=-1).reshape(len(s), ny, nu, -1)
-
-
-def _pack(model: Modes) -> np.ndarray:
-    """Unknowns as real numbers: of each mode p, c, b as real and imaginary parts, then D and the delay."""
-    modal = np.column_stack((model.poles, model.outputs, model.inputs)).ravel()
-    return np.concatenate((modal.view(float), model.direct.ravel(), [model.delay]))
-
-
-def _unpack(x: np.ndarray, ny: int, nu: int) -> Modes:
-    modal = x[: -ny * nu - 1].copy().view(complex).reshape(-1, 1 + ny + nu)
-    direct = x[-ny * nu - 1 : -1].reshape(ny, nu)
-    return Modes(poles=modal[:, 0], outputs=modal[:, 1 : 1 + ny], inputs=modal[:, 1 + ny :], direct=direct, delay=x[-1])
-
-
-def _stable(x: np.ndarray, ny: int, nu: int) -> np.ndarray:
-    """Every pole in the stable half plane, every b of norm 1."""
-    m = _unpack(x, ny, nu)
-    p = np.minimum(m.poles.real, -_LEAST_DAMPING * np.abs(m.poles)) + 1j * np.abs(m.poles.imag)
-    norm = np.linalg.norm(m.inputs, axis=1, keepdims=True)
-    return _pack(Modes(poles=p, outputs=m.outputs * norm, inputs=m.inputs / norm, direct=m.direct, delay=m.delay))
+    return Modes(poles=p, outputs=c, inputs=b, direct=fit.direct.reshape(response.shape[1:]) * size, delay=delay)
 
 
 def _solve(normal: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:
@@ -208,27 +153,22 @@ def _result(
     x: np.ndarray, top: float, jacobian: np.ndarray, misfit: np.ndarray, error: float, ny: int, nu: int
 ) -> ModalFit:
     """In Hz and the response's unit, with White's standard errors of frequencies and dampings."""
-    model = _unpack(x, ny, nu)
+    model = unpack(x, ny, nu)
     scale = np.linalg.norm(jacobian, axis=0)
     jacobian = jacobian / scale
     inverse = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True) / scale[:, None]
-    scores = sum(part for part in np.split(jacobian * misfit[:, None], 2))
+    scores = np.add(*np.split(jacobian * misfit[:, None], 2))
     poles = np.arange(len(model.poles))[:, None] * 2 * (1 + ny + nu) + np.arange(2)
     rows = inverse[poles.ravel()]
     spread = (rows @ (scores.T @ scores) @ rows.T).reshape(len(poles), 2, len(poles), 2)
     spread = np.array([spread[k, :, k] for k in range(len(poles))])
-    p, size = model.poles, np.abs(model.poles)
-    of_size = np.column_stack((p.real, p.imag)) / size[:, None]
-    of_damping = np.column_stack((-(p.imag**2), p.real * p.imag)) / size[:, None] ** 3
+    real, imaginary, size = np.real(model.poles), np.imag(model.poles), np.abs(model.poles)
+    of_size = np.column_stack((real, imaginary)) / size[:, None]
+    of_damping = np.column_stack((-(imaginary**2), real * imaginary)) / size[:, None] ** 3
     std = [np.sqrt(np.einsum("ki,kij,kj->k", g, spread, g)) for g in (of_size, of_damping)]
     return ModalFit(
-        modes=_scaled(model, 1 / top), error=error, frequencies_std=std[0] * top / (2 * np.pi), dampings_std=std[1]
+        modes=scaled(model, 1 / top), error=error, frequencies_std=std[0] * top / (2 * np.pi), dampings_std=std[1]
     )
-
-
-def _scaled(m: Modes, top: float) -> Modes:
-    """With frequencies divided by `top`."""
-    return Modes(poles=m.poles / top, outputs=m.outputs / top, inputs=m.inputs, direct=m.direct, delay=m.delay * top)
 
 
 def _square(values: np.ndarray) -> float:

@@ -9,10 +9,11 @@ import numpy as np
 
 from piezoharvest.identify.data import Data, data_of
 from piezoharvest.identify.fit import Fit, Problem, covariance, fit
+from piezoharvest.identify.gain import gain_of
 from piezoharvest.identify.identifiable import combination, experiment, undetermined
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.responses import FrequencyData
-from piezoharvest.identify.sums import Model, gain_of, residual_blocks
+from piezoharvest.identify.sums import Model, residual_blocks
 from piezoharvest.predict.parameters import Parameter, parameters_of, value_at
 from piezoharvest.predict.prediction import Prediction
 from piezoharvest.records.campaign import Campaign
@@ -143,11 +144,11 @@ def identify(campaign: Campaign, tell: Tell = lambda text: None, offsets: Sequen
     nominal = _with_nominal(first.model.transducer, campaign.transducer, [parameters[k] for k in fixed])
     last = fit(problem, replace(first.model, transducer=nominal, parameters=tuple(kept)), first.own, first.noise, tell=tell, rounds=1)
     estimates = _estimates(campaign.transducer, parameters, first, fixed, last)
-    judged = [*_judged(data, last), *_validated(campaign, last, tuple(offsets), tell)]
+    shown = [*judged(data, last), *_validated(campaign, last, tuple(offsets), tell)]
     return Identification(
         campaign, last.model.transducer, tuple(estimates),
-        _together([r for r in judged if r.role == "fit"]), _together([r for r in judged if r.role == "validate"]),
-        tuple(judged), last.noise, last.converged, last.message, last, tuple(offsets),
+        together([r for r in shown if r.role == "fit"]), together([r for r in shown if r.role == "validate"]),
+        tuple(shown), last.noise, last.converged, last.message, last, tuple(offsets),
     )  # fmt: skip
 
 
@@ -182,18 +183,19 @@ def _validated(campaign: Campaign, last: Fit, offsets: tuple[str, ...], tell: Te
     problem = Problem(data, campaign.transducer, offsets)
     sigma = {**problem.noise().sigma, **last.noise.sigma}
     model = replace(last.model, parameters=())
-    return _judged(data, fit(problem, model, None, Noise(sigma), estimate_noise=False, tell=tell))
+    return judged(data, fit(problem, model, None, Noise(sigma), estimate_noise=False, tell=tell))
 
 
-def _judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuality]:
-    judged = []
+def judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuality]:
+    """Residuals of each record."""
+    each_record = []
     for each, own in zip(data, found.own, strict=True):
         if isinstance(each, FrequencyData):
             value, _ = each.response(replace(found.model, parameters=()))
             rms = float(np.sqrt(np.mean(np.abs(each.record.response - value) ** 2)))
             noise = found.noise.sigma[each.name] * float(np.sqrt(2 * np.mean(np.abs(each.record.response) ** 2)))
             output = f"{each.record.output}/{each.record.input}"
-            judged.append(RecordQuality(each.name, each.role, Quality({output: rms}, {output: noise}), {}))
+            each_record.append(RecordQuality(each.name, each.role, Quality({output: rms}, {output: noise}), {}))
             continue
         squares, count = np.zeros(len(each.channels)), 0
         for _, _, residual, _ in residual_blocks(replace(found.model, parameters=()), each, own, False):
@@ -202,8 +204,8 @@ def _judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQual
         rms = dict(zip(each.channels, np.sqrt(squares / count).tolist(), strict=True))
         names = Problem([each], found.model.transducer, found.model.offset_channels).own_names(found.model, each)
         own_values = dict(zip(names, own.tolist(), strict=True))
-        judged.append(RecordQuality(each.name, each.role, Quality(rms, _expected(each, found)), own_values))
-    return judged
+        each_record.append(RecordQuality(each.name, each.role, Quality(rms, _expected(each, found)), own_values))
+    return each_record
 
 
 def _expected(data: Data, found: Fit) -> dict[str, float]:
@@ -215,7 +217,7 @@ def _expected(data: Data, found: Fit) -> dict[str, float]:
     return dict(zip(data.channels, np.sqrt(passed + own).tolist(), strict=True))
 
 
-def _together(records: Sequence[RecordQuality]) -> Quality:
+def together(records: Sequence[RecordQuality]) -> Quality:
     """Root mean squares over records."""
 
     def mean(which: str) -> dict[str, float]:

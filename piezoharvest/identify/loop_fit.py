@@ -162,13 +162,17 @@ class LoopFit(Loop):
         if len(self.unseen):
             shown = ", ".join(f"{r:.3g}" for r in self.unseen)
             instead = "slope + their weights" if self.kind == "stop" else "offset alone"
-            found.append(f"weights of the thresholds {shown}: beyond half the input range; seen is {instead}; {more}")
+            where = f"weights of the thresholds {shown}: beyond half the input range"
+            found.append(f"{where}; seen is {instead}; {more}")
         if self.slope_std > 0.5 * self.slope:
             found.append(
-                f"slope: found {self.slope:.3g} +- {self.slope_std:.3g}, seen is its sum with the narrowest threshold's "
-                "weight; more samples after each reversal, or a lower frequency, would tell"
+                f"slope: found {self.slope:.3g} +- {self.slope_std:.3g}, seen is its sum with the narrowest "
+                "threshold's weight; more samples after each reversal, or a lower frequency, would tell"
             )
         for r, w, std in zip(self.thresholds, self.weights, self.weights_std, strict=True):
             if std > 0.5 * w:
-                found.append(f"weight of the threshold {r:.3g}: found {w:.3g} +- {std:.3g}, no better than its neighbours'")
+                found.append(
+                    f"weight of the threshold {r:.3g}: found {w:.3g} +- {std:.3g}, seen is its sum with the "
+                    "neighbours'; loops of amplitudes near the threshold would tell"
+                )
         return tuple(found)

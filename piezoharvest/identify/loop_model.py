@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from piezoharvest.identify.loop_fit import Kind
 from piezoharvest.identify.memory import initial_states, plays
 
 LIMIT = 0.999  # of half the input range: thresholds above are not seen
@@ -25,7 +26,7 @@ class LoopData:
 
     signal: np.ndarray
     output: np.ndarray
-    kind: str
+    kind: Kind
     virgin: bool
 
     @property
@@ -61,7 +62,7 @@ class Shape:
         return np.column_stack((np.ones(len(outputs)), data.signal, operators))
 
     def derivatives(self, data: LoopData, weights: np.ndarray) -> np.ndarray:
-        """Derivatives of the prediction by thresholds and turns, (samples, 2 n), or (samples, n) from the virgin state."""
+        """Derivatives of the prediction by thresholds and turns, (samples, 2 n); by thresholds where `virgin`."""
         found = plays(data.signal, self.thresholds, self.states(data))
         signed = weights if data.kind == "play" else -weights
         if data.virgin:
@@ -91,15 +92,30 @@ def convex_fit(design: np.ndarray, output: np.ndarray, free: int = 1) -> np.ndar
     scale[scale == 0] = 1.0
     size = float(np.linalg.norm(output)) or 1.0
     # The triangular factor holds all that the samples say, and keeps the problem small.
-    factor = np.linalg.qr(np.column_stack((design / scale, output / size)), mode="r")
+    factor = np.asarray(np.linalg.qr(np.column_stack((design / scale, output / size)), mode="r"))
+    matrix, right = factor[:, :-1], factor[:, -1]
     x = cvxpy.Variable(design.shape[1])
-    misfit = cvxpy.sum_squares(factor[:, :-1] @ x - factor[:, -1])
+    misfit = cvxpy.sum_squares(matrix @ x - right)
     cvxpy.Problem(cvxpy.Minimize(misfit), [x[free:] >= 0]).solve(solver=cvxpy.CLARABEL)
-    # An interior point is not on the bounds: the last step is the plain least squares of what is above them.
-    found = np.asarray(x.value)
-    active = (np.arange(len(found)) < free) | (found > 1e-7 * np.abs(found).max())
-    solution = np.zeros(len(found))
-    solution[active] = np.linalg.lstsq(factor[:, :-1][:, active], factor[:, -1])[0]
-    if np.any(solution[free:] < 0):
-        solution = np.concatenate((found[:free], np.maximum(found[free:], 0.0)))
-    return solution * size / scale
+    return _on_bounds(matrix, right, np.asarray(x.value), free) * size / scale
+
+
+def _on_bounds(matrix: np.ndarray, right: np.ndarray, near: np.ndarray, free: int) -> np.ndarray:
+    """The solution that an interior point is near to, which is on some of the bounds: by pivoting, a few at most.
+
+    Kept where the conditions of Kuhn and Tucker hold: nothing below its bound, and no gradient away from it.
+    """
+    bounded = np.arange(len(near)) >= free
+    active = ~bounded | (near > 1e-7 * np.abs(near).max())
+    for _ in range(3 * len(near)):
+        solution = np.zeros(len(near))
+        solution[active] = np.linalg.lstsq(matrix[:, active], right)[0]
+        below = bounded & (solution < 0)
+        if below.any():
+            active[np.argmin(np.where(bounded, solution, np.inf))] = False
+            continue
+        gradient = np.where(active, -np.inf, matrix.T @ (right - matrix @ solution))
+        if gradient.max() < 1e-12:
+            return solution
+        active[np.argmax(gradient)] = True
+    return np.where(bounded, np.maximum(near, 0.0), near)

@@ -66,7 +66,8 @@ def _fit(data: LoopData, shape: Shape, unseen: np.ndarray, placed: bool) -> Loop
     jacobian = np.hstack((design, derivatives if placed else derivatives[:, n:]))
     std = np.sqrt(np.diag(covariance(jacobian, residual)))
     return LoopFit(
-        kind=data.kind, offset=float(linear[0]), slope=float(linear[1]), thresholds=shape.thresholds, weights=linear[2:],
+        kind=data.kind, offset=float(linear[0]), slope=float(linear[1]),
+        thresholds=shape.thresholds, weights=linear[2:],
         offset_std=float(std[0]), slope_std=float(std[1]), weights_std=std[2 : 2 + n],
         thresholds_std=std[2 + n : 2 + 2 * n] if placed else np.zeros(n), states=shape.states(data),
         rms=float(np.sqrt(np.mean(residual**2))), noise=noise_floor(data.output), excited=data.excited, unseen=unseen,

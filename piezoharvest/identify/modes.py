@@ -41,7 +41,7 @@ class Modes:
     @property
     def dampings(self) -> np.ndarray:
         """Damping ratios, (n,)."""
-        return -self.poles.real / np.abs(self.poles)
+        return -np.real(self.poles) / np.abs(self.poles)
 
     def response(self, frequency: np.ndarray) -> np.ndarray:
         """Frequency response at frequencies in Hz, (f, y, u) of complex."""

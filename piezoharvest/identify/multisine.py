@@ -87,7 +87,8 @@ def multisine_response(inputs: np.ndarray, outputs: np.ndarray, sample_rate: flo
     gain = np.real(np.diagonal(np.linalg.inv(u @ u.conj().swapaxes(1, 2)), axis1=1, axis2=2))
     return MultisineResponse(
         frequency=lines * sample_rate / samples, response=response,
-        noise=np.sqrt(noise[:, :, None] / periods * gain[:, None, :]), total=np.sqrt(total[:, :, None] * gain[:, None, :]),
+        noise=np.sqrt(noise[:, :, None] / periods * gain[:, None, :]),
+        total=np.sqrt(total[:, :, None] * gain[:, None, :]),
         noise_level=np.sqrt(2 * noise), distortion_level=np.sqrt(2 * np.maximum(distortion, 0.0)),
         transient=_transient(outputs),
     )  # fmt: skip
@@ -98,15 +99,17 @@ def _detected(spectra: np.ndarray, lines: np.ndarray, noise: np.ndarray) -> np.n
     quiet = np.setdiff1d(np.arange(lines[0], lines[-1]), lines)
     if len(quiet) == 0:
         return np.full(noise.shape, np.nan)
-    power = _smooth((np.abs(spectra[quiet].mean(-1)) ** 2).mean(-1))
+    # Over the same band as elsewhere, in which there are fewer of these lines.
+    size = max(_SMOOTHED * len(quiet) // (len(lines) + len(quiet)), 1)
+    power = _smooth((np.abs(spectra[quiet].mean(-1)) ** 2).mean(-1), size)
     at_lines = [np.interp(lines, quiet, column) for column in power.T]
     return np.stack(at_lines, axis=1) - noise
 
 
-def _smooth(power: np.ndarray) -> np.ndarray:
+def _smooth(power: np.ndarray, size: int = _SMOOTHED) -> np.ndarray:
     from scipy.ndimage import uniform_filter1d
 
-    return uniform_filter1d(power, min(_SMOOTHED, len(power)), axis=0, mode="nearest")
+    return uniform_filter1d(power, min(size, len(power)), axis=0, mode="nearest")
 
 
 def _transient(outputs: np.ndarray) -> np.ndarray:
@@ -119,15 +122,17 @@ def _transient(outputs: np.ndarray) -> np.ndarray:
 
 def _checked(inputs: np.ndarray, outputs: np.ndarray, skip: int) -> tuple[np.ndarray, np.ndarray]:
     inputs, outputs = (np.asarray(values, float) for values in (inputs, outputs))
-    if inputs.ndim != 4 or outputs.ndim != 4 or np.delete(inputs.shape, 1).tolist() != np.delete(outputs.shape, 1).tolist():
+    kept = [shape[:1] + shape[2:] for shape in (inputs.shape, outputs.shape)]
+    if inputs.ndim != 4 or outputs.ndim != 4 or kept[0] != kept[1]:
         shapes = f"found shapes {inputs.shape} and {outputs.shape}"
-        raise FrequencyError(f"inputs and outputs: {shapes}, allowed is (samples, channels, realisations, periods) of both")
+        raise FrequencyError(f"inputs and outputs: {shapes}, allowed is (samples, channels, realisations, periods)")
     inputs, outputs = inputs[..., skip:], outputs[..., skip:]
     for name, values in (("inputs", inputs), ("outputs", outputs)):
         if not np.all(np.isfinite(values)):
-            raise FrequencyError(f"{name}: found {np.sum(~np.isfinite(values))} NaN or infinite values, allowed are none")
+            count = np.sum(~np.isfinite(values))
+            raise FrequencyError(f"{name}: found {count} NaN or infinite values, allowed are none")
     _, sources, realisations, periods = inputs.shape
     if realisations < sources or periods < 2:
         found = f"found {realisations} realisations of {periods} periods for {sources} inputs"
-        raise FrequencyError(f"inputs: {found}, allowed are as many realisations as inputs or more, of 2 periods or more")
+        raise FrequencyError(f"inputs: {found}, allowed are as many realisations as inputs, of 2 periods, or more")
     return inputs, outputs

@@ -77,7 +77,8 @@ def search(data: LoopData, start: Shape, *, move: bool) -> Shape:
         return np.hstack((shape.design(data), derivatives))[:, free] / scale
 
     inner = np.clip(origin, low + 1e-9, high - 1e-9)[free]
-    found = least_squares(residual, inner, jacobian, bounds=(low[free], high[free]), x_scale="jac", max_nfev=60)
+    bounds = (low[free], high[free])
+    found = least_squares(residual, inner, jac=jacobian, bounds=bounds, x_scale="jac", max_nfev=60)  # pyright: ignore[reportArgumentType]
     return parts(found.x)[1]
 
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from piezoharvest.identify.data import Data
+from piezoharvest.identify.gain import gain_of, gain_slopes
 from piezoharvest.identify.noise import Noise
 from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.prediction import Prediction
+from piezoharvest.predict.sensing import sensed
 from piezoharvest.transducer import Transducer
 
 EDGES = np.array([0.0, 0.1, 0.3, 0.6, 1.2, 2.4, 5, 10, 20, 40, 80, 160, 320, 640, 1e9])  # Hz: bands of the colour
@@ -60,17 +63,6 @@ class Model:
         return Prediction(self.transducer, data.setting, self.parameters, own)
 
 
-def gain_of(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> np.ndarray:
-    """Response of the channels to small noise of the drive, operators slipping, (f, channels)."""
-    m = prediction.matrices
-    n, w, first = len(m.A), len(m.kinds), len(m.O) - len(m.channels)
-    s = 2j * np.pi * np.maximum(frequencies, 1e-6 / prediction.setting.sample_time)
-    b = m.B[:, :1] + 0j
-    inner = np.linalg.solve(s[:, None, None] * np.eye(n) - m.A, b + s[:, None, None] * m.B[:, 1:2])[:, :, 0]
-    rows = m.O[[first + m.channels.index(channel) for channel in channels]]
-    return inner @ rows[:, :n].T + rows[:, n + w] + s[:, None] * rows[:, n + w + 1]
-
-
 class Whitener:
     """Makes the spectra of a record's residuals white; it stays as it is while a model is fitted.
 
@@ -84,51 +76,144 @@ class Whitener:
 
     def __init__(self, prediction: Prediction, noise: Noise, data: Data) -> None:
         self._prediction, self._noise, self._data = prediction, noise, data
-        self._matrices: dict[int, np.ndarray] = {}
+        self._matrices: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
-    def of(self, count: int) -> np.ndarray:
-        """Matrices for a block of so many samples, (f, channels, channels)."""
+    def of(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """For a block of so many samples: matrices (f, channels, channels), and squares (f,) of the drive's noise in them."""
         if count not in self._matrices:
             data = self._data
             gain = gain_of(self._prediction, data.channels, np.fft.rfftfreq(count, data.setting.sample_time))
-            covariance = self._noise.covariance(data.channels, data.drive, gain)
-            self._matrices = {count: np.linalg.inv(np.linalg.cholesky(covariance))}
+            white = np.linalg.inv(np.linalg.cholesky(self._noise.covariance(data.channels, data.drive, gain)))
+            self._matrices = {count: (white, _passed(white, gain)[1])}
         return self._matrices[count]
 
     def sums(self, model: Model, own: np.ndarray) -> Sums:
         """Sums of the record for a model.
+
+        The derivatives of a prediction carry the same noise of the drive as its residuals, so that a model that passes on
+        less of it would seem better: what each model is expected to pass on is taken off.
 
         Raises
         ------
         PredictionError
             The model cannot follow the record.
         """
-        parts = [
-            _whitened(residual, slopes, self.of(len(residual)), self._data.setting.sample_time)
-            for _, _, residual, slopes in residual_blocks(model, self._data, own, True)
-        ]
+        h, parts, passed = self._data.setting.sample_time, [], {}
+        for prediction, _, residual, slopes in residual_blocks(model, self._data, own, True):
+            count = len(residual)
+            white, at_first = self.of(count)
+            part = _whitened(residual, slopes, white, h)
+            if self._data.drive in self._noise.sigma:
+                if count not in passed:
+                    passed = {count: self._drive_noise(prediction, count, white, at_first)}
+                gradient, squares = passed[count]
+                part.gradient[:, : gradient.shape[1]] += gradient
+                part.squares[:] -= squares
+            parts.append(part)
         return Sums(*(sum(each) for each in zip(*(vars(part).values() for part in parts), strict=True)))
+
+    def _drive_noise(
+        self, prediction: Prediction, count: int, white: np.ndarray, at_first: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """By bands: expected products of derivatives and passed noise, (bands, p), and its squares beyond those at first."""
+        frequencies = np.fft.rfftfreq(count, self._data.setting.sample_time)
+        gain, slopes = gain_slopes(prediction, self._data.channels, frequencies)
+        power = self._noise.sigma[self._data.drive] ** 2 * components(count)
+        passed, squares = _passed(white, gain)
+        products = np.real(np.einsum("fc,fcp->fp", np.conj(passed), white @ slopes)) * power[:, None]
+        edges = np.minimum(np.searchsorted(frequencies, EDGES), len(frequencies))
+        return _by_bands(products, edges), _by_bands((squares - at_first) * power, edges)
+
+
+def _passed(white: np.ndarray, gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whitened response to the drive, (f, channels), and its squares, (f,)."""
+    passed = (white @ gain[:, :, None])[:, :, 0]
+    return passed, (np.abs(passed) ** 2).sum(axis=1)
+
+
+def _by_bands(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Sums over the first axis from edge to edge."""
+    return np.diff(np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])[edges], axis=0)
+
+
+def components(count: int) -> np.ndarray:
+    """Components of the lines of a real spectrum: two, and one at zero and at half the sample rate."""
+    found = np.full(count // 2 + 1, 2.0)
+    found[0] = 1.0
+    if count % 2 == 0:
+        found[-1] = 1.0
+    return found
+
+
+class Extra(NamedTuple):
+    """An offset or a line in a record, whose size is one of the record's own numbers.
+
+    Attributes
+    ----------
+    name : str
+    gains : (channels,) complex array
+        In which channels, and by how much.
+    frequency : float
+        Hz.
+    effect : int or None
+        The effect that it belongs to.
+    """
+
+    name: str
+    gains: np.ndarray
+    frequency: float
+    effect: int | None
+
+    def columns(self, time: np.ndarray) -> np.ndarray:
+        """What a unit adds to the channels, (samples, channels), complex."""
+        return np.exp(2j * np.pi * self.frequency * time)[:, None] * self.gains
+
+
+def extras(model: Model, data: Data, prediction: Prediction) -> list[Extra]:
+    """Offsets and lines of a record; a line has two, for its two phases."""
+    eye = np.eye(len(data.channels))
+    free = [c for c in data.channels if c in model.offset_channels]
+    found = [Extra(f"{c} offset", eye[data.channels.index(c)], 0.0, None) for c in free]
+    for n, effect in enumerate(model.transducer.effects):
+        for channel in (*data.channels, data.drive):
+            frequency = effect.line(channel)
+            if frequency is None:
+                continue
+            # A line on the measured drive is not in the real one: the prediction has it in all channels.
+            at = np.array([frequency])
+            gains = -gain_of(prediction, data.channels, at)[0] if channel == data.drive else eye[data.channels.index(channel)]
+            found += [Extra(f"{effect.name} {part}", gains * phase, frequency, n) for part, phase in (("cos", 1), ("sin", -1j))]
+    return found
+
+
+def own_names(model: Model, data: Data) -> tuple[str, ...]:
+    """Names of a record's own numbers: states at the start, jumps, offsets, lines."""
+    prediction = Prediction(model.transducer, data.setting)
+    return (*prediction.own_names, *(extra.name for extra in extras(model, data, prediction)))
 
 
 def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool):
-    """Blocks (begin, residuals, derivatives) of a record; `own` ends with the offsets."""
-    offsets = [c for c in data.channels if c in model.offset_channels]
-    count = len(own) - len(offsets)
+    """Blocks (prediction, begin, residuals, derivatives) of a record; `own` as `own_names` names it."""
+    bare = model.prediction(data)
+    more = extras(model, data, bare)
+    count = len(own) - len(more)
     prediction = model.prediction(data, own[:count])
     places = [prediction.channels.index(c) for c in data.channels]
-    shift = np.zeros(len(data.channels))
-    for k, c in enumerate(offsets):
-        shift[data.channels.index(c)] = own[count + k]
+    h, effects = data.setting.sample_time, model.transducer.effects
     for block in prediction.blocks(derivatives):
         end = block.begin + len(block.values)
-        residual = data.values[block.begin : end] - block.values[:, places] - shift
-        if not derivatives:
-            yield prediction, block.begin, residual, None
-            continue
-        more = np.zeros((len(residual), len(data.channels), len(offsets)))
-        for k, c in enumerate(offsets):
-            more[:, data.channels.index(c), k] = 1.0
-        yield prediction, block.begin, residual, np.concatenate([block.derivatives[:, places], more], axis=2)
+        time = (np.arange(block.begin, end) - 0.5 * len(data)) * h
+        columns = [extra.columns(time) for extra in more]
+        predicted, slopes = block.values[:, places], None
+        if derivatives:
+            slopes = np.concatenate([block.derivatives[:, places], *(np.real(c)[:, :, None] for c in columns)], axis=2)
+            for extra, column, size in zip(more, columns, own[count:], strict=True):
+                for k, parameter in enumerate(model.parameters):
+                    if extra.effect is not None and parameter.path == ("effects", extra.effect, "frequency"):
+                        slopes[:, :, k] += size * np.real(2j * np.pi * time[:, None] * column)
+        predicted = predicted + sum((size * np.real(c) for size, c in zip(own[count:], columns, strict=True)), 0.0)
+        predicted, slopes = sensed(effects, model.parameters, data.channels, h, predicted, slopes)
+        yield prediction, block.begin, data.values[block.begin : end] - predicted, slopes
 
 
 def spectra_of(values: np.ndarray) -> np.ndarray:

@@ -1,15 +1,37 @@
 """Vector fitting: common stable poles of several frequency responses, as the start of a fit of modes.
 
-Sources: Gustavsen & Semlyen, IEEE Trans. Power Delivery 14(3), 1052-1061, 1999; Gustavsen, ibid. 21(3), 1587-1592, 2006
-(relaxed); Deschrijver et al., IEEE Microwave and Wireless Components Letters 18(6), 383-385, 2008 (one QR per response).
+Sources: Gustavsen & Semlyen, IEEE Trans. Power Delivery 14(3), 1052-1061, 1999; Gustavsen, ibid. 21(3), 1587-1592,
+2006 (relaxed); Deschrijver et al., IEEE Microwave and Wireless Components Letters 18(6), 383-385, 2008 (one QR a
+response).
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 
-def vector_fit(s: np.ndarray, responses: np.ndarray, poles: np.ndarray, rounds: int = 15) -> tuple[np.ndarray, np.ndarray]:
+class VectorFit(NamedTuple):
+    """Partial fractions that fit several responses.
+
+    Attributes
+    ----------
+    poles : (k,) array of complex
+        One of each pair, and real ones; the number of each may differ from that of the start.
+    residues : (k, m) array of complex
+    direct : (m,) array
+    error : float
+        Norm of the misfit.
+    """
+
+    poles: np.ndarray
+    residues: np.ndarray
+    direct: np.ndarray
+    error: float
+
+
+def vector_fit(s: np.ndarray, responses: np.ndarray, poles: np.ndarray, rounds: int = 15) -> VectorFit:
     """Poles and residues of sum_k R_k/(s - p_k) + D, R and p real or in conjugate pairs, all poles stable.
 
     Parameters
@@ -21,12 +43,6 @@ def vector_fit(s: np.ndarray, responses: np.ndarray, poles: np.ndarray, rounds: 
         Start, one of each conjugate pair with positive imaginary part.
     rounds : int
         Relocations of the poles.
-
-    Returns
-    -------
-    poles : (k,) array of complex
-        One of each pair, and real ones; the number of each may have changed.
-    residues : (k, m) array of complex
     """
     count, poles = len(s), np.asarray(poles, complex)
     for _ in range(rounds):
@@ -35,7 +51,8 @@ def vector_fit(s: np.ndarray, responses: np.ndarray, poles: np.ndarray, rounds: 
         blocks = []
         for response in responses.T:
             rows = _real(np.hstack((own, -response[:, None] * own)))
-            blocks.append(np.linalg.qr(rows, mode="r")[own.shape[1] :, own.shape[1] :])
+            triangle = np.asarray(np.linalg.qr(rows, mode="r"))
+            blocks.append(triangle[own.shape[1] :, own.shape[1] :])
         # Relaxed: the sum of the scaling function's real part is that of 1, instead of its value at infinity.
         size = np.linalg.norm(blocks) / count
         matrix = np.vstack((*blocks, size * own.sum(axis=0).real))
@@ -46,7 +63,8 @@ def vector_fit(s: np.ndarray, responses: np.ndarray, poles: np.ndarray, rounds: 
         poles = _zeros(poles, solution[: shared - 1] / solution[-1])
     rows = _real(np.column_stack((_basis(s, poles), np.ones(count))))
     found = np.linalg.lstsq(rows, _real(responses))[0]
-    return poles, _residues(poles, found)
+    error = float(np.linalg.norm(rows @ found - _real(responses)))
+    return VectorFit(poles, _residues(poles, found), found[-1], error)
 
 
 def _basis(s: np.ndarray, poles: np.ndarray) -> np.ndarray:
@@ -87,4 +105,4 @@ def _residues(poles: np.ndarray, found: np.ndarray) -> np.ndarray:
 
 
 def _real(values: np.ndarray) -> np.ndarray:
-    return np.concatenate((values.real, values.imag))
+    return np.concatenate((np.real(values), np.imag(values)))

@@ -22,19 +22,21 @@ _fast = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", 
 
 @_fast
 def _turning(a, da, b, db, h):
-    """Extreme value between two samples of values a, b and rates da, db, with its derivatives to these four.
+    """First extreme value between two samples of values a, b and rates da, db, with its derivatives to these four.
 
-    On the cubic through them; the first is NaN where there is none inside.
+    On the cubic through them; the value is NaN where there is none inside.
     """
     # p(s) = a + h da s + c2 s^2 + c3 s^3
     c2, c3 = 3.0 * (b - a) - h * (2.0 * da + db), 2.0 * (a - b) + h * (da + db)
-    if da * db >= 0.0:
-        return np.nan, 0.0, 0.0, 0.0, 0.0
     root = c2 * c2 - 3.0 * c3 * h * da
     if root < 0.0:
         return np.nan, 0.0, 0.0, 0.0, 0.0
-    # The root that tends to that of the parabola.
-    s = -h * da / (c2 + math.copysign(math.sqrt(root), c2))
+    # Both roots without cancellation. Of two inside the first one counts: it appears and leaves without a jump of the
+    # path as b and db vary, which Newton needs.
+    q = -(c2 + math.copysign(math.sqrt(root), c2))
+    s, other = h * da / q, q / (3.0 * c3)
+    if not 0.0 < s < 1.0 or 0.0 < other < s:
+        s = other
     if not 0.0 < s < 1.0:
         return np.nan, 0.0, 0.0, 0.0, 0.0
     s2, s3 = s * s, s * s * s
@@ -154,7 +156,7 @@ def _solve(K, slopes, places, J, right):
 
 
 @_fast
-def _find(K, base, limits, kinds, places, before, old, h, relaxed, w, trial, slopes, J, residual):
+def _find(K, base, limits, kinds, places, before, old, h, relaxed, w, trial, slopes, J, residual, sizes):
     """Outputs `w` of the elements and their inputs `trial`, by Newton from `trial`; whether they were found.
 
     base are the inputs but for what the outputs add, K w; `before` and `old` are outputs and inputs a sample ago. With
@@ -176,13 +178,15 @@ def _find(K, base, limits, kinds, places, before, old, h, relaxed, w, trial, slo
                 slopes[j, q] = s[q + 1]
         worst = 0.0
         for r in range(len(base)):
-            total, size = base[r], abs(base[r])
+            total, size = base[r], max(abs(base[r]), sizes[r])
             for j in range(len(w)):
                 total += K[r, j] * w[j]
                 size += abs(K[r, j] * w[j])
             residual[r, 0] = total - trial[r]
             worst = max(worst, abs(residual[r, 0]) / (size + 1e-300))
         if worst < _CLOSE:
+            for r in range(len(base)):
+                sizes[r] = max(sizes[r], abs(trial[r]))
             return True
         _solve(K, slopes, places, J, residual)
         for r in range(len(base)):
@@ -193,7 +197,7 @@ def _find(K, base, limits, kinds, places, before, old, h, relaxed, w, trial, slo
 @_fast
 def march(
     coefficients, bumps, first, share, at_start, h, M, H, O, limits, kinds, places, dM, dH, dO, dlimits,
-    z, w, inputs, dz, dw, dinputs, Y, dY,
+    z, w, inputs, dz, dw, dinputs, local, Y, dY,
 ):  # fmt: skip
     """March over a block of samples.
 
@@ -220,6 +224,8 @@ def march(
     z, w, inputs, dz, dw, dinputs : arrays
         States, outputs and inputs of the elements (then their rates) at the first sample, with their derivatives;
         overwritten by those at the last.
+    local : (elements, 2) array
+        The slopes of the elements to their inputs are added, step after step.
     Y : (samples, outputs) array
     dY : (samples, outputs, parameters) array
         Both written.
@@ -235,6 +241,7 @@ def march(
     old, before, trial, base = inputs.copy(), w.copy(), np.zeros(m), np.zeros(m)
     zl, all_rows, none = np.zeros(n), np.zeros(m + no), np.zeros(nw)
     slopes, J, residual = np.zeros((nw, 7)), np.zeros((m, m)), np.zeros((m, 1))
+    sizes = np.abs(inputs)
     dold, dbefore, dzl, right = dinputs.copy(), dw.copy(), np.zeros(n * P), np.zeros((m, P))
     drows, dturn = np.zeros((m + no) * P), np.zeros(n * P)
     direct = np.ascontiguousarray(O[:m, n : n + nw])
@@ -271,10 +278,13 @@ def march(
             trial[r] = base[r]
             for j in range(nw):
                 trial[r] += K[r, j] * w[j]
-        if not _find(K, base, limits, kinds, places, before, old, h, k < 0, w, trial, slopes, J, residual):
+        if not _find(K, base, limits, kinds, places, before, old, h, k < 0, w, trial, slopes, J, residual, sizes):
             return max(k, 0)
         inputs[:], z[:] = trial, zl
         if k >= 0:
+            for j in range(nw):
+                local[j, 0] += slopes[j, 3]
+                local[j, 1] += slopes[j, 5]
             for r in range(n):
                 for j in range(nw):
                     z[r] += H[r, j] * w[j]

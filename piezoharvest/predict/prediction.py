@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -102,18 +103,27 @@ class Prediction:
         h, share = setting.sample_time, 1.0 / max(setting.count - 1, 1)
         self.share = share
         self.step = step_of(matrices, h, share, setting.first)
-        self.free = self._free_states()
-        self.own_names = tuple(matrices.states[k] for k in self.free) + tuple(f"jump{j}" for j in setting.motion.jumps)
+        jumps = tuple(f"jump{j}" for j in setting.motion.jumps)
+        self.free = self._free_states(None if own is None else len(own) - len(jumps))
+        self.own_names = tuple(matrices.states[k] for k in self.free) + jumps
         self.own = np.zeros(len(self.own_names)) if own is None else own
         self.channels = matrices.channels
+        # Mean slopes of the elements to their inputs, (elements, 2): those of relaxed operators that slip, until a march tells.
+        self.local = np.zeros((len(matrices.kinds), 2))
 
-    def _free_states(self) -> list[int]:
-        """States whose start matters: those that outlast a few samples on their own, the reading apart."""
+    def _free_states(self, count: int | None) -> list[int]:
+        """States whose start matters: those that outlast a few samples on their own, or so many that last longest.
+
+        In a fit the number stays as it was at its start, wherever time constants go.
+        """
         M, n = self.step.M, len(self.step.M)
-        kept = np.linalg.matrix_power(M[:, :n], int(SLOW))
-        return [k for k in range(n) if np.abs(kept[:, k]).max() > 0.05]
+        kept = np.abs(np.linalg.matrix_power(M[:, :n], int(SLOW))).max(axis=0)
+        if count is None:
+            count = int(np.sum(kept > 0.05))
+        return sorted(np.argsort(-kept, kind="stable")[:count].tolist())
 
-    def _slopes(self) -> Step:
+    @cached_property
+    def slopes(self) -> Step:
         """Derivatives of the step to the parameters, by a complex step through all of its making."""
         setting, found = self.setting, []
         for parameter in self.parameters:
@@ -140,14 +150,14 @@ class Prediction:
         from piezoharvest.predict.march import march
 
         matrices, step, setting = self.matrices, self.step, self.setting
-        n, nw, P = len(step.M), len(matrices.kinds), len(self.parameters) + len(self.own_names)
-        slopes = self._slopes() if derivatives else None
+        nw, P = len(matrices.kinds), len(self.parameters) + len(self.own_names)
+        slopes = self.slopes if derivatives else None
         if slopes is None:
             P = 0
             slopes = Step(*(np.zeros((*array.shape, 0)) for array in step))
         m = len(step.O) - len(matrices.channels)
         z, dz = step.start.copy(), slopes.start.copy()
-        states = len(self.free)
+        states, local = len(self.free), np.zeros((nw, 2))
         z[self.free] += self.own[:states] / matrices.scale[self.free]
         if P:
             for j, k in enumerate(self.free):
@@ -159,8 +169,7 @@ class Prediction:
         coefficients[jumps, 2] -= 6.0 * self.own[states:]
         arrays = [np.ascontiguousarray(a) for a in (step.M, step.H, step.O)]
         limits = np.ascontiguousarray(np.real(matrices.parameters))
-        # Column by column, the derivatives of all rows side by side: long loops in the march.
-        tangents = [np.ascontiguousarray(a.transpose(1, 0, 2)).reshape(a.shape[1], -1) for a in (slopes.M, slopes.H, slopes.O)]
+        tangents = [_by_columns(array) for array in (slopes.M, slopes.H, slopes.O)]
         for begin in range(0, setting.count - 1, size):
             end = min(begin + size, setting.count - 1)
             Y, dY = np.empty((end - begin + 1, len(matrices.channels))), np.empty((end - begin + 1, len(matrices.channels), P))
@@ -168,12 +177,19 @@ class Prediction:
             bumps = np.column_stack([jumps[inside] - begin, len(self.parameters) + states + inside]).astype(np.int64)
             failed = march(
                 coefficients[begin:end], bumps, begin * self.share, self.share, begin == 0, setting.sample_time,
-                *arrays, limits, matrices.kinds, matrices.places, *tangents, slopes.limits, z, w, inputs, dz, dw, dinputs, Y, dY,
+                *arrays, limits, matrices.kinds, matrices.places, *tangents, slopes.limits, z, w, inputs, dz, dw, dinputs, local, Y, dY,
             )  # fmt: skip
             if failed >= 0 or not np.all(np.isfinite(Y)):
                 raise PredictionError(f"no solution at sample {begin + max(failed, 0) + 1}")
             first = 0 if begin == 0 else 1
+            self.local = local / end
             yield Block(begin + first, Y[first:], dY[first:])
+
+
+def _by_columns(slopes: np.ndarray) -> np.ndarray:
+    """Column by column, the derivatives of all rows side by side: long loops in the march."""
+    rows, columns, parameters = slopes.shape
+    return np.ascontiguousarray(slopes.transpose(1, 0, 2)).reshape(columns, rows * parameters)
 
 
 def _magnified(matrices: Matrices) -> Matrices:

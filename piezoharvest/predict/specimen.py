@@ -226,6 +226,11 @@ class Specimen:
         specimen = sum(mode.force_participation * x for mode, (x, _, _) in zip(modes, self._motion, strict=True))
         self._reading = specimen + sum(self._read)
         for n, time_constant in enumerate(self._lags):
+            if np.real(time_constant) == 0:
+                # To first order a lag takes the velocity off; a derivative asks for no more.
+                velocity = sum(mode.force_participation * u for mode, (_, u, _) in zip(modes, self._motion, strict=True))
+                self._reading = self._reading - time_constant * velocity
+                continue
             z, dz = self.state(f"reading{n}", modes[0].stiffness)
             self.equation(time_constant * dz + z - self._reading)
             self._reading = z

@@ -48,12 +48,14 @@ class Spectra:
             window = hann(n, sym=False)
             # Without mean and trend; what is left of them is in the lowest lines, which nobody looks at.
             ramp = np.linspace(-1.0, 1.0, n)
-            trend = 3.0 * np.mean(ramp * values) * (n - 1) / (n + 1)
+            trend = 3.0 * np.dot(ramp, values) / n * (n - 1) / (n + 1)
             ramp *= -trend
             ramp += values
             ramp -= np.mean(values)
             ramp *= window
-            self._kept[channel] = rfft(ramp, self._padded) * (2 / window.sum())
+            spectrum = rfft(ramp, self._padded)
+            spectrum *= 2 / window.sum()
+            self._kept[channel] = spectrum
         return self._kept[channel]
 
     def lines(self, spectrum: np.ndarray) -> np.ndarray:

@@ -6,11 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from piezoharvest.report import style
 from reports.actuators import mirror, stack
 from reports.actuators.data import LEVELS, STACK_RATE, minor_loops, sine
-from reports.actuators.results import comparison
+from reports.actuators.results import comparison, hysteretic_shifts
 
 _MEASURED = {"color": style.MUTED, "linewidth": 3.0, "alpha": 0.45}
 _COLOURS = style.PALETTE
@@ -25,13 +26,13 @@ def loops() -> Figure:
     fitted = fit.predict(first.voltage[settled], fit.states)
     parts = (
         ("fitted: 1 Hz sine, a cycle", first.voltage[settled], first.displacement[settled], fitted, slice(2000, 2201)),
-        ("predicted: shrinking loops", second.voltage, second.displacement, fit.predict(second.voltage), slice(2900, 3900)),
+        ("predicted: shrinking loops", *second[:2], fit.predict(second.voltage), slice(2900, 3900)),
     )
     for ax, (title, voltage, measured, predicted, rows) in zip(axes, parts, strict=True):
         ax.plot(voltage[rows], measured[rows] - measured[rows].mean(), label="measured", **_MEASURED)
-        ax.plot(voltage[rows], (predicted - measured[rows].mean())[rows], label="P-I", color=_COLOURS[1], linewidth=1.0)
+        ax.plot(voltage[rows], predicted[rows] - predicted[rows].mean(), label="P-I", color=_COLOURS[1], linewidth=1.0)
         ax.set(title=title, xlabel="control voltage in V")
-    axes[0].set_ylabel("displacement in µm")
+    axes[0].set_ylabel("displacement from its mean in µm")
     axes[0].legend(loc="upper left")
     return figure
 
@@ -43,9 +44,9 @@ def minor() -> Figure:
     record, errors = minor_loops(), stack.prediction_errors()
     window = stack.WINDOWS["without inverse"]
     time = np.arange(window.start, window.stop) / STACK_RATE
-    centre = record.displacement[window].mean()
-    axes[0].plot(time, record.displacement[window] - centre, label="measured", **_MEASURED)
-    axes[0].plot(time, (record.displacement - errors)[window] - centre, label="predicted from the sine", color=_COLOURS[1])
+    measured, predicted = record.displacement[window], (record.displacement - errors)[window]
+    axes[0].plot(time, measured - measured.mean(), label="measured", **_MEASURED)
+    axes[0].plot(time, predicted - predicted.mean(), label="predicted from the sine", color=_COLOURS[1], linewidth=1.0)
     axes[0].set_ylabel("displacement in µm")
     axes[0].legend(loc="upper left")
     error = errors[window] - errors[window].mean()
@@ -88,15 +89,17 @@ def breakdown() -> Figure:
         values = [step.windows[n] for step in steps]
         axes[0].barh(place + 0.2 - 0.4 * n, values, height=0.36, color=_COLOURS[n], label=f"window {name}")
     axes[0].axvline(stack.PAPER["with the paper's inverse"], color=style.LIMIT, linewidth=1.0)
-    axes[0].text(0.57, 4.42, "paper", color=style.LIMIT, ha="right", fontsize=8)
+    words = {"color": style.LIMIT, "ha": "right", "va": "center", "rotation": 90, "fontsize": 8}
+    axes[0].text(0.575, 2.0, "tracking error of the paper", **words)
     axes[0].axvline(stack.repeat_noise(), color=style.INK, linestyle=":", linewidth=1.0)
     axes[0].text(0.08, -0.52, "noise", fontsize=8)
     names = ["P-I from the sine", "P-I, more data", "+ lag", "+ asymmetry", "+ creep"]
     axes[0].set_yticks(place, names)
     axes[0].set(xlabel="error in the windows in µm rms, mean removed", xlim=(0, 0.62), ylim=(4.75, -0.75))
-    axes[0].legend(loc="lower right", fontsize=7.5)
+    style.legend_above(figure, axes[0].get_legend_handles_labels()[0])
     lags = np.linspace(0.0005, 0.025, 13)
-    for name, values, colour in zip(("sine alone", "with minor loops"), stack.lag_profile(lags), _COLOURS, strict=False):
+    names = ("sine alone", "with minor loops")
+    for name, values, colour in zip(names, stack.lag_profile(lags), _COLOURS, strict=False):
         axes[1].plot(lags * 1e3, values, color=colour, label=name)
     axes[1].set(xlabel="lag in ms", ylabel="rms of the fit in µm", ylim=(0.28, 0.46))
     axes[1].legend(loc="upper center")
@@ -105,17 +108,22 @@ def breakdown() -> Figure:
 
 @style.styled
 def responses() -> Figure:
-    """Own responses of the three corners, with noise and distortion."""
-    figure, axes = style.grid_of_axes(3, height=6.6, sharex=True, sharey=True)
-    for j, ax in enumerate(axes):
+    """Two of the nine responses, with noise and distortion, and the first resonances of one from near."""
+    figure, axes = style.grid_of_axes(3, height=6.6)
+    for ax, (j, low, high) in zip(axes, ((1, 0, 3000), (0, 600, 1050), (1, 1270, 1500)), strict=True):
         for n, level in enumerate(LEVELS):
             r, colour = mirror.response(level), _COLOURS[n]
-            ax.plot(r.frequency, np.abs(r.response[:, j, j]) * 1e6, color=colour, linewidth=0.8, label=f"{level} mV")
-            ax.plot(r.frequency, r.total[:, j, j] * 1e6, color=colour, linewidth=0.6, linestyle=(0, (4, 1.5)))
-            ax.plot(r.frequency, r.noise[:, j, j] * 1e6, color=colour, linewidth=0.6, linestyle=":")
-        ax.set(yscale="log", ylabel=f"|G| {j + 1}{j + 1} in µm/V", ylim=(4e-4, 300))
-    axes[0].legend(loc="upper left", ncols=3, title="level; — response, - - noise and distortion, ··· noise alone", fontsize=8)
-    axes[-1].set(xlabel="frequency in Hz", xlim=(0, 3000))
+            seen = (r.frequency >= low) & (r.frequency <= high)
+            x = r.frequency[seen]
+            ax.plot(x, np.abs(r.response[seen, j, j]) * 1e6, color=colour, linewidth=0.8, label=f"{level} mV")
+            ax.plot(x, r.total[seen, j, j] * 1e6, color=colour, linewidth=0.7, linestyle=(0, (4, 1.5)))
+            ax.plot(x, r.noise[seen, j, j] * 1e6, color=colour, linewidth=0.7, linestyle=":")
+        ax.set(yscale="log", ylabel=f"|G| {j + 1}{j + 1} in µm/V", xlim=(low, high))
+    handles = axes[0].get_legend_handles_labels()[0]
+    for dashes, name in (("-", "response"), ((0, (4, 1.5)), "noise and distortion"), (":", "noise alone")):
+        handles.append(Line2D([], [], color=style.INK, linewidth=0.9, linestyle=dashes, label=name))
+    style.legend_above(figure, handles, columns=6)
+    axes[-1].set(xlabel="frequency in Hz")
     return figure
 
 
@@ -127,9 +135,12 @@ def fits() -> Figure:
     r, modes = mirror.response(200), mirror.fits(number)[200].modes
     modelled = modes.response(r.frequency)
     axes[0].plot(r.frequency, np.abs(r.response[:, 0, 0]) * 1e6, label="measured, 200 mV", **_MEASURED)
-    axes[0].plot(r.frequency, np.abs(modelled[:, 0, 0]) * 1e6, color=_COLOURS[1], linewidth=0.8, label=f"{number} modes")
-    axes[0].plot(r.frequency, np.abs(r.response - modelled)[:, 0, 0] * 1e6, color=_COLOURS[0], linewidth=0.5, label="difference")
-    axes[0].plot(r.frequency, r.total[:, 0, 0] * 1e6, color=style.INK, linewidth=0.8, linestyle=":", label="uncertainty")
+    for values, name, look in (
+        (modelled, f"{number} modes", {"color": _COLOURS[1], "linewidth": 0.8}),
+        (r.response - modelled, "difference", {"color": _COLOURS[0], "linewidth": 0.5}),
+        (r.total, "uncertainty", {"color": style.INK, "linewidth": 0.8, "linestyle": ":"}),
+    ):
+        axes[0].plot(r.frequency, np.abs(values[:, 0, 0]) * 1e6, label=name, **look)
     axes[0].set(yscale="log", xlim=(0, 3000), ylim=(1e-3, 2e3), xlabel="frequency in Hz", ylabel="|G| 11 in µm/V")
     axes[0].legend(loc="upper right", ncols=2)
     axes[1].plot(list(errors), [100 * e for e in errors.values()], marker="o", color=_COLOURS[0])
@@ -152,9 +163,12 @@ def levels() -> Figure:
         damping = [100 * mode.dampings[n] for mode in found]
         spread = [200 * mode.dampings_std[n] for mode in found]
         axes[1].errorbar(x, damping, spread, fmt="o", markersize=4, color=_COLOURS[n], linewidth=1)
+    predicted = [100 * shift for shift in hysteretic_shifts()]
+    look = {"markersize": 6, "markerfacecolor": "none", "markeredgecolor": style.INK}
+    axes[0].plot(place + 0.22, predicted, "s", label="300 mV, P-I model", **look)
     axes[0].axhline(0, color=style.MUTED, linewidth=0.7)
     axes[0].set_ylabel("frequency against 100 mV in %")
-    axes[0].legend(loc="lower left", ncols=3)
+    axes[0].legend(loc="lower left", ncols=4)
     axes[1].set_ylabel("damping ratio in %")
     axes[1].set_xticks(place, [f"{mode.frequency:.0f}" for mode in found], rotation=45)
     axes[1].set_xlabel("mode, by its frequency at 100 mV in Hz")
@@ -173,7 +187,7 @@ def comparisons() -> Figure:
     axes.set_yticks(place, [row.name for row in rows])
     axes.invert_yaxis()
     axes.set(xlabel="test error in % of the output's rms")
-    axes.legend(loc="lower right")
+    style.legend_above(figure, axes.get_legend_handles_labels()[0])
     return figure
 
 

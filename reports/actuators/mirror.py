@@ -19,6 +19,17 @@ NUMBERS = (10, 12, 14, 16, 18)
 STATES_PUBLISHED = 28
 
 
+class LevelChange(NamedTuple):
+    """A mode at the levels: frequency at 100 mV in Hz, its relative change, damping ratios, standard errors."""
+
+    frequency: float
+    shifts: tuple[float, ...]
+    shifts_std: tuple[float, ...]
+    dampings: tuple[float, ...]
+    dampings_std: tuple[float, ...]
+    share: float
+
+
 class Errors(NamedTuple):
     """Of a simulation on the test data: rms in m, and over the rms of the output in %; means over all outputs."""
 
@@ -34,13 +45,14 @@ def response(level: int) -> MultisineResponse:
 
 @lru_cache
 def selection(level: int = 200) -> tuple[int, dict[int, float]]:
-    """Number of modes, fitted to three realisations and judged on the other three."""
+    """Number of modes, fitted to three realisations and judged on the other three, at every third line."""
     records = multisines(level, "train")
     first, second = (
         multisine_response(records.voltage[:, :, half], records.displacement[:, :, half], MIRROR_RATE)
         for half in (slice(0, 3), slice(3, 6))
     )
-    return select_modes(first.frequency, first.response, second.response, NUMBERS)
+    few = slice(None, None, 3)
+    return select_modes(first.frequency[few], first.response[few], second.response[few], NUMBERS)
 
 
 @lru_cache
@@ -54,17 +66,20 @@ def fits(number: int) -> dict[int, ModalFit]:
 
 def test_errors(number: int) -> list[Errors]:
     """Of the linear models, each on the test data of its level."""
-    return [errors(fits(number)[level].modes.periodic(multisines(level, "test").voltage, MIRROR_RATE), level) for level in LEVELS]
+    return [_linear_errors(fits(number)[level], level) for level in LEVELS]
 
 
 def foreign_errors(number: int, from_level: int = 100) -> list[Errors]:
     """Of the linear model of one level, on the test data of all."""
-    modes = fits(number)[from_level].modes
-    return [errors(modes.periodic(multisines(level, "test").voltage, MIRROR_RATE), level) for level in LEVELS]
+    return [_linear_errors(fits(number)[from_level], level) for level in LEVELS]
+
+
+def _linear_errors(fit: ModalFit, level: int) -> Errors:
+    return errors(fit.modes.periodic(multisines(level, "test").voltage, MIRROR_RATE), level)
 
 
 def response_errors() -> list[Errors]:
-    """Of the frequency responses themselves: as good as a linear model with any number of modes, but for their noise."""
+    """Of the frequency responses themselves: a linear model with any number of modes, but with their noise."""
     found = []
     for level in LEVELS:
         voltage, r = multisines(level, "test").voltage, response(level)
@@ -96,14 +111,18 @@ def static_gain(level: int) -> float:
     return float(np.linalg.norm(np.abs(r.response[band].mean(axis=0))) * 1e6)
 
 
-def loss_angle(level: int) -> float:
-    """Phase lag at 20 to 100 Hz beyond that of the delay, degrees: the hysteresis of the actuators."""
-    r = response(level)
-    band = (r.frequency > 20) & (r.frequency < 100)
-    mean = r.response[band].mean(axis=0)
-    reference = r.response[band] * np.exp(2j * np.pi * r.frequency[band] * fits(selected())[level].modes.delay)[:, None, None]
-    signs = np.sign(mean.real)
-    return float(-np.degrees(np.angle((reference.mean(axis=0) * signs).sum())))
+def level_changes() -> list[LevelChange]:
+    """What the level does to each mode; `share` is what of the mean response's energy is in the mode, at 200 mV."""
+    found = fits(STATES_PUBLISHED // 2)
+    frequencies = np.array([found[level].modes.frequencies for level in LEVELS])
+    spread = np.array([found[level].frequencies_std for level in LEVELS])
+    dampings = np.array([found[level].modes.dampings for level in LEVELS])
+    dampings_std = np.array([found[level].dampings_std for level in LEVELS])
+    shifts, shifts_std = frequencies / frequencies[0] - 1, spread / frequencies[0]
+    modes = found[200].modes
+    sizes = np.linalg.norm(modes.outputs, axis=1) ** 2 / np.abs(modes.poles.real)
+    columns = zip(frequencies[0], shifts.T, shifts_std.T, dampings.T, dampings_std.T, sizes / sizes.sum(), strict=True)
+    return [LevelChange(float(f), *(tuple(map(float, v)) for v in values), share=float(s)) for f, *values, s in columns]
 
 
 @lru_cache

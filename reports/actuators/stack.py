@@ -97,18 +97,28 @@ def drift() -> tuple[float, float]:
     return float(cycles[-1] - cycles[0]), float(cycles.std())
 
 
-@lru_cache
 def breakdown() -> tuple[Step, ...]:
     """Terms added one after the other, each fitted outside the windows and judged within them."""
-    steps = [_step("P-I, thresholds and weights from the sine alone", (), sine_only=True)]
+    return _steps()[0]
+
+
+def window_errors() -> tuple[tuple[np.ndarray, ...], ...]:
+    """Errors of each step of the breakdown, by window, um."""
+    return _steps()[1]
+
+
+@lru_cache
+def _steps() -> tuple[tuple[Step, ...], tuple[tuple[np.ndarray, ...], ...]]:
+    found = [_step("P-I, weights from the sine alone", (), sine_only=True)]
     for name, terms in (
         ("P-I, weights from the sine and the test file outside the windows", ()),
         ("+ lag of first order (rate)", ("lag",)),
         ("+ square of the voltage (asymmetry)", ("lag", "square")),
         ("+ three Kelvin-Voigt elements (creep)", ("lag", "square", "creep")),
     ):
-        steps.append(_step(name, terms))
-    return tuple(steps)
+        found.append(_step(name, terms))
+    steps, errors = zip(*found, strict=True)
+    return steps, errors
 
 
 def lag_profile(lags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -117,13 +127,18 @@ def lag_profile(lags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array(both[0]), np.array(both[1])
 
 
-def _step(name: str, terms: tuple[str, ...], sine_only: bool = False) -> Step:
+def _step(
+    name: str, terms: tuple[str, ...], sine_only: bool = False
+) -> tuple[Step, tuple[np.ndarray, ...]]:
     lag = 0.0
     if "lag" in terms:
-        found = minimize_scalar(lambda t: _calibrate(terms, t)[0], bounds=(1e-4, 0.03), method="bounded", options={"xatol": 1e-4})
+        options = {"xatol": 1e-4}
+        bounds = (1e-4, 0.03)
+        found = minimize_scalar(lambda t: _calibrate(terms, t)[0], bounds=bounds, method="bounded", options=options)
         lag = float(found.x)
     calibration, error = _calibrate(terms, lag, sine_only)
-    return Step(name, calibration, tuple(rms(error[window]) for window in WINDOWS.values()), lag)
+    errors = tuple(error[window] for window in WINDOWS.values())
+    return Step(name, calibration, tuple(map(rms, errors)), lag), errors
 
 
 def _calibrate(terms: tuple[str, ...], lag: float, sine_only: bool = False) -> tuple[float, np.ndarray]:

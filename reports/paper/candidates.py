@@ -28,11 +28,17 @@ ABSENT: Parameters = {
     "stiffness": table_value("k"), "leak": 1e12, "slow_capacitance": 1e-18, "slow_time": 0.3,
     "rise_time": 1e-3, "step_cycles": 1.0, "stroke_cycles": 1.0, "record": 10.0, "peak_factor": 1.0, "force_750": 1.0,
     "load_1": 1.0, "load_2": 1.0, "load_3": 1.0, "hertz": 0.0, "seat": 0.0, "seat_force": 100.0, "cubic": 0.0,
+    "beta_rising": 0.0, "beta_falling": 0.0, "creep": 0.0, "creep_time": 1.0, "friction": 0.0, "friction_force": 50.0,
+    "quadratic_rising": 0.0, "quadratic_falling": 0.0, "drift": 0.0, "bias": 0.0, "lag": 0.0, "clip": 1e3,
+    "hum_voltage": 0.0, "hum_current": 0.0, "hum_displacement": 0.0,
 }  # fmt: skip
 # Where searches begin for what is free.
 START: Parameters = {
     **ABSENT, "leak": 3e5, "slow_capacitance": 1e-6, "rise_time": 0.03, "step_cycles": 8.0, "stroke_cycles": 12.0,
     "hertz": 1e-8, "seat": 1e-6, "seat_force": 200.0, "cubic": 1e-7,
+    "beta_rising": 1e-3, "beta_falling": 1e-4, "creep": 0.1, "friction": 0.3, "friction_force": 50.0,
+    "quadratic_rising": 1e-4, "quadratic_falling": 1e-4, "drift": 0.1, "bias": 1e-6, "lag": 5e-3, "clip": 10.0,
+    "hum_voltage": 0.05, "hum_current": 1e-6, "hum_displacement": 1e-8,
 }  # fmt: skip
 # N/m: far below resonance only d and the free capacitance matter electrically; so soft, any pair of them is passive.
 _SOFT = 1e7
@@ -70,14 +76,14 @@ class Candidate:
     choice: Choice = PUBLISHED
 
 
-def _forces(p: Parameters, chosen: Sequence[Row]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def forces(p: Parameters, chosen: Sequence[Row]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Largest force (N) of each row, which rows are steps, and the frequencies (Hz) of the others."""
     force = np.array([row.force * (p["force_750"] if row.force == 750.0 else 1.0) for row in chosen])
     is_step = np.array([row.frequency is None for row in chosen])
     return force, is_step, np.array([row.frequency for row in chosen if row.frequency is not None])
 
 
-def _loads(p: Parameters, chosen: Sequence[Row], choice: Choice) -> np.ndarray:
+def resistances(p: Parameters, chosen: Sequence[Row], choice: Choice) -> np.ndarray:
     """Resistance in the circuit of each row, ohm."""
     labels = experiment()["loads_ohm"]
     number = [choice.sine_load if row.load is None else labels.index(row.load) for row in chosen]
@@ -90,8 +96,8 @@ def _circuit(p: Parameters) -> cf.Circuit:
 
 def linear(p: Parameters, chosen: Sequence[Row], choice: Choice) -> Predicted:
     """Rows of Tables I and II from the closed forms."""
-    circuit, load = _circuit(p), _loads(p, chosen, choice)
-    force, is_step, frequency = _forces(p, chosen)
+    circuit, load = _circuit(p), resistances(p, chosen, choice)
+    force, is_step, frequency = forces(p, chosen)
     result = np.empty((2, len(chosen)))
     height, amplitude = force[is_step] - choice.step_from, 0.5 * (force[~is_step] - choice.sine_from)
     result[:, is_step] = cf.step(circuit, height, load[is_step], p["rise_time"], experiment()["hold_s"])
@@ -110,8 +116,8 @@ def hysteretic(reading: str) -> Callable[[Parameters, Sequence[Row], Choice], Pr
             stiffness=_SOFT, coupling=coupling, capacitance=p["capacitance"] - coupling * p["charge"],
             hysteresis=hysteresis(reading), effects=(Leakage(resistance=p["leak"]),),
         )  # fmt: skip
-        force, _, _ = _forces(p, chosen)
-        load = _loads(p, chosen, choice) - experiment()["shunt_ohm"]
+        force, _, _ = forces(p, chosen)
+        load = resistances(p, chosen, choice) - experiment()["shunt_ohm"]
         pairs = [_engine_row(device, p, *item, choice) for item in zip(chosen, force, load, strict=True)]
         return tuple(np.array(pairs).T)  # pyright: ignore[reportReturnType]
 
@@ -140,8 +146,8 @@ def contact(p: Parameters) -> cf.Contact:
 
 def mechanical(p: Parameters, chosen: Sequence[Row], choice: Choice) -> Predicted:
     """Rows of Tables III and IV, with mechanical power counted by magnitude."""
-    both, load = (contact(p), _circuit(p)), _loads(p, chosen, choice)
-    force, is_step, frequency = _forces(p, chosen)
+    both, load = (contact(p), _circuit(p)), resistances(p, chosen, choice)
+    force, is_step, frequency = forces(p, chosen)
     result = np.empty((2, len(chosen)))
     low = np.full(len(frequency), choice.sine_from)
     result[:, is_step] = cf.step_by_magnitude(*both, force[is_step], load[is_step], p["rise_time"])

@@ -8,10 +8,20 @@ from functools import cache
 
 import numpy as np
 
-from reports.paper.candidates import ELECTRICAL, EXTENDED, HYSTERETIC, MECHANICAL, Candidate, Choice, with_choices
+from reports.paper.candidates import (
+    ELECTRICAL,
+    EXTENDED,
+    HYSTERETIC,
+    MECHANICAL,
+    START,
+    Candidate,
+    Choice,
+    with_choices,
+)
 from reports.paper.extended import extended_fit
 from reports.paper.fitting import Fit, fit, left_out, rms
 from reports.paper.tables import Row, all_rows, rows
+from reports.paper.vocabulary import BASE, EFFECTS, Effect, candidate
 
 LOADS = ("R1", "R2", "R3")
 
@@ -89,3 +99,42 @@ def plausible() -> list[Comparison]:
     """Choices whose error on left-out rows is within a half of the best one's: the data do not tell them apart."""
     best = min(c.left_out for c in choices())
     return [c for c in choices() if c.left_out < 1.5 * best]
+
+
+@dataclass(frozen=True)
+class Tried:
+    """An effect of the vocabulary on all four tables, in the form that predicts left-out rows best.
+
+    `alone` is without leak and joint, `beside` with both; the latter is None for what the extended model has already.
+    """
+
+    effect: Effect
+    alone: Comparison
+    beside: Comparison | None
+
+
+@cache
+def before_effects() -> tuple[Comparison, Comparison]:
+    """What effects are added to: coupling, capacitance and the settings of the experiment; and the extended model."""
+    base = fit(candidate(BASE), all_rows(), near=extended_fit().parameters)
+    whole = fit(candidate(EXTENDED.free), all_rows(), near=extended_fit().parameters)
+    return compared(base, all_rows()), compared(whole, all_rows())
+
+
+@cache
+def vocabulary() -> tuple[Tried, ...]:
+    """Every effect of the vocabulary that two numbers a row may show."""
+    base, whole = before_effects()
+    return tuple(
+        Tried(effect, _best(base, effect), None if effect.name == "leakage" else _best(whole, effect))
+        for effect in EFFECTS
+    )
+
+
+def _best(before: Comparison, effect: Effect) -> Comparison:
+    """The effect in each of its forms beside what was fitted before, and the best of these."""
+    found = []
+    for n, form in enumerate(effect.forms):
+        near = {**before.fit.parameters, **{name: START[name] for name in form}}
+        found.append(compared(fit(candidate(before.fit.candidate.free, effect, n), all_rows(), near=near), all_rows()))
+    return min(found, key=lambda c: c.left_out)

@@ -18,7 +18,7 @@ from reports.paper.tables import Row, experiment, rows
 
 _REACH = np.log(100.0)  # how far a search may go from where it begins
 _STARTS = 6
-_TRIALS = 60  # of parameters in one search, at most
+_TRIALS = 60  # of parameters in one search, at most; half as many near a fit
 
 
 class Fit(NamedTuple):
@@ -92,13 +92,13 @@ def fit(candidate: Candidate, chosen: Sequence[Row], near: Parameters | None = N
     centre = np.log([START[name] for name in candidate.free])
     bounds = (centre - _REACH, centre + _REACH)
     # Steps of 1e-4 for the derivatives: far above what the engine's sampling of peaks leaves.
+    options = {"diff_step": 1e-4, "x_scale": 0.3, "ftol": 1e-6, "max_nfev": _TRIALS if near is None else _TRIALS // 2}
     searches = [
-        least_squares(weighted, x, bounds=bounds, diff_step=1e-4, x_scale=0.3, ftol=1e-6, max_nfev=_TRIALS)
-        for x in _starts(candidate, centre, near)
+        least_squares(weighted, np.clip(x, *bounds), bounds=bounds, **options) for x in _starts(candidate, centre, near)
     ]
     best = min(searches, key=lambda found: found.cost)
     scale = 2 * best.cost / max(best.fun.size - len(best.x), 1)
-    deviations = np.sqrt(np.diag(np.linalg.pinv(best.jac.T @ best.jac)) * scale)
+    deviations = np.linalg.norm(np.linalg.pinv(best.jac), axis=1) * np.sqrt(scale)
     found = parameters(best.x)
     spread = dict(zip(candidate.free, deviations.tolist(), strict=True))
     return Fit(candidate, found, spread, residuals(candidate, found, chosen), noise)

@@ -34,8 +34,14 @@ _UNITS = {
     "record": ("record", 1.0, "s"), "peak_factor": ("peaks ×", 1.0, ""), "force_750": ("force at 0.75 kN ×", 1.0, ""),
     "load_1": ("R1 ×", 1.0, ""), "load_2": ("R2 ×", 1.0, ""), "load_3": ("R3 ×", 1.0, ""),
     "hertz": ("Hertz", 1e9, "nm/N^⅔"), "seat": ("seat", 1e6, "µm"), "seat_force": ("seat force", 1.0, "N"),
-    "cubic": ("cubic", 1e6, "1/kN²"),
+    "cubic": ("cubic", 1e6, "1/kN²"), "beta_rising": ("β", 1e3, "·10⁻³/V²"), "beta_falling": ("−β", 1e3, "·10⁻³/V²"),
+    "creep": ("share", 1.0, ""), "creep_time": ("time", 1.0, "s"), "friction": ("k_f/k", 1.0, ""),
+    "friction_force": ("threshold", 1.0, "N"), "quadratic_rising": ("T₂/(T k)", 1e3, "1/kN"),
+    "quadratic_falling": ("−T₂/(T k)", 1e3, "1/kN"), "drift": ("fall", 100.0, "%"), "bias": ("current", 1e6, "µA"),
+    "lag": ("lag", 1e3, "ms"), "clip": ("limit", 1.0, "V"), "hum_voltage": ("on v", 1e3, "mV"),
+    "hum_current": ("on i", 1e6, "µA"), "hum_displacement": ("on x", 1e9, "nm"),
 }  # fmt: skip
+_IN_IT = {"rms": "", "left_out": "", "parameters": "in it"}
 
 
 def write_page(findings: dict[str, list[Finding]], pictures: Iterable[Picture], directory: Path) -> Path:
@@ -92,6 +98,7 @@ def _content(findings: dict[str, list[Finding]]) -> dict[str, Any]:
             ("All four tables", [_comparison(compare.extended())]),
             ("Tables I and II, what the paper leaves open", [_choice(c) for c in compare.choices()]),
         ],
+        "effects": _effects(),
         "interfaces": [interface.name for interface in beyond.INTERFACES],
         "harvest": _harvest(),
     }
@@ -161,11 +168,6 @@ def _errors() -> list[tuple[str, list[str]]]:
 
 def _comparison(c: Comparison) -> dict[str, Any]:
     """A fitted candidate as a line of its table."""
-    parts = []
-    for name, spread in c.fit.spread.items():
-        words, factor, unit = _UNITS[name]
-        known = f"± {spread:.0%}" if spread < 1 else "(not determined)"
-        parts.append(f"{words} {c.fit.parameters[name] * factor:.3g} {unit}".strip() + f" {known}")
     return {
         "name": c.fit.candidate.name,
         "free": len(c.fit.candidate.free),
@@ -173,8 +175,49 @@ def _comparison(c: Comparison) -> dict[str, Any]:
         "left_out": number(c.left_out, 2),
         "worst": c.worst,
         "chi": f"{c.fit.reduced_chi_squared:.1f}",
-        "parameters": "; ".join(parts),
+        "parameters": _parameters(c, c.fit.candidate.free),
     }
+
+
+def _parameters(c: Comparison, names: Iterable[str]) -> str:
+    """Fitted parameters in words."""
+    parts = []
+    for name in names:
+        words, factor, unit = _UNITS[name]
+        spread = c.fit.spread[name]
+        known = f"± {spread:.0%}" if spread < 1 else "(not determined)"
+        parts.append(f"{words} {c.fit.parameters[name] * factor:.3g} {unit}".strip() + f" {known}")
+    return "; ".join(parts)
+
+
+def _effects() -> dict[str, Any]:
+    """The effects of the vocabulary, alone and beside the extended model."""
+    base, whole = compare.before_effects()
+    lines = []
+    for tried in compare.vocabulary():
+        pairs = ((tried.alone, base), (tried.beside, whole))
+        parts = [_part(found, before) if found else _IN_IT for found, before in pairs]
+        verdict = _verdict(tried.beside, whole) if tried.beside else "in the extended model"
+        if verdict == "not seen" and _verdict(tried.alone, base) != verdict:
+            verdict = f"{_verdict(tried.alone, base)} alone; not beside leak and joint"
+        lines.append({"name": tried.effect.name.replace("_", " "), "parts": parts, "verdict": verdict})
+    before = {"base": base.fit.rms, "base_out": base.left_out, "whole": whole.fit.rms, "whole_out": whole.left_out}
+    return {"lines": lines, **{name: f"{value:.3f}" for name, value in before.items()}}
+
+
+def _part(found: Comparison, before: Comparison) -> dict[str, str]:
+    added = [name for name in found.fit.candidate.free if name not in before.fit.candidate.free]
+    return {
+        "rms": f"{found.fit.rms:.3f}", "left_out": f"{found.left_out:.3f}", "parameters": _parameters(found, added)
+    }  # fmt: skip
+
+
+def _verdict(found: Comparison, before: Comparison) -> str:
+    """Whether left-out rows ask for an effect."""
+    added = set(found.fit.candidate.free) - set(before.fit.candidate.free)
+    known = all(found.fit.spread[name] < 0.5 for name in added)
+    share = found.left_out / before.left_out
+    return "not seen" if share > 0.98 or not known else "perhaps" if share > 0.9 else "asked for"
 
 
 def _choice(c: Comparison) -> dict[str, Any]:

@@ -1,0 +1,125 @@
+"""What the command `identify` does, once its arguments are read."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from piezoharvest.cli import show
+from piezoharvest.cli.work import note
+from piezoharvest.output import check_directory
+
+if TYPE_CHECKING:
+    from piezoharvest.identify import Estimate, Identification
+    from piezoharvest.identify.identification import Quality
+
+LOUD = 1.2  # times the noise, from which residuals are worth a warning
+
+
+def identify(path: Path, *, as_json: bool, report: Path | None) -> int:
+    """Identify the parameters of a campaign, print them, and write the report."""
+    from piezoharvest.identify import identify as run
+    from piezoharvest.predict.prediction import PredictionError
+    from piezoharvest.records import load_campaign
+
+    if report is not None:
+        check_directory(report, create=True)
+    campaign = load_campaign(path)
+    for finding in campaign.warnings:
+        note(f"warning: {finding}")
+    try:
+        found = run(campaign, tell=note)
+    except PredictionError as error:
+        note(f"piezoharvest: error: {path}: the model with its nominal values cannot follow the records: {error}")
+        return 1
+    for text in remarks(found):
+        note(f"warning: {text}")
+    if as_json:
+        show.print_json(identification_json(found))
+    else:
+        _print(found)
+    if report is not None:
+        from piezoharvest.report import write_identification
+
+        print(write_identification(found, report), file=sys.stderr if as_json else sys.stdout)
+    return 0 if found.converged else 1
+
+
+def remarks(found: Identification) -> list[str]:
+    """What has to be known before the answer is used."""
+    told = [] if found.converged else [f"not to be trusted: {found.message}"]
+    for role, quality in (("fitted", found.fit), ("validation", found.validation)):
+        told += [
+            f"{channel} of the {role} records: residual {quality.rms[channel] / noise:.3g} times the noise: the model "
+            "lacks something"
+            for channel, noise in quality.noise.items()
+            if quality.rms[channel] > LOUD * noise
+        ]
+    return told
+
+
+def identification_json(found: Identification) -> dict[str, Any]:
+    """Result as the interface gives it."""
+    return {
+        "title": found.campaign.title,
+        "converged": found.converged,
+        "message": found.message,
+        "parameters": {estimate.parameter.name: _estimate(estimate) for estimate in found.estimates},
+        "fit": _quality(found.fit),
+        "validation": _quality(found.validation),
+        "records": [
+            {"file": record.name, "role": record.role, **_quality(record.quality), "own": dict(record.own)}
+            for record in found.records
+        ],
+    }
+
+
+def _estimate(estimate: Estimate) -> dict[str, Any]:
+    keys = ("value", "std", "identifiable", "nominal", "combination", "experiment")
+    table = {key: getattr(estimate, key) for key in keys}
+    return {"value": table["value"], "std": table["std"], "unit": estimate.parameter.unit, **table}
+
+
+def _quality(quality: Quality) -> dict[str, Any]:
+    return {"rms": dict(quality.rms), "noise": dict(quality.noise)}
+
+
+def _print(found: Identification) -> None:
+    """Print the parameters, and the residuals against the noise."""
+    from piezoharvest.report.units import NONE, engineering, percent
+
+    rows = []
+    for e in found.estimates:
+        unit = e.parameter.unit
+        error = NONE if e.std is None else engineering(e.std, unit, 2)
+        share = "" if e.std is None or e.value == 0 else percent(e.std / abs(e.value), 2)
+        remark = "" if e.identifiable else "not identifiable" + (f"; known: {e.combination}" if e.combination else "")
+        digits = figures(e.value, e.std)
+        rows.append([e.parameter.name, engineering(e.value, unit, digits), error, share, engineering(e.nominal, unit), remark])
+    show.print_rows(found.campaign.title, ["parameter", "value", "std. error", "", "nominal", ""], rows)
+    rows = [
+        [role, channel, engineering(rms, unit), engineering(quality.noise[channel], unit)]
+        for role, quality in (("fitted", found.fit), ("validation", found.validation))
+        for channel, rms in quality.rms.items()
+        for unit in [residual_unit(channel)]
+    ]
+    show.print_rows("", ["records", "channel", "residual (rms)", "noise alone"], rows)
+
+
+def figures(value: float, std: float | None) -> int:
+    """Significant digits that a standard error leaves, with one more."""
+    if not std or not value:
+        return 4
+    return min(max(math.ceil(math.log10(abs(value) / std)) + 2, 2), 9)
+
+
+def residual_unit(channel: str) -> str:
+    """Unit of a channel, or of a response of one channel to another."""
+    from piezoharvest.records.channels import UNITS
+
+    output, _, given = channel.partition("/")
+    if (output, given) == ("voltage", "current"):
+        return "ohm"
+    return UNITS[output] + (f"/({UNITS[given]})" if given else "")

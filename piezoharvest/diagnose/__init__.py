@@ -1,0 +1,18 @@
+"""Diagnosis: what a simulation gets wrong, its cause, and what naming it gains."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from piezoharvest.diagnose.diagnosis import Diagnosis, Named, diagnose
+
+__all__ = ["Diagnosis", "Named", "diagnose"]
+
+
+def __getattr__(name: str) -> Any:
+    # Lazy: fits bring numba and scipy.
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.diagnosis"), name)

@@ -1,0 +1,214 @@
+"""Score tests: what every effect would explain if it were there, from one linearisation at its null.
+
+Source: Rao, Linear Statistical Inference, 1973, section 6e (score test); Davies, Biometrika 74(1), 33-43, 1987 (parameters
+that exist only where the effect does).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from piezoharvest.diagnose.scene import Scene
+from piezoharvest.effects import Effect, registered
+from piezoharvest.identify.fit import Fit, Problem, inverse, linearised
+from piezoharvest.identify.responses import FrequencyData
+from piezoharvest.identify.sums import Model
+from piezoharvest.predict.parameters import Parameter, parameter_of, put
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect at one start, with what the linearisation says of it.
+
+    Attributes
+    ----------
+    effect : Effect
+        With the strength that the linearisation estimates.
+    score : float
+        By how much it would lower the sum of squares.
+    freedom : int
+        Numbers that it takes for that.
+    signature : (s,) array
+        Its information with all starts, parameters projected out, as a row: for cosines.
+    place : int
+        Its column in the signatures.
+    """
+
+    effect: Effect
+    score: float
+    freedom: int
+    signature: np.ndarray
+    place: int
+
+    @property
+    def name(self) -> str:
+        """Name of the effect."""
+        return self.effect.name
+
+    @property
+    def p_value(self) -> float:
+        """Probability of such a score without the effect, for this start alone."""
+        return float(chi2.sf(self.score, self.freedom))
+
+
+def effect_parameters(effects: Sequence[Effect], first: int = 0) -> list[Parameter]:
+    """What varies of effects; of a line the record's own numbers are its strength."""
+    found = []
+    for n, effect in enumerate(effects, first):
+        for field in dataclasses.fields(effect):
+            if "unit" not in field.metadata or getattr(effect, field.name) is None or field.default is None:
+                continue
+            if field.metadata.get("null") is not None and effect_line(effect):
+                continue
+            found.append(parameter_of(effect, field, ("effects", n, field.name)))
+    return found
+
+
+def effect_line(effect: Effect) -> bool:
+    """Whether the effect is a line on a channel."""
+    return type(effect).line is not Effect.line
+
+
+def scores(problem: Problem, found: Fit, scene: Scene, library: Sequence[type[Effect]] | None = None) -> list[Candidate]:
+    """Scores of all effects that are not in the model, the highest first.
+
+    Parameters
+    ----------
+    problem : Problem
+    found : Fit
+        Converged.
+    scene : Scene
+    library : sequence of Effect classes, optional
+        Default: all that are registered.
+    """
+    classes = list(registered().values()) if library is None else list(library)
+    present = {effect.name for effect in found.model.transducer.effects}
+    starts = [start for cls in classes for start in cls.starts(scene) if _new(start, found, present)]
+    smooth = [start for start in starts if not np.isinf(_strength(start)) and type(start).span is Effect.span]
+    jumpy = [start for start in starts if start not in smooth]
+    return sorted([*_smooth(problem, found, smooth), *_tried(problem, found, jumpy)], key=lambda c: -c.score)
+
+
+def _new(start: Effect, found: Fit, present: set[str]) -> bool:
+    """Whether the model does not have it yet: one of a kind, or one for each channel or label."""
+    if start.name not in present:
+        return True
+    own = [f.name for f in dataclasses.fields(start) if "unit" not in f.metadata]
+    same = [effect for effect in found.model.transducer.effects if effect.name == start.name]
+    return bool(own) and all(any(getattr(start, f) != getattr(e, f) for f in own) for e in same)
+
+
+def _strength(start: Effect) -> float:
+    return getattr(start, type(start).strength().name)
+
+
+def extended(model: Model, effects: Sequence[Effect], parameters: Sequence[Parameter]) -> Model:
+    """Model with more effects and what varies of them."""
+    transducer = put(model.transducer, ("effects",), (*model.transducer.effects, *effects))
+    return replace(model, transducer=transducer, parameters=(*model.parameters, *parameters))
+
+
+def carried(problem: Problem, before: Model, own: Sequence[np.ndarray], after: Model) -> tuple[np.ndarray, ...]:
+    """The records' own numbers in another model: those of the same name stay, new ones are zero."""
+    found = []
+    for data, mine in zip(problem.data, own, strict=True):
+        old = _numbered(problem.own_names(before, data))
+        values = dict(zip(old, mine, strict=True))
+        found.append(np.array([values.get(name, 0.0) for name in _numbered(problem.own_names(after, data))]))
+    return tuple(found)
+
+
+def _numbered(names: Sequence[str]) -> list[tuple[str, int]]:
+    return [(name, list(names[:k]).count(name)) for k, name in enumerate(names)]
+
+
+def _smooth(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[Candidate]:
+    """Effects that grow smoothly from their null, all in one linearisation."""
+    if not starts:
+        return []
+    first, base = len(found.model.transducer.effects), len(found.model.parameters)
+    strengths: list[Parameter | None] = []
+    for n, start in enumerate(starts, first):
+        field = type(start).strength()
+        strengths.append(None if effect_line(start) else parameter_of(start, field, ("effects", n, field.name)))
+    model = extended(found.model, starts, [p for p in strengths if p is not None])
+    own = carried(problem, found.model, found.own, model)
+    information, gradient, _ = linearised(problem, model, own, found)
+    columns = _columns(problem, model, starts, strengths, base, first)
+    tested = sorted({k for some in columns for k in some})
+    rest = [k for k in range(len(information)) if k not in set(tested)]
+    # Parameters of the fit projected out.
+    prior = found.prior[:base, :base]
+    plain = information[np.ix_(rest, rest)]
+    plain[:base, :base] += prior
+    gain = inverse(plain) @ information[np.ix_(rest, tested)]
+    projected = information[np.ix_(tested, tested)] - information[np.ix_(tested, rest)] @ gain
+    slope = gradient[tested] - gain.T @ gradient[rest]
+    place = {k: n for n, k in enumerate(tested)}
+    candidates = []
+    for start, strength, mine in zip(starts, strengths, columns, strict=True):
+        at = [place[k] for k in mine]
+        block, right = projected[np.ix_(at, at)], slope[at]
+        if np.any(np.diag(block) <= 1e-10 * np.diag(information)[mine]) or not at:
+            continue  # the parameters of the fit do all that it could
+        step = inverse(block) @ right
+        score = float(right @ step)
+        effect = start
+        if strength is not None:
+            value = float(np.real(strength.inner(_strength(start)))) + float(step[0])
+            if not strength.lower <= value <= strength.upper:
+                continue  # of the wrong sign
+            effect = put(start, (type(start).strength().name,), float(np.real(strength.outer(value))))
+        candidates.append(Candidate(effect, score, len(at), projected[at[0]], at[0]))
+    return candidates
+
+
+def _columns(problem, model: Model, starts, strengths, base: int, first: int) -> list[list[int]]:
+    """Columns of the information that belong to each start."""
+    found: list[list[int]] = [[] for _ in starts]
+    at = base
+    for n, strength in enumerate(strengths):
+        if strength is not None:
+            found[n].append(at)
+            at += 1
+    for data in problem.data:
+        if isinstance(data, FrequencyData):
+            continue
+        names = problem.own_names(model, data)
+        # Lines stand last, in the order of their effects.
+        lines = [n for n, e in enumerate(model.transducer.effects) for c in (*data.channels, data.drive) if e.line(c)]
+        begin = at + len(names) - 2 * len(lines)
+        for k, n in enumerate(lines):
+            if n >= first:
+                found[n - first] += [begin + 2 * k, begin + 2 * k + 1]
+        at += len(names)
+    return found
+
+
+def _tried(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[Candidate]:
+    """Effects that begin with a jump: the cost with each as it stands, nothing fitted."""
+    candidates = []
+    for start in starts:
+        model = extended(replace(found.model, parameters=()), [start], [])
+        own = carried(problem, found.model, found.own, model)
+        _, _, squares = linearised(problem, model, own, found)
+        lowered = sum(float(part.squares.sum()) for part in found.sums) - squares
+        if lowered > 0:
+            candidates.append(Candidate(start, lowered, 1, np.zeros(0), -1))
+    return candidates
+
+
+def cosine(first: Candidate, second: Candidate) -> float:
+    """How alike the signatures of two candidates are, parameters projected out."""
+    if first.place < 0 or second.place < 0 or len(first.signature) != len(second.signature):
+        return 0.0
+    size = np.sqrt(first.signature[first.place] * second.signature[second.place])
+    return float(first.signature[second.place] / size) if size > 0 else 0.0
+
+
+__all__ = ["Candidate", "carried", "cosine", "effect_line", "effect_parameters", "extended", "scores"]

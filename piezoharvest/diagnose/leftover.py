@@ -1,0 +1,154 @@
+"""What a model leaves: where whitened residuals are more than noise, and how sure that is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from piezoharvest.identify.data import Data
+from piezoharvest.identify.fit import Fit, Problem, whiteners
+from piezoharvest.identify.responses import FrequencyData
+from piezoharvest.identify.sums import residual_blocks, spectra_of
+
+HARMONICS = 12
+BANDS = np.array([0.0, 0.25, 0.6, 1.5, 4.0, 10.0, 25.0, 60.0, 150.0, 400.0, 1e9])  # Hz
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """One place where residuals are compared with noise.
+
+    Attributes
+    ----------
+    where : str
+        "0.6 to 1.5 Hz", "harmonic 3 of the drive".
+    record, channel : str
+        The record, or "all"; the channel as whitened (each less what those before it tell), or "all".
+    squares, count : float
+        Sum of squares in units of the noise, and how many.
+    """
+
+    where: str
+    record: str
+    channel: str
+    squares: float
+    count: float
+
+    @property
+    def p_value(self) -> float:
+        """Probability that noise alone is so large."""
+        return float(chi2.sf(self.squares, self.count))
+
+    @property
+    def excess(self) -> float:
+        """By how much it is above noise, in units of the noise's own scatter."""
+        return float((self.squares - self.count) / np.sqrt(2.0 * self.count))
+
+
+def whitened(problem: Problem, found: Fit) -> list[tuple[Data, np.ndarray, np.ndarray]]:
+    """Records with their frequencies and whitened residual spectra, real and imaginary parts of unit variance."""
+    from dataclasses import replace
+
+    out = []
+    model = replace(found.model, parameters=())
+    for data, own, white in zip(problem.data, found.own, whiteners(problem, found.model, found.noise), strict=True):
+        if isinstance(data, FrequencyData):
+            continue
+        for _, _, residual, _ in residual_blocks(model, data, own, False):
+            W = white.of(len(residual))[0]  # pyright: ignore[reportAttributeAccessIssue]
+            spectrum = (W @ spectra_of(residual)[:, :, None])[:, :, 0]
+            out.append((data, np.fft.rfftfreq(len(residual), data.setting.sample_time), spectrum))
+    return out
+
+
+def leftovers(problem: Problem, found: Fit) -> list[Leftover]:
+    """All comparisons, the least likely first."""
+    spectra = whitened(problem, found)
+    places = [*_bands(spectra), *_harmonics(spectra)]
+    return sorted(places, key=lambda place: (place.p_value, -place.excess))
+
+
+def _count(part: np.ndarray, frequencies: np.ndarray) -> int:
+    """Real numbers in some lines: zero frequency has one."""
+    return 2 * len(part) - int(np.sum(frequencies == 0))
+
+
+def _bands(spectra) -> list[Leftover]:
+    found = []
+    pooled: dict[tuple[int, str], list[float]] = {}
+    for data, frequencies, spectrum in spectra:
+        for k, (low, high) in enumerate(zip(BANDS[:-1], BANDS[1:], strict=True)):
+            part = (frequencies >= low) & (frequencies < high)
+            if not part.any():
+                continue
+            for c, channel in enumerate(data.channels):
+                squares = float((np.abs(spectrum[part, c]) ** 2).sum())
+                count = _count(spectrum[part, c], frequencies[part])
+                found.append(Leftover(_words(low, high), data.name, channel, squares, count))
+                total = pooled.setdefault((k, channel), [0.0, 0.0])
+                total[0] += squares
+                total[1] += count
+    for (k, channel), (squares, count) in pooled.items():
+        found.append(Leftover(_words(BANDS[k], BANDS[k + 1]), "all", channel, squares, count))
+    return found
+
+
+def _words(low: float, high: float) -> str:
+    return f"{low:g} to {high:g} Hz" if high < 1e6 else f"above {low:g} Hz"
+
+
+def _harmonics(spectra) -> list[Leftover]:
+    """Lines at multiples of the frequency at which the drive is strongest, for drives that are nearly one line."""
+    pooled: dict[str, list[float]] = {}
+    found = []
+    for data, frequencies, spectrum in spectra:
+        line = fundamental(data)
+        if line is None:
+            continue
+        per_record = [0.0, 0.0]
+        for k in range(1, HARMONICS + 1):
+            at = int(round(k * line / frequencies[1]))
+            if at >= len(frequencies) - 1:
+                break
+            for c, channel in enumerate(data.channels):
+                square = float(np.abs(spectrum[at, c]) ** 2)
+                for key in (f"harmonic {k} of the drive|{channel}", f"harmonics of the drive|{channel}"):
+                    total = pooled.setdefault(key, [0.0, 0.0])
+                    total[0] += square
+                    total[1] += 2
+                per_record[0] += square
+                per_record[1] += 2
+        found.append(Leftover("harmonics of the drive", data.name, "all", *per_record))
+    for key, (squares, count) in pooled.items():
+        where, channel = key.split("|")
+        found.append(Leftover(where, "all", channel, squares, count))
+    return found
+
+
+def fundamental(data: Data) -> float | None:
+    """Frequency in Hz of a drive that is one line for the most part."""
+    values = data.record[data.drive]
+    power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
+    peak = int(np.argmax(power))
+    near = slice(max(peak - 2, 0), peak + 3)
+    if peak < 3 or power[near].sum() < 0.9 * power.sum():
+        return None
+    a, b, c = np.log(power[peak - 1 : peak + 2])
+    shift = 0.5 * (a - c) / (a - 2.0 * b + c)
+    return float((peak + shift) / (len(values) * data.setting.sample_time))
+
+
+def share_above_noise(problem: Problem, found: Fit) -> tuple[float, float]:
+    """Sum of squares of all whitened residuals, and their number."""
+    spectra = whitened(problem, found)
+    squares = sum(float((np.abs(spectrum) ** 2).sum()) for _, _, spectrum in spectra)
+    count = sum(data.values.size for data, _, _ in spectra)
+    return squares, float(count)
+
+
+def significant(places: Sequence[Leftover], level: float) -> list[Leftover]:
+    """Places that noise does not explain at a level that is corrected for their number."""
+    return [place for place in places if place.p_value * len(places) < level]

@@ -1,0 +1,91 @@
+"""What start values of effects are taken from: the sizes and times of a campaign, and what its residuals show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezoharvest.identify.data import Data
+from piezoharvest.identify.fit import Fit
+from piezoharvest.identify.responses import FrequencyData
+from piezoharvest.identify.sums import residual_blocks
+from piezoharvest.shunts import Resistor
+
+TIMES = 6  # time constants over the plausible range
+PLATEAU = 4  # equal extreme samples that make a range
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A campaign as its effects' start values see it; SI units.
+
+    Attributes
+    ----------
+    drives, channels : tuple of str
+    displacement : float
+        Half of its peak-to-peak.
+    capacitance : float
+    sample_time : float
+    times : tuple of float
+        Time constants from a few samples to a record's length.
+    loads : tuple of float
+        Labels of the resistors.
+    peaks : mapping of str to tuple of float
+        For each channel where its range may end.
+    """
+
+    drives: tuple[str, ...]
+    channels: tuple[str, ...]
+    displacement: float
+    capacitance: float
+    sample_time: float
+    times: tuple[float, ...]
+    loads: tuple[float, ...]
+    peaks: Mapping[str, tuple[float, ...]]
+
+
+def scene_of(data: Sequence[Data | FrequencyData], found: Fit) -> Scene:
+    """Scene of the fitted records."""
+    records = [each for each in data if isinstance(each, Data)]
+    channels = tuple(sorted({channel for each in records for channel in each.channels}))
+    displacements = [each.record["displacement"] for each in records if "displacement" in each.record.signals]
+    step = min(each.setting.sample_time for each in records)
+    longest = max(len(each) * each.setting.sample_time for each in records)
+    loads = sorted({each.setting.shunt.resistance for each in records if isinstance(each.setting.shunt, Resistor)})
+    return Scene(
+        drives=tuple(sorted({each.drive for each in records})),
+        channels=channels,
+        displacement=0.5 * max((float(np.ptp(values)) for values in displacements), default=1e-6),
+        capacitance=found.model.transducer.capacitance,
+        sample_time=step,
+        times=tuple(np.geomspace(10.0 * step, 0.5 * longest, TIMES).tolist()),
+        loads=tuple(loads),
+        peaks={channel: _ranges(records, found, data, channel) for channel in channels},
+    )
+
+
+def _ranges(records: Sequence[Data], found: Fit, data: Sequence, channel: str) -> tuple[float, ...]:
+    """Where a channel may end: at an extreme value that it has many times, or that the model passes and it does not."""
+    largest = max(float(np.abs(each.record[channel]).max()) for each in records if channel in each.channels)
+    sigma = found.noise.sigma[channel]
+    equal = 0
+    over = 0.0
+    for each, own in zip(data, found.own, strict=True):
+        if not isinstance(each, Data) or channel not in each.channels:
+            continue
+        values = each.record[channel]
+        equal += int(np.sum(np.abs(values) >= largest - 1e-9 * largest))
+        c = each.channels.index(channel)
+        for _, begin, residual, _ in residual_blocks(_bare(found), each, own, False):
+            measured = values[begin : begin + len(residual)]
+            beyond = np.abs(measured - residual[:, c]) > largest + 2.0 * sigma
+            over += float(np.sum((residual[beyond, c] / sigma) ** 2))
+    return (largest, largest - 2.0 * sigma) if equal >= PLATEAU or over > 50.0 else ()
+
+
+def _bare(found: Fit):
+    from dataclasses import replace
+
+    return replace(found.model, parameters=())

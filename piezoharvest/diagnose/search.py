@@ -1,0 +1,241 @@
+"""Which effects are there: scores, full fits of the promising ones, forward and backward selection."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from piezoharvest.diagnose.candidates import Candidate, carried, effect_parameters, extended, scores
+from piezoharvest.diagnose.scene import Scene
+from piezoharvest.effects import Effect
+from piezoharvest.identify.fit import Fit, Problem, fit
+from piezoharvest.identify.sums import Model
+from piezoharvest.predict.parameters import put
+from piezoharvest.predict.prediction import PredictionError
+
+LEVEL = 1e-4  # chance of a false alarm, over all effects together
+MOST = 4  # effects at once
+PROMISING = 0.1  # of the best score: what a full fit may still turn round
+FITS = 6  # full fits a stage
+CLOSE = 6.0  # of -2 ln L: odds of twenty to one
+
+
+@dataclass(frozen=True)
+class Step:
+    """A model with one effect more or less.
+
+    Attributes
+    ----------
+    found : Fit
+    effects : tuple of str
+        Names of its effects.
+    """
+
+    found: Fit
+    effects: tuple[str, ...]
+
+    @property
+    def cost(self) -> float:
+        """-2 ln L but for a constant."""
+        return self.found.cost
+
+
+@dataclass(frozen=True)
+class Search:
+    """What a search has found.
+
+    Attributes
+    ----------
+    base, final : Fit
+        Without effects, and with those that are there.
+    order : tuple of Effect
+        The effects in the order in which they were found, with their fitted values.
+    p_values : tuple of float
+        Of each, corrected for the number of effects.
+    first : tuple of Candidate
+        Scores of all effects against the model without any.
+    alternatives : tuple of (Step, float)
+        Other sets that are nearly as likely, with what they cost more.
+    fits : tuple of (str, float)
+        Full fits that were made: names, and cost less that of the model without effects.
+    """
+
+    base: Fit
+    final: Fit
+    order: tuple[Effect, ...]
+    p_values: tuple[float, ...]
+    first: tuple[Candidate, ...]
+    alternatives: tuple[tuple[Step, float], ...]
+    fits: tuple[tuple[str, float], ...]
+
+
+class Searcher:
+    """Search for effects in a campaign.
+
+    Parameters
+    ----------
+    problem : Problem
+    scene : Scene
+    library : sequence of Effect classes or None
+    tell : callable
+    """
+
+    def __init__(self, problem: Problem, scene: Scene, library: Sequence[type[Effect]] | None, tell: Callable[[str], None]):
+        self.problem, self.scene, self.library, self.tell = problem, scene, library, tell
+        self.fits: list[tuple[str, float]] = []
+
+    def run(self, base: Fit) -> Search:
+        """Find the effects that a model without any misses."""
+        self.base = base
+        now = Step(base, ())
+        first = self._scores(now)
+        stage, candidates = first, first
+        levels: list[float] = []
+        alternatives: list[Step] = []
+        while len(now.effects) < MOST:
+            tried = self._stage(now, stage)
+            if not tried:
+                break
+            best = tried[0]
+            p_value = self._p_value(now, best, candidates)
+            if p_value > LEVEL:
+                break
+            alternatives = tried[1:]
+            levels.append(p_value)
+            now = best
+            self.tell(f"found {', '.join(now.effects)}")
+            now, levels = self._revised(now, levels)
+            stage = candidates = self._scores(now)
+        close = self._alternatives(now, alternatives)
+        effects = now.found.model.transducer.effects
+        return Search(base, now.found, effects, tuple(levels), tuple(first), close, tuple(self.fits))
+
+    def _scores(self, now: Step) -> list[Candidate]:
+        return scores(self.problem, now.found, self.scene, self.library)
+
+    def _stage(self, now: Step, stage: Sequence[Candidate]) -> list[Step]:
+        """Full fits of the promising effects, the best first."""
+        if not stage or min(c.p_value for c in stage) * len(stage) > LEVEL:
+            return []
+        chosen: dict[str, Candidate] = {}
+        for candidate in stage:
+            if candidate.score > PROMISING * stage[0].score and _key(candidate) not in chosen:
+                chosen[_key(candidate)] = candidate
+        tried = [self.fitted(now, candidate.effect) for candidate in list(chosen.values())[:FITS]]
+        return sorted((step for step in tried if step is not None), key=_fair_cost)
+
+    def fitted(self, now: Step, effect: Effect) -> Step | None:
+        """Full fit with one effect more; None where the model then has no solution."""
+        first = len(now.found.model.transducer.effects)
+        model = extended(now.found.model, [effect], effect_parameters([effect], first))
+        return self._fit(model, carried(self.problem, now.found.model, now.found.own, model), now.found)
+
+    def _fit(self, model: Model, own, before: Fit) -> Step | None:
+        names = tuple(effect.name for effect in model.transducer.effects)
+        try:
+            found = fit(self.problem, model, own, before.noise, estimate_noise=False)
+        except (PredictionError, np.linalg.LinAlgError):
+            return None
+        self.fits.append((" + ".join(names), found.cost - self.base.cost))
+        self.tell(f"tried {' + '.join(names)}: -2 ln L {found.cost - self.base.cost:+.1f}")
+        return Step(found, names)
+
+    def _p_value(self, before: Step, after: Step, tried: Sequence[Candidate]) -> float:
+        """Of an effect that was added, corrected for the number of starts that were tried."""
+        return min(1.0, float(chi2.sf(before.cost - after.cost, self._freedom(after.found, -1))) * len(tried))
+
+    def _freedom(self, found: Fit, n: int) -> int:
+        """Numbers that the n-th effect takes."""
+        effects = found.model.transducer.effects
+        n = n % len(effects)
+        own = sum(parameter.path[:2] == ("effects", n) for parameter in found.model.parameters)
+        lines = sum(
+            2 for data in self.problem.data for channel in (*data.channels, getattr(data, "drive", "")) if effects[n].line(channel)
+        )
+        return own + lines
+
+    def without(self, now: Step, n: int) -> Step | None:
+        """Full fit without the n-th effect."""
+        model = now.found.model
+        effects = model.transducer.effects
+        kept = [k for k in range(len(effects)) if k != n]
+        parameters = []
+        for parameter in model.parameters:
+            if parameter.path[0] != "effects":
+                parameters.append(parameter)
+            elif parameter.path[1] in kept:
+                parameters.append(replace(parameter, path=("effects", kept.index(parameter.path[1]), *parameter.path[2:])))
+        less = replace(
+            model,
+            transducer=put(model.transducer, ("effects",), tuple(effects[k] for k in kept)),
+            parameters=tuple(parameters),
+        )
+        return self._fit(less, carried(self.problem, model, now.found.own, less), now.found)
+
+    def _revised(self, now: Step, levels: list[float]) -> tuple[Step, list[float]]:
+        """Throw out what is no longer needed, and exchange what another effect explains better."""
+        n = 0
+        while len(now.effects) > 1 and n < len(now.effects) - 1:
+            less = self.without(now, n)
+            if less is None:
+                n += 1
+                continue
+            gone = float(chi2.sf(less.cost - now.cost, self._freedom(now.found, n)))
+            if gone > LEVEL:
+                self.tell(f"{now.effects[n]} is not needed any more")
+                now, levels = less, levels[:n] + levels[n + 1 :]
+                continue
+            better = self._exchanged(now, less, n)
+            if better is not None:
+                now = better
+                levels = [*levels[:n], *levels[n + 1 :], float(chi2.sf(less.cost - now.cost, self._freedom(now.found, -1)))]
+                n = 0
+                continue
+            n += 1
+        return now, levels
+
+    def _exchanged(self, now: Step, less: Step, n: int) -> Step | None:
+        """Model with another effect in the place of the n-th, if that fits better."""
+        for candidate in self._scores(less)[:3]:
+            if candidate.name == now.effects[n] or candidate.score < 0.8 * (less.cost - now.cost):
+                continue
+            other = self.fitted(less, candidate.effect)
+            if other is not None and _fair_cost(other) < _fair_cost(now) - 1.0:
+                self.tell(f"{candidate.name} instead of {now.effects[n]}")
+                return other
+        return None
+
+    def _alternatives(self, now: Step, others: Sequence[Step]) -> tuple[tuple[Step, float], ...]:
+        """Sets of as many effects that are nearly as likely."""
+        found: dict[frozenset[str], tuple[Step, float]] = {}
+        pool = [step for step in others if len(step.effects) == len(now.effects)]
+        if len(now.effects) > 1:
+            for n in range(len(now.effects) - 1):
+                less = self.without(now, n)
+                if less is None:
+                    continue
+                for candidate in self._scores(less)[:4]:
+                    if candidate.name not in now.effects and candidate.score > less.cost - now.cost - 3 * CLOSE:
+                        other = self.fitted(less, candidate.effect)
+                        pool += [other] if other is not None else []
+        for step in pool:
+            more = _fair_cost(step) - _fair_cost(now)
+            if more < CLOSE and set(step.effects) != set(now.effects):
+                key = frozenset(step.effects)
+                if key not in found or more < found[key][1]:
+                    found[key] = (step, more)
+        return tuple(sorted(found.values(), key=lambda pair: pair[1]))
+
+
+def _key(candidate: Candidate) -> str:
+    """What is fitted once: an effect, for each channel or label."""
+    effect = candidate.effect
+    return f"{effect.name} {getattr(effect, 'channel', '')} {getattr(effect, 'resistance', '') if effect.name == 'load_error' else ''}"
+
+
+def _fair_cost(step: Step) -> float:
+    """Cost with two for every number that the effects take: sets of different sizes are compared by it."""
+    return step.cost + 2.0 * sum(parameter.path[0] == "effects" for parameter in step.found.model.parameters)

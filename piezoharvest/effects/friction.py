@@ -1,0 +1,28 @@
+"""Rate-independent mechanical hysteresis."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest.effects.base import Effect
+from piezoharvest.parameters import quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class Friction(Effect):
+    """Stop operator on the displacement beside the spring (Jenkins element); absent at zero stiffness."""
+
+    name: ClassVar[str] = "friction"
+    source: ClassVar[str] = "Iwan, J. Appl. Mech. 33(4), 893-900, 1966"
+    looks: ClassVar[str] = "the loop of force and displacement is open by the same width at every frequency, with minor loops inside"
+    told_by: ClassVar[str] = "a slow record with small reversals at several levels, electrodes shorted: damping closes with the frequency, friction does not"
+
+    stiffness: float = quantity("N/m", "stiffness while sticking", at_least=0, null=0.0)
+    threshold: float = quantity("m", "displacement at which it slips", above=0)
+
+    def act(self, specimen):
+        specimen.push(-self.stiffness * specimen.stop(specimen.x, self.threshold))
+
+    @classmethod
+    def starts(cls, scene):
+        for share in (0.01, 0.03, 0.07, 0.15, 0.3):
+            yield cls(stiffness=0.0, threshold=share * scene.displacement)

@@ -1,0 +1,56 @@
+"""The page and the file of numbers beside it."""
+
+from __future__ import annotations
+
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+import piezoharvest
+from piezoharvest.output import write_text
+from reports.actuators.data import LEVELS
+from reports.actuators.results import as_json, comparison, mirror_results, stack_results
+
+
+def write_page(directory: Path) -> Path:
+    """Write results.json and, last, the page; the figures are there."""
+    results = {"stack": stack_results(), "mirror": mirror_results()}
+    write_text(as_json(results), directory / "results.json")
+    captions = tomllib.loads((Path(__file__).parent / "captions.toml").read_text(encoding="utf-8"))
+    options = {"autoescape": True, "undefined": StrictUndefined, "trim_blocks": True, "lstrip_blocks": True}
+    environment = Environment(loader=FileSystemLoader(Path(__file__).parent), **options)
+    css = resources.files("piezoharvest.report").joinpath("templates", "report.css").read_text(encoding="utf-8")
+    content = {"css": Markup(css), "version": piezoharvest.__version__, "captions": captions, "levels": LEVELS}
+    text = environment.get_template("page.html.j2").render(**content, **results, rows=comparison(), **_words(results))
+    write_text(text, directory / "index.html")
+    return directory / "index.html"
+
+
+def _words(results: dict[str, Any]) -> dict[str, Any]:
+    """Shares and differences that the text quotes."""
+    stack, mirror = results["stack"], results["mirror"]
+    windows = list(stack["tracking_um"].values())
+    names = [step["name"] for step in stack["breakdown"]]
+    squares = [sum(value**2 for value in step["windows"]) for step in stack["breakdown"]]
+    noise = 2 * stack["noise_um"]["cycle to cycle"] ** 2
+    shares = [(names[n], (squares[n - 1] - squares[n]) / squares[0]) for n in range(1, len(names))]
+    shares += [("noise", noise / squares[0]), ("not explained", (squares[-1] - noise) / squares[0])]
+    shifts = np.array([[mode["shifts"][-1], mode["shift_of_the_P-I_model"]] for mode in mirror["modes_by_level"]])
+    gains = mirror["gain_20_100_Hz_um_per_V"]
+    moved = [mode["shifts"][-1] for mode in mirror["modes_by_level"]]
+    by_name = {row.name: row for row in comparison()}
+    hysteretic = next(row for name, row in by_name.items() if name.startswith("P-I"))
+    return {
+        "predicted": max(w["predicted for our inverse"] for w in windows),
+        "shares": shares,
+        "gain_change": gains[-1] / gains[0] - 1,
+        "likeness": float(np.corrcoef(shifts.T)[0, 1]),
+        "ratio": float(shifts[:, 0] @ shifts[:, 1] / (shifts[:, 0] @ shifts[:, 0])),
+        "largest_shift": min(moved), "down": sum(shift < 0 for shift in moved), "modes": len(moved),
+        "hysteretic": hysteretic,
+    }  # fmt: skip
