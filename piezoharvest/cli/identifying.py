@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -88,38 +87,19 @@ def _quality(quality: Quality) -> dict[str, Any]:
 
 def _print(found: Identification) -> None:
     """Print the parameters, and the residuals against the noise."""
-    from piezoharvest.report.units import NONE, engineering, percent
+    from piezoharvest.report.units import engineering, percent, response_unit, with_error
 
     rows = []
     for e in found.estimates:
         unit = e.parameter.unit
-        error = NONE if e.std is None else engineering(e.std, unit, 2)
         share = "" if e.std is None or e.value == 0 else percent(e.std / abs(e.value), 2)
         remark = "" if e.identifiable else "not identifiable" + (f"; known: {e.combination}" if e.combination else "")
-        digits = figures(e.value, e.std)
-        rows.append([e.parameter.name, engineering(e.value, unit, digits), error, share, engineering(e.nominal, unit), remark])
-    show.print_rows(found.campaign.title, ["parameter", "value", "std. error", "", "nominal", ""], rows)
+        rows.append([e.parameter.name, with_error(e.value, e.std, unit), share, engineering(e.nominal, unit), remark])
+    show.print_rows(found.campaign.title, ["parameter", "value", "", "nominal", ""], rows)
     rows = [
         [role, channel, engineering(rms, unit), engineering(quality.noise[channel], unit)]
         for role, quality in (("fitted", found.fit), ("validation", found.validation))
         for channel, rms in quality.rms.items()
-        for unit in [residual_unit(channel)]
+        for unit in [response_unit(channel)]
     ]
     show.print_rows("", ["records", "channel", "residual (rms)", "noise alone"], rows)
-
-
-def figures(value: float, std: float | None) -> int:
-    """Significant digits that a standard error leaves, with one more."""
-    if not std or not value:
-        return 4
-    return min(max(math.ceil(math.log10(abs(value) / std)) + 2, 2), 9)
-
-
-def residual_unit(channel: str) -> str:
-    """Unit of a channel, or of a response of one channel to another."""
-    from piezoharvest.records.channels import UNITS
-
-    output, _, given = channel.partition("/")
-    if (output, given) == ("voltage", "current"):
-        return "ohm"
-    return UNITS[output] + (f"/({UNITS[given]})" if given else "")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine.compiled import compiled, inlined
-from piezoharvest.engine.exponentials import deviations, energies_of_steps, exponentials
+from piezoharvest.engine.exponentials import deviations, energies_of_steps, exponentials, glides
 from piezoharvest.engine.forms import forms_of_mode
 from piezoharvest.engine.tables import (
     HELD,
@@ -42,6 +42,7 @@ def build(P, L, D, configuration, slip):
         energies_of_steps(P, L, slot, configuration)  # goes on from the Taylor terms that the exponentials leave behind
     if L[pg.SIGNAL_KIND] == pg.RAMPS:
         deviations(P, L, slot)
+        glides(P, L, slot)
 
 
 @compiled

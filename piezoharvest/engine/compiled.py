@@ -11,44 +11,85 @@ where it is inlined.
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from llvmlite.binding import Linkage
 from numba import njit
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
-from numba.core.compiler_machinery import AnalysisPass, register_pass
-from numba.core.typed_passes import NativeLowering, NopythonTypeInference
+from numba.core.compiler_machinery import AnalysisPass, PassManager, register_pass
+from numba.core.typed_passes import (
+    IRLegalization,
+    NativeLowering,
+    NoPythonBackend,
+    NopythonTypeInference,
+    PreLowerStripPhis,
+)
+from numba.core.untyped_passes import FixupArgs, GenericRewrites, IRProcessing, ReconstructSSA, TranslateByteCode
 
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
+# A product and a sum may be rounded once ("contract"): half the time of a polynomial, whose steps wait for each other.
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "fastmath": {"contract"}}
 _STAMP = tuple(
     (path.name, path.stat().st_mtime_ns, path.stat().st_size) for path in sorted(Path(__file__).parent.glob("*.py"))
 )
 
 
 class _PartLibrary(JITCodeLibrary):
-    """Code of a part as it comes from the front end: it is optimised, and made machine code of, within an entry."""
+    """Code of a part as it comes from the front end: it is optimised, and made machine code of, within an entry.
 
-    def _optimize_final_module(self) -> None:
+    Each part keeps to itself, with a list of all that it calls, directly or not: only the entry links them.
+    """
+
+    def _optimize_functions(self, ll_module: Any) -> None:
         pass
 
-    def _finalize_final_module(self) -> None:
+    def finalize(self) -> None:
         self._finalize_dynamic_globals()
-        self._finalized = True
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage == Linkage.external:
+                function.linkage = "linkonce_odr"
+        self._shared_module, self._finalized = self._final_module, True
 
 
-@register_pass(mutates_CFG=False, analysis_only=True)
+class _EntryLibrary(JITCodeLibrary):
+    """Code of an entry, optimised once; Numba would do so three times, for the sake of reference counts."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        pass
+
+    def _optimize_final_module(self) -> None:
+        passes, builder = self._codegen._module_pass_manager()
+        passes.run(self._final_module, builder)
+
+
 class _Begin(AnalysisPass):
-    """Gives a part its library."""
+    """Gives a function its library."""
 
-    _name = "begin_part"
+    _name, _library = "begin", _PartLibrary
 
     def __init__(self) -> None:
         super().__init__()
 
     def run_pass(self, state: Any) -> bool:
-        state.library = _PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library = self._library(state.targetctx.codegen(), state.func_id.func_qualname)
+        return False
+
+
+@register_pass(mutates_CFG=False, analysis_only=True)
+class _BeginPart(_Begin):
+    _name = "begin_part"
+
+
+@register_pass(mutates_CFG=False, analysis_only=True)
+class _BeginEntry(_Begin):
+    _name, _library = "begin_entry", _EntryLibrary
+
+    def run_pass(self, state: Any) -> bool:
+        super().run_pass(state)
+        state.library.enable_object_caching()
         return False
 
 
@@ -64,7 +105,8 @@ class _End(AnalysisPass):
     def run_pass(self, state: Any) -> bool:
         name = [].append
         state["cr"] = state["cr"]._replace(cfunc=name)
-        state.targetctx.insert_user_function(name, state["cr"].fndesc, [state.library])
+        libraries = list(dict.fromkeys([state.library, *state.library._linking_libraries]))
+        state.targetctx.insert_user_function(name, state["cr"].fndesc, libraries)
         return False
 
 
@@ -72,7 +114,8 @@ class _Part(Compiler):
     """Compiles a function that only compiled code calls.
 
     Numba optimises every function, with all that it calls, for itself and again within each of its callers: in a chain
-    of calls the innermost is compiled once for every link. Here only entries are.
+    of calls the innermost is compiled once for every link. Here only entries are. And of Numba's passes only those are
+    run that plain arithmetic on pointers needs: half of the time until the first result is that of its front end.
     """
 
     def __init__(self, *args: Any):
@@ -81,10 +124,34 @@ class _Part(Compiler):
         flags.no_compile = flags.no_cfunc_wrapper = flags.no_cpython_wrapper = True
 
     def define_pipelines(self) -> Any:
+        passes = PassManager("part")
+        passes._ENFORCING = False
+        for each in (
+            TranslateByteCode, FixupArgs, IRProcessing, GenericRewrites, ReconstructSSA, NopythonTypeInference,
+            _BeginPart, PreLowerStripPhis, IRLegalization, NativeLowering, _End, NoPythonBackend,
+        ):  # fmt: skip
+            passes.add_pass(each, each.__name__)
+        passes.finalize()
+        return [passes]
+
+
+class _Entry(Compiler):
+    """Compiles a function that Python calls, with all its parts."""
+
+    def compile_extra(self, func: Callable) -> Any:
+        """Compile; the garbage collector, which would go through millions of objects all in use, waits meanwhile."""
+        collecting = gc.isenabled()
+        gc.disable()
+        try:
+            return super().compile_extra(func)
+        finally:
+            if collecting:
+                gc.enable()
+
+    def define_pipelines(self) -> Any:
         pipelines = super().define_pipelines()
         for pipeline in pipelines:
-            pipeline.add_pass_after(_Begin, NopythonTypeInference)
-            pipeline.add_pass_after(_End, NativeLowering)
+            pipeline.add_pass_after(_BeginEntry, NopythonTypeInference)
             pipeline.finalize()
         return pipelines
 
@@ -95,12 +162,12 @@ def compiled(function: Callable) -> Any:
 
 
 def inlined(function: Callable) -> Any:
-    """Compile a function of a line or two into its callers; it may return part of an array."""
-    return njit(inline="always", **_OPTIONS)(function)
+    """Compile a function of a line or two, a part whose callers are bound to take it in."""
+    return njit(pipeline_class=_Part, forceinline=True, **_OPTIONS)(function)
 
 
 def entry(function: Callable) -> Any:
     """Compile a function that Python calls; it is kept on disk with all that it calls."""
-    dispatcher: Any = njit(cache=True, **_OPTIONS)(function)
+    dispatcher: Any = njit(cache=True, pipeline_class=_Entry, **_OPTIONS)(function)
     dispatcher._cache._cache_file._source_stamp = _STAMP
     return dispatcher

@@ -9,12 +9,13 @@ from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.interpolation import crossing, peaks, quintic
-from piezoharvest.engine.motion import FOUND, TRIAL, exact, taylor
+from piezoharvest.engine.motion import FOUND, SERIES, TRIAL, expand, reach
 from piezoharvest.engine.state import vector
 from piezoharvest.engine.tables import block_of, slot_of
-from piezoharvest.engine.vector import copy, dot
+from piezoharvest.engine.vector import copy, dot, multiply, polynomial
 
 NONE = -1
+TIE = 1e-9  # part of a step: guards that seem to rise so close together are taken in their order
 
 
 @compiled
@@ -27,71 +28,98 @@ def noise_of(f0, d0, f1, d1, h, floor):
 def locate(P, L, S, D, slot, row, sign, offset, low, high, tau, rises, out):
     """Time at which a guard rises through zero between low and high (s from the state), from the estimate tau.
 
-    Safeguarded Newton on the exact motion; leaves the state there at `out`. `rises` tells that the guard is known to be
-    above zero at `high`; without that the time is infinite where it only comes close to zero.
+    Leaves the state there at `out`. `rises` tells that the guard is known to be above zero at `high`; without that the
+    time is infinite where it only comes close to zero. The motion is made once, to the finest step next to the
+    estimate; from there its Taylor series gives that of the guard, whose zero is a matter of plain numbers.
     """
     rows, block = L[pg.ROWS], block_of(L, slot)
-    value_row = block + L[tb.LINES] + 2 * row * rows
-    rate_row = value_row + rows
+    form, series = block + L[tb.LINES] + 2 * row * rows, vector(L, D, SERIES)
     longest, short = P[block + L[tb.STEPS]], P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
-    exact(P, L, S, D, slot, 0, tau, out)
     for _ in range(80):
-        value = sign * dot(P, value_row, S, out, rows) + offset
-        rate = sign * dot(P, rate_row, S, out, rows)
-        if value > 0.0:
-            high, rises = tau, True
-        else:
-            low = tau
-        target = tau - value / rate if rate > 0.0 else 0.5 * (low + high)
-        if not low <= target <= high:
-            target = 0.5 * (low + high)
-        shift = target - tau
-        if abs(shift) <= short:
-            taylor(P, L, S, D, block, out, shift, shift / short)
-        else:
-            exact(P, L, S, D, slot, 0, target, out)
-        tau = target
-        # Newton's next step would be about the square of this one, in units of 1/|A|.
-        if abs(shift) <= 3e-5 * short and rate > 0.0:
-            return tau
-        if high - low <= 1e-15 * longest:
+        share = reach(P, L, S, D, slot, 0, tau) / short
+        base = tau - share * short
+        expand(P, L, S, D, slot)
+        c = (
+            sign * dot(P, form, S, series, rows) + offset,
+            sign * dot(P, form, S, series + rows, rows),
+            sign * dot(P, form, S, series + 2 * rows, rows),
+            sign * dot(P, form, S, series + 3 * rows, rows),
+            sign * dot(P, form, S, series + 4 * rows, rows),
+            sign * dot(P, form, S, series + 5 * rows, rows),
+            sign * dot(P, form, S, series + 6 * rows, rows),
+            sign * dot(P, form, S, series + 7 * rows, rows),
+            sign * dot(P, form, S, series + 8 * rows, rows),
+        )
+        found, share, low, high, rises = _zero(c, share, (low - base) / short, (high - base) / short, rises)
+        low, high, tau = base + low * short, base + high * short, base + share * short
+        if found or high - low <= 1e-15 * longest:
             break
+    polynomial(S, series, rows, tb.TERMS, share, out)
     return tau if rises else np.inf
 
 
 @compiled
-def earliest(P, L, S, D, slot, now, then, step):
-    """Guard that rises first within a step, and when; the state there is left in the scratch vector FOUND."""
-    best, best_tau = NONE, np.inf
-    at, forms, rows = slot_of(L, slot), L[tb.FORMS], L[pg.ROWS]
-    found, trial = vector(L, D, FOUND), vector(L, D, TRIAL)
-    events = L[at + tb.GUARD_COUNT] - pg.WATCHED
-    for g in range(events):
-        row, sign, offset = L[at + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g], S[D[st.OFFSET] + g]
-        f0, f1 = sign * S[now + row] + offset, sign * S[then + row] + offset
-        d0, d1 = sign * S[now + forms + row], sign * S[then + forms + row]
-        noise = noise_of(f0, d0, f1, d1, step, S[D[st.FLOOR] + g])
-        s0, s1 = sign * S[now + 2 * forms + row], sign * S[then + 2 * forms + row]
-        falls = peaks(f0, d0, s0, f1, d1, s1, step, noise)
-        if not (f1 > noise or falls):
-            continue
-        c = quintic(f0, d0, s0, f1, d1, s1, step)
-        low, high, guess = crossing(c, noise, f1 > noise and d0 > 0.0 and d1 > 0.0, falls)
-        if low > high or low * step > best_tau:
-            continue
-        tau = 0.0
-        if high > 0.0:
-            # The interpolation is not exact, but at the ends of the step the guard is known.
-            if f0 <= 0.0:
-                low = 0.0
-            certain = f1 > 0.0
-            if certain:
-                high = 1.0
-            tau = locate(P, L, S, D, slot, row, sign, offset, low * step, high * step, guess * step, certain, trial)
+def _zero(c, x, low, high, rises):
+    """Safeguarded Newton from x for the zero of a guard's Taylor series, for as long as that holds (|x| <= 1).
+
+    Returns whether it was found, where it is, and what is known by then: the bounds, and whether the guard rises.
+    """
+    for _ in range(60):
+        value = _value(c, x)
+        rate = 4 * c[4] + x * (5 * c[5] + x * (6 * c[6] + x * (7 * c[7] + x * (8 * c[8]))))
+        rate = c[1] + x * (2 * c[2] + x * (3 * c[3] + x * rate))
+        if value > 0.0:
+            high, rises = x, True
         else:
-            copy(S, 0, trial, rows)
+            low = x
+        target = x - value / rate if rate > 0.0 else 0.5 * (low + high)
+        if not low <= target <= high:
+            target = 0.5 * (low + high)
+        shift, x = target - x, target
+        if abs(x) > 1.0:
+            return False, x, low, high, rises
+        # Newton's next step would be about the square of this one, in units of 1/|A|.
+        if abs(shift) <= 3e-6 and rate > 0.0:
+            # Newton's method may have come to the zero from below all the way.
+            return True, x, low, high, rises or _value(c, x + 4.0 * abs(shift) + 1e-6) > 0.0
+        if high - low <= 1e-15:
+            break
+    return True, x, low, high, rises
+
+
+@compiled
+def _value(c, x):
+    """Sum of a series of order 8."""
+    value = c[4] + x * (c[5] + x * (c[6] + x * (c[7] + x * c[8])))
+    return c[0] + x * (c[1] + x * (c[2] + x * (c[3] + x * value)))
+
+
+@compiled
+def earliest(P, L, S, D, slot, now, then, step):
+    """Guard that rises first within a step, and when; the state there is left in the scratch vector FOUND.
+
+    Where each rises is estimated from the ends of the step; it is then located in the order of the estimates. Once one
+    is found, its state tells of all that stay above zero whether they have risen before: only the others are located.
+    """
+    best, best_tau, rows = NONE, np.inf, L[pg.ROWS]
+    found, trial, guesses = vector(L, D, FOUND), vector(L, D, TRIAL), D[st.GUESS]
+    events = L[slot_of(L, slot) + tb.GUARD_COUNT] - pg.WATCHED
+    for g in range(events):
+        _estimate(L, S, D, slot, now, then, step, g)
+    while True:
+        first = 0
+        for g in range(1, events):
+            if S[guesses + g] < S[guesses + first] - TIE:
+                first = g
+        guess = S[guesses + first]
+        if not guess * step < best_tau:
+            break
+        S[guesses + first] = np.inf
+        if best != NONE and S[D[st.HIGH] + first] == 1.0:
+            continue
+        tau = _rise(P, L, S, D, slot, now, then, step, first, guess, trial)
         if tau < best_tau:
-            best, best_tau = g, tau
+            best, best_tau = first, tau
             found, trial = trial, found
     if best != NONE and events > 1:
         best, best_tau, found = _before(P, L, S, D, slot, now, step, best, best_tau, found, trial)
@@ -101,19 +129,57 @@ def earliest(P, L, S, D, slot, now, then, step):
 
 
 @compiled
+def _estimate(L, S, D, slot, now, then, step, g):
+    """Note between which fractions of a step a guard rises, and about where; infinity if it does not."""
+    row, sign, offset = L[slot_of(L, slot) + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g], S[D[st.OFFSET] + g]
+    forms, guess = L[tb.FORMS], D[st.GUESS] + g
+    S[guess] = np.inf
+    f0, f1 = sign * S[now + row] + offset, sign * S[then + row] + offset
+    d0, d1 = sign * S[now + forms + row], sign * S[then + forms + row]
+    noise = noise_of(f0, d0, f1, d1, step, S[D[st.FLOOR] + g])
+    s0, s1 = sign * S[now + 2 * forms + row], sign * S[then + 2 * forms + row]
+    falls = peaks(f0, d0, s0, f1, d1, s1, step, noise)
+    if f1 > noise or falls:
+        c = quintic(f0, d0, s0, f1, d1, s1, step)
+        low, high, x = crossing(c, noise, f1 > noise and d0 > 0.0 and d1 > 0.0, falls)
+        if low <= high:
+            S[guess], S[D[st.LOW] + g], S[D[st.HIGH] + g] = x, low, high
+
+
+@compiled
+def _rise(P, L, S, D, slot, now, then, step, g, guess, out):
+    """Time at which a guard rises within a step, after what was noted of it; the state there is left at `out`."""
+    row, sign, offset = L[slot_of(L, slot) + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g], S[D[st.OFFSET] + g]
+    low, high = S[D[st.LOW] + g], S[D[st.HIGH] + g]
+    if high == 0.0:
+        copy(S, 0, out, L[pg.ROWS])
+        return 0.0
+    # The interpolation is not exact, but at the ends of the step the guard is known.
+    certain = sign * S[then + row] + offset > 0.0
+    if sign * S[now + row] + offset <= 0.0:
+        low = 0.0
+    if certain:
+        high = 1.0
+    return locate(P, L, S, D, slot, row, sign, offset, low * step, high * step, guess * step, certain, out)
+
+
+@compiled
 def _before(P, L, S, D, slot, now, step, best, best_tau, found, trial):
     """Look for a guard that is above zero when the first one rises: it has risen before, too briefly to be seen.
 
     Diodes that begin to conduct just before the extremum do so as a rule.
     """
-    at, rows = slot_of(L, slot), L[pg.ROWS]
-    lines = block_of(L, slot) + L[tb.LINES]
+    at, forms, values = slot_of(L, slot), L[tb.FORMS], D[st.THERE_GUARDS]
+    multiply(P, block_of(L, slot) + L[tb.VALUES], forms, L[pg.COLUMNS], S, found, values)
     for g in range(L[at + tb.GUARD_COUNT] - pg.WATCHED):
         row, sign, offset = L[at + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g], S[D[st.OFFSET] + g]
-        f0, d0 = sign * S[now + row] + offset, sign * S[now + L[tb.FORMS] + row]
-        if g == best or f0 > 0.0:
+        if g == best or not sign * S[values + row] + offset > 0.0:
             continue
-        value = sign * dot(P, lines + 2 * row * rows, S, found, rows) + offset
+        f0, d0 = sign * S[now + row] + offset, sign * S[now + forms + row]
+        if f0 > 0.0:
+            continue
+        # Of the first one found since, there may be another that was before it.
+        value = sign * dot(P, block_of(L, slot) + L[tb.LINES] + 2 * row * L[pg.ROWS], S, found, L[pg.ROWS]) + offset
         if value > S[D[st.FLOOR] + g] + 1e-12 * (abs(f0) + step * abs(d0)):
             tau = locate(P, L, S, D, slot, row, sign, offset, 0.0, best_tau, 0.5 * best_tau, True, trial)
             if tau < best_tau:

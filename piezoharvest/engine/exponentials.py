@@ -11,6 +11,8 @@ from piezoharvest.engine.tables import (
     DEVIATION,
     FINEST_LEVEL,
     FORMS,
+    GLIDE,
+    GLIDE_ROWS,
     GRAMIAN,
     GROWTH,
     LADDERS,
@@ -18,15 +20,19 @@ from piezoharvest.engine.tables import (
     LEVELS,
     MATRIX,
     ORDER,
+    OUTPUT_ROWS,
+    OUTPUTS,
+    POWERS,
     PRODUCTS,
     SCRATCH,
     STEPS,
+    TERMS,
     VALUES,
     block_of,
     rungs_of,
     slot_of,
 )
-from piezoharvest.engine.vector import dot, grow, multiply
+from piezoharvest.engine.vector import copy, dot, grow, multiply
 
 # |A| h on the finest level: a Taylor series over half of that is short.
 FINEST = 1.0 / 16.0
@@ -66,6 +72,11 @@ def exponentials(P, L, slot, longest):
             P[here + j] *= h / k
         for j in range(a * rows, square):
             P[here + j] = 0.0
+    for j in range(columns):
+        for k in range(TERMS):
+            source, target = powers + (k + 1) * square + j * rows, block + L[POWERS] + (j * TERMS + k) * rows
+            for i in range(rows):
+                P[target + i] = P[source + i]
     for j in range(square):
         total = 0.0
         for k in range(ORDER, 0, -1):
@@ -170,3 +181,23 @@ def deviations(P, L, slot):
                 off = P[scratch + rows + r]
                 P[block + L[LADDERS] + (r * columns + j) * rungs + level - 1] = off
                 P[deviation + j * forms + r] = max(P[deviation + j * forms + r], 2.0 * abs(off))
+
+
+@compiled
+def glides(P, L, slot):
+    """What a longest step leads to, as one matrix over the state: growth, guards before and after, outputs after."""
+    a, rows, columns, forms, block = L[pg.A], L[pg.ROWS], L[pg.COLUMNS], L[FORMS], block_of(L, slot)
+    growth, values, outputs, height = block + L[GROWTH], block + L[VALUES], block + L[OUTPUTS], L[GLIDE_ROWS]
+    for j in range(columns):
+        here, column = block + L[GLIDE] + j * height, growth + j * rows
+        copy(P, column, here, rows)
+        now = here + rows
+        copy(P, values + j * forms, now, forms)
+        if j < a:
+            multiply(P, values, forms, columns, P, column, now + forms)
+            multiply(P, outputs, OUTPUT_ROWS, columns, P, column, now + 2 * forms)
+        for r in range(forms):
+            P[now + forms + r] = P[now + r] + P[now + forms + r] if j < a else 0.0
+        for r in range(OUTPUT_ROWS):
+            after = now + 2 * forms + r
+            P[after] = P[outputs + j * OUTPUT_ROWS + r] + P[after] if j < a else 0.0

@@ -119,6 +119,6 @@ def root(c, low, high):
         if not low < target < high:
             target = 0.5 * (low + high)
         shift, x = target - x, target
-        if abs(shift) < 1e-5:
+        if abs(shift) < 1e-3:
             break
     return x

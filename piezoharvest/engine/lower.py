@@ -9,7 +9,7 @@ import numpy as np
 
 from piezoharvest.circuit import Guard, Product, Switch
 from piezoharvest.engine import program as pg
-from piezoharvest.engine.physics import Layout, Physics, scalar, stack
+from piezoharvest.engine.physics import Layout, Physics, joined, scalar, stack
 from piezoharvest.equations import own_rows
 from piezoharvest.excitation import Excitation, Ramps, Tones
 from piezoharvest.shunts.base import Shunt
@@ -80,7 +80,7 @@ def _rows(rows, width: int) -> np.ndarray:
     """Rows as the second axis from the end of one array; an empty list gives none."""
     if not len(rows):
         return np.zeros((0, width))
-    return np.stack(np.broadcast_arrays(*rows), axis=-2)
+    return joined(rows, -2)
 
 
 def _join(*parts: np.ndarray) -> np.ndarray:
@@ -98,7 +98,7 @@ def _pad(blocks, axis: int) -> np.ndarray:
         return np.concatenate([block, missing], axis=-2)
 
     padded = [pad(block) for block in blocks]
-    return np.stack(np.broadcast_arrays(*padded), axis=axis)
+    return joined(padded, axis)
 
 
 class _Columns:
@@ -116,10 +116,10 @@ class _Columns:
 
 def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation) -> pg.Program:
     storage, scale = physics.storage()
-    equations = np.stack(np.broadcast_arrays(*tables.equations), axis=-3)
+    equations = joined(tables.equations, -3)
     exo_scale = _exo_scale(layout, equations, scale, signal, physics.transducer)
     columns = _Columns(layout.n, scale, exo_scale)
-    outputs = columns.split(np.stack(np.broadcast_arrays(*tables.outputs), axis=-3), 2)
+    outputs = columns.split(joined(tables.outputs, -3), 2)
     harmonic = isinstance(signal, Tones)
     omega = 2 * np.pi * np.asarray(signal.frequencies) if isinstance(signal, Tones) else np.zeros(0)
     index = {name: c for c, name in enumerate(names)}
@@ -160,7 +160,7 @@ def _plain(value: Any) -> Any:
 def _motion(layout: Layout, equations) -> dict[str, Any]:
     """Solve the equations of every configuration for the derivatives, all stops slipping."""
     rate, mass = equations
-    size = np.max(np.abs(mass), axis=-1, keepdims=True)
+    size = np.max(np.abs(np.real(mass)), axis=-1, keepdims=True)
     size = np.where(size > 0, size, 1.0)
     inverse, stops = np.linalg.inv(mass / size), layout.stop_states
     own = (mass / size)[..., stops, stops]  # 1, but for the complex step of a scale
@@ -186,7 +186,7 @@ def _guards(layout: Layout, guards: list[list[Guard]], index: dict[str, int], co
     """Guards of all configurations as padded arrays, each row of about unit size."""
     rows = _pad([_rows([g.rises for g in own], layout.width) for own in guards], -3)
     guard_z, guard_d = columns.split(rows, 2)
-    largest = np.max(np.abs(guard_z), axis=-1, keepdims=True) + np.max(np.abs(guard_d), axis=-1, keepdims=True)
+    largest = sum(np.max(np.abs(np.real(part)), axis=-1, keepdims=True) for part in (guard_z, guard_d))
     largest = np.where(largest > 0, largest, 1.0)
     count = rows.shape[-2]
     return {
@@ -227,7 +227,7 @@ def _products(layout: Layout, products, columns: _Columns) -> dict[str, Any]:
     for c, own in enumerate(products):
         categories[c, : len(own)] = [category for category, _ in own]
     return {
-        "product_coefficient": np.stack(np.broadcast_arrays(*coefficients), axis=-2), "product_category": categories,
+        "product_coefficient": joined(coefficients, -2), "product_category": categories,
         "product_z": product_z, "product_d": product_d,
     }  # fmt: skip
 
@@ -263,7 +263,7 @@ def _exo_scale(layout, equations, scale, signal, tr) -> np.ndarray:
     Real numbers always: a complex step of a quantity must not move the exogenous states.
     """
     n = layout.n
-    mass = np.max(np.abs(equations[..., n : 2 * n] * scale[..., None, None, :]), axis=-1)
+    mass = np.max(np.abs(np.real(equations[..., n : 2 * n] * scale[..., None, None, :])), axis=-1)
     columns = np.abs(np.real(equations[..., 2 * n :])) / np.where(mass > 0, mass, 1.0)[..., None]
     size = np.max(columns, axis=(-3, -2))
     resonance = np.real(np.sqrt(scalar(tr.stiffness) / scalar(tr.mass)))[..., None]

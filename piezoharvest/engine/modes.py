@@ -30,6 +30,12 @@ def dual(batch: np.ndarray, rank: int) -> Dual:
     return Dual(np.real(batch[0]), np.imag(batch) / COMPLEX_STEP)
 
 
+def nominal(batch: pg.Program) -> pg.Program:
+    """The design that the complex steps of a batch begin from."""
+    first = pg.part(batch, 0)
+    return first._replace(**{name: np.real(np.asarray(getattr(first, name))).copy() for name in pg.NUMBERS})
+
+
 class Mode:
     """One linear mode: a configuration of the shunt and the set of stops that slip.
 

@@ -5,45 +5,23 @@ from __future__ import annotations
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.compiled import compiled
-from piezoharvest.engine.exponentials import FINEST
 from piezoharvest.engine.state import vector
-from piezoharvest.engine.tables import ORDER, block_of, slot_of
-from piezoharvest.engine.vector import add_term, copy, grow
+from piezoharvest.engine.tables import block_of, slot_of
+from piezoharvest.engine.vector import copy, grow, multiply, polynomial
 
-# Scratch vectors, by who uses them.
-ARRIVED, FOUND, TRIAL, SAMPLE, KEPT, FLOW, TERM, SWAP = 0, 1, 2, 3, 4, 5, 6, 8
-
-
-@compiled
-def taylor(P, L, S, D, block, z, tau, share):
-    """Advance the vector at z in place by tau, no longer than the finest level; `share` is tau over it."""
-    rows, columns, matrix = L[pg.ROWS], L[pg.COLUMNS], block + L[tb.MATRIX]
-    source, target = z, vector(L, D, TERM)
-    other = target + rows
-    bound = 1.0
-    for k in range(1, ORDER + 2):
-        # |A tau|^k / k! bounds this term.
-        bound *= FINEST * abs(share) / k
-        if bound < 1e-17:
-            break
-        if k == 1:
-            # The vector grows while its own product is formed, so that it is read from a copy.
-            copy(S, z, other, rows)
-            source = other
-        add_term(P, matrix, rows, columns, tau / k, S, source, target, z)
-        source, target = target, source
+# Scratch vectors, by who uses them; the terms of a series stand one after the other.
+ARRIVED, FOUND, TRIAL, SAMPLE, KEPT, FLOW, SWAP, SERIES = range(8)
 
 
 @compiled
-def exact(P, L, S, D, slot, x, tau, out):
-    """Out = exp(A tau) x for any 0 <= tau <= longest step: binary digits of tau, then a Taylor series.
+def reach(P, L, S, D, slot, x, tau):
+    """The finest steps that make up tau, to the nearest: state there, as the first of SERIES; returns what is left.
 
-    The digits are rounded to the nearest finest step, so that the series spans half of one, forwards or back.
+    Taken as binary digits of tau, each a product with the table of its level.
     """
     rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     growth, steps, finest = block + L[tb.GROWTH], block + L[tb.STEPS], L[slot_of(L, slot) + tb.FINEST_LEVEL]
-    short = P[steps + finest]
-    source, rest = x, tau
+    source, rest, out = x, tau, vector(L, D, SERIES)
     here, there = out, vector(L, D, SWAP)
     for level in range(finest + 1):
         h = P[steps + level]
@@ -54,5 +32,28 @@ def exact(P, L, S, D, slot, x, tau, out):
             here, there = there, here
     if source != out:
         copy(S, source, out, rows)
-    if rest != 0.0:
-        taylor(P, L, S, D, block, out, rest, rest / short)
+    return rest
+
+
+@compiled
+def expand(P, L, S, D, slot):
+    """Terms of the Taylor series of the motion from the first of SERIES on, for time in finest steps.
+
+    One product with all powers of the mode's matrix, so that no term waits for the one before.
+    """
+    z, rows = vector(L, D, SERIES), L[pg.ROWS]
+    multiply(P, block_of(L, slot) + L[tb.POWERS], tb.TERMS * rows, L[pg.COLUMNS], S, z, z + rows)
+
+
+@compiled
+def drift(P, L, S, D, slot, share, out):
+    """Out = the first of SERIES moved on by a share of the finest step, -1 to 1."""
+    expand(P, L, S, D, slot)
+    polynomial(S, vector(L, D, SERIES), L[pg.ROWS], tb.TERMS, share, out)
+
+
+@compiled
+def exact(P, L, S, D, slot, x, tau, out):
+    """Out = exp(A tau) x for any 0 <= tau <= longest step: to the nearest finest step, and forwards or back from it."""
+    short = P[block_of(L, slot) + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
+    drift(P, L, S, D, slot, reach(P, L, S, D, slot, x, tau) / short, out)

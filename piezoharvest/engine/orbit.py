@@ -29,7 +29,9 @@ class Motion:
     configuration : int
     slip : (h,) int array
     what : int
-        What ends it: a guard, or `events.OPENS`, `ACTS` or `NOTHING`.
+        What ends it: a guard, or `tape.OPENS`, `ACTS` or `NOTHING`.
+    scheduled : bool
+        Whether an action of the switch, or its opening, is due after it.
     """
 
     start: np.ndarray
@@ -38,6 +40,7 @@ class Motion:
     configuration: int
     slip: np.ndarray
     what: int
+    scheduled: bool
 
     @property
     def length(self) -> float:
@@ -65,7 +68,7 @@ def follow(lowered: Lowered, orbit: Orbit, mirrored: bool) -> Tape:
     shooting = Shooting(machine, period, mirrored)
     span = 0.5 * period if mirrored else period
     first = _record(machine, shooting.load(orbit, tape=ROOM), orbit.time + span, lowered)
-    begin = _idle(machine, shooting, orbit, first[0])
+    begin = _idle(orbit, first[0])
     state = shooting.load(orbit)
     check(machine.run(state, begin))
     recorder = machine.state(tape=ROOM)
@@ -74,25 +77,22 @@ def follow(lowered: Lowered, orbit: Orbit, mirrored: bool) -> Tape:
     return Tape(motions, end, mirrored, lowered)
 
 
-def _idle(machine: Machine, shooting: Shooting, orbit: Orbit, motions: tuple[Motion, ...]) -> float:
+def _idle(orbit: Orbit, motions: tuple[Motion, ...]) -> float:
     """Middle of the longest motion of a span that begins with nothing scheduled, s; the orbit's own time if none."""
-    best, longest, state = orbit.time, -1.0, shooting.load(orbit)
-    for motion in motions:
-        middle = 0.5 * (motion.begins + motion.ends)
-        check(machine.run(state, middle))
-        scheduled = state.D[st.WAITING] or state.D[st.CLOSED]
-        if not scheduled and motion.length > longest:
-            best, longest = middle, motion.length
-    return best
+    idle = [motion for motion in motions if not motion.scheduled]
+    if not idle:
+        return orbit.time
+    longest = max(idle, key=lambda motion: motion.length)
+    return 0.5 * (longest.begins + longest.ends)
 
 
 def _record(machine: Machine, state: State, t_end: float, lowered: Lowered) -> tuple[tuple[Motion, ...], np.ndarray]:
     check(machine.run(state, t_end))
     a, h = int(machine.L[pg.A]), int(machine.L[pg.H])
     count = int(state.D[st.TAPED])
-    numbers, kinds = state[st.TAPE].reshape(-1, 2 + a)[:count], state[st.TAPE_KIND].reshape(-1, 2 + h)[:count]
+    numbers, kinds = state[st.TAPE].reshape(-1, 2 + a)[:count], state[st.TAPE_KIND].reshape(-1, 3 + h)[:count]
     motions = tuple(
-        Motion(row[2:].copy(), row[0], row[1], int(kind[0]), kind[2:].copy(), int(kind[1]))
+        Motion(row[2:].copy(), row[0], row[1], int(kind[0]), kind[3:].copy(), int(kind[1]), bool(kind[2]))
         for row, kind in zip(numbers, kinds, strict=True)
     )
     return motions, state.z.copy()

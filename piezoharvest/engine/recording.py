@@ -8,10 +8,12 @@ from piezoharvest.engine import tables as tb
 from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.crossing import NONE
 from piezoharvest.engine.exponentials import NODES, WEIGHTS
-from piezoharvest.engine.motion import FLOW, KEPT, SAMPLE, exact, taylor
+from piezoharvest.engine.motion import FLOW, KEPT, SAMPLE, SERIES, drift, exact, expand
 from piezoharvest.engine.state import dot_column, vector
 from piezoharvest.engine.tables import block_of, slot_of
-from piezoharvest.engine.vector import copy, dot, grow, multiply
+from piezoharvest.engine.vector import copy, dot, grow, multiply, polynomial
+
+SAME_TIME = 1e-11  # part of a step that a sample's time may be off its end by rounding
 
 
 @compiled
@@ -19,7 +21,7 @@ def observe(P, L, S, D, slot, tau, arrived):
     """Samples and extremes between the state now and the state at `arrived`, tau later."""
     now = S[D[st.CLOCK]]
     end, z, outputs = now + tau, vector(L, D, SAMPLE), block_of(L, slot) + L[tb.OUTPUTS]
-    rounding = 1e-15 * end  # of times, for samples wanted at the ends of steps
+    rounding = max(SAME_TIME * tau, 1e-15 * end)
     while D[st.SAMPLED] < D[st.SAMPLES_WANTED] and S[D[st.SAMPLE_TIME] + D[st.SAMPLED]] <= end:
         k = D[st.SAMPLED]
         into = S[D[st.SAMPLE_TIME] + k] - now
@@ -100,7 +102,9 @@ def account(P, L, S, D, slot, tau, level):
     if rest > 0.0:
         _collect_short(P, L, S, D, slot, rest)
         for s in range(D[st.SENSITIVITIES]):
-            taylor(P, L, S, D, block, D[st.PHI] + s * rows, rest, rest / P[steps + finest])
+            phi = D[st.PHI] + s * rows
+            copy(S, phi, vector(L, D, SERIES), rows)
+            drift(P, L, S, D, slot, rest / P[steps + finest], phi)
     copy(S, kept, 0, rows)
 
 
@@ -127,9 +131,10 @@ def _collect_short(P, L, S, D, slot, tau):
     """Energies of a step shorter than the finest level, by Gauss-Legendre quadrature of its Taylor series."""
     block, z, a, own = block_of(L, slot), vector(L, D, SAMPLE), L[pg.A], L[pg.PRODUCTS]
     short, configuration = P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]], D[st.CONFIGURATION]
+    copy(S, 0, vector(L, D, SERIES), L[pg.ROWS])
+    expand(P, L, S, D, slot)
     for q in range(len(NODES)):
-        copy(S, 0, z, L[pg.ROWS])
-        taylor(P, L, S, D, block, z, NODES[q] * tau, NODES[q] * tau / short)
+        polynomial(S, vector(L, D, SERIES), L[pg.ROWS], tb.TERMS, NODES[q] * tau / short, z)
         for p in range(own + L[pg.H]):
             category, weight = pg.HYSTERESIS, tau * WEIGHTS[q]
             if p < own:

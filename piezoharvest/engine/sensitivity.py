@@ -18,6 +18,7 @@ import numpy as np
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine.lower import lower
+from piezoharvest.engine.modes import nominal
 from piezoharvest.engine.orbit import follow
 from piezoharvest.engine.simulation import search
 from piezoharvest.engine.steady import EngineError
@@ -75,14 +76,15 @@ def gradient(system: System, excitation: Excitation) -> Gradient:
     """
     if excitation.period is None:
         raise NoGradientError(f"{excitation.kind} has no period")
-    lowered = lower(system, excitation)
+    batch = lower(*stepped(system, excitation))
+    # One lowering serves both: what the complex steps begin from is the design itself.
+    lowered = batch._replace(program=nominal(batch.program))
     try:
         orbit, mirrored, _, _, settles = search(lowered, excitation)
         if not settles:
             raise NoGradientError("no periodic steady state was found")
         tape = follow(lowered, orbit, mirrored)
         names, values = zip(*quantities(system, excitation), strict=True)
-        batch = lower(*stepped(system, excitation))
         variation = Variation(tape, batch.program, len(names))
     except EngineError as error:
         raise NoGradientError(str(error)) from None

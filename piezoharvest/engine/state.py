@@ -13,7 +13,7 @@ from piezoharvest.engine.compiled import compiled, inlined
 from piezoharvest.engine.vector import padded
 
 QUEUE_LENGTH = 4  # actions of the switch that may be waiting at one time
-VECTORS = 10  # of scratch
+VECTORS = 16  # of scratch
 
 # Places in D: the discrete state; BETWEEN marks an event half done, MODE is the slot of the mode last moved in,
 (
@@ -23,9 +23,9 @@ VECTORS = 10  # of scratch
     # where lists begin in D,
     SLIP, POLARITY, LOG_CODE, TAPE_KIND,
     # and where in S.
-    CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, FLOOR, LADDER, WORK, EXTREMES, ENERGY,
-    PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME, SAMPLES, TAPE, END,
-) = range(40)  # fmt: skip
+    CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, FLOOR, LOW, HIGH, GUESS, THERE_GUARDS, LADDER, GLIDED, WORK,
+    EXTREMES, ENERGY, PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME, SAMPLES, TAPE, END,
+) = range(45)  # fmt: skip
 # Places from CLOCK on in S: time now, when the switch opens, when it last acted, all in s.
 NOW, OPENS, ACTED = range(3)
 
@@ -56,12 +56,14 @@ class State:
         energies = contents[pg.CATEGORY_COUNT] if ledger else 0
         places = {
             CLOCK: 3, QUEUE: QUEUE_LENGTH, SIGN: guards, OFFSET: guards, NOW_GUARDS: contents[tb.GUARD_ROWS],
-            THEN_GUARDS: contents[tb.GUARD_ROWS], FLOOR: guards, LADDER: padded(tb.LEVELS), WORK: VECTORS * rows,
+            THEN_GUARDS: contents[tb.GUARD_ROWS], FLOOR: guards, LOW: guards, HIGH: guards, GUESS: guards,
+            THERE_GUARDS: contents[tb.FORMS], LADDER: padded(tb.LEVELS), GLIDED: contents[tb.GLIDE_ROWS],
+            WORK: VECTORS * rows,
             EXTREMES: 4, ENERGY: energies, PHI: sensitivities * rows, QUEUE_PHI: QUEUE_LENGTH * sensitivities,
             OPENS_PHI: sensitivities, EVENT_PHI: sensitivities, LOG_TIME: log, SAMPLE_TIME: len(times),
             SAMPLES: len(times) * outputs, TAPE: tape * (2 + int(contents[pg.A])),
         }  # fmt: skip
-        lists = {SLIP: h, POLARITY: QUEUE_LENGTH, LOG_CODE: log, TAPE_KIND: tape * (2 + int(h))}
+        lists = {SLIP: h, POLARITY: QUEUE_LENGTH, LOG_CODE: log, TAPE_KIND: tape * (3 + int(h))}
         self.D = np.zeros(END + 1 + int(sum(lists.values())), np.int64)
         for place, offset in zip(lists, _offsets(lists, END + 1), strict=True):
             self.D[place] = offset

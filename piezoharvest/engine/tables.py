@@ -18,6 +18,7 @@ from piezoharvest.engine.vector import LANES, padded
 MODES = 64  # kept at once; met again after that, they are built anew
 LEVELS = 56
 ORDER = 10  # Taylor terms: on the finest level the rest is below 1e-20
+TERMS = 8  # of those, what a motion within a finest step needs: the rest is below 1e-16 at its end, 1e-19 half way
 MOST_MAPPED = 4096  # keys of modes that are looked up directly
 OUTPUT_ROWS = padded(len(pg.OUTPUTS))
 
@@ -25,8 +26,9 @@ OUTPUT_ROWS = padded(len(pg.OUTPUTS))
 (
     TABLES, BLOCK, SLOTS, SLOT, HELD, ROOM, MAP, MAPPED, FORMS, GUARD_ROWS, LEDGER, SCRATCH,
     # places within a mode's block of numbers,
-    STEPS, MATRIX, GUARDS, LINES, VALUES, DEVIATION, LADDERS, SIZES, OUTPUTS, PRODUCTS, GROWTH, GRAMIAN,
-) = range(pg.CONTENTS, pg.CONTENTS + 24)  # fmt: skip
+    STEPS, MATRIX, POWERS, GUARDS, LINES, VALUES, DEVIATION, LADDERS, GLIDE, SIZES, OUTPUTS, PRODUCTS, GROWTH,
+    GRAMIAN, GLIDE_ROWS,
+) = range(pg.CONTENTS, pg.CONTENTS + 27)  # fmt: skip
 # and within its block of integers: key, finest level, number of guards, then for every guard what it is and its row.
 KEY, FINEST_LEVEL, GUARD_COUNT, FIRST_GUARD = range(4)
 
@@ -39,11 +41,14 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
     square = columns * rows
     forms = padded(int(g + 1 + h + pg.WATCHED))  # distinct rows of guards
     sampled = head[pg.SIGNAL_KIND] == pg.RAMPS
+    glide_rows = rows + 2 * forms + OUTPUT_ROWS
     products, energies = head[pg.PRODUCTS] + h, head[pg.CATEGORY_COUNT] if ledger else 0
     sizes = {
-        STEPS: LEVELS, MATRIX: square, GUARDS: 3 * forms * columns, LINES: 2 * forms * rows, VALUES: forms * columns,
+        STEPS: LEVELS, MATRIX: square, POWERS: TERMS * square, GUARDS: 3 * forms * columns, LINES: 2 * forms * rows,
+        VALUES: forms * columns,
         DEVIATION: forms * columns if sampled else 0,
-        LADDERS: forms * padded(LEVELS) * columns if sampled else 0, SIZES: 3 * forms, OUTPUTS: OUTPUT_ROWS * columns,
+        LADDERS: forms * padded(LEVELS) * columns if sampled else 0, GLIDE: glide_rows * columns if sampled else 0,
+        SIZES: 3 * forms, OUTPUTS: OUTPUT_ROWS * columns,
         PRODUCTS: products * 2 * a, GROWTH: LEVELS * square, GRAMIAN: LEVELS * energies * square,
     }  # fmt: skip
     offset = 0
@@ -54,7 +59,7 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
     scratch = int((ORDER + 4) * square + 3 * forms * columns)
     slot = FIRST_GUARD + 2 * int(g + 1 + 2 * h + pg.WATCHED)
     head[[BLOCK, SLOT, ROOM, FORMS, LEDGER]] = offset, slot, modes, forms, energies
-    head[GUARD_ROWS] = 3 * forms
+    head[GUARD_ROWS], head[GLIDE_ROWS] = 3 * forms, glide_rows
     head[SCRATCH] = head[pg.LENGTH]
     head[TABLES] = head[SCRATCH] + scratch
     head[SLOTS] = len(head)

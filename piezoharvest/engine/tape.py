@@ -15,14 +15,17 @@ NOTHING, OPENS, ACTS = -1, -2, -3
 
 @compiled
 def begin_tape(L, S, D):
-    """Write down where a motion from one event to the next begins: time and state, configuration and slips."""
-    at, kind = D[st.TAPE] + D[st.TAPED] * (2 + L[pg.A]), D[st.TAPE_KIND] + D[st.TAPED] * (2 + L[pg.H])
+    """Write down where a motion from one event to the next begins: time and state, configuration and slips.
+
+    And whether anything is scheduled: actions of the switch, or its opening.
+    """
+    at, kind = D[st.TAPE] + D[st.TAPED] * (2 + L[pg.A]), D[st.TAPE_KIND] + D[st.TAPED] * (3 + L[pg.H])
     S[at] = S[D[st.CLOCK]]
     for i in range(L[pg.A]):
         S[at + 2 + i] = S[i]
-    D[kind] = D[st.CONFIGURATION]
+    D[kind], D[kind + 2] = D[st.CONFIGURATION], 1 if D[st.WAITING] or D[st.CLOSED] else 0
     for j in range(L[pg.H]):
-        D[kind + 2 + j] = D[D[st.SLIP] + j]
+        D[kind + 3 + j] = D[D[st.SLIP] + j]
 
 
 @compiled
@@ -33,5 +36,5 @@ def end_tape(L, S, D, slot, guard, due, kind):
     what = L[slot_of(L, slot) + tb.FIRST_GUARD + 2 * guard] if guard != NONE else NOTHING
     if guard == NONE and S[D[st.CLOCK]] >= due:
         what = OPENS if kind == 1 else ACTS
-    D[D[st.TAPE_KIND] + at * (2 + L[pg.H]) + 1] = what
+    D[D[st.TAPE_KIND] + at * (3 + L[pg.H]) + 1] = what
     D[st.TAPED] += 1

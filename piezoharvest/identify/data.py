@@ -13,6 +13,7 @@ from piezoharvest.identify.noise import first_guess
 from piezoharvest.predict.prediction import Setting, setting_of
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.record import Record
+from piezoharvest.transducer import Transducer
 
 JITTER = 1e-2  # of the sample time, that stamps may be off a uniform grid
 RESPONSES = ("displacement", "voltage", "current", "force")
@@ -58,7 +59,7 @@ class Data:
         return self.setting.count
 
 
-def data_of(record: Record) -> Data:
+def data_of(record: Record, transducer: Transducer) -> Data:
     """Prepare a record.
 
     Raises
@@ -80,10 +81,10 @@ def data_of(record: Record) -> Data:
     sigma = {c: s.sigma for c, s in record.signals.items() if s.sigma is not None}
     drive = record[record.drive]
     clean = denoised(drive, sigma.get(record.drive, first_guess(drive)))
-    setting = setting_of(record.drive, record.shunt, step, clean)
+    setting = setting_of(record.drive, record.shunt, step, clean, transducer)
     return Data(record.name, record.role, record, setting, drive - clean, channels, sigma)
 
 
-def all_data(records: Sequence[Record]) -> tuple[Data, ...]:
+def all_data(records: Sequence[Record], transducer: Transducer) -> tuple[Data, ...]:
     """Prepare records; raises as `data_of` does."""
-    return tuple(data_of(record) for record in records)
+    return tuple(data_of(record, transducer) for record in records)

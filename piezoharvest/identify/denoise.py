@@ -1,21 +1,26 @@
 """The part of a measured drive that stands out of its noise.
 
 Operators rectify: where a load is held they rest, while the noise of its measurement would let those of a model slip to and fro.
-So a model is driven by the drive without what may be noise; the rest is small and passes by the model's linear response.
+So a model is driven by the drive without what is noise for certain; the rest passes by the model's linear response.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-WIDTH = 2.5  # half width of a confidence interval in standard deviations
+from piezoharvest.records.finding import runs
+
+WIDTH = 4.0  # half width of a confidence interval in standard deviations
 LEVELS = 13  # windows of 3, 7, 15, ... samples
+SPARE = 2  # levels: the average is over a quarter of the samples that agree, which makes its bias far less than the noise
+HELD = 4.0  # standard deviations of the averages within which a drive counts as held at one value
+LEAST = 5  # level from which on an average is taken; what moves faster stays as it is
 
 
 def denoised(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Average over as many samples as agree within the noise.
+    """Drive averaged where it is held or moves steadily.
 
-    Around every sample the window grows as long as the confidence intervals of all averages have a point in common
+    Around every sample a window grows as long as the confidence intervals of all averages have a point in common
     (intersection of confidence intervals: Goldenshluger & Nemirovski, Mathematical Methods of Statistics 6(2), 135-170,
     1997; Katkovnik, IEEE Transactions on Signal Processing 47(9), 2567-2571, 1999).
 
@@ -29,20 +34,37 @@ def denoised(values: np.ndarray, sigma: float) -> np.ndarray:
     -------
     (n,) array
     """
-    found = values.copy()
-    if sigma <= 0:
-        return found
-    lower, upper = values - WIDTH * sigma, values + WIDTH * sigma
     sums = np.concatenate([[0.0], np.cumsum(values - values[0])])
-    grows = np.arange(len(values))
-    for half in (2**level - 1 for level in range(1, LEVELS + 1)):
-        grows = grows[(grows >= half) & (grows < len(values) - half)]
-        mean = (sums[grows + half + 1] - sums[grows - half]) / (2 * half + 1) + values[0]
-        around = WIDTH * sigma / np.sqrt(2 * half + 1)
-        low, high = np.maximum(lower[grows], mean - around), np.minimum(upper[grows], mean + around)
-        agree = low <= high
-        grows = grows[agree]
-        if not len(grows):
-            break
-        found[grows], lower[grows], upper[grows] = mean[agree], low[agree], high[agree]
+    levels = _agreeing(values, sums, sigma) - SPARE
+    found = values.copy()
+    for level in range(LEAST, LEVELS - SPARE + 1):
+        places = np.flatnonzero(levels == level)
+        found[places] = _average(sums, places, level) + values[0]
+    for first, last in runs(levels >= LEAST):
+        part = slice(first, last + 1)
+        off = (found[part] - values[part].mean()) * np.sqrt(2.0 ** (levels[part] + 1))
+        if np.abs(off).max() < HELD * sigma:
+            found[part] = values[part].mean()
+    return found
+
+
+def _average(sums: np.ndarray, places: np.ndarray, level: int) -> np.ndarray:
+    """Averages over windows about some samples, from cumulative sums."""
+    half = 2**level - 1
+    return (sums[places + half + 1] - sums[places - half]) / (2 * half + 1)
+
+
+def _agreeing(values: np.ndarray, sums: np.ndarray, sigma: float) -> np.ndarray:
+    """Level of the largest window about every sample whose average agrees with those of the smaller ones."""
+    found, centred = np.zeros(len(values), np.int8), values - values[0]
+    lower, upper, grows = centred - WIDTH * sigma, centred + WIDTH * sigma, np.arange(len(values))
+    for level in range(1, LEVELS + 1):
+        half = 2**level - 1
+        inside = (grows >= half) & (grows < len(values) - half)
+        grows, lower, upper = grows[inside], lower[inside], upper[inside]
+        mean, around = _average(sums, grows, level), WIDTH * sigma / np.sqrt(2 * half + 1)
+        lower, upper = np.maximum(lower, mean - around), np.minimum(upper, mean + around)
+        agree = lower < upper
+        grows, lower, upper = grows[agree], lower[agree], upper[agree]
+        found[grows] = level
     return found

@@ -206,6 +206,9 @@ def _sums(
     problem: Problem, model: Model, own: Sequence[np.ndarray], white: Sequence[Whitener | ResponseWeights]
 ) -> tuple[Sums, ...]:
     # Records side by side; threads within products of small matrices would wait for each other most of the time.
+    for data in problem.data:
+        if isinstance(data, Data):
+            model.lowered(data)
     with threadpool_limits(1), ThreadPoolExecutor(WORKERS) as pool:
         jobs = [pool.submit(each.sums, model, mine) for each, mine in zip(white, own, strict=True)]
         return tuple(job.result() for job in jobs)
@@ -309,7 +312,7 @@ def covariance(found: Fit) -> np.ndarray:
     excess = np.maximum(excess, 1.0)
     for mine, part in zip(own, found.sums, strict=True):
         places = np.concatenate([np.arange(p), np.arange(at, at + len(mine))])
-        meat[np.ix_(places, places)] += np.einsum("b,bij->ij", excess, part.information)
+        meat[np.ix_(places, places)] += np.einsum("b,bij->ij", excess, part.information) + part.scatter
         at += len(mine)
     bread = inverse(found.information + found.prior)
     return bread @ (meat + found.prior) @ bread

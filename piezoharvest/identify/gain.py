@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -29,15 +30,54 @@ def gain_of(prediction: Prediction, channels: Sequence[str], frequencies: np.nda
     -------
     (f, channels) complex array
     """
-    return _Gain(prediction, channels, frequencies).value
+    return _gain(prediction, channels, frequencies).value
 
 
 def gain_slopes(
     prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Response as `gain_of` gives it, and its derivatives to the parameters, (f, channels, parameters)."""
-    gain = _Gain(prediction, channels, frequencies)
-    return gain.value, gain.slopes()
+    gain = _gain(prediction, channels, frequencies)
+    return gain.value, gain.slopes
+
+
+def small_response(
+    prediction: Prediction, channels: Sequence[str], drive: np.ndarray, derivatives: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Response to a small addition to the drive, as if it came again and again.
+
+    Parameters
+    ----------
+    prediction : Prediction
+    channels : sequence of str
+    drive : (n,) array
+    derivatives : bool
+
+    Returns
+    -------
+    (n, channels) array
+    (n, channels, parameters) array
+        Derivatives to the parameters, of which there are none unless they are wanted.
+    """
+    n = len(drive)
+    values, slopes = np.zeros((n, len(channels))), np.zeros((n, len(channels), len(prediction.parameters) * derivatives))
+    if not np.any(drive):
+        return values, slopes
+    gain = _gain(prediction, channels, np.fft.rfftfreq(n, prediction.setting.sample_time))
+    spectrum = np.fft.rfft(drive)
+    values[:] = np.fft.irfft(gain.value * spectrum[:, None], n, axis=0)
+    if derivatives:
+        slopes[:] = np.fft.irfft(gain.slopes * spectrum[:, None, None], n, axis=0)
+    return values, slopes
+
+
+def _gain(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> _Gain:
+    """Gain of a prediction, which is asked for by several parts of a fit: the last one is kept with it."""
+    key = (tuple(channels), len(frequencies), float(frequencies[-1]), prediction.local.tobytes())
+    kept = prediction.__dict__.get("_gain")
+    if kept is None or kept[0] != key:
+        kept = prediction.__dict__["_gain"] = key, _Gain(prediction, channels, frequencies)
+    return kept[1]
 
 
 class _Gain:
@@ -46,43 +86,49 @@ class _Gain:
     def __init__(self, prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> None:
         m, h = prediction.matrices, prediction.setting.sample_time
         angle = 2 * np.pi * np.maximum(frequencies * h, SLOWEST)
-        self._turn = np.exp(1j * angle)
+        turn = np.exp(1j * angle)
         # Slope of the cubic spline through a sine's samples, for one sample.
         rate = 3j * np.sin(angle) / (2.0 + np.cos(angle))
-        ones, turn = np.ones_like(rate), self._turn
-        self._cubic = np.column_stack([
-            ones, rate, 3.0 * (turn - 1.0) - rate * (2.0 + turn), 2.0 * (1.0 - turn) + rate * (1.0 + turn)
-        ])  # fmt: skip
-        self._drive = np.column_stack([ones, rate / h])
+        ones = np.ones_like(rate)
+        cubic = [ones, rate, 3.0 * (turn - 1.0) - rate * (2.0 + turn), 2.0 * (1.0 - turn) + rate * (1.0 + turn)]
+        drive = [ones, rate / h]
         outputs = len(m.O) - len(m.channels)
         self._rows = [outputs + m.channels.index(channel) for channel in channels]
-        self._prediction = prediction
-        step = prediction.step
-        self._line = _Line.of(step.M, step.H, step.O, self._rows, prediction)
-        line = self._line
-        self._resolvent = np.linalg.inv(turn[:, None, None] * line.kept - line.A)
-        pushed = self._cubic @ line.cubic.T + self._drive @ line.before.T + turn[:, None] * (self._drive @ line.after.T)
-        self._states = (self._resolvent @ pushed[:, :, None])[:, :, 0]
-        self.value = self._states @ line.C.T + self._drive @ line.D.T
+        self._prediction, step = prediction, prediction.step
+        self._line = line = _Line.of(step.M, step.H, step.O, self._rows, prediction)
+        # What multiplies with the drive's part of the equations, (f, 8).
+        self._driven = np.column_stack([*cubic, *drive, *(turn * part for part in drive)])
+        resolvent = np.linalg.inv(turn[:, None, None] * line.kept - line.A)
+        states = (resolvent @ (self._driven @ line.driven().T)[:, :, None])[:, :, 0]
+        self._moving = np.column_stack([states, -turn[:, None] * states, self._driven])
+        self._states, self._drive = states, np.column_stack(drive)
+        self._left = line.C @ resolvent
+        self.value = states @ line.C.T + self._drive @ line.D.T
 
+    @cached_property
     def slopes(self) -> np.ndarray:
         """Derivatives to the parameters, (f, channels, parameters)."""
-        prediction, turn, found = self._prediction, self._turn, []
+        prediction, count = self._prediction, len(self._prediction.parameters)
+        if not count:
+            return np.zeros((*self.value.shape, 0), complex)
         step, slopes = prediction.step, prediction.slopes
-        for k in range(len(prediction.parameters)):
-            parts = [getattr(step, name) + 1j * SMALL * getattr(slopes, name)[:, :, k] for name in ("M", "H", "O")]
-            d = _Line(*(np.imag(part) / SMALL for part in _Line.of(*parts, self._rows, prediction)))
-            pushed = self._states @ d.A.T - turn[:, None] * (self._states @ d.kept.T) + self._cubic @ d.cubic.T
-            pushed += self._drive @ d.before.T + turn[:, None] * (self._drive @ d.after.T)
-            moved = (self._resolvent @ pushed[:, :, None])[:, :, 0]
-            found.append(moved @ self._line.C.T + self._states @ d.C.T + self._drive @ d.D.T)
-        return np.stack(found, axis=-1) if found else np.zeros((*self.value.shape, 0), complex)
+        parts = [
+            getattr(step, name) + 1j * SMALL * np.moveaxis(getattr(slopes, name)[:, :, :count], -1, 0) for name in ("M", "H", "O")
+        ]
+        d = _Line(*(np.imag(part) / SMALL for part in _Line.of(*parts, self._rows, prediction)))
+        n = self._states.shape[1]
+        # Products with all parameters at once, (f, n * parameters), then what each state does to the channels.
+        inner = np.concatenate([np.broadcast_to(part, (count, *part.shape[-2:])) for part in (d.A, d.kept)] + [d.driven()], axis=-1)
+        pushed = (self._moving @ inner.transpose(2, 1, 0).reshape(inner.shape[2], -1)).reshape(-1, n, count)
+        direct = np.concatenate([d.C, d.D], axis=-1)
+        found = np.column_stack([self._states, self._drive]) @ direct.transpose(2, 1, 0).reshape(direct.shape[2], -1)
+        return found.reshape(-1, direct.shape[1], count) + self._left @ pushed
 
 
 class _Line(NamedTuple):
     """A step with its elements as straight lines.
 
-    kept z(next) = A z + cubic c + before e + after e(next), outputs = C z + D e, where e is the drive and its rate.
+    kept z(next) = A z + cubic c + before e + after e(next), outputs = C z + D e, where e is the drive and its rate; parameters may be the first axis.
     """
 
     kept: np.ndarray
@@ -96,18 +142,21 @@ class _Line(NamedTuple):
     @classmethod
     def of(cls, M, H, O, rows: Sequence[int], prediction: Prediction) -> _Line:  # noqa: E741
         """Eliminate the elements: w = local * inputs, inputs = O [z; w; e]."""
-        m, n = prediction.matrices, H.shape[0]
-        w = H.shape[1]
-        inputs = (len(O) - len(m.channels)) // 2
+        m, (n, w) = prediction.matrices, H.shape[-2:]
+        inputs = (O.shape[-2] - len(m.channels)) // 2
         local = np.zeros((w, inputs))
         for j, (first, second) in enumerate(m.places):
             local[j, first] += prediction.local[j, 0]
             local[j, second] += prediction.local[j, 1]
         e = slice(n + w, n + w + 2)
-        through = np.linalg.inv(np.eye(w) - local @ O[:inputs, n : n + w]) @ local
-        P, Q = through @ O[:inputs, :n], through @ O[:inputs, e]
-        Mw, Ow = M[:, n : n + w], O[rows, n : n + w]
+        through = np.linalg.inv(np.eye(w) - local @ O[..., :inputs, n : n + w]) @ local
+        P, Q = through @ O[..., :inputs, :n], through @ O[..., :inputs, e]
+        Mw, Ow = M[..., n : n + w], O[..., rows, n : n + w]
         return cls(
-            np.eye(n) - H @ P, M[:, :n] + Mw @ P, M[:, n + w : n + w + 4], Mw @ Q, H @ Q,
-            O[rows, :n] + Ow @ P, O[rows, e] + Ow @ Q,
+            np.eye(n) - H @ P, M[..., :n] + Mw @ P, M[..., n + w : n + w + 4], Mw @ Q, H @ Q,
+            O[..., rows, :n] + Ow @ P, O[..., rows, e] + Ow @ Q,
         )  # fmt: skip
+
+    def driven(self) -> np.ndarray:
+        """What multiplies with the drive: cubic, before and after, (..., n, 8)."""
+        return np.concatenate([self.cubic, self.before, self.after], axis=-1)

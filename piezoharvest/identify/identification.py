@@ -111,7 +111,7 @@ def prepared(campaign: Campaign, role: str) -> tuple[Data | FrequencyData, ...]:
     CampaignError
         The model cannot be driven by a record.
     """
-    return tuple(data_of(r) if isinstance(r, Record) else FrequencyData(r) for r in campaign.of_role(role))
+    return tuple(data_of(r, campaign.transducer) if isinstance(r, Record) else FrequencyData(r) for r in campaign.of_role(role))
 
 
 def identify(campaign: Campaign, tell: Tell = lambda text: None, offsets: Sequence[str] | None = None) -> Identification:

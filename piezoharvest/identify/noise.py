@@ -106,3 +106,25 @@ def _median_of_means(cross: np.ndarray) -> np.ndarray:
     """Median over bands of the mean in each: a line spoils one band only."""
     bands = np.array_split(np.real(cross), min(BANDS, len(cross)))
     return np.median([band.mean(axis=0) for band in bands], axis=0)
+
+
+def rounding(values: np.ndarray, sigma: float) -> tuple[float, float]:
+    """Step to which a sensor or converter rounds, and amplitude of the error that noise does not average out.
+
+    The mean of rounded values is off by (step / pi) exp(-2 pi^2 s^2 / step^2) sin(2 pi x / step), s being the noise before
+    (Widrow & Kollar, Quantization Noise, 2008, ch. 4); where a load is held, that is an error which does not change.
+
+    Parameters
+    ----------
+    values : (n,) array
+    sigma : float
+        Standard deviation of the noise with the rounding.
+    """
+    moves = np.abs(np.diff(values))
+    moves = moves[moves > 1e-9 * np.abs(values).max(initial=0.0)]
+    if not len(moves):
+        return 1.0, 0.0
+    # The smallest move, or where a second device rounds too, the mean of its neighbours.
+    step = float(moves[moves < 1.5 * moves.min()].mean())
+    before = max(sigma**2 - step**2 / 12.0, 0.0)
+    return step, step / np.pi * float(np.exp(-2.0 * np.pi**2 * before / step**2))

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from piezoharvest.identify.data import Data
-from piezoharvest.identify.gain import gain_of, gain_slopes
-from piezoharvest.identify.noise import Noise
+from piezoharvest.identify.gain import gain_of, gain_slopes, small_response
+from piezoharvest.identify.noise import Noise, rounding
 from piezoharvest.predict.parameters import Parameter
-from piezoharvest.predict.prediction import Prediction
+from piezoharvest.predict.prediction import Lowered, Prediction
 from piezoharvest.predict.sensing import sensed
 from piezoharvest.transducer import Transducer
 
 EDGES = np.array([0.0, 0.1, 0.3, 0.6, 1.2, 2.4, 5, 10, 20, 40, 80, 160, 320, 640, 1e9])  # Hz: bands of the colour
+
+ROUND = 1e-3  # of the noise: smaller errors by rounding do not matter
 
 
 @dataclass(frozen=True)
@@ -33,12 +35,15 @@ class Sums:
         Sums of squares of the residuals.
     count : (bands,) array
         How many squares.
+    scatter : (p, p) array
+        Covariance of the gradient that rounded sensors add.
     """
 
     information: np.ndarray
     gradient: np.ndarray
     squares: np.ndarray
     count: np.ndarray
+    scatter: np.ndarray | float = 0.0
 
 
 @dataclass(frozen=True)
@@ -57,10 +62,18 @@ class Model:
     transducer: Transducer
     parameters: tuple[Parameter, ...]
     offset_channels: tuple[str, ...]
+    _lowered: dict = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def prediction(self, data: Data, own: np.ndarray | None = None) -> Prediction:
         """Prediction of a record; `own` are its states at the start and jumps."""
-        return Prediction(self.transducer, data.setting, self.parameters, own)
+        return Prediction(self.transducer, data.setting, self.parameters, own, self.lowered(data))
+
+    def lowered(self, data: Data) -> Lowered:
+        """Equations for a record, which others share."""
+        key = Lowered.key(data.setting)
+        if key not in self._lowered:
+            self._lowered[key] = Lowered(self.transducer, data.setting, self.parameters)
+        return self._lowered[key]
 
 
 class Whitener:
@@ -77,6 +90,7 @@ class Whitener:
     def __init__(self, prediction: Prediction, noise: Noise, data: Data) -> None:
         self._prediction, self._noise, self._data = prediction, noise, data
         self._matrices: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self._steps = [rounding(data.record[channel], noise.sigma[channel]) for channel in data.channels]
 
     def of(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """For a block of so many samples: matrices (f, channels, channels), and squares (f,) of the drive's noise in them."""
@@ -99,10 +113,11 @@ class Whitener:
             The model cannot follow the record.
         """
         h, parts, passed = self._data.setting.sample_time, [], {}
-        for prediction, _, residual, slopes in residual_blocks(model, self._data, own, True):
+        for prediction, begin, residual, slopes in residual_blocks(model, self._data, own, True):
             count = len(residual)
             white, at_first = self.of(count)
-            part = _whitened(residual, slopes, white, h)
+            predicted = self._data.values[begin : begin + count] - residual
+            part = _whitened(residual, slopes, self._rounding(predicted), white, h)
             if self._data.drive in self._noise.sigma:
                 if count not in passed:
                     passed = {count: self._drive_noise(prediction, count, white, at_first)}
@@ -111,6 +126,16 @@ class Whitener:
                 part.squares[:] -= squares
             parts.append(part)
         return Sums(*(sum(each) for each in zip(*(vars(part).values() for part in parts), strict=True)))
+
+    def _rounding(self, predicted: np.ndarray) -> np.ndarray:
+        """Errors of rounded sensors, of either phase, (samples, channels, errors): they depend on an offset that is free."""
+        columns = []
+        for k, (channel, (step, size)) in enumerate(zip(self._data.channels, self._steps, strict=True)):
+            if size > ROUND * self._noise.sigma[channel]:
+                for wave in (np.cos, np.sin):
+                    columns.append(np.zeros_like(predicted))
+                    columns[-1][:, k] = np.sqrt(0.5) * size * wave(2 * np.pi * predicted[:, k] / step)
+        return np.stack(columns, axis=2) if columns else np.zeros((*predicted.shape, 0))
 
     def _drive_noise(
         self, prediction: Prediction, count: int, white: np.ndarray, at_first: np.ndarray
@@ -188,7 +213,7 @@ def extras(model: Model, data: Data, prediction: Prediction) -> list[Extra]:
 
 def own_names(model: Model, data: Data) -> tuple[str, ...]:
     """Names of a record's own numbers: states at the start, jumps, offsets, lines."""
-    prediction = Prediction(model.transducer, data.setting)
+    prediction = model.prediction(data)
     return (*prediction.own_names, *(extra.name for extra in extras(model, data, prediction)))
 
 
@@ -212,6 +237,10 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
                     if extra.effect is not None and parameter.path == ("effects", extra.effect, "frequency"):
                         slopes[:, :, k] += size * np.real(2j * np.pi * time[:, None] * column)
         predicted = predicted + sum((size * np.real(c) for size, c in zip(own[count:], columns, strict=True)), 0.0)
+        passed, passed_slopes = small_response(prediction, data.channels, data.rest[block.begin : end], derivatives)
+        predicted = predicted + passed
+        if slopes is not None:
+            slopes[:, :, : passed_slopes.shape[2]] += passed_slopes
         predicted, slopes = sensed(effects, model.parameters, data.channels, h, predicted, slopes)
         yield prediction, block.begin, data.values[block.begin : end] - predicted, slopes
 
@@ -224,14 +253,15 @@ def spectra_of(values: np.ndarray) -> np.ndarray:
     return found
 
 
-def _whitened(residual: np.ndarray, slopes: np.ndarray, W: np.ndarray, sample_time: float) -> Sums:
-    """Sums of one block, by bands."""
+def _whitened(residual: np.ndarray, slopes: np.ndarray, rounded: np.ndarray, W: np.ndarray, sample_time: float) -> Sums:
+    """Sums of one block, by bands; `rounded` are errors of one standard deviation."""
     count, channels = residual.shape
     R = (W @ spectra_of(residual)[:, :, None])[:, :, 0]
     D = W @ spectra_of(slopes)
     edges = np.searchsorted(np.fft.rfftfreq(count, sample_time), EDGES)
     P, bands = D.shape[2], len(EDGES) - 1
-    sums = Sums(np.zeros((bands, P, P)), np.zeros((bands, P)), np.zeros(bands), np.zeros(bands))
+    pushed = np.real(np.einsum("fcp,fce->pe", np.conj(D), W @ spectra_of(rounded)))
+    sums = Sums(np.zeros((bands, P, P)), np.zeros((bands, P)), np.zeros(bands), np.zeros(bands), pushed @ pushed.T)
     for band in range(bands):
         part = slice(edges[band], edges[band + 1])
         if part.start == part.stop:

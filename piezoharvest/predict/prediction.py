@@ -12,14 +12,15 @@ import numpy as np
 from piezoharvest.predict.drive import Drive, drive_of
 from piezoharvest.predict.parameters import STEP, Parameter, stepped, value_at
 from piezoharvest.predict.specimen import Matrices, Specimen
-from piezoharvest.predict.steps import Step, step_of
+from piezoharvest.predict.steps import Step, equilibrium, inverse_of, step_of
 from piezoharvest.shunts import Shunt
 from piezoharvest.transducer import Transducer
 
 # Steps of components are too small for what comes after their equations: squares of imaginary parts would underflow, which is slow.
 MAGNIFIED = 1e-30
 BLOCK = 1 << 16  # samples at a time: a record of millions of samples is never in memory with its derivatives
-SLOW = 2.0  # samples: a state that lasts longer than this has a start of its own
+SLOW = 2.0  # samples: a state that lasts longer than this has a start of its own,
+LASTS = 0.05  # which means that so much of it is left
 
 
 class PredictionError(ArithmeticError):
@@ -40,6 +41,8 @@ class Setting:
     motion : Drive
     count : int
         Samples.
+    free : tuple of str
+        States whose start is free.
     """
 
     drive: str
@@ -48,11 +51,23 @@ class Setting:
     first: float
     motion: Drive
     count: int
+    free: tuple[str, ...] = ()
 
 
-def setting_of(drive: str, shunt: Shunt | None, sample_time: float, values: np.ndarray) -> Setting:
-    """Setting from the samples of the drive."""
-    return Setting(drive, shunt, sample_time, float(values[0]), drive_of(values), len(values))
+def setting_of(
+    drive: str, shunt: Shunt | None, sample_time: float, values: np.ndarray, transducer: Transducer | None = None
+) -> Setting:
+    """Setting from the samples of the drive; with a transducer, states that outlast a few samples have free starts.
+
+    What effects add begins at rest: a preload has acted long before the record.
+    """
+    setting = Setting(drive, shunt, sample_time, float(values[0]), drive_of(values), len(values))
+    if transducer is None:
+        return setting
+    bare = Prediction(replace(transducer, effects=()), setting)
+    M, n = bare.step.M, len(bare.step.M)
+    kept = np.abs(np.linalg.matrix_power(M[:, :n], int(SLOW))).max(axis=0)
+    return replace(setting, free=tuple(name for name, k in zip(bare.matrices.states, kept, strict=True) if k > LASTS))
 
 
 class Block(NamedTuple):
@@ -72,11 +87,47 @@ class Block(NamedTuple):
     derivatives: np.ndarray
 
 
-class Linearised(NamedTuple):
-    """A step with its derivatives to the parameters as last axis."""
+class Lowered:
+    """A transducer's equations for all records that differ in their drive alone.
 
-    step: Step
-    slopes: Step
+    Parameters
+    ----------
+    transducer : Transducer
+    setting : Setting
+        One of the records.
+    parameters : sequence of Parameter
+        What derivatives are wanted to.
+    """
+
+    def __init__(self, transducer: Transducer, setting: Setting, parameters: Sequence[Parameter]) -> None:
+        self.transducer, self.setting, self.parameters = transducer, setting, tuple(parameters)
+        self.matrices = self._matrices(transducer)
+        self.share = 1.0 / max(setting.count - 1, 1)
+        self.step = step_of(self.matrices, setting.sample_time, self.share)
+        self.inverse = inverse_of(self.matrices)
+
+    @staticmethod
+    def key(setting: Setting) -> tuple:
+        """What the records have to have in common."""
+        return setting.shunt, setting.drive, setting.sample_time, setting.count
+
+    def _matrices(self, transducer: Transducer) -> Matrices:
+        setting = self.setting
+        return Specimen(transducer, setting.shunt, setting.drive, setting.sample_time).matrices()
+
+    @cached_property
+    def tangents(self) -> list[Matrices]:
+        """Equations with a complex step in each parameter."""
+        found = []
+        for parameter in self.parameters:
+            inner = parameter.inner(value_at(self.transducer, parameter.path))
+            found.append(_magnified(self._matrices(stepped(self.transducer, parameter, inner))))
+        return found
+
+    @cached_property
+    def steps(self) -> list[Step]:
+        """Steps with a complex step in each parameter."""
+        return [step_of(tangent, self.setting.sample_time, self.share) for tangent in self.tangents]
 
 
 class Prediction:
@@ -95,49 +146,49 @@ class Prediction:
     """
 
     def __init__(
-        self, transducer: Transducer, setting: Setting, parameters: Sequence[Parameter] = (), own: np.ndarray | None = None
+        self,
+        transducer: Transducer,
+        setting: Setting,
+        parameters: Sequence[Parameter] = (),
+        own: np.ndarray | None = None,
+        lowered: Lowered | None = None,
     ) -> None:
         self.setting, self.transducer, self.parameters = setting, transducer, tuple(parameters)
-        matrices = Specimen(transducer, setting.shunt, setting.drive, setting.sample_time).matrices()
-        self.matrices = matrices
-        h, share = setting.sample_time, 1.0 / max(setting.count - 1, 1)
-        self.share = share
-        self.step = step_of(matrices, h, share, setting.first)
+        self._lowered = lowered = lowered or Lowered(transducer, setting, parameters)
+        self.matrices = matrices = lowered.matrices
+        self.share, self.step = lowered.share, lowered.step
         jumps = tuple(f"jump{j}" for j in setting.motion.jumps)
-        self.free = self._free_states(None if own is None else len(own) - len(jumps))
+        self.free = [matrices.states.index(name) for name in setting.free]
         self.own_names = tuple(matrices.states[k] for k in self.free) + jumps
         self.own = np.zeros(len(self.own_names)) if own is None else own
         self.channels = matrices.channels
         # Mean slopes of the elements to their inputs, (elements, 2): those of relaxed operators that slip, until a march tells.
         self.local = np.zeros((len(matrices.kinds), 2))
 
-    def _free_states(self, count: int | None) -> list[int]:
-        """States whose start matters: those that outlast a few samples on their own, or so many that last longest.
-
-        In a fit the number stays as it was at its start, wherever time constants go.
-        """
-        M, n = self.step.M, len(self.step.M)
-        kept = np.abs(np.linalg.matrix_power(M[:, :n], int(SLOW))).max(axis=0)
-        if count is None:
-            count = int(np.sum(kept > 0.05))
-        return sorted(np.argsort(-kept, kind="stable")[:count].tolist())
-
     @cached_property
     def slopes(self) -> Step:
-        """Derivatives of the step to the parameters, by a complex step through all of its making."""
-        setting, found = self.setting, []
-        for parameter in self.parameters:
-            inner = parameter.inner(value_at(self.transducer, parameter.path))
-            device = stepped(self.transducer, parameter, inner)
-            matrices = Specimen(device, setting.shunt, setting.drive, setting.sample_time).matrices()
-            found.append(step_of(_magnified(matrices), setting.sample_time, self.share, setting.first))
-        count = len(self.own_names)
+        """Derivatives of the step to the parameters, then to the record's own numbers, by a complex step."""
+        found, count = self._lowered.steps, len(self.own_names)
         return Step(*(
             np.stack([*(np.imag(getattr(step, name)) / MAGNIFIED for step in found),
                       *[np.zeros(getattr(self.step, name).shape)] * count], axis=-1)
             if found or count else np.zeros((*getattr(self.step, name).shape, 0))
             for name in Step._fields
         ))  # fmt: skip
+
+    def _start(self, derivatives: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Scaled states at the start, and their derivatives."""
+        first, scale = self.setting.first, self.matrices.scale[self.free]
+        z = equilibrium(self.matrices, self._lowered.inverse, first)
+        z[self.free] += self.own[: len(self.free)] / scale
+        if not derivatives:
+            return z, np.zeros((len(z), 0))
+        count = len(self.parameters)
+        dz = np.zeros((len(z), count + len(self.own_names)))
+        for k, tangent in enumerate(self._lowered.tangents):
+            dz[:, k] = np.imag(equilibrium(tangent, self._lowered.inverse, first)) / MAGNIFIED
+        dz[self.free, count + np.arange(len(self.free))] = 1.0 / scale
+        return z, dz
 
     def blocks(self, derivatives: bool = True, size: int = BLOCK) -> Iterator[Block]:
         """Predict, a block of samples at a time.
@@ -156,12 +207,8 @@ class Prediction:
             P = 0
             slopes = Step(*(np.zeros((*array.shape, 0)) for array in step))
         m = len(step.O) - len(matrices.channels)
-        z, dz = step.start.copy(), slopes.start.copy()
+        z, dz = self._start(derivatives)
         states, local = len(self.free), np.zeros((nw, 2))
-        z[self.free] += self.own[:states] / matrices.scale[self.free]
-        if P:
-            for j, k in enumerate(self.free):
-                dz[k, len(self.parameters) + j] = 1.0 / matrices.scale[k]
         w, inputs, dw, dinputs = np.zeros(nw), np.zeros(m), np.zeros((nw, P)), np.zeros((m, P))
         coefficients = setting.motion.coefficients.copy()
         jumps = setting.motion.jumps

@@ -8,8 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import expm
 
-from piezoharvest.predict.specimen import Matrices
+from piezoharvest.predict.elements import outputs_of
+from piezoharvest.predict.specimen import STOP, Matrices
 
+REST = 50  # iterations to an equilibrium
 DEGREE = 3  # of the drive between two samples
 
 
@@ -26,18 +28,15 @@ class Step(NamedTuple):
     O : (2 inputs + outputs, n + elements + 4) array
     limits : (elements,) array
         Thresholds of stops, exponents of powers.
-    start : (n,) array
-        Equilibrium under the first value of the drive, operators relaxed.
     """
 
     M: np.ndarray
     H: np.ndarray
     O: np.ndarray  # noqa: E741
     limits: np.ndarray
-    start: np.ndarray
 
 
-def step_of(matrices: Matrices, sample_time: float, share: float, first: float) -> Step:
+def step_of(matrices: Matrices, sample_time: float, share: float) -> Step:
     """Discretise.
 
     Parameters
@@ -48,8 +47,6 @@ def step_of(matrices: Matrices, sample_time: float, share: float, first: float) 
         s.
     share : float
         Of the record, that one step takes.
-    first : float
-        First value of the drive.
     """
     A, B, W, h = matrices.A, matrices.B, matrices.W, sample_time
     n = len(A)
@@ -64,23 +61,35 @@ def step_of(matrices: Matrices, sample_time: float, share: float, first: float) 
     parts = [G[0] @ drive, *(G[k] @ drive + (k / h) * (G[k - 1] @ rate) for k in range(1, DEGREE + 1))]
     constant = G[0] @ one + share * (G[1] @ time)
     M = np.column_stack([top[:, :n], (G[0] - G[1]) @ W, *parts, constant, G[0] @ time])
-    return Step(M, G[1] @ W, matrices.O, matrices.parameters, _equilibrium(matrices, first))
+    return Step(M, G[1] @ W, matrices.O, matrices.parameters)
 
 
-def _equilibrium(matrices: Matrices, first: float) -> np.ndarray:
-    """State that does not move under the first value of the drive; stops give nothing."""
-    from piezoharvest.predict.elements import outputs_of
+def inverse_of(matrices: Matrices) -> np.ndarray:
+    """Inverse of A; open electrodes keep their charge, of which the pseudo-inverse takes that with the least energy."""
+    return np.linalg.pinv(np.real(matrices.A), rcond=1e-13)
 
+
+def equilibrium(matrices: Matrices, inverse: np.ndarray, first: float) -> np.ndarray:
+    """State that does not move under the first value of the drive; stops give nothing.
+
+    Parameters
+    ----------
+    matrices : Matrices
+        Real, or with a complex step.
+    inverse : (n, n) array
+        That of the real A.
+    first : float
+        First value of the drive.
+    """
     A, B, W = matrices.A, matrices.B, matrices.W
+    if np.iscomplexobj(A):
+        inverse = inverse - 1j * (inverse @ np.imag(A) @ inverse)
     e = np.array([first, 0.0, 1.0, 0.0])
     w = np.zeros(len(matrices.kinds), A.dtype)
     z = np.zeros(len(A), A.dtype)
-    # Open electrodes keep their charge: the pseudo-inverse takes the one with the least energy.
-    real = np.linalg.pinv(np.real(A), rcond=1e-13)
-    inverse = real - 1j * (real @ np.imag(A) @ real) if np.iscomplexobj(A) else real
-    for _ in range(50):
+    for _ in range(REST):
         before, z = z, -inverse @ (B @ e + W @ w)
-        if np.abs(z - before).max() <= 1e-14 * np.abs(z).max():
+        if np.abs(z - before).max() <= 1e-14 * np.abs(z).max() or not np.any(matrices.kinds != STOP):
             break
         w = outputs_of(matrices, z, w, e)
     return z

@@ -1,19 +1,21 @@
-"""Figures and pages: the report of a design."""
+"""Figures and pages: the reports of a design and of an identification."""
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from piezoharvest.report.identification import write_identification
     from piezoharvest.report.pages import write_report
 
-__all__ = ["write_report"]
+__all__ = ["write_identification", "write_report"]
+
+_HOME = {"write_report": "pages", "write_identification": "identification"}
 
 
 def __getattr__(name: str) -> Any:
     # Lazy: matplotlib and jinja2 come only when a report is written.
-    if name != "write_report":
+    if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from piezoharvest.report.pages import write_report
-
-    return write_report
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

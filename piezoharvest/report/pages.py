@@ -59,7 +59,7 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
     figures: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for picture in gallery.pictures():
         file = f"{picture.name}.png"
-        _write_png(picture.figure, directory / file)
+        write_png(picture.figure, directory / file)
         svg = Markup(style.inline_svg(picture.figure, picture.name, picture.heading))
         words = {"heading": picture.heading, "caption": picture.caption, "file": file, "name": picture.name}
         figures[picture.section].append({**words, "svg": svg})
@@ -67,7 +67,7 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
     for section in _SECTIONS:
         for figure in figures[section]:
             figure["number"] = next(numbers)
-    page = _template().render(
+    page = page_template("report.html.j2").render(
         title=study.title,
         answer=answer(study, subjects, limit),
         ranking=tables.ranking(subjects, limit),
@@ -90,7 +90,8 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
     return directory / NAME
 
 
-def _write_png(figure: Any, path: Path) -> None:
+def write_png(figure: Any, path: Path) -> None:
+    """Write a figure; raises `OutputError` where that is not possible."""
     try:
         style.write_png(figure, path)
     except OSError as error:
@@ -105,14 +106,15 @@ def _bound(result: DesignResult) -> list[str]:
 
 
 @cache
-def _template() -> Template:
+def page_template(name: str) -> Template:
+    """Template of a page by its file's name."""
     folder = resources.files("piezoharvest.report").joinpath("templates")
-    loader = FunctionLoader(lambda name: folder.joinpath(name).read_text(encoding="utf-8"))
+    loader = FunctionLoader(lambda part: folder.joinpath(part).read_text(encoding="utf-8"))
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["subscripts"] = _subscripts
-    return environment.get_template("report.html.j2")
+    return environment.get_template(name)
 
 
 def _subscripts(text: str) -> Markup:

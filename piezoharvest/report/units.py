@@ -7,6 +7,8 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
+from piezoharvest.records.channels import UNITS
+
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _ACRONYMS = {"rl", "rlc", "sshi", "sece", "ssds", "ssdi", "ssdv"}
@@ -124,3 +126,21 @@ def quantity_text(value: Any, unit: str | None, digits: int = 3) -> str:
     if isinstance(value, bool | str) or not isinstance(value, int | float):
         return str(value)
     return engineering(float(value), unit or "", digits, exact=True)
+
+
+def with_error(value: float, std: float | None, unit: str) -> str:
+    """Value and its standard error, both to the error's second digit: "7.82141 ± 0.00065 N/V"; the value alone without one."""
+    if not std or not math.isfinite(std):
+        return engineering(value, unit, 4)
+    factor, printed = prefix_of(max(abs(value), std), unit)
+    places = max(0, 1 - math.floor(math.log10(std * factor)))
+    text = f"{factor * value:.{places}f} ± {factor * std:.{places}f}".replace("-", "\u2212")
+    return f"{text}{SPACE}{printed}" if printed else text
+
+
+def response_unit(channel: str) -> str:
+    """SI unit of a channel, or of a response such as "voltage/current"."""
+    output, _, given = channel.partition("/")
+    if (output, given) == ("voltage", "current"):
+        return "ohm"
+    return f"{UNITS[output]}/({UNITS[given]})" if given else UNITS[output]

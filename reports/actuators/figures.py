@@ -93,9 +93,9 @@ def breakdown() -> Figure:
     axes[0].text(0.575, 2.0, "tracking error of the paper", **words)
     axes[0].axvline(stack.repeat_noise(), color=style.INK, linestyle=":", linewidth=1.0)
     axes[0].text(0.08, -0.52, "noise", fontsize=8)
-    names = ["P-I from the sine", "P-I, more data", "+ lag", "+ asymmetry", "+ creep"]
+    names = ["P-I from the sine", "P-I, more data", "+ lag", "+ asymmetry", "+ creep", "20 thresholds"]
     axes[0].set_yticks(place, names)
-    axes[0].set(xlabel="error in the windows in µm rms, mean removed", xlim=(0, 0.62), ylim=(4.75, -0.75))
+    axes[0].set(xlabel="error in the windows in µm rms, mean removed", xlim=(0, 0.62), ylim=(5.75, -0.75))
     style.legend_above(figure, axes[0].get_legend_handles_labels()[0])
     lags = np.linspace(0.0005, 0.025, 13)
     names = ("sine alone", "with minor loops")

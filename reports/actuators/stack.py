@@ -115,6 +115,7 @@ def _steps() -> tuple[tuple[Step, ...], tuple[tuple[np.ndarray, ...], ...]]:
         ("+ lag of first order (rate)", ("lag",)),
         ("+ square of the voltage (asymmetry)", ("lag", "square")),
         ("+ three Kelvin-Voigt elements (creep)", ("lag", "square", "creep")),
+        ("20 thresholds at equal distances for those of the sine", ("lag", "square", "creep", "fine")),
     ):
         found.append(_step(name, terms))
     steps, errors = zip(*found, strict=True)
@@ -169,7 +170,8 @@ def _calibrate(terms: tuple[str, ...], lag: float, sine_only: bool = False) -> t
 def _columns(record: Loops, terms: tuple[str, ...], lag: float) -> tuple[np.ndarray, np.ndarray]:
     """Columns of a record: free ones of its own, and those that all records share."""
     voltage = record.voltage
-    outputs = plays(voltage, operator().thresholds).outputs
+    thresholds = np.linspace(0.03, 1.79, 20) if "fine" in terms else operator().thresholds
+    outputs = plays(voltage, thresholds).outputs
     shared = [voltage, *outputs.T]
     if "square" in terms:
         shared.insert(0, (voltage - 1.8) ** 2)

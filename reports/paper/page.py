@@ -33,7 +33,7 @@ _UNITS = {
     "rise_time": ("rise", 1e3, "ms"), "step_cycles": ("cycles, I", 1.0, ""), "stroke_cycles": ("cycles, III", 1.0, ""),
     "record": ("record", 1.0, "s"), "peak_factor": ("peaks ×", 1.0, ""), "force_750": ("force at 0.75 kN ×", 1.0, ""),
     "load_1": ("R1 ×", 1.0, ""), "load_2": ("R2 ×", 1.0, ""), "load_3": ("R3 ×", 1.0, ""),
-    "hertz": ("Hertz", 1e9, "nm/N^⅔"), "seat": ("seat", 1e6, "µm"), "seat_force": ("seat force", 1.0, "N"),
+    "hertz": ("Hertz", 1e9, "nm/N^(2/3)"), "seat": ("seat", 1e6, "µm"), "seat_force": ("seat force", 1.0, "N"),
     "cubic": ("cubic", 1e6, "1/kN²"), "beta_rising": ("β", 1e3, "·10⁻³/V²"), "beta_falling": ("−β", 1e3, "·10⁻³/V²"),
     "creep": ("share", 1.0, ""), "creep_time": ("time", 1.0, "s"), "friction": ("k_f/k", 1.0, ""),
     "friction_force": ("threshold", 1.0, "N"), "quadratic_rising": ("T₂/(T k)", 1e3, "1/kN"),

@@ -9,20 +9,20 @@ from piezoharvest.engine import vector as vc
 from piezoharvest.engine.algebra import radius, solve_conserving
 from piezoharvest.engine.compiled import entry
 
-MULTIPLY, GROW, ADD, COPY, DOT = range(5)
+MULTIPLY, GROW, POLYNOMIAL, COPY, DOT = range(5)
 EDGE = 7.25  # what stands around a result and must stay
 
 
 @entry
-def operate(task, matrix, at, rows, columns, factor, vectors, x, y, z):
+def operate(task, matrix, at, rows, columns, factor, order, vectors, x, y):
     """One operation of `vector` on flat arrays."""
     m, v = vc.pointer(matrix), vc.pointer(vectors)
     if task == MULTIPLY:
         vc.multiply(m, at, rows, columns, v, x, y)
     elif task == GROW:
         vc.grow(m, at, rows, columns, v, x, y)
-    elif task == ADD:
-        vc.add_term(m, at, rows, columns, factor, v, x, y, z)
+    elif task == POLYNOMIAL:
+        vc.polynomial(v, x, rows, order, factor, y)
     elif task == COPY:
         vc.copy(v, x, y, rows)
     else:
@@ -57,9 +57,9 @@ class Memory:
             self.vectors[begin : begin + length] = rng.normal(size=length)
         self.before = self.vectors.copy()
 
-    def run(self, task, factor=1.0):
-        places = self.x, self.y, self.z
-        return operate(task, self.matrix, self.at, self.rows, self.columns, factor, self.vectors, *places)
+    def run(self, task, factor=1.0, order=0):
+        sizes = self.rows, self.columns
+        return operate(task, self.matrix, self.at, *sizes, factor, order, self.vectors, self.x, self.y)
 
     def vector(self, place, memory=None, count=None):
         return (self.before if memory is None else memory)[place : place + (count or self.rows)]
@@ -96,18 +96,17 @@ def test_grow(seed, rows, columns, gap):
 
 
 @settings(max_examples=100, deadline=None)
-@given(factor=st.floats(-10, 10), **sizes)
-def test_add_term(seed, rows, columns, gap, factor):
+@given(factor=st.floats(-10, 10), order=st.integers(0, 9), **sizes)
+def test_polynomial(seed, rows, columns, gap, factor, order):
     memory = Memory(seed, rows, columns, gap)
-    memory.run(ADD, factor)
-    term = factor * (memory.a @ memory.vector(memory.x, count=memory.columns))
-    size = 1 + abs(factor)
-    assert np.all(np.isfinite(memory.vectors))
-    scaled = {memory.y: term, memory.z: memory.vector(memory.z) + term}
-    for place, value in scaled.items():
-        bound = np.abs(memory.a) @ np.abs(memory.vector(memory.x, count=memory.columns)) + 1
-        assert np.all(np.abs(memory.vector(place, memory.vectors) - value) <= 1e-14 * size * bound + 1e-14)
-        memory.vectors[place : place + memory.rows] = memory.before[place : place + memory.rows]
+    terms = np.random.default_rng(seed).normal(size=(order + 1, memory.rows))
+    memory.vectors = np.concatenate([memory.vectors, terms.ravel()])
+    memory.before, memory.x = memory.vectors.copy(), len(memory.vectors) - terms.size
+    memory.run(POLYNOMIAL, factor, order)
+    size = np.abs(terms).T @ np.abs(factor) ** np.arange(order + 1)
+    found = memory.vector(memory.y, memory.vectors).copy()
+    assert np.all(np.abs(found - terms.T @ factor ** np.arange(order + 1)) <= 1e-14 * size)
+    memory.vectors[memory.y : memory.y + memory.rows] = memory.vector(memory.y)
     assert np.array_equal(memory.vectors, memory.before)
 
 

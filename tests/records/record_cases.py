@@ -32,6 +32,7 @@ def _simulated(transducer, shunt, excitation, duration, rate):
     # The attenuation against the short circuit is not looked at; its simulation would take most of the time.
     with patch("piezoharvest.engine.simulation._short_amplitude", return_value=1.0):
         found = simulate(system, drive, transient=duration, samples=dense).waveforms
+    assert found is not None
     time = np.arange(round(duration * rate)) / rate
     channels = {"force": "drive", "displacement": "displacement", "voltage": "voltage", "current": "current"}
     values = {channel: np.interp(time, found.time, getattr(found, name)) for channel, name in channels.items()}

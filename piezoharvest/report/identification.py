@@ -1,0 +1,143 @@
+"""The page of an identification: parameters, what is not known, residuals, and every record."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import count
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+import piezoharvest
+from piezoharvest.identify import Estimate, Identification
+from piezoharvest.identify.predicted import Predicted, predictions
+from piezoharvest.output import check_directory, write_text
+from piezoharvest.records import FrequencyRecord
+from piezoharvest.report import style
+from piezoharvest.report.figures import identified
+from piezoharvest.report.pages import NAME, page_template, write_png
+from piezoharvest.report.records import record_figure
+from piezoharvest.report.units import NONE, engineering, number, percent, response_unit, with_error
+
+LOUD = 1.2  # times the noise: residuals above are marked
+
+
+class Picture(NamedTuple):
+    """A figure with its name (of the file), section of the page, heading and caption."""
+
+    name: str
+    section: str
+    heading: str
+    caption: str
+    figure: Figure
+
+
+def write_identification(found: Identification, directory: str | Path) -> Path:
+    """Write the report of an identification: a self-contained HTML page, and its figures as PNG files.
+
+    Parameters
+    ----------
+    found : Identification
+    directory : str or Path
+        Made if it is not there.
+
+    Returns
+    -------
+    Path
+        The HTML file. It is written last, so that where it is, everything is.
+
+    Raises
+    ------
+    OutputError
+        The directory or a file in it cannot be written.
+    """
+    directory = check_directory(directory, create=True)
+    figures: dict[str, list[dict[str, Any]]] = {"loops": [], "records": [], "findings": []}
+    for picture in _pictures(found):
+        write_png(picture.figure, directory / f"{picture.name}.png")
+        svg = Markup(style.inline_svg(picture.figure, picture.name, picture.heading))
+        words = {"heading": picture.heading, "caption": picture.caption, "file": f"{picture.name}.png"}
+        figures[picture.section].append({**words, "name": picture.name, "svg": svg})
+    numbers = count(1)
+    for section in figures.values():
+        for figure in section:
+            figure["number"] = next(numbers)
+    page = page_template("identification.html.j2").render(
+        title=found.campaign.title,
+        sentence=_sentence(found),
+        warning="" if found.converged else f"Not to be trusted: {found.message}.",
+        parameters=[_row(estimate) for estimate in found.estimates],
+        unknown=[_unknown(estimate) for estimate in found.estimates if not estimate.identifiable],
+        residuals=list(_residuals(found)),
+        warnings=[str(finding) for finding in found.campaign.warnings],
+        figures=figures,
+        file=found.campaign.path.name,
+        version=piezoharvest.__version__,
+    )
+    write_text(page, directory / NAME)
+    return directory / NAME
+
+
+def _pictures(found: Identification) -> Iterator[Picture]:
+    kept: list[Predicted] = []
+    for n, each in enumerate(predictions(found), 1):
+        heading = f"{each.record.name} ({'fitted' if each.record.role == 'fit' else 'validation'})"
+        if isinstance(each.record, FrequencyRecord):
+            caption = "Measured and predicted response; residual in per cent of the measured magnitude."
+        else:
+            caption = f"Driven by {each.record.drive.replace('_', ' ')}, {_load(each)}."
+        yield Picture(f"record_{n}", "records", heading, caption, identified.fit_figure(each))
+        if each.findings:
+            said = "; ".join(f"{finding.place}: {finding.message}" for finding in each.findings)
+            yield Picture(f"checks_{n}", "findings", heading, said, record_figure(each.record, each.findings))
+        kept.append(each)
+    loops = identified.loops_figure(kept)
+    if loops is not None:
+        caption = "Offsets of the sensors are taken off; the charge is that which the measured current has carried."
+        yield Picture("loops", "loops", "Displacement over force, voltage over charge", caption, loops)
+
+
+def _load(each: Predicted) -> str:
+    shunt = each.record.shunt
+    if shunt is None:
+        return "no load"
+    resistance = getattr(shunt, "resistance", None)
+    return shunt.kind + (f" of {engineering(resistance, 'ohm', 4)}" if resistance else "")
+
+
+def _sentence(found: Identification) -> str:
+    known = sum(estimate.identifiable for estimate in found.estimates)
+    fitted = sum(record.role == "fit" for record in found.records)
+    text = f"{known} of {len(found.estimates)} parameters are determined by {fitted} record{'s' * (fitted != 1)}."
+    quality, words = (found.validation, "records that were not fitted") if found.validation.rms else (found.fit, "them")
+    ratios = [f"{channel} {number(quality.rms[channel] / noise, 3)}" for channel, noise in quality.noise.items() if noise]
+    return f"{text} Residuals of {words}, in units of the noise: {', '.join(ratios)}."
+
+
+def _row(estimate: Estimate) -> dict[str, Any]:
+    unit, std, value = estimate.parameter.unit, estimate.std, estimate.value
+    change = f"{100 * (value / estimate.nominal - 1):+.1f}\u202f%".replace("-", "\u2212") if estimate.nominal else NONE
+    return {
+        "name": estimate.parameter.name, "value": with_error(value, std, unit), "identifiable": estimate.identifiable,
+        "share": NONE if std is None or not value else percent(std / abs(value), 2),
+        "nominal": engineering(estimate.nominal, unit, 4), "change": change if estimate.identifiable else NONE,
+    }  # fmt: skip
+
+
+def _unknown(estimate: Estimate) -> dict[str, str]:
+    known = f"Known is only {estimate.combination}. " if estimate.combination else ""
+    return {"name": estimate.parameter.name, "text": f"{known}What would determine it: {estimate.experiment}."}
+
+
+def _residuals(found: Identification) -> Iterator[dict[str, Any]]:
+    for record in found.records:
+        for channel, rms in record.quality.rms.items():
+            noise, unit = record.quality.noise[channel], response_unit(channel)
+            ratio = rms / noise if noise else math.inf
+            yield {
+                "file": record.name, "role": "fitted" if record.role == "fit" else "validation", "channel": channel,
+                "rms": engineering(rms, unit), "noise": engineering(noise, unit), "ratio": number(ratio, 3), "loud": ratio > LOUD,
+            }  # fmt: skip
