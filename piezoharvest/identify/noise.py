@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
@@ -108,11 +109,20 @@ def _median_of_means(cross: np.ndarray) -> np.ndarray:
     return np.median([band.mean(axis=0) for band in bands], axis=0)
 
 
-def rounding(values: np.ndarray, sigma: float) -> tuple[float, float]:
-    """Step to which a sensor or converter rounds, and amplitude of the error that noise does not average out.
+class Rounding(NamedTuple):
+    """How a channel is rounded: the step, the amplitude of the mean error within it, and what a second device adds to each."""
+
+    step: float
+    size: float
+    second: float
+
+
+def rounding(values: np.ndarray, sigma: float) -> Rounding:
+    """Step to which a sensor rounds, and the errors that noise does not average out.
 
     The mean of rounded values is off by (step / pi) exp(-2 pi^2 s^2 / step^2) sin(2 pi x / step), s being the noise before
-    (Widrow & Kollar, Quantization Noise, 2008, ch. 4); where a load is held, that is an error which does not change.
+    (Widrow & Kollar, Quantization Noise, 2008, ch. 4); where a load is held, that is an error which does not change. So is
+    the error of a converter behind a sensor that rounds more coarsely: standard deviation of a twelfth of its step squared.
 
     Parameters
     ----------
@@ -123,8 +133,10 @@ def rounding(values: np.ndarray, sigma: float) -> tuple[float, float]:
     moves = np.abs(np.diff(values))
     moves = moves[moves > 1e-9 * np.abs(values).max(initial=0.0)]
     if not len(moves):
-        return 1.0, 0.0
-    # The smallest move, or where a second device rounds too, the mean of its neighbours.
-    step = float(moves[moves < 1.5 * moves.min()].mean())
+        return Rounding(1.0, 0.0, 0.0)
+    # The smallest moves are one step; behind a second device they differ by its step.
+    least = moves[moves < 1.5 * moves.min()]
+    step = float(least.mean())
     before = max(sigma**2 - step**2 / 12.0, 0.0)
-    return step, step / np.pi * float(np.exp(-2.0 * np.pi**2 * before / step**2))
+    size = step / np.pi * float(np.exp(-2.0 * np.pi**2 * before / step**2))
+    return Rounding(step, size, float(np.ptp(least)) / np.sqrt(12.0))

@@ -117,7 +117,7 @@ class Whitener:
             count = len(residual)
             white, at_first = self.of(count)
             predicted = self._data.values[begin : begin + count] - residual
-            part = _whitened(residual, slopes, self._rounding(predicted), white, h)
+            part = _whitened(residual, slopes, white, h, lambda D, x=predicted, W=white: self._scatter(x, D, W))
             if self._data.drive in self._noise.sigma:
                 if count not in passed:
                     passed = {count: self._drive_noise(prediction, count, white, at_first)}
@@ -127,15 +127,20 @@ class Whitener:
             parts.append(part)
         return Sums(*(sum(each) for each in zip(*(vars(part).values() for part in parts), strict=True)))
 
-    def _rounding(self, predicted: np.ndarray) -> np.ndarray:
-        """Errors of rounded sensors, of either phase, (samples, channels, errors): they depend on an offset that is free."""
-        columns = []
-        for k, (channel, (step, size)) in enumerate(zip(self._data.channels, self._steps, strict=True)):
-            if size > ROUND * self._noise.sigma[channel]:
-                for wave in (np.cos, np.sin):
-                    columns.append(np.zeros_like(predicted))
-                    columns[-1][:, k] = np.sqrt(0.5) * size * wave(2 * np.pi * predicted[:, k] / step)
-        return np.stack(columns, axis=2) if columns else np.zeros((*predicted.shape, 0))
+    def _scatter(self, predicted: np.ndarray, whitened: np.ndarray, white: np.ndarray) -> np.ndarray:
+        """Covariance of the gradient by the errors of rounded sensors, (p, p); their phase depends on an offset that is free."""
+        found = np.zeros((whitened.shape[2],) * 2)
+        for k, (channel, rounded) in enumerate(zip(self._data.channels, self._steps, strict=True)):
+            if max(rounded.size, rounded.second) < ROUND * self._noise.sigma[channel]:
+                continue
+            turns = predicted[:, k] / rounded.step
+            slopes = _in_time(np.einsum("fc,fcp->fp", np.conj(white[:, :, k]), whitened), len(turns))
+            waves = np.sqrt(0.5) * rounded.size * np.array([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)]) @ slopes
+            steps = np.round(turns).astype(np.int64)
+            steps -= steps.min()
+            each = rounded.second * np.array([np.bincount(steps, column) for column in slopes.T])
+            found += waves.T @ waves + each @ each.T
+        return found
 
     def _drive_noise(
         self, prediction: Prediction, count: int, white: np.ndarray, at_first: np.ndarray
@@ -253,15 +258,19 @@ def spectra_of(values: np.ndarray) -> np.ndarray:
     return found
 
 
-def _whitened(residual: np.ndarray, slopes: np.ndarray, rounded: np.ndarray, W: np.ndarray, sample_time: float) -> Sums:
-    """Sums of one block, by bands; `rounded` are errors of one standard deviation."""
+def _in_time(spectra: np.ndarray, count: int) -> np.ndarray:
+    """Weights of samples that make the same sums as those of their `spectra_of`, (samples, p)."""
+    return np.fft.irfft(spectra * np.sqrt(count / components(count))[:, None], count, axis=0)
+
+
+def _whitened(residual, slopes, W: np.ndarray, sample_time: float, scatter: Callable[[np.ndarray], np.ndarray]) -> Sums:
+    """Sums of one block, by bands."""
     count, channels = residual.shape
     R = (W @ spectra_of(residual)[:, :, None])[:, :, 0]
     D = W @ spectra_of(slopes)
     edges = np.searchsorted(np.fft.rfftfreq(count, sample_time), EDGES)
     P, bands = D.shape[2], len(EDGES) - 1
-    pushed = np.real(np.einsum("fcp,fce->pe", np.conj(D), W @ spectra_of(rounded)))
-    sums = Sums(np.zeros((bands, P, P)), np.zeros((bands, P)), np.zeros(bands), np.zeros(bands), pushed @ pushed.T)
+    sums = Sums(np.zeros((bands, P, P)), np.zeros((bands, P)), np.zeros(bands), np.zeros(bands), scatter(D))
     for band in range(bands):
         part = slice(edges[band], edges[band + 1])
         if part.start == part.stop:

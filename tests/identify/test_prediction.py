@@ -1,0 +1,191 @@
+"""The prediction of a record against the bench's own solver, closed forms, and its own derivatives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from identify.identify_runs import LINEAR, STACK
+from piezoharvest.effects import registered
+from piezoharvest.predict.drive import drive_of
+from piezoharvest.predict.parameters import parameters_of, put, value_at
+from piezoharvest.predict.prediction import Prediction, setting_of
+from piezoharvest.records.bench.effects import registered as bench_effects
+from piezoharvest.records.bench.solver import CIRCUITS, Model, integrate
+from piezoharvest.study import build, build_excitation, build_shunt, build_transducer
+from piezoharvest.transducer import Transducer
+
+LOAD = {"kind": "resistor", "resistance": 51.43e3}
+SINE = {"kind": "sine_force", "amplitude": 450.0, "offset": 550.0, "frequency": 5.0}
+# A cantilever near its resonance, where the record shows its dynamics.
+BEAM = {"mass": 0.010, "damping": 0.0628, "stiffness": 986.96, "coupling": 1.0e-3, "capacitance": 40e-9}
+TIMES = np.arange(3001) / 1000.0
+
+
+def waves(transducer, excitation, shunt=LOAD, times=TIMES, effects=()):
+    """Waveforms of the bench's own solver, without noise."""
+    excitation, shunt = build_excitation(excitation, Path()), build_shunt(shunt)
+    model = Model(build_transducer(transducer), CIRCUITS[shunt.kind](shunt), base=excitation.base)
+    for name, table in effects:
+        build(bench_effects()[name], table, name).act(model, float(times[-1]))
+    return integrate(model, excitation, times)
+
+
+def predicted(transducer, drive, values, shunt=LOAD, parameters=(), own=None, step=1e-3, size=1 << 16):
+    shunt = shunt and build_shunt(shunt)
+    prediction = Prediction(transducer, setting_of(drive, shunt, step, values), parameters, own)
+    blocks = list(prediction.blocks(bool(parameters) or own is not None, size))
+    names = prediction.channels
+    found = np.concatenate([block.values for block in blocks])
+    return dict(zip(names, found.T, strict=True)), np.concatenate([block.derivatives for block in blocks])
+
+
+def test_stack_under_a_force_agrees_with_the_bench():
+    truth = waves(STACK, SINE)
+    found, _ = predicted(build_transducer(STACK), "force", truth.sensed("force"))
+    assert np.abs(found["displacement"] - truth.sensed("displacement")).max() < 1e-12
+    _agree(found, truth, ("voltage", "current"))
+
+
+def test_a_circuit_with_states_agrees_with_the_bench():
+    shunt = {"kind": "series_rl", "resistance": 2e4, "inductance": 500.0}
+    truth = waves(STACK, SINE, shunt)
+    found, _ = predicted(build_transducer(STACK), "force", truth.sensed("force"), shunt)
+    _agree(found, truth, ("displacement", "voltage", "current"))
+
+
+def _agree(found, truth, channels, tolerance=1e-4):
+    for channel in channels:
+        wanted = truth.sensed(channel)
+        assert found[channel].shape == wanted.shape
+        assert np.abs(found[channel] - wanted).max() < tolerance * np.abs(wanted).max()
+
+
+def test_beam_on_a_moving_base_agrees_with_the_bench():
+    excitation = {"kind": "sine_base", "amplitude": 2.0, "frequency": 50.6}
+    times = np.arange(20001) / 10e3
+    truth = waves(BEAM, excitation, {"kind": "resistor", "resistance": 1e5}, times)
+    found, _ = predicted(
+        build_transducer(BEAM), "base_acceleration", truth.sensed("base_acceleration"),
+        {"kind": "resistor", "resistance": 1e5}, own=None, step=1e-4,
+    )  # fmt: skip
+    late = slice(len(times) * 3 // 4, None)  # ringing of the start, which a fit has free, is gone
+    for channel in ("displacement", "voltage"):
+        wanted = truth.sensed(channel)[late]
+        assert np.abs(found[channel][late] - wanted).max() < 2e-2 * np.abs(wanted).max()
+
+
+def test_voltage_drive_is_the_inverse_of_a_free_actuator():
+    """Slowly: the displacement is T (v - v_h)/k, v_h by a Prandtl-Ishlinskii operator of the charge."""
+    device = build_transducer(STACK)
+    time = np.arange(4001) / 1000.0
+    voltage = 20.0 * np.sin(2 * np.pi * 0.5 * time)
+    found, _ = predicted(device, "voltage", voltage, None)
+    compliant = device.capacitance + device.coupling**2 / device.stiffness
+    charge = device.hysteresis.charge(voltage, compliant)
+    wanted = device.coupling * charge / compliant / device.stiffness
+    assert np.abs(found["displacement"] - wanted).max() < 2e-4 * np.abs(wanted).max()
+
+
+def test_displacement_drive_agrees_with_an_integration():
+    """v' = -(v/R + T x')/C by scipy, without hysteresis; the force follows."""
+    device, load = build_transducer(LINEAR), 51.43e3
+    x = lambda t: 3e-6 * np.sin(2 * np.pi * 5 * t) ** 2  # noqa: E731
+    dx = lambda t: 3e-6 * 2 * np.pi * 5 * np.sin(4 * np.pi * 5 * t)  # noqa: E731
+
+    def rate(t, v):
+        return -(v / load + device.coupling * dx(t)) / device.capacitance
+
+    truth = solve_ivp(rate, (0, TIMES[-1]), [0.0], t_eval=TIMES, rtol=1e-10, atol=1e-12).y[0]
+    found, _ = predicted(device, "displacement", x(TIMES))
+    assert np.abs(found["voltage"] - truth).max() < 1e-5 * np.abs(truth).max()
+    force = device.stiffness * x(TIMES) + device.damping * dx(TIMES) - device.coupling * truth
+    assert np.abs(found["force"] - force)[5:-5].max() < 1e-5 * np.abs(force).max()
+
+
+@pytest.mark.parametrize(
+    ("name", "table"),
+    [("leakage", {"resistance": 3e5}), ("dielectric_relaxation", {"capacitance": 4e-7, "time_constant": 0.2})],
+)
+def test_linear_effects_agree_with_the_bench(name, table):
+    truth = waves(STACK, SINE, effects=[(name, table)])
+    device = build_transducer({**STACK, "effects": {name: table}})
+    assert name in registered()
+    found, _ = predicted(device, "force", truth.sensed("force"))
+    late = slice(2000, None)
+    for channel in ("displacement", "voltage"):
+        wanted = truth.sensed(channel)[late]
+        assert np.abs(found[channel][late] - wanted).max() < 1e-3 * np.abs(wanted).max()
+
+
+DRIVES = {
+    "force": lambda t: 550 + 450 * np.sin(2 * np.pi * 3 * t) + 100 * np.sin(2 * np.pi * 17 * t),
+    "voltage": lambda t: 20 * np.sin(2 * np.pi * 3 * t) + 5 * np.sin(2 * np.pi * 13 * t),
+    "displacement": lambda t: 3e-6 * np.sin(2 * np.pi * 3 * t) + 1e-6 * np.sin(2 * np.pi * 13 * t),
+    "base_acceleration": lambda t: 1e4 * np.sin(2 * np.pi * 3 * t) + 3e3 * np.sin(2 * np.pi * 13 * t),
+}
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_derivatives_are_those_of_central_differences(drive):
+    """Of every parameter, and of the record's own states; away from samples where an operator changes its branch."""
+    device, values = build_transducer(STACK), DRIVES[drive](np.arange(600) / 1000.0)
+    shunt = None if drive == "voltage" else LOAD
+    parameters = parameters_of(device, {drive})
+    _, slopes = predicted(device, drive, values, shunt, parameters)
+    shape = slopes.shape[2]
+    for k, parameter in enumerate(parameters):
+        inner, step = parameter.inner(value_at(device, parameter.path)), 1e-6
+        step *= max(abs(inner), 1.0)
+        sides = [
+            predicted(put(device, parameter.path, float(parameter.outer(inner + sign * step))), drive, values, shunt)[0]
+            for sign in (1, -1)
+        ]
+        for c, channel in enumerate(sides[0]):
+            wanted = (sides[0][channel] - sides[1][channel]) / (2 * step)
+            size = max(np.abs(wanted).max(), 1e-9 * np.abs(sides[0][channel]).max() / step)
+            off = np.abs(slopes[:, c, k] - wanted) / size
+            assert np.mean(off > 1e-4) < 0.02, (parameter.name, channel, off.max())
+    _own_derivatives(device, drive, values, shunt, slopes[:, :, len(parameters) :], shape - len(parameters))
+
+
+def _own_derivatives(device: Transducer, drive, values, shunt, slopes, count):
+    for k in range(count):
+        step = np.zeros(count)
+        step[k] = 1e-9
+        sides = [predicted(device, drive, values, shunt, own=sign * step)[0] for sign in (1, -1)]
+        for c, channel in enumerate(sides[0]):
+            wanted = (sides[0][channel] - sides[1][channel]) / 2e-9
+            size = max(np.abs(wanted).max(), 1e-300)
+            assert np.mean(np.abs(slopes[:, c, k] - wanted) > 1e-3 * size) < 0.02
+
+
+@pytest.mark.parametrize("size", [7, 100, 599])
+def test_blocks_are_the_whole(size):
+    device, values = build_transducer(STACK), DRIVES["force"](np.arange(600) / 1000.0)
+    parameters = parameters_of(device, {"force"})
+    whole, slopes = predicted(device, "force", values, LOAD, parameters)
+    parts, of_parts = predicted(device, "force", values, LOAD, parameters, size=size)
+    for channel in whole:
+        np.testing.assert_allclose(parts[channel], whole[channel], rtol=1e-12, atol=1e-12 * np.abs(whole[channel]).max())
+    np.testing.assert_allclose(of_parts, slopes, rtol=1e-9, atol=1e-9 * np.abs(slopes).max())
+
+
+def test_a_noisy_drive_never_stops_the_march():
+    """Every sample may turn every operator: the equations of a step have to be solved all the same."""
+    rng, device = np.random.default_rng(9), build_transducer(STACK)
+    held = np.where(np.arange(20000) < 10000, 1000.0, 100.0) + 0.5 * rng.standard_normal(20000)
+    found, _ = predicted(device, "force", held)
+    assert np.all(np.isfinite(found["voltage"]))
+
+
+def test_a_jump_of_the_drive_does_not_ring():
+    values = np.where(np.arange(100) < 50, 0.0, 1.0)
+    motion = drive_of(values)
+    assert motion.jumps.tolist() == [49]
+    inside = motion.coefficients[:, 0] + 0.5 * motion.coefficients[:, 1] + 0.25 * motion.coefficients[:, 2]
+    assert inside.min() >= -1e-12
+    assert inside.max() <= 1 + 1e-12
