@@ -5,27 +5,14 @@ Rows (see `circuit`) are given by name: x1, u1, x2, ... displacements and veloci
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import NamedTuple
 
 from piezoharvest.circuit import Port, Row, State
-from piezoharvest.effects.base import Effect
-from piezoharvest.parameters import ParameterError
+from piezoharvest.system import System
+from piezoharvest.terms import Placing, Rows, Terms
 from piezoharvest.transducer import Transducer
-
-Rows = Mapping[str, Row]
-
-
-def state_names(transducer: Transducer) -> list[str]:
-    """Names of the transducer's own states: x1, u1, ... in m and m/s, and q in C."""
-    return [f"{s}{n}" for n in range(1, len(transducer.all_modes) + 1) for s in "xu"] + ["q"]
-
-
-def capacitor_voltage(transducer: Transducer, z: Rows) -> Row:
-    """Row of v_t = (q - sum T_i x_i)/C; of its derivative from the rows of the derivatives."""
-    strain_charge = sum(mode.coupling * z[f"x{n}"] for n, mode in enumerate(transducer.all_modes, 1))
-    return (z["q"] - strain_charge) / transducer.capacitance
 
 
 class Mechanics(NamedTuple):
@@ -50,22 +37,26 @@ class Mechanics(NamedTuple):
     strain_current: Row
 
 
-def mechanics(transducer: Transducer, z: Rows, dz: Rows, drive: Row, base: bool) -> Mechanics:
+def gains(transducer: Transducer, base: bool) -> list[float]:
+    """What turns the drive into each mode's force: 1 times its share of a force, or a mass in kg."""
+    return [-mode.base_mass if base else mode.force_participation for mode in transducer.all_modes]
+
+
+def mechanics(placing: Placing, z: Rows, dz: Rows, drive: Row, base: bool) -> Mechanics:
     """Equations of motion of all modes under a force, or under base acceleration."""
-    modes = list(enumerate(transducer.all_modes, 1))
-    v_t = capacitor_voltage(transducer, z)
-    gains = {n: -mode.base_mass if base else mode.force_participation for n, mode in modes}
-    equations = []
+    transducer = placing.terms.transducer
+    modes, by = list(enumerate(transducer.all_modes, 1)), gains(transducer, base)
+    pushes, equations = placing.rows(placing.terms.pushes), []
     for n, mode in modes:
         x, u = z[f"x{n}"], z[f"u{n}"]
         inertia = mode.mass * dz[f"u{n}"] + mode.damping * u + mode.stiffness * x
-        equations += [dz[f"x{n}"] - u, inertia - mode.coupling * v_t - gains[n] * drive]
+        equations += [dz[f"x{n}"] - u, inertia - mode.coupling * placing.v_t - by[n - 1] * drive - pushes[n - 1]]
     none = 0.0 * drive
     return Mechanics(
         equations,
         displacement=sum((mode.force_participation * z[f"x{n}"] for n, mode in modes), none),
         velocity=sum((mode.force_participation * z[f"u{n}"] for n, mode in modes), none),
-        drive_velocity=sum((gains[n] * z[f"u{n}"] for n, _ in modes), none),
+        drive_velocity=sum((by[n - 1] * z[f"u{n}"] for n, _ in modes), none),
         strain_current=sum((mode.coupling * z[f"u{n}"] for n, mode in modes), none),
     )
 
@@ -75,41 +66,37 @@ def own_rows(rows: Rows, prefix: str, states: Sequence[State]) -> SimpleNamespac
     return SimpleNamespace(**{state.name: rows[prefix + state.name] for state in states})
 
 
-def effect_prefixes(transducer: Transducer) -> list[tuple[Effect, str]]:
-    """The effects with what stands before the names of their states, so that two of a kind stay apart.
-
-    Raises
-    ------
-    ParameterError
-        An effect acts elsewhere than at the electrodes.
-    """
-    for effect in transducer.effects:
-        if not effect.at_the_electrodes:
-            found = "found an effect that only predicted records can have"
-            raise ParameterError(f"effects.{effect.name}", f"{found}, allowed are effects across the electrodes")
-    return [(effect, f"effect{n}_{effect.name}_") for n, effect in enumerate(transducer.effects, 1)]
-
-
-class Leads(NamedTuple):
-    """The electrodes with the effects across them.
+class Device(NamedTuple):
+    """A transducer with its effects in the rows of a view.
 
     Attributes
     ----------
+    placing : Placing
+        The effects' terms in these rows.
+    motion : Mechanics
     port : Port
         What a shunt sees: its current is what the transducer gives less what the effects draw.
     equations : list of Row
-        Of the effects' own states.
+        Of the states that effects add.
     """
 
+    placing: Placing
+    motion: Mechanics
     port: Port
     equations: list[Row]
 
 
-def leads(transducer: Transducer, port: Port, z: Rows, dz: Rows) -> Leads:
-    """Connect the effects to the electrodes, whose load current is not known before."""
-    current, equations = -dz["q"], []
-    for effect, prefix in effect_prefixes(transducer):
-        own_z, own_dz = own_rows(z, prefix, effect.states()), own_rows(dz, prefix, effect.states())
-        current = current - effect.current(port, own_z, own_dz)
-        equations += effect.equations(port, own_z, own_dz)
-    return Leads(port._replace(i=current), equations)
+def device(terms: Terms, z: Rows, dz: Rows, drive: Row, one: Row, hysteresis: tuple[Row, Row], base: bool) -> Device:
+    """Write down the equations, given v_h and its rate as rows."""
+    v_h, dv_h = hysteresis
+    placing = Placing(terms, z, dz, drive, one, v_h)
+    port = Port(placing.v_t + v_h, placing.dv_t + dv_h, placing.current, one, terms.transducer.capacitance)
+    return Device(placing, mechanics(placing, z, dz, drive, base), port, placing.rows(terms.equations))
+
+
+def connected(system: System) -> System:
+    """The system with what its effects say is really connected."""
+    shunt = system.shunt
+    for effect in system.transducer.effects:
+        shunt = effect.connect(shunt)
+    return System(system.transducer, shunt)

@@ -16,6 +16,7 @@ LAYERS = [
     {"hysteresis", "netlist", "effects", "excitation"},
     {"shunts", "transducer"},
     {"system", "catalogue"},
+    {"terms"},
     {"equations"},
     {"linear", "engine", "spice"},
     {"study", "output"},

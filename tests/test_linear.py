@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from piezoharvest import linear
+from piezoharvest.circuit import Product
 from piezoharvest.effects import DielectricRelaxation, Leakage
 from piezoharvest.hysteresis import Hysteresis
 from piezoharvest.linear import TwoPort
@@ -72,13 +73,14 @@ def by_hand(transducer, y, s, slope, base=False):
     z = [m.mass * s**2 + m.damping * s + m.stiffness for m in modes]
     base_masses = [m.mass if m.effective_mass is None else m.effective_mass for m in modes]
     gain = [-m for m in base_masses] if base else [m.force_participation for m in modes]
+    beside = 0.0
     for effect in transducer.effects:
         if isinstance(effect, Leakage):
             y = y + 1 / effect.resistance
         else:
-            y = y + s * effect.capacitance / (1 + s * effect.time_constant)
+            beside = beside + effect.capacitance / (1 + s * effect.time_constant)
     # q = c v_t + d with c, d from the modes; v = v_t + slope q; s q = -y v.
-    c = transducer.capacitance + sum(m.coupling**2 / zi for m, zi in zip(modes, z, strict=True))
+    c = transducer.capacitance + beside + sum(m.coupling**2 / zi for m, zi in zip(modes, z, strict=True))
     d = sum(m.coupling * g / zi for m, g, zi in zip(modes, gain, z, strict=True))
     v_t = -d * (s + y * slope) / (c * (s + y * slope) + y)
     q = c * v_t + d
@@ -233,32 +235,47 @@ def test_batch_of_designs():
 
 
 class StrayCapacitance(Leakage):
-    """An effect that uses the derivative of the electrode voltage: 2 nF across the electrodes."""
+    """An effect that a user defines: 2 nF beside C, by the voltage across it."""
 
-    def current(self, port, z, dz):
-        return 2e-9 * port.dv
+    def act(self, specimen):
+        specimen.charge(2e-9 * specimen.v_t)
+
+    def losses(self, terms):
+        return ()
 
 
 class Follower(Leakage):
-    """An effect that uses the load current, which is known only after all effects."""
+    """One that draws in proportion to the load current, which is known only after all effects."""
 
-    def current(self, port, z, dz):
-        return 0.1 * port.i
+    def act(self, specimen):
+        specimen.draw(0.1 * specimen.i)
+
+    def losses(self, terms):
+        return [Product(0.1, terms.v, terms.i)]
 
 
-def test_effects_of_the_voltage_derivative():
-    stray = dataclasses.replace(PLAIN, hysteresis=HYSTERESIS, effects=(StrayCapacitance(resistance=1.0),))
-    found = linear.frequency_response(System(stray, Resistor(resistance=R)), FREQUENCIES, amplitude=5e-7)
+def test_effects_of_what_is_known_last():
+    """v_t and the load current follow from all effects; whether these stand before or after others is the same."""
+    bare = dataclasses.replace(PLAIN, hysteresis=HYSTERESIS)
+    follower, stray = Follower(resistance=1.0), StrayCapacitance(resistance=1.0)
     slope = HYSTERESIS.describing_function(5e-7)
-    expected = by_hand(dataclasses.replace(stray, effects=()), 1 / R + 2e-9 * S, S, slope)
-    assert close(found.voltage, expected[1], 1e-11)
-    assert close(
-        linear.linearize(stray)(S)[2, 0], linear.frequency_response(System(stray, Open()), FREQUENCIES).voltage
-    )
-    with pytest.raises(ParameterError, match="effects: found one that uses the load current, or with a describing"):
-        linear.linearize(stray, amplitude=5e-7)
-    with pytest.raises(ParameterError, match="effects: found one that uses the load current"):
-        linear.linearize(dataclasses.replace(PLAIN, effects=(Follower(resistance=1.0),)))
+    larger = dataclasses.replace(bare, capacitance=bare.capacitance + 2e-9)
+    expected = by_hand(larger, 1.1 / R, S, slope)
+    for effects in ((follower, stray), (stray, follower)):
+        system = System(dataclasses.replace(bare, effects=effects), Resistor(resistance=R))
+        found = linear.frequency_response(system, FREQUENCIES, amplitude=5e-7)
+        assert close(found.displacement, expected[0], 1e-11)
+        assert close(found.voltage, expected[1], 1e-11)
+        assert close(found.current, expected[1] / R, 1e-11)
+
+
+def test_an_effect_must_not_put_a_charge_where_only_states_can_stand():
+    class Odd(Leakage):
+        def act(self, specimen):
+            specimen.charge(1e-9 * specimen.drive)
+
+    with pytest.raises(ParameterError, match=r"transducer\.effects: found a charge, or the input of a stop, of drive"):
+        linear.linearize(dataclasses.replace(PLAIN, effects=(Odd(resistance=1.0),)))
 
 
 # --- python-control -------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""The command line: `piezoharvest simulate | design | sweep | measure | identify | export | demo`.
+"""The command line: `piezoharvest simulate | design | sweep | measure | identify | diagnose | export | demo`.
 
 typer only reads the arguments; each command hands back the work to be done, which `main` runs. Exit status: 0 done;
 1 ran, but the answer is not to be trusted; 2 bad input; 130 interrupted.
@@ -21,7 +21,7 @@ import piezoharvest
 Work = Callable[[], int]
 
 app = typer.Typer(
-    help="Piezoelectric shunt damping and energy harvesting: simulate, design, sweep, measure, identify, export (TOML).",
+    help="Piezoelectric shunt damping and energy harvesting: simulate, design, sweep, measure, identify, diagnose (TOML).",
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -153,6 +153,24 @@ def identify(
     from piezoharvest.cli import identifying
 
     return partial(identifying.identify, campaign, as_json=json, report=report)
+
+
+@app.command()
+def diagnose(
+    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Campaign file (TOML).", show_default=False)],
+    json: AsJson = False,
+    report: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write a report (HTML) into this directory.")
+    ] = None,
+) -> Work:
+    """Find what the model of measured records lacks.
+
+    The model is fitted, every known effect is tested, those that are there are named and fitted with it, and the gain is
+    measured on the validation records. Structure that no known effect explains is reported as unexplained.
+    """
+    from piezoharvest.cli import diagnosing
+
+    return partial(diagnosing.diagnose, campaign, as_json=json, report=report)
 
 
 @app.command()

@@ -14,7 +14,8 @@ from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.identify.sums import residual_blocks, spectra_of
 
 HARMONICS = 12
-BANDS = np.array([0.0, 0.25, 0.6, 1.5, 4.0, 10.0, 25.0, 60.0, 150.0, 400.0, 1e9])  # Hz
+BANDS = np.array([0.0, 0.25, 0.6, 1.5, 4.0, 10.0, 25.0, 60.0, 150.0])  # Hz
+UPPER = 0.5  # share of the band from which on a record shows its noise alone
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,13 @@ def whitened(problem: Problem, found: Fit) -> list[tuple[Data, np.ndarray, np.nd
             W = white.of(len(residual))[0]  # pyright: ignore[reportAttributeAccessIssue]
             spectrum = (W @ spectra_of(residual)[:, :, None])[:, :, 0]
             out.append((data, np.fft.rfftfreq(len(residual), data.setting.sample_time), spectrum))
-    return out
+    return [(data, frequencies, spectrum / _level(spectrum)) for data, frequencies, spectrum in out]
+
+
+def _level(spectrum: np.ndarray) -> np.ndarray:
+    """Noise of each channel in this record, in units of that of all: a rounded sensor scatters more between two steps."""
+    upper = spectrum[int(UPPER * len(spectrum)) : -1]
+    return np.sqrt(np.maximum(0.5 * (np.abs(upper) ** 2).mean(axis=0), 1.0))
 
 
 def leftovers(problem: Problem, found: Fit) -> list[Leftover]:

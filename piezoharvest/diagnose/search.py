@@ -13,13 +13,15 @@ from piezoharvest.diagnose.scene import Scene
 from piezoharvest.effects import Effect
 from piezoharvest.identify.fit import Fit, Problem, fit
 from piezoharvest.identify.sums import Model
-from piezoharvest.predict.parameters import put
+from piezoharvest.predict.parameters import Parameter, put, value_at
 from piezoharvest.predict.prediction import PredictionError
 
 LEVEL = 1e-4  # chance of a false alarm, over all effects together
 MOST = 4  # effects at once
 PROMISING = 0.1  # of the best score: what a full fit may still turn round
-FITS = 6  # full fits a stage
+FITS = 5  # full fits a stage
+STRAYED = 0.4  # of a logarithm: a parameter that is so far from its nominal value may stand in for an effect
+ROUGHLY = 0.5  # of -2 ln L that a trial fit may still promise
 CLOSE = 6.0  # of -2 ln L: odds of twenty to one
 
 
@@ -92,7 +94,8 @@ class Searcher:
         self.base = base
         now = Step(base, ())
         first = self._scores(now)
-        stage, candidates = first, first
+        stage = [*((candidate, now) for candidate in first), *self._strayed(base)]
+        candidates = first
         levels: list[float] = []
         alternatives: list[Step] = []
         while len(now.effects) < MOST:
@@ -108,7 +111,9 @@ class Searcher:
             now = best
             self.tell(f"found {', '.join(now.effects)}")
             now, levels = self._revised(now, levels)
-            stage = candidates = self._scores(now)
+            candidates = self._scores(now)
+            stage = [(candidate, now) for candidate in candidates]
+        now = self._polished(now)
         close = self._alternatives(now, alternatives)
         effects = now.found.model.transducer.effects
         return Search(base, now.found, effects, tuple(levels), tuple(first), close, tuple(self.fits))
@@ -116,32 +121,65 @@ class Searcher:
     def _scores(self, now: Step) -> list[Candidate]:
         return scores(self.problem, now.found, self.scene, self.library)
 
-    def _stage(self, now: Step, stage: Sequence[Candidate]) -> list[Step]:
-        """Full fits of the promising effects, the best first."""
-        if not stage or min(c.p_value for c in stage) * len(stage) > LEVEL:
+    def _strayed(self, base: Fit) -> list[tuple[Candidate, Step]]:
+        """Scores against a model whose strayed parameters are at their nominal values.
+
+        Damping delays displacement and voltage as a skew delays the voltage: once it has taken the place of one, no small step
+        leads from the one to the other.
+        """
+        nominal, model = self.problem.nominal, base.model
+        strayed = [
+            p for p in model.parameters
+            if p.scaling == "log" and p.path[0] != "effects"
+            and abs(p.inner(value_at(model.transducer, p.path)) - p.inner(value_at(nominal, p.path))) > STRAYED
+        ]  # fmt: skip
+        if not strayed:
             return []
-        chosen: dict[str, Candidate] = {}
-        for candidate in stage:
-            if candidate.score > PROMISING * stage[0].score and _key(candidate) not in chosen:
-                chosen[_key(candidate)] = candidate
-        tried = [self.fitted(now, candidate.effect) for candidate in list(chosen.values())[:FITS]]
+        transducer = model.transducer
+        for parameter in strayed:
+            transducer = put(transducer, parameter.path, value_at(nominal, parameter.path))
+        kept = tuple(p for p in model.parameters if p not in strayed)
+        origin = self._fit(replace(model, transducer=transducer, parameters=kept), base.own, base)
+        return [] if origin is None else [(candidate, origin) for candidate in self._scores(origin)]
+
+    def _stage(self, now: Step, stage: Sequence[tuple[Candidate, Step]]) -> list[Step]:
+        """Full fits of the promising effects, the best first."""
+        if not stage or min(c.p_value for c, _ in stage) * len(stage) > LEVEL:
+            return []
+        tried = []
+        for origin in dict.fromkeys(id(step) for _, step in stage):
+            mine = [(candidate, step) for candidate, step in stage if id(step) == origin]
+            chosen: dict[str, tuple[Candidate, Step]] = {}
+            for candidate, step in mine:
+                promising = candidate.score > PROMISING * mine[0][0].score and candidate.p_value * len(mine) < LEVEL
+                if promising and _key(candidate) not in chosen:
+                    chosen[_key(candidate)] = candidate, step
+            tried += [self.fitted(step, c.effect, now.found.model.parameters) for c, step in list(chosen.values())[:FITS]]
         return sorted((step for step in tried if step is not None), key=_fair_cost)
 
-    def fitted(self, now: Step, effect: Effect) -> Step | None:
-        """Full fit with one effect more; None where the model then has no solution."""
+    def fitted(self, now: Step, effect: Effect, varied: Sequence[Parameter] | None = None) -> Step | None:
+        """Full fit with one effect more, and what else varies; None where the model then has no solution."""
         first = len(now.found.model.transducer.effects)
-        model = extended(now.found.model, [effect], effect_parameters([effect], first))
+        base = now.found.model if varied is None else replace(now.found.model, parameters=tuple(varied))
+        model = extended(base, [effect], effect_parameters([effect], first))
         return self._fit(model, carried(self.problem, now.found.model, now.found.own, model), now.found)
 
     def _fit(self, model: Model, own, before: Fit) -> Step | None:
         names = tuple(effect.name for effect in model.transducer.effects)
         try:
-            found = fit(self.problem, model, own, before.noise, estimate_noise=False)
+            found = fit(self.problem, model, own, before.noise, estimate_noise=False, enough=ROUGHLY)
         except (PredictionError, np.linalg.LinAlgError):
             return None
         self.fits.append((" + ".join(names), found.cost - self.base.cost))
         self.tell(f"tried {' + '.join(names)}: -2 ln L {found.cost - self.base.cost:+.1f}")
         return Step(found, names)
+
+    def _polished(self, now: Step) -> Step:
+        """The same fit to the end."""
+        if not now.effects:
+            return now
+        found = fit(self.problem, now.found.model, now.found.own, now.found.noise, estimate_noise=False)
+        return Step(found, now.effects)
 
     def _p_value(self, before: Step, after: Step, tried: Sequence[Candidate]) -> float:
         """Of an effect that was added, corrected for the number of starts that were tried."""

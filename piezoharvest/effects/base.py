@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import Any, ClassVar
 
-from piezoharvest.circuit import Port, Product, Row, State
+import numpy as np
+
+from piezoharvest.circuit import Product
 from piezoharvest.parameters import Component
 
 
@@ -16,10 +17,10 @@ from piezoharvest.parameters import Component
 class Effect(Component):
     """A physical effect in the specimen, its sensors or its wiring.
 
-    Subclasses give `name`, `source`, `looks` (what it looks like in the data) and `told_by` (the experiment that tells it from
-    its look-alikes), and override where they act: `act` in the equations, `connect` in the load, `late`, `span` and
-    `line` in a channel. A record is predicted with all of them. What `simulate` and the linear view can do with an
-    effect, it says by `states`, `current`, `equations` and `losses`.
+    Subclasses give `name`, `source`, `looks` (what it looks like in the data) and `told_by` (the experiment that tells
+    it from its look-alikes), and override where they act: `act` in the equations, `connect` in the load, `late`, `span`
+    and `line` in a channel. Records are predicted with all of them. `simulate` and the linear view take `act`, where it
+    is linear or has stop operators, and `connect`; `stores` and `losses` then tell where the energy goes.
     """
 
     name: ClassVar[str]
@@ -28,7 +29,15 @@ class Effect(Component):
     told_by: ClassVar[str] = ""
 
     def act(self, specimen: Any) -> None:
-        """Add terms to the equations of a `predict.specimen.Specimen`."""
+        """Add terms to the equations of a `predict.specimen.Specimen`, or of `terms.Terms` by the same methods."""
+
+    def stores(self, terms: Any) -> Sequence[Product]:
+        """Energy in J that `terms.Terms` hold beside that of the lumped model: k x^2/2, C v_t^2/2 and so on."""
+        return ()
+
+    def losses(self, terms: Any) -> Sequence[Product]:
+        """Power in W that the effect takes and does not give back; negative for a source."""
+        return ()
 
     def connect(self, shunt: Any) -> Any:
         """What is really connected where a label says `shunt`."""
@@ -55,27 +64,12 @@ class Effect(Component):
         raise NotImplementedError
 
     @property
-    def at_the_electrodes(self) -> bool:
-        """Whether `simulate` and the linear view can do with it: it draws a current, and that is all."""
-        return type(self).current is not Effect.current
+    def absent(self) -> bool:
+        """Whether it is at its null value, in every design of a batch."""
+        fields = (field for field in dataclasses.fields(self) if field.metadata.get("null") is not None)
+        return any(bool(np.all(np.equal(getattr(self, f.name), f.metadata["null"]))) for f in fields)
 
     @classmethod
     def strength(cls) -> dataclasses.Field:
         """The field that has a null value."""
         return next(field for field in dataclasses.fields(cls) if field.metadata.get("null") is not None)
-
-    def states(self) -> tuple[State, ...]:
-        """Own states, with their storage coefficients."""
-        return ()
-
-    def current(self, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Row:
-        """Current in A drawn from the electrodes beside the load and the transducer."""
-        return 0.0 * port.one
-
-    def equations(self, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
-        """Residuals, zero along every motion, one for each own state."""
-        return ()
-
-    def losses(self, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Product]:
-        """Power in W that the effect dissipates."""
-        return ()

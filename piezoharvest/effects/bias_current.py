@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from piezoharvest.circuit import Product
 from piezoharvest.effects.base import Effect
 from piezoharvest.parameters import quantity
 
@@ -20,6 +21,9 @@ class BiasCurrent(Effect):
 
     def act(self, specimen):
         specimen.draw(-self.current * specimen.one)
+
+    def losses(self, terms):
+        return [Product(-self.current, terms.v, terms.one)]
 
     @classmethod
     def starts(cls, scene):

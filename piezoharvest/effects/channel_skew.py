@@ -14,7 +14,9 @@ class ChannelSkew(Effect):
     name: ClassVar[str] = "channel_skew"
     source: ClassVar[str] = "Doebelin, Measurement Systems, 2003, section 3.3"
     looks: ClassVar[str] = "voltage and current are late by the same time at every frequency"
-    told_by: ClassVar[str] = "a faster record: a leakage or relaxation turns the phase at low frequency, a delay at high frequency"
+    told_by: ClassVar[str] = (
+        "a faster record: a leakage or relaxation turns the phase at low frequency, a delay at high frequency"
+    )
 
     delay: float = quantity("s", "delay of voltage and current", at_least=0, null=0.0)
 

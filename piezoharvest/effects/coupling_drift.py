@@ -13,7 +13,9 @@ class CouplingDrift(Effect):
 
     name: ClassVar[str] = "coupling_drift"
     source: ClassVar[str] = "Zhang, Lim, Lee & Bae, J. Appl. Phys. 119, 034101, 2016"
-    looks: ClassVar[str] = "the amplitude of voltage and current slides over every record while displacement and force stay"
+    looks: ClassVar[str] = (
+        "the amplitude of voltage and current slides over every record while displacement and force stay"
+    )
     told_by: ClassVar[str] = "a long record at constant amplitude: a leakage or a load error does not change with time"
 
     relative_drift: float = quantity("", "relative change over a record", above=-1, null=0.0)

@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
+from piezoharvest.circuit import Product
 from piezoharvest.effects.base import Effect
 from piezoharvest.parameters import quantity
 
@@ -24,6 +27,20 @@ class Creep(Effect):
         y, dy = specimen.state("creep", specimen.transducer.stiffness)
         specimen.equation(self.time_constant * dy + y - self.compliance_ratio * (specimen.x - y))
         specimen.push(specimen.transducer.stiffness * y)
+
+    def stores(self, terms):
+        # k (x - y)^2/2 + (k/c) y^2/2, of which k x^2/2 is the spring's already.
+        (y, _), k = terms.own("creep"), terms.transducer.stiffness
+        return [Product(-k, terms.x, y), Product(0.5 * k, y, y), Product(0.5 * k / self._ratio, y, y)]
+
+    def losses(self, terms):
+        _, dy = terms.own("creep")
+        return [Product(terms.transducer.stiffness * self.time_constant / self._ratio, dy, dy)]
+
+    @property
+    def _ratio(self):
+        """The ratio; any in designs of a batch without creep, where y is zero."""
+        return np.where(np.equal(self.compliance_ratio, 0), 1.0, self.compliance_ratio)
 
     @classmethod
     def starts(cls, scene):

@@ -13,7 +13,9 @@ class DisplacementLag(Effect):
 
     name: ClassVar[str] = "displacement_lag"
     source: ClassVar[str] = "Doebelin, Measurement Systems, 2003, section 3.3"
-    looks: ClassVar[str] = "the loop of force and displacement opens in proportion to the frequency, the voltage does not"
+    looks: ClassVar[str] = (
+        "the loop of force and displacement opens in proportion to the frequency, the voltage does not"
+    )
     told_by: ClassVar[str] = "a faster record: friction's loop keeps its width, damping turns the voltage too"
 
     time_constant: float = quantity("s", "time constant", at_least=0, null=0.0)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from piezoharvest.circuit import Product
 from piezoharvest.effects.base import Effect
 from piezoharvest.parameters import quantity
 
@@ -13,14 +14,28 @@ class Friction(Effect):
 
     name: ClassVar[str] = "friction"
     source: ClassVar[str] = "Iwan, J. Appl. Mech. 33(4), 893-900, 1966"
-    looks: ClassVar[str] = "the loop of force and displacement is open by the same width at every frequency, with minor loops inside"
-    told_by: ClassVar[str] = "a slow record with small reversals at several levels, electrodes shorted: damping closes with the frequency, friction does not"
+    looks: ClassVar[str] = (
+        "the loop of force and displacement is open by the same width at every frequency, with minor loops inside"
+    )
+    told_by: ClassVar[str] = (
+        "a slow record with small reversals at several levels, electrodes shorted: damping closes with the frequency, "
+        "friction does not"
+    )
 
     stiffness: float = quantity("N/m", "stiffness while sticking", at_least=0, null=0.0)
     threshold: float = quantity("m", "displacement at which it slips", above=0)
 
     def act(self, specimen):
         specimen.push(-self.stiffness * specimen.stop(specimen.x, self.threshold))
+
+    def stores(self, terms):
+        s, _ = terms.own("stop")
+        return [Product(0.5 * self.stiffness, s, s)]
+
+    def losses(self, terms):
+        # The stop follows the displacement while it sticks, and loses its force times the velocity while it slips.
+        s, ds = terms.own("stop")
+        return [Product(self.stiffness, s, terms.u - ds)]
 
     @classmethod
     def starts(cls, scene):

@@ -14,19 +14,18 @@ class Leakage(Effect):
 
     name: ClassVar[str] = "leakage"
     source: ClassVar[str] = "IEEE Std 176-1987"
-    looks: ClassVar[str] = "the voltage decays faster than the load alone lets it, most with the largest load resistance"
+    looks: ClassVar[str] = (
+        "the voltage decays faster than the load alone lets it, most with the largest load resistance"
+    )
     told_by: ClassVar[str] = "a step with open electrodes: the decay is the leakage's alone"
 
     resistance: float = quantity("ohm", "leakage resistance", above=0, null=float("inf"))
 
-    def current(self, port, z, dz):
-        return port.v / self.resistance
-
     def act(self, specimen):
         specimen.draw(specimen.v / self.resistance)
 
-    def losses(self, port, z, dz):
-        return [Product(1.0 / self.resistance, port.v, port.v)]
+    def losses(self, terms):
+        return [Product(1.0 / self.resistance, terms.v, terms.v)]
 
     @classmethod
     def starts(cls, scene):

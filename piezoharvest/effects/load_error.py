@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from piezoharvest.effects.base import Effect
 from piezoharvest.parameters import quantity
 
@@ -13,18 +15,23 @@ class LoadError(Effect):
 
     name: ClassVar[str] = "load_error"
     source: ClassVar[str] = "IEC 60062"
-    looks: ClassVar[str] = "voltage over current is not the load that is written on it, in the records of one load or in all"
+    looks: ClassVar[str] = (
+        "voltage over current is not the load that is written on it, in the records of one load or in all"
+    )
     told_by: ClassVar[str] = "measure the load with an ohmmeter; voltage and current together tell it from a leakage"
 
     relative_error: float = quantity("", "e", above=-1, null=0.0)
     resistance: float | None = quantity("ohm", "which label", default=None, above=0)
 
     def connect(self, shunt):
-        if shunt is None or shunt.kind != "resistor" or self.resistance not in (None, shunt.resistance):
+        if shunt is None or shunt.kind != "resistor":
+            return shunt
+        meant = self.resistance is None or np.equal(self.resistance, shunt.resistance)
+        if not np.any(meant):
             return shunt
         # Unchecked: the error may have a complex step.
         wrong = object.__new__(type(shunt))
-        wrong.__dict__.update(vars(shunt), resistance=shunt.resistance * (1.0 + self.relative_error))
+        wrong.__dict__.update(vars(shunt), resistance=shunt.resistance * (1.0 + meant * self.relative_error))
         return wrong
 
     @classmethod

@@ -13,8 +13,12 @@ class NonlinearCoupling(Effect):
 
     name: ClassVar[str] = "nonlinear_coupling"
     source: ClassVar[str] = "Maugin, Nonlinear Electromechanical Effects and Applications, 1985"
-    looks: ClassVar[str] = "the voltage has a second harmonic and grows faster or slower than the force while the displacement does not"
-    told_by: ClassVar[str] = "two preloads at one amplitude: a capacitance that depends on the voltage gives odd harmonics only"
+    looks: ClassVar[str] = (
+        "the voltage has a second harmonic and grows faster or slower than the force while the displacement does not"
+    )
+    told_by: ClassVar[str] = (
+        "two preloads at one amplitude: a capacitance that depends on the voltage gives odd harmonics only"
+    )
 
     quadratic_coupling: float = quantity("C/m^2", "T2", null=0.0)
 

@@ -14,7 +14,9 @@ class Stiffening(Effect):
     name: ClassVar[str] = "stiffening"
     source: ClassVar[str] = "Nayfeh & Mook, Nonlinear Oscillations, 1979"
     looks: ClassVar[str] = "the loop of force and displacement bends, displacement and voltage alike"
-    told_by: ClassVar[str] = "two levels of force: a contact's compliance bends the displacement only, and most at small force"
+    told_by: ClassVar[str] = (
+        "two levels of force: a contact's compliance bends the displacement only, and most at small force"
+    )
 
     cubic_stiffness: float = quantity("N/m^3", "k3", null=0.0)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
-from piezoharvest.engine.compiled import compiled
+from piezoharvest.engine.compiled import compiled, inlined
 from piezoharvest.engine.crossing import NONE
 from piezoharvest.engine.state import QUEUE_LENGTH, dot_column, stored
 
@@ -44,13 +44,15 @@ def extract(P, L, S, D):
         # A stop that slipped the other way sticks as soon as the charge turns.
         slope = P[row + charge]
         for j in range(L[pg.H]):
+            if not _of_charge(P, L, j):
+                continue
             if D[slip + j] == -sign:
                 D[slip + j] = 0
             if D[slip + j] == 0:
                 slope += P[row + L[L[pg.STOP_STATE] + j]]
         move, first = -voltage / slope, NONE
         for j in range(L[pg.H]):
-            if D[slip + j] == 0:
+            if D[slip + j] == 0 and _of_charge(P, L, j):
                 reach = sign * P[limit + j] - S[L[L[pg.STOP_STATE] + j]]
                 if abs(reach) < abs(move):
                     move, first = reach, j
@@ -60,13 +62,13 @@ def extract(P, L, S, D):
                 shift = -dot_column(P, row, 1, S, phi, a) / slope
             else:
                 shift = -S[phi + L[L[pg.STOP_STATE] + first]]
-            _shift(L, S, D, phi, shift)
+            _shift(P, L, S, D, phi, shift)
         delivered -= P[L[pg.SCALE] + charge] * move * (voltage + 0.5 * slope * move)
         if D[st.ENERGIES]:
             for j in range(L[pg.H]):
                 if D[slip + j] != 0:
                     S[D[st.ENERGY] + pg.HYSTERESIS] += P[L[pg.STOP_WEIGHT] + j] * P[limit + j] * abs(move)
-        _shift(L, S, D, 0, move)
+        _shift(P, L, S, D, 0, move)
         if first == NONE:
             break
         D[slip + first] = sign
@@ -76,11 +78,17 @@ def extract(P, L, S, D):
         S[D[st.ENERGY] + pg.SHUNT_LOSS] += (1.0 - P[L[pg.EFFICIENCY]]) * delivered
 
 
+@inlined
+def _of_charge(P, L, j):
+    """Whether a stop follows the charge; one that follows a displacement stays where it is when charge is taken."""
+    return P[L[pg.STOP_INPUT] + j * L[pg.N] + L[pg.CHARGE]] != 0.0
+
+
 @compiled
-def _shift(L, S, D, z, move):
+def _shift(P, L, S, D, z, move):
     S[z + L[pg.CHARGE]] += move
     for j in range(L[pg.H]):
-        if D[D[st.SLIP] + j] == 0:
+        if D[D[st.SLIP] + j] == 0 and _of_charge(P, L, j):
             S[z + L[L[pg.STOP_STATE] + j]] += move
 
 

@@ -10,29 +10,37 @@ import numpy as np
 from piezoharvest.circuit import Guard, Product, Switch
 from piezoharvest.engine import program as pg
 from piezoharvest.engine.physics import Layout, Physics, joined, scalar, stack
-from piezoharvest.equations import own_rows
+from piezoharvest.equations import connected, gains, own_rows
 from piezoharvest.excitation import Excitation, Ramps, Tones
 from piezoharvest.shunts.base import Shunt
 from piezoharvest.system import System
+from piezoharvest.terms import Terms
 
 
 class Lowered(NamedTuple):
-    """A program with the names that its indices stand for, and the signal that drives it."""
+    """A program with the names that its indices stand for, the signal, and the effects that change nothing."""
 
     program: pg.Program
     states: tuple[str, ...]
     configurations: tuple[str, ...]
     categories: tuple[str, ...]
     signal: Tones | Ramps
+    unfelt: tuple[str, ...]
 
 
 def lower(system: System, excitation: Excitation) -> Lowered:
     """Matrices of all modes of a system under an excitation.
 
     Components with array-valued fields of shape (designs, 1) give arrays with the designs as leading axis.
+
+    Raises
+    ------
+    ParameterError
+        An effect is neither linear nor made of stop operators.
     """
-    signal = excitation.signal()
-    layout = Layout(system, signal)
+    signal, system = excitation.signal(), connected(system)
+    terms = Terms(system.transducer, "base_acceleration" if excitation.base else "force")
+    layout = Layout(system, terms, signal)
     physics = Physics(system, excitation, layout, signal)
     shunt, capacitance = system.shunt, system.transducer.capacitance
     z, dz = own_rows(layout.z, "", layout.shunt_states), own_rows(layout.dz, "", layout.shunt_states)
@@ -52,8 +60,8 @@ def lower(system: System, excitation: Excitation) -> Lowered:
         tables.outputs.append(_rows(outputs, layout.width))
     switch = shunt.switch(capacitance, excitation.period)
     program = _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
-    categories = (*pg.CATEGORIES, *(effect.name for effect in system.transducer.effects), pg.MEAN_DC)
-    return Lowered(program, tuple(layout.names), names, categories, signal)
+    categories = (*pg.CATEGORIES, *layout.effects, pg.MEAN_DC)
+    return Lowered(program, tuple(layout.names), names, categories, signal, terms.unfelt)
 
 
 def symmetric(lowered: Lowered, excitation: Excitation) -> bool:
@@ -66,14 +74,22 @@ def symmetric(lowered: Lowered, excitation: Excitation) -> bool:
     return bool(np.allclose(image, mirror, rtol=1e-12, atol=0))
 
 
-def _equilibrium(layout, excitation) -> np.ndarray:
-    """Displacements under the static part of the excitation, and the charge that leaves the electrodes relaxed."""
-    values = [0.0] * layout.n
-    for i, mode in enumerate(layout.modes):
-        force = -mode.base_mass if excitation.base else mode.force_participation
-        values[2 * i] = force / mode.stiffness * excitation.rest
-        values[layout.charge] = values[layout.charge] + mode.coupling * values[2 * i]
-    return stack(values)
+def _equilibrium(layout: Layout, physics: Physics, excitation: Excitation, scale: np.ndarray) -> np.ndarray:
+    """Scaled states at rest under the static part of the excitation, the electrodes and all stops relaxed."""
+    rest = np.zeros(layout.n)
+    if not np.any(excitation.rest):
+        return rest
+    count, device = 2 * len(layout.modes), physics.device
+    own = np.delete(np.arange(layout.n - len(layout.shunt_states)), layout.stop_states)
+    rows = _rows([*physics.motion.equations, device.placing.v_t, *device.equations], layout.width)[..., own]
+    rows = rows * scale[..., None, own]
+    forces = [0.0] * len(own)
+    forces[1:count:2] = [gain * excitation.rest for gain in gains(physics.transducer, excitation.base)]
+    size = np.max(np.abs(np.real(rows)), axis=-1, keepdims=True)
+    found = np.linalg.solve(rows / size, stack(forces)[..., None] / size)[..., 0]
+    rest = np.zeros((*found.shape[:-1], layout.n), found.dtype)
+    rest[..., own] = found
+    return rest
 
 
 def _rows(rows, width: int) -> np.ndarray:
@@ -125,12 +141,12 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
     index = {name: c for c, name in enumerate(names)}
     fields: dict[str, Any] = {
         **_motion(layout, columns.split(equations, 2)),
-        **_stops(layout, physics.transducer.capacitance),
+        **_stops(layout, scale),
         **_guards(layout, tables.guards, index, columns),
         **_switching(shunt, switch, index, layout),
         **_products(layout, tables.products, columns),
         "exosystem": _exosystem(layout, omega, exo_scale),
-        "equilibrium": _equilibrium(layout, excitation) / scale,
+        "equilibrium": _equilibrium(layout, physics, excitation, scale),
         "period": np.inf if excitation.period is None else scalar(excitation.period),
         "signal_kind": pg.TONES if harmonic else pg.RAMPS,
         "omega": omega,
@@ -140,7 +156,7 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
         "odd": _parity(layout),
         "storage": storage * scale[..., :, None] * scale[..., None, :],
         "charge": layout.charge,
-        "voltage_row": columns.split(physics.v, 0)[0],
+        "voltage_row": columns.split(physics.port.v, 0)[0],
         "trigger_row": columns.split(physics.motion.strain_current, 0)[0],
         "output_z": outputs[0],
         "output_d": outputs[1],
@@ -167,18 +183,17 @@ def _motion(layout: Layout, equations) -> dict[str, Any]:
     return {"rate": inverse @ (-rate / size), "stop_response": inverse[..., stops] * own[..., None, :]}
 
 
-def _stops(layout: Layout, capacitance) -> dict[str, Any]:
-    """The stop operators, whose states have the scale of the charge."""
-    count, root = len(layout.stops), scalar(capacitance)[..., None] ** 0.5
-    stop_input = np.zeros((count, layout.n))
-    stop_input[:, layout.charge] = 1.0
-    thresholds = stack([r for r, _ in layout.stops]) if count else np.zeros(0)
-    weights = stack([w for _, w in layout.stops]) if count else np.zeros(0)
+def _stops(layout: Layout, scale: np.ndarray) -> dict[str, Any]:
+    """The stop operators; those of effects keep their own account of energy, as their weight is within a force."""
+    count, own, added = len(layout.stop_states), scale[..., layout.stop_states], layout.terms.stops
+    inputs = _rows([into[..., : layout.n] for into in layout.stop_inputs], layout.n)
+    thresholds = [*(r for r, _ in layout.operators), *(stop.threshold for stop in added)]
+    weights = [*(w for _, w in layout.operators), *[0.0] * len(added)]
     return {
         "stop_state": layout.stop_states,
-        "stop_input": stop_input,
-        "stop_limit": thresholds / root,
-        "stop_weight": weights * root**2,
+        "stop_input": inputs * scale[..., None, :] / own[..., :, None],
+        "stop_limit": (stack(thresholds) if count else np.zeros(0)) / own,
+        "stop_weight": (stack(weights) if count else np.zeros(0)) * own**2,
     }
 
 

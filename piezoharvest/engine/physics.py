@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from piezoharvest.circuit import Port, Product, State
+from piezoharvest.circuit import Product, Row, State
 from piezoharvest.engine import program as pg
-from piezoharvest.equations import capacitor_voltage, effect_prefixes, leads, mechanics, own_rows, state_names
+from piezoharvest.equations import device
 from piezoharvest.excitation import Excitation, Ramps, Tones
 from piezoharvest.system import System
+from piezoharvest.terms import Rows, Terms, state_names
 
 
 def scalar(value) -> np.ndarray:
@@ -40,18 +41,19 @@ def joined(parts, axis: int) -> np.ndarray:
 class Layout:
     """Columns of the rows: [states | derivatives | exogenous], and named access to them."""
 
-    def __init__(self, system: System, signal: Tones | Ramps):
+    def __init__(self, system: System, terms: Terms, signal: Tones | Ramps):
         transducer, shunt = system.transducer, system.shunt
         hysteresis = transducer.hysteresis
-        self.modes = transducer.all_modes
-        self.stops = () if hysteresis is None else tuple(zip(hysteresis.thresholds, hysteresis.weights, strict=True))
-        self.effects = effect_prefixes(transducer)
+        self.modes, self.terms = transducer.all_modes, terms
+        pairs = zip(hysteresis.thresholds, hysteresis.weights, strict=True) if hysteresis else ()
+        self.operators: tuple[tuple[float, float], ...] = tuple(pairs)
+        self.effects = tuple(dict.fromkeys(effect.name for effect in transducer.effects))
         self.shunt_states = shunt.states(transducer.capacitance)
         self.names = state_names(transducer)
         self.charge = len(self.names) - 1
-        self.stop_states = np.arange(self.charge + 1, self.charge + 1 + len(self.stops))
-        self.names += [f"stop{j + 1}" for j in range(len(self.stops))]
-        self.names += [prefix + state.name for effect, prefix in self.effects for state in effect.states()]
+        self.names += [f"stop{j + 1}" for j in range(len(self.operators))] + [stop.name for stop in terms.stops]
+        self.stop_states = np.arange(self.charge + 1, len(self.names))
+        self.names += [state.name for state in terms.states]
         self.names += [state.name for state in self.shunt_states]
         self.n = len(self.names)
         self.exogenous = 2 * signal.frequencies.shape[-1] + 1 if isinstance(signal, Tones) else 3
@@ -64,7 +66,13 @@ class Layout:
     @property
     def added_states(self) -> list[State]:
         """States of the effects and of the shunt: the last ones, in their order."""
-        return [*(state for effect, _ in self.effects for state in effect.states()), *self.shunt_states]
+        return [*self.terms.states, *self.shunt_states]
+
+    @property
+    def stop_inputs(self) -> list[np.ndarray]:
+        """Inputs of the stops over the states: the charge for the hysteresis, what effects say for theirs."""
+        inputs = [self.z["q"]] * len(self.operators)
+        return [*inputs, *(self.terms.over(stop.row, self.z) for stop in self.terms.stops)]
 
 
 class Physics:
@@ -74,30 +82,28 @@ class Physics:
         self.transducer, self.layout = system.transducer, layout
         z, dz = layout.z, layout.dz
         self.drive = _drive(layout, signal)
-        self.motion = mechanics(self.transducer, z, dz, self.drive, excitation.base)
-        stops = range(len(layout.stops))
-        nothing = 0.0 * layout.one
-        self.v_h = sum((layout.stops[j][1] * z[f"stop{j + 1}"] for j in stops), nothing)
-        dv_h = sum((layout.stops[j][1] * dz[f"stop{j + 1}"] for j in stops), nothing)
-        self.v = capacitor_voltage(self.transducer, z) + self.v_h
-        dv = capacitor_voltage(self.transducer, dz) + dv_h
-        # An effect must not use the load current, which its own current decides.
-        self.bare = Port(self.v, dv, np.full(layout.width, np.nan), layout.one, self.transducer.capacitance)
-        self.port, self.effect_equations = leads(self.transducer, self.bare, z, dz)
+        self.v_h, dv_h = self._hysteresis(z), self._hysteresis(dz)
+        self.device = device(layout.terms, z, dz, self.drive, layout.one, (self.v_h, dv_h), excitation.base)
+        self.motion, self.port = self.device.motion, self.device.port
+
+    def _hysteresis(self, rows: Rows) -> Row:
+        """Voltage of the hysteresis, or its rate."""
+        pairs = enumerate(self.layout.operators, 1)
+        return sum((weight * rows[f"stop{j}"] for j, (_, weight) in pairs), 0.0 * self.layout.one)
 
     def equations(self, port_equation: np.ndarray) -> list[np.ndarray]:
         """Residuals in the order of the states; the stops' rows are placeholders that each mode completes."""
-        stops = [self.layout.dz[f"stop{j + 1}"] for j in range(len(self.layout.stops))]
-        return [*self.motion.equations, port_equation, *stops, *self.effect_equations]
+        stops = [self.layout.dz[self.layout.names[k]] for k in self.layout.stop_states]
+        return [*self.motion.equations, port_equation, *stops, *self.device.equations]
 
     def products(self) -> list[tuple[int, Product]]:
         """Powers that do not depend on the configuration, with their categories."""
-        z, dz, modes = self.layout.z, self.layout.dz, self.layout.modes
+        z, modes = self.layout.z, self.layout.modes
         powers = [(pg.MECHANICAL_IN, Product(1.0, self.drive, self.motion.drive_velocity))]
         powers += [(pg.DAMPING, Product(m.damping, z[f"u{n}"], z[f"u{n}"])) for n, m in enumerate(modes, 1)]
-        for k, (effect, prefix) in enumerate(self.layout.effects):
-            own = own_rows(z, prefix, effect.states()), own_rows(dz, prefix, effect.states())
-            powers += [(len(pg.CATEGORIES) + k, product) for product in effect.losses(self.bare, *own)]
+        for name, product in self.layout.terms.losses:
+            category = len(pg.CATEGORIES) + self.layout.effects.index(name)
+            powers.append((category, self.device.placing.product(product)))
         return powers
 
     def storage(self) -> tuple[np.ndarray, np.ndarray]:
@@ -107,15 +113,26 @@ class Physics:
         for mode in lay.modes:
             diagonal += [mode.stiffness, mode.mass]
             scale += [mode.stiffness**-0.5, mode.mass**-0.5]
-        diagonal += [0.0] + [w for _, w in lay.stops]
-        scale += [capacitance**0.5] * (1 + len(lay.stops))
-        for state in lay.added_states:
-            diagonal.append(state.storage)
-            scale.append(np.abs(state.storage) ** -0.5)
-        v_t = capacitor_voltage(self.transducer, lay.z)[..., : lay.n]
+        scale += [capacitance**0.5] * (1 + len(lay.operators))
+        diagonal += [0.0, *(w for _, w in lay.operators), *[0.0] * (len(lay.terms.stops) + len(lay.terms.states))]
+        diagonal += [state.storage for state in lay.shunt_states]
+        added = [np.abs(state.storage) ** -0.5 for state in lay.added_states]
+        own = stack([*scale, *[0.0] * len(lay.terms.stops), *added])
+        # A stop that an effect adds has the scale of its input, or of the largest part of that.
+        for into in lay.stop_inputs[len(lay.operators) :]:
+            scale.append(np.max(np.abs(np.real(into[..., : lay.n] * own)), axis=-1, keepdims=True))
+        scale += added
+        placing = self.device.placing
         matrix = stack(diagonal)[..., None] * np.eye(lay.n)
-        matrix = matrix + scalar(capacitance)[..., None, None] * v_t[..., :, None] * v_t[..., None, :]
+        matrix = matrix + 0.5 * self._energy(Product(capacitance, placing.v_t, placing.v_t))
+        matrix = sum((self._energy(placing.product(product)) for product in lay.terms.stored), matrix)
         return matrix, stack(scale)
+
+    def _energy(self, product: Product) -> np.ndarray:
+        """Matrix S of z S z/2 = coefficient * first * second."""
+        first, second = (row[..., : self.layout.n] for row in (product.first, product.second))
+        outer = first[..., :, None] * second[..., None, :]
+        return scalar(product.coefficient)[..., None, None] * (outer + outer.swapaxes(-1, -2))
 
 
 def _drive(layout: Layout, signal: Tones | Ramps) -> np.ndarray:

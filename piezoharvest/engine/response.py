@@ -71,8 +71,8 @@ class Response:
         20 log10 of the displacement amplitude against the short circuit.
     energy : dict
         Per period in J: "mechanical_in", "harvested", "damping", "hysteresis", "shunt_loss", where they occur "source"
-        (delivered by an active part) and the loss of each effect by its name; "stored" (change, transients only) and
-        "closure" (share of the energy supplied that no entry accounts for).
+        (delivered by an active part) and what each effect takes by its name (negative for a source); "stored" (change,
+        transients only) and "closure" (share of the energy supplied that no entry accounts for).
     events_per_period : int
         Changes of the circuit's configuration and of the hysteresis operators.
     periods_evaluated : int

@@ -44,6 +44,11 @@ def simulate(system: System, excitation: Excitation, *, transient: float | None 
     Response
         Averages over one period, or over the whole transient.
 
+    Raises
+    ------
+    ParameterError
+        An effect of the transducer is neither linear nor made of stop operators.
+
     Notes
     -----
     Piecewise linear models are propagated by matrix exponentials, so there is no time step to choose: events are
@@ -57,6 +62,9 @@ def simulate(system: System, excitation: Excitation, *, transient: float | None 
             response = _transient(lowered, excitation, transient, samples, system.shunt.kind)
     except EngineError as error:
         return _failed(system.shunt.kind, str(error))
+    if lowered.unfelt:
+        told = f"{', '.join(lowered.unfelt)}: only in measured records, no part of this simulation"
+        response = _with(response, message="; ".join(filter(None, (response.message, told))))
     if isinstance(system.shunt, Short):
         return response
     reference = _short_amplitude(system.transducer, excitation, transient)

@@ -1,7 +1,7 @@
 """The part of a measured drive that stands out of its noise.
 
-Operators rectify: where a load is held they rest, while the noise of its measurement would let those of a model slip to and fro.
-So a model is driven by the drive without what is noise for certain; the rest passes by the model's linear response.
+Operators rectify: where a load is held they rest, while the noise of its measurement would let those of a model slip to
+and fro. So a model is driven by the drive without what is noise for certain; the rest passes by its linear response.
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ from piezoharvest.records.finding import runs
 
 WIDTH = 4.0  # half width of a confidence interval in standard deviations
 LEVELS = 13  # windows of 3, 7, 15, ... samples
-SPARE = 2  # levels: the average is over a quarter of the samples that agree, which makes its bias far less than the noise
+SPARE = (
+    2  # levels: averages are over a quarter of the samples that agree, which makes their bias far less than the noise
+)
 HELD = 4.0  # standard deviations of the averages within which a drive counts as held at one value
 LEAST = 5  # level from which on an average is taken; what moves faster stays as it is
 

@@ -30,6 +30,7 @@ MOST = 60  # iterations
 ENOUGH = 1e-2  # of -2 ln L that an iteration may still promise
 ROUGH = 1e-3  # the same relative to it, while the noise is passed on by a model that is not fitted yet
 ROUNDS = 3  # of estimating the noise
+QUIET = 2  # iterations in a row that gain less than that, after which no more is hoped for
 LEAP = 0.5  # of a logarithm in one iteration: what the data hardly shows must not run away meanwhile
 WORKERS = 2
 
@@ -45,7 +46,7 @@ class Fit:
         For each record its states at the start, jumps and offsets.
     noise : Noise
     cost : float
-        Sum of squares of the whitened residuals and of the priors; -2 ln L but for a constant.
+        -2 ln L but for a constant: squares of the residuals, whitened by the model itself, and of the priors.
     sums : tuple of Sums
         For each record at the solution.
     information, prior : (p, p) array
@@ -116,6 +117,7 @@ def fit(
     *,
     estimate_noise: bool = True,
     rounds: int = ROUNDS,
+    enough: float = ENOUGH,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Fit:
     """Fit a model to the records of a problem.
@@ -132,6 +134,8 @@ def fit(
         Whether the noise is estimated from the residuals, alternating with the fit.
     rounds : int
         How often.
+    enough : float
+        Of -2 ln L that an iteration may still promise at the end.
     tell : callable
         Told about every iteration.
     """
@@ -140,7 +144,7 @@ def fit(
     found: Fit | None = None
     rounds = rounds if estimate_noise else 1
     for n in range(rounds):
-        found = _descend(problem, model, own, noise, tell, loose=n < rounds - 1)
+        found = _descend(problem, model, own, noise, tell, loose=n < rounds - 1, enough=enough)
         model, own = found.model, found.own
         if n < rounds - 1:
             noise = reestimated(problem, found)
@@ -228,7 +232,7 @@ def _whole(model: Model, own: Sequence[np.ndarray], sums: Sequence[Sums]) -> tup
     return information, gradient, squares
 
 
-def _descend(problem, model, own, noise, tell, *, loose: bool) -> Fit:
+def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) -> Fit:
     """Levenberg-Marquardt with bounds."""
     lower = np.concatenate([[p.lower for p in model.parameters], np.full(sum(map(len, own)), -np.inf)])
     upper = np.concatenate([[p.upper for p in model.parameters], np.full(sum(map(len, own)), np.inf)])
@@ -240,12 +244,13 @@ def _descend(problem, model, own, noise, tell, *, loose: bool) -> Fit:
     information, gradient, squares = _whole(model, own, sums)
     cost = squares + float(precision @ (values - mean) ** 2)
     damping, converged, message = 1e-4, False, "too many iterations"
-    iteration = 0
+    iteration, quiet = 0, 0
     for iteration in range(1, MOST + 1):
         total = information + np.diag(precision)
         slope = gradient - precision * (values - mean)
         step, promise = _bounded_step(total, slope, damping, np.maximum(lower - values, -most), np.minimum(upper - values, most))
-        if promise < (max(1.0, ROUGH * cost) if loose else ENOUGH):
+        limit = max(1.0, ROUGH * squares) if loose else enough
+        if promise < limit:
             converged, message = True, "converged"
             break
         trial = values + step
@@ -258,16 +263,24 @@ def _descend(problem, model, own, noise, tell, *, loose: bool) -> Fit:
             new_cost = np.inf
         if new_cost < cost:
             gained = (cost - new_cost) / promise
+            quiet = quiet + 1 if cost - new_cost < limit else 0
             model, own, sums, values, cost = new_model, new_own, new_sums, trial, new_cost
             information, gradient = new_information, new_gradient
             damping = max(damping * (0.1 if gained > 0.5 else 1.0 if gained > 0.1 else 4.0), 1e-12)
             tell(f"iteration {iteration}: {cost:.6g}")
+            if quiet == QUIET:
+                converged, message = True, "converged"
+                break
         else:
             damping = max(10.0 * damping, 1e-6)
             if damping > 1e10:
                 message = "no step improves the fit"
                 converged = promise < 1.0
                 break
+    # Models pass on the noise of the drive in their own ways: each is judged by residuals that its own way makes white.
+    sums = _sums(problem, model, own, whiteners(problem, model, noise))
+    information, _, squares = _whole(model, own, sums)
+    cost = squares + float(precision @ (values - mean) ** 2)
     return Fit(model, tuple(own), noise, cost, sums, information, np.diag(precision), converged, iteration, message)
 
 

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from piezoharvest.effects import Effect
+from piezoharvest.predict.parameters import put
 from piezoharvest.predict.prediction import Prediction
 
 SMALL = 1e-30  # complex step
@@ -30,7 +32,7 @@ def gain_of(prediction: Prediction, channels: Sequence[str], frequencies: np.nda
     -------
     (f, channels) complex array
     """
-    return _gain(prediction, channels, frequencies).value
+    return _gain(prediction, channels, frequencies).value * _late(prediction, channels, frequencies)[0]
 
 
 def gain_slopes(
@@ -38,7 +40,45 @@ def gain_slopes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Response as `gain_of` gives it, and its derivatives to the parameters, (f, channels, parameters)."""
     gain = _gain(prediction, channels, frequencies)
-    return gain.value, gain.slopes
+    late, rate = _late(prediction, channels, frequencies)
+    slopes = gain.slopes * late[:, :, None]
+    for n, effect in enumerate(prediction.transducer.effects):
+        for k, parameter in enumerate(prediction.parameters):
+            if parameter.path == ("effects", n, "delay"):
+                delayed = np.array([type(effect).late is not Effect.late and _depends(effect, c) for c in channels])
+                slopes[:, :, k] += gain.value * rate * delayed
+    return gain.value * late, slopes
+
+
+def specimen_gain(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> np.ndarray:
+    """Response of the specimen itself, before the wiring delays it."""
+    return _gain(prediction, channels, frequencies).value
+
+
+def _depends(effect: Effect, channel: str) -> bool:
+    """Whether a delay acts on a channel."""
+    return put(effect, ("delay",), 1.0).late(channel) == 1.0
+
+
+def _late(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What delays do to the channels, (f, channels), and its derivative to the delay: splines through the samples, as predicted."""
+    h, effects = prediction.setting.sample_time, prediction.transducer.effects
+    angle = 2 * np.pi * np.maximum(frequencies * h, SLOWEST)
+    factors, rates = [], []
+    for channel in channels:
+        samples = sum(effect.late(channel) for effect in effects) / h
+        whole = int(np.floor(samples))
+        s, back = 1.0 - (samples - whole), np.exp(-1j * angle * (whole + 1))
+        c = _spline(angle)
+        factors.append(back * (c[0] + c[1] * s + c[2] * s**2 + c[3] * s**3) if samples else np.ones_like(back))
+        rates.append(-back * (c[1] + 2 * c[2] * s + 3 * c[3] * s**2) / h)
+    return np.column_stack(factors), np.column_stack(rates)
+
+
+def _spline(angle: np.ndarray) -> list[np.ndarray]:
+    """Coefficients of the cubic spline through a sine's samples, in powers of the share of the step, for a sample of 1."""
+    turn, rate = np.exp(1j * angle), 3j * np.sin(angle) / (2.0 + np.cos(angle))
+    return [np.ones_like(rate), rate, 3.0 * (turn - 1.0) - rate * (2.0 + turn), 2.0 * (1.0 - turn) + rate * (1.0 + turn)]
 
 
 def small_response(
@@ -87,11 +127,8 @@ class _Gain:
         m, h = prediction.matrices, prediction.setting.sample_time
         angle = 2 * np.pi * np.maximum(frequencies * h, SLOWEST)
         turn = np.exp(1j * angle)
-        # Slope of the cubic spline through a sine's samples, for one sample.
-        rate = 3j * np.sin(angle) / (2.0 + np.cos(angle))
-        ones = np.ones_like(rate)
-        cubic = [ones, rate, 3.0 * (turn - 1.0) - rate * (2.0 + turn), 2.0 * (1.0 - turn) + rate * (1.0 + turn)]
-        drive = [ones, rate / h]
+        cubic = _spline(angle)
+        drive = [cubic[0], cubic[1] / h]
         outputs = len(m.O) - len(m.channels)
         self._rows = [outputs + m.channels.index(channel) for channel in channels]
         self._prediction, step = prediction, prediction.step

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from piezoharvest.identify.fit import Fit, inverse
+from piezoharvest.identify.fit import WEAK, Fit, inverse
 from piezoharvest.predict.parameters import Parameter
 
 UNKNOWN = 0.5  # standard deviation of a logarithm from which on a parameter counts as not determined
@@ -27,12 +27,13 @@ SEPARATE = {
 def undetermined(found: Fit) -> list[int]:
     """Parameters that the data cannot determine when all others are free: the least certain one is taken out first."""
     parameters = found.model.parameters
+    sizes = [size_of(found, k) for k in range(len(parameters))]
     free = list(range(len(found.information)))
     out: list[int] = []
     while True:
         total = (found.information + found.prior)[np.ix_(free, free)]
         std = np.sqrt(np.diag(inverse(total)))
-        doubt = [(std[n], k) for n, k in enumerate(free) if k < len(parameters) and relative(parameters[k])]
+        doubt = [(std[n] / sizes[k], k) for n, k in enumerate(free) if k < len(parameters)]
         if not doubt or max(doubt)[0] < UNKNOWN:
             return out
         worst = max(doubt)[1]
@@ -40,22 +41,27 @@ def undetermined(found: Fit) -> list[int]:
         free.remove(worst)
 
 
-def relative(parameter: Parameter) -> bool:
-    """Whether what is varied is a logarithm."""
-    return parameter.scaling == "log"
+def size_of(found: Fit, k: int) -> float:
+    """By how much a parameter that is varied changes when it becomes e times as large; infinite where it may be absent."""
+    parameter = found.model.parameters[k]
+    if parameter.scaling == "log":
+        return 1.0
+    # Of other ones the prior is as wide as their nominal values tell.
+    return found.prior[k, k] ** -0.5 / WEAK if found.prior[k, k] > 0 else np.inf
 
 
 def combination(found: Fit, k: int, fixed: Sequence[int]) -> str:
     """What is known of an undetermined parameter together with others: "coupling / stiffness^0.5"; empty if nothing."""
-    parameters = found.model.parameters
-    if found.information[k, k] < UNKNOWN**-2:
+    parameters, size = found.model.parameters, size_of(found, k)
+    if found.information[k, k] * size**2 < UNKNOWN**-2:
         return ""  # even with all others known the data would not tell it
     others = [j for j in range(len(found.information)) if j != k and j not in fixed]
     rows = found.information[np.ix_(others, others)]
     follow = -inverse(rows) @ found.information[others, k]
     parts = [parameters[k].name]
-    for j, exponent in zip(others, follow, strict=True):
-        if j < len(parameters) and relative(parameters[j]) and abs(exponent) > TIED:
+    for j, slope in zip(others, follow, strict=True):
+        exponent = slope * size / size_of(found, j) if j < len(parameters) else 0.0
+        if abs(exponent) > TIED:
             # Others follow by this power: the product with the opposite power stays.
             power = f"^{abs(exponent):.2g}" if abs(abs(exponent) - 1.0) > 0.05 else ""
             parts.append(f"{'/' if exponent > 0 else '*'} {parameters[j].name}{power}")

@@ -13,7 +13,9 @@ from piezoharvest.identify.gain import gain_of
 from piezoharvest.identify.identifiable import combination, experiment, undetermined
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.responses import FrequencyData
+from piezoharvest.identify.starts import started
 from piezoharvest.identify.sums import Model, residual_blocks
+from piezoharvest.parameters import ParameterError
 from piezoharvest.predict.parameters import Parameter, parameters_of, value_at
 from piezoharvest.predict.prediction import Prediction
 from piezoharvest.records.campaign import Campaign
@@ -111,7 +113,18 @@ def prepared(campaign: Campaign, role: str) -> tuple[Data | FrequencyData, ...]:
     CampaignError
         The model cannot be driven by a record.
     """
-    return tuple(data_of(r, campaign.transducer) if isinstance(r, Record) else FrequencyData(r) for r in campaign.of_role(role))
+    return tuple(_prepared(campaign, record) for record in campaign.of_role(role))
+
+
+def _prepared(campaign: Campaign, record: Record | FrequencyRecord) -> Data | FrequencyData:
+    try:
+        if isinstance(record, Record):
+            return data_of(record, campaign.transducer)
+        data = FrequencyData(record)
+        data.matrices(campaign.transducer)
+        return data
+    except ParameterError as error:
+        raise CampaignError(campaign.path, f"{record.key}.{error.key}", error.message) from None
 
 
 def identify(campaign: Campaign, tell: Tell = lambda text: None, offsets: Sequence[str] | None = None) -> Identification:
@@ -138,7 +151,7 @@ def identify(campaign: Campaign, tell: Tell = lambda text: None, offsets: Sequen
     problem = Problem(data, campaign.transducer, tuple(offsets))
     parameters = parameters_of(campaign.transducer, {r.drive for r in campaign.records if isinstance(r, Record)})
     model = Model(campaign.transducer, tuple(parameters), tuple(offsets))
-    first = fit(problem, model, tell=tell, rounds=2)
+    first = started(problem, model, tell)
     fixed = undetermined(first)
     kept = [p for k, p in enumerate(parameters) if k not in fixed]
     nominal = _with_nominal(first.model.transducer, campaign.transducer, [parameters[k] for k in fixed])

@@ -17,6 +17,7 @@ from scipy.optimize import nnls
 
 UPPER = 0.5  # share of the band from which noise is estimated: what is slower may be structure
 BANDS = 16  # whose median tells noise from lines
+LEAST = 0.1  # of the noise before: a channel that seems to have less is not given all the weight at once
 FOURTH = 70.0  # gain of fourth differences for the variance of white noise
 
 
@@ -92,7 +93,7 @@ def estimate(
     found = {}
     for name, share in zip(names, shares, strict=True):
         told = np.any(np.abs(np.array(rows)[:, names.index(name)]) > 0)
-        floor = 1e-3 * start.sigma[name]
+        floor = LEAST * start.sigma[name]
         found[name] = known[name] if name in known else max(float(np.sqrt(share)) * start.sigma[name], floor)
         if name not in known and not told:
             found[name] = start.sigma[name]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from piezoharvest.identify.data import Data
-from piezoharvest.identify.gain import gain_of, gain_slopes, small_response
+from piezoharvest.identify.gain import gain_of, gain_slopes, small_response, specimen_gain
 from piezoharvest.identify.noise import Noise, rounding
 from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.prediction import Lowered, Prediction
@@ -211,7 +211,7 @@ def extras(model: Model, data: Data, prediction: Prediction) -> list[Extra]:
                 continue
             # A line on the measured drive is not in the real one: the prediction has it in all channels.
             at = np.array([frequency])
-            gains = -gain_of(prediction, data.channels, at)[0] if channel == data.drive else eye[data.channels.index(channel)]
+            gains = -specimen_gain(prediction, data.channels, at)[0] if channel == data.drive else eye[data.channels.index(channel)]
             found += [Extra(f"{effect.name} {part}", gains * phase, frequency, n) for part, phase in (("cos", 1), ("sin", -1j))]
     return found
 

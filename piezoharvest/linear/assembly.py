@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from piezoharvest.circuit import Port, Product, Row, State
-from piezoharvest.equations import capacitor_voltage, effect_prefixes, leads, mechanics, own_rows, state_names
+from piezoharvest.equations import connected, device, own_rows
 from piezoharvest.parameters import ParameterError
 from piezoharvest.shunts.base import LinearShunt, Shunt
+from piezoharvest.system import System
+from piezoharvest.terms import Rows, Terms, state_names
 from piezoharvest.transducer import Transducer
 
 OperatingPoint = str | Sequence[bool]
@@ -142,7 +144,14 @@ def hysteresis_slope(
     return sum((w for w, slips in zip(weights, operating_point, strict=True) if not slips), 0.0)
 
 
-def assemble(transducer: Transducer, shunt: Shunt, *, slope: complex | None = None, base: bool = False) -> LinearModel:
+def assemble(
+    transducer: Transducer,
+    shunt: Shunt,
+    *,
+    slope: complex | None = None,
+    base: bool = False,
+    operating_point: OperatingPoint = "stick",
+) -> LinearModel:
     """Rows of a transducer with its effects and a linear circuit across it.
 
     Parameters
@@ -153,12 +162,16 @@ def assemble(transducer: Transducer, shunt: Shunt, *, slope: complex | None = No
         Slope of the hysteresis in V/C; default all operators sticking. Complex for phasors.
     base : bool
         Whether the input is base acceleration (m/s^2) rather than force (N).
+    operating_point : "stick", "slip" or sequence of bool
+        Stop operators that effects add stick, which is elastic, but for "slip", where they give nothing. What is
+        nonlinear in other effects has no part in small motions.
 
     Raises
     ------
     ParameterError
         The shunt is not a linear circuit.
     """
+    shunt = connected(System(transducer, shunt)).shunt
     if not isinstance(shunt, LinearShunt):
         raise ParameterError("shunt", f"found {shunt.kind}, allowed is a linear circuit (no switches, no diodes)")
     return connect(
@@ -167,6 +180,7 @@ def assemble(transducer: Transducer, shunt: Shunt, *, slope: complex | None = No
         shunt.states(transducer.capacitance),
         slope=slope,
         base=base,
+        operating_point=operating_point,
         powers=lambda port, z: shunt.powers("linear", port, z),
     )
 
@@ -179,6 +193,7 @@ def connect(
     slope: complex | None = None,
     resistance: float = 0.0,
     base: bool = False,
+    operating_point: OperatingPoint = "stick",
     electrical: str | None = None,
     prefix: str = "shunt_",
     powers: Callable[[Port, SimpleNamespace], Mapping[str, Sequence[Product]]] | None = None,
@@ -192,7 +207,7 @@ def connect(
         Given (port, z, dz, inputs) it returns an equation for the port and one for each of `states`.
     states : sequence of State
         States of the termination.
-    slope, base
+    slope, base, operating_point
         As in `assemble`.
     resistance : float
         In series with the transducer, ohm: what the hysteresis loses at one frequency.
@@ -203,14 +218,13 @@ def connect(
     powers : callable, optional
         Powers by where they go, given (port, z).
     """
-    names = state_names(transducer)
-    owners = [(before, effect.states()) for effect, before in effect_prefixes(transducer)] + [(prefix, states)]
-    names += [before + state.name for before, own in owners for state in own]
     inputs = ["base_acceleration" if base else "force"] + ([electrical] if electrical else [])
+    terms = Terms(transducer, inputs[0], linearised=True)
+    names = state_names(transducer) + [state.name for state in terms.states] + [prefix + state.name for state in states]
     z, dz, w, one = _unit_rows(names, inputs)
-    motion = mechanics(transducer, z, dz, w[inputs[0]], base)
-    port = _electrodes(transducer, z, dz, one, hysteresis_slope(transducer) if slope is None else slope, resistance)
-    port, of_effects = leads(transducer, port, z, dz)
+    z, dz = _with_stops(terms, z, operating_point), _with_stops(terms, dz, operating_point)
+    hysteresis = _hysteresis(z, dz, hysteresis_slope(transducer) if slope is None else slope, resistance)
+    motion, port, of_effects = device(terms, z, dz, w[inputs[0]], one, hysteresis, base)[1:]
     own_z = own_rows(z, prefix, states)
     equations = [*motion.equations, *of_effects, *terminate(port, own_z, own_rows(dz, prefix, states), w)]
     rows = {name: getattr(motion, name) for name in ("displacement", "velocity", "drive_velocity")}
@@ -219,13 +233,16 @@ def connect(
     return _model(names, inputs, equations, rows, powers(port, own_z) if powers else {})
 
 
-def _electrodes(transducer: Transducer, z, dz, one: Row, slope: complex, resistance: float) -> Port:
-    """Electrode voltage and its derivative; the load current is not known yet, and nothing may use it."""
-    unknown = np.nan * one
-    voltage = capacitor_voltage(transducer, z) + slope * z["q"] + resistance * dz["q"]
-    derivative = capacitor_voltage(transducer, dz) + slope * dz["q"]
-    derivative = derivative if np.all(np.equal(resistance, 0)) else unknown
-    return Port(voltage, derivative, unknown, one, transducer.capacitance)
+def _with_stops(terms: Terms, rows: Rows, operating_point: OperatingPoint) -> Rows:
+    """Rows of states, or of their rates, with those of the effects' stops."""
+    sticks = 0.0 if operating_point == "slip" else 1.0
+    return {**rows, **{stop.name: sticks * terms.over(stop.row, rows) for stop in terms.stops}}
+
+
+def _hysteresis(z: Rows, dz: Rows, slope: complex, resistance: float) -> tuple[Row, Row]:
+    """Voltage of the hysteresis and its rate, which nothing may use where there is a resistance."""
+    rate = slope * dz["q"] if np.all(np.equal(resistance, 0)) else np.nan * dz["q"]
+    return slope * z["q"] + resistance * dz["q"], rate
 
 
 def _unit_rows(names: list[str], inputs: list[str]):
@@ -238,9 +255,6 @@ def _unit_rows(names: list[str], inputs: list[str]):
 def _model(names, inputs, equations, rows, powers) -> LinearModel:
     """Stack the equations and split them by columns."""
     stacked = np.stack(np.broadcast_arrays(*equations), axis=-2)
-    if np.any(np.isnan(stacked)):
-        uses = "the load current, or with a describing function the derivative of the electrode voltage"
-        raise ParameterError("effects", f"found one that uses {uses}, allowed are the voltage and own states")
     n = len(names)
     m, minus_n, minus_b = stacked[..., n : 2 * n], stacked[..., :n], stacked[..., 2 * n : -1]
     return LinearModel(tuple(names), tuple(inputs), m, -minus_n, -minus_b, rows, powers)

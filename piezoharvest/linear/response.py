@@ -80,7 +80,7 @@ def frequency_response(
         The shunt has switches or diodes, or a frequency is not above zero.
     """
     slope = hysteresis_slope(system.transducer, operating_point, amplitude)
-    model = assemble(system.transducer, system.shunt, slope=slope, base=base)
+    model = assemble(system.transducer, system.shunt, slope=slope, base=base, operating_point=operating_point)
     transfer = model.phasors(angular(frequencies))
 
     def phasor(row: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from piezoharvest.linear.assembly import CANCELLED, OperatingPoint, assemble, hy
 from piezoharvest.parameters import ParameterError
 from piezoharvest.shunts.base import LinearShunt
 from piezoharvest.system import System
+from piezoharvest.terms import Terms
 
 _RANK = 1e-13  # of the largest singular value: what rounding leaves of a zero
 _DOUBLINGS = 14  # of an unstable value, up and down, in search of a stable one
@@ -37,7 +38,8 @@ def poles(system: System, *, operating_point: OperatingPoint = "stick") -> np.nd
     ParameterError
         The shunt has switches or diodes, or cancels the transducer's capacitance exactly.
     """
-    model = assemble(system.transducer, system.shunt, slope=hysteresis_slope(system.transducer, operating_point))
+    slope = hysteresis_slope(system.transducer, operating_point)
+    model = assemble(system.transducer, system.shunt, slope=slope, operating_point=operating_point)
     # Without units: states by their energy, time by the first resonance, each equation by its largest term.
     rate, scales = 2 * np.pi * system.transducer.short_circuit_frequency, _energy_scales(system)
     m, n = model.M * scales * rate, model.N * scales
@@ -60,7 +62,7 @@ def _energy_scales(system: System) -> np.ndarray:
     """Value of each state, in the order of the model, at which it holds an energy of 1/2 J."""
     transducer = system.transducer
     scales = [scale for mode in transducer.all_modes for scale in (mode.stiffness**-0.5, mode.mass**-0.5)]
-    states = [state for effect in transducer.effects for state in effect.states()]
+    states = Terms(transducer, linearised=True).states
     states += system.shunt.states(transducer.capacitance)
     return np.array([*scales, transducer.capacitance**0.5, *(abs(s.storage or 1.0) ** -0.5 for s in states)])
 

@@ -80,6 +80,7 @@ def linearize(
     require_positive("frequency", frequency, "Hz")
     settings: dict[str, Any] = {
         "slope": slope.real, "resistance": slope.imag / (2 * np.pi * frequency), "base": base, "electrical": drive,
+        "operating_point": operating_point,
     }  # fmt: skip
     if drive == "current":
         model = connect(transducer, lambda port, z, dz, w: [port.i - w["current"]], **settings)
@@ -134,7 +135,7 @@ def closed_loop(
         The shunt has switches or diodes.
     """
     slope = hysteresis_slope(system.transducer, operating_point)
-    model = assemble(system.transducer, system.shunt, slope=slope, base=base)
+    model = assemble(system.transducer, system.shunt, slope=slope, base=base, operating_point=operating_point)
     return _state_space(model, ("displacement", "velocity", "voltage", "current"), name)
 
 

@@ -11,6 +11,9 @@ JUMP = 0.1  # of the range: more than this from one sample to the next is a jump
 CALM = 8.0  # times as far as the samples beside it go
 
 
+BUMP = np.array([3.0, -6.0, 3.0, 0.0])  # 3 (1 - s)^2: of unit area, with neither value nor slope at the end of the step
+
+
 class Drive(NamedTuple):
     """A drive as polynomials.
 
@@ -35,6 +38,8 @@ def drive_of(values: np.ndarray) -> Drive:
     jumps = _jumps(values)
     coefficients = np.zeros((len(values) - 1, 4))
     coefficients[:, 0], coefficients[:, 1] = values[:-1], np.diff(values)
+    # After a jump, whose instant is a number of the record's own, the drive is at its new value: at rest, not on a ramp.
+    coefficients[jumps] = values[jumps + 1, None] * np.eye(4)[0] + 0.5 * (values[jumps] - values[jumps + 1])[:, None] * BUMP
     for begin, end in zip([0, *(jumps + 1)], [*jumps, len(values) - 1], strict=True):
         if end - begin >= 3:
             spline = CubicSpline(np.arange(end - begin + 1.0), values[begin : end + 1])

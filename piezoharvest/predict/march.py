@@ -14,7 +14,8 @@ import numpy as np
 from numba import njit
 
 _STOP, _PRODUCT, _POWER = 0, 1, 2
-_TRIES = 30
+_TRIES = 60
+_LEAST_SHARE = 0.01  # of a Newton step
 _CLOSE = 1e-13  # relative residual of the inputs at which Newton ends
 _NEAR = 1e-8  # the same, which is still good enough where rounding stands in the way
 _fast = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
@@ -156,13 +157,13 @@ def _solve(K, slopes, places, J, right):
 
 
 @_fast
-def _find(K, base, limits, kinds, places, before, old, h, relaxed, w, trial, slopes, J, residual, sizes):
+def _find(K, base, limits, kinds, places, before, old, h, relaxed, w, trial, slopes, J, residual, sizes, move):
     """Outputs `w` of the elements and their inputs `trial`, by Newton from `trial`; whether they were found.
 
     base are the inputs but for what the outputs add, K w; `before` and `old` are outputs and inputs a sample ago. With
     `relaxed` the stops give nothing.
     """
-    half, worst = len(base) // 2, 0.0
+    half, worst, best, share = len(base) // 2, 0.0, np.inf, 1.0
     for _ in range(_TRIES):
         for j in range(len(w)):
             a, b = places[j, 0], places[j, 1]
@@ -188,9 +189,17 @@ def _find(K, base, limits, kinds, places, before, old, h, relaxed, w, trial, slo
             for r in range(len(base)):
                 sizes[r] = max(sizes[r], abs(trial[r]))
             return True
+        if worst >= best and share > _LEAST_SHARE:
+            # Too far, across a corner of an operator: back by half of what is left of the step.
+            share *= 0.5
+            for r in range(len(base)):
+                trial[r] -= share * move[r]
+            continue
+        best, share = worst, 1.0
         _solve(K, slopes, places, J, residual)
         for r in range(len(base)):
-            trial[r] += residual[r, 0]
+            move[r] = residual[r, 0]
+            trial[r] += move[r]
     return worst < _NEAR
 
 
@@ -206,7 +215,7 @@ def march(
     coefficients : (samples - 1, 4) array
         Of the drive in every step.
     bumps : (steps, 2) array of int
-        Steps in which a parameter adds 6 s (1 - s) to the drive, and which parameter.
+        Steps in which a parameter adds 3 (1 - s)^2 to the drive, and which parameter.
     first : float
         Time at the first sample, as share of the record.
     share : float
@@ -241,7 +250,7 @@ def march(
     old, before, trial, base = inputs.copy(), w.copy(), np.zeros(m), np.zeros(m)
     zl, all_rows, none = np.zeros(n), np.zeros(m + no), np.zeros(nw)
     slopes, J, residual = np.zeros((nw, 7)), np.zeros((m, m)), np.zeros((m, 1))
-    sizes = np.abs(inputs)
+    sizes, move = np.abs(inputs), np.zeros(m)
     dold, dbefore, dzl, right = dinputs.copy(), dw.copy(), np.zeros(n * P), np.zeros((m, P))
     drows, dturn = np.zeros((m + no) * P), np.zeros(n * P)
     direct = np.ascontiguousarray(O[:m, n : n + nw])
@@ -271,14 +280,14 @@ def march(
                 for b in range(len(bumps)):
                     if bumps[b, 0] == k:
                         for r in range(n):
-                            dzl[r * P + bumps[b, 1]] += 6.0 * (M[r, n + nw + 1] - M[r, n + nw + 2])
+                            dzl[r * P + bumps[b, 1]] += 3.0 * (M[r, n + nw] - 2.0 * M[r, n + nw + 1] + M[r, n + nw + 2])
         old[:], before[:] = inputs, w
         _dot(O[:m], zl, none, e, base)
         for r in range(m):
             trial[r] = base[r]
             for j in range(nw):
                 trial[r] += K[r, j] * w[j]
-        if not _find(K, base, limits, kinds, places, before, old, h, k < 0, w, trial, slopes, J, residual, sizes):
+        if not _find(K, base, limits, kinds, places, before, old, h, k < 0, w, trial, slopes, J, residual, sizes, move):
             return max(k, 0)
         inputs[:], z[:] = trial, zl
         if k >= 0:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from piezoharvest.predict.drive import Drive, drive_of
+from piezoharvest.predict.drive import BUMP, Drive, drive_of
 from piezoharvest.predict.parameters import STEP, Parameter, stepped, value_at
 from piezoharvest.predict.specimen import Matrices, Specimen
 from piezoharvest.predict.steps import Step, equilibrium, inverse_of, step_of
@@ -212,13 +213,11 @@ class Prediction:
         w, inputs, dw, dinputs = np.zeros(nw), np.zeros(m), np.zeros((nw, P)), np.zeros((m, P))
         coefficients = setting.motion.coefficients.copy()
         jumps = setting.motion.jumps
-        coefficients[jumps, 1] += 6.0 * self.own[states:]
-        coefficients[jumps, 2] -= 6.0 * self.own[states:]
+        coefficients[jumps] += self.own[states:, None] * BUMP
         arrays = [np.ascontiguousarray(a) for a in (step.M, step.H, step.O)]
         limits = np.ascontiguousarray(np.real(matrices.parameters))
         tangents = [_by_columns(array) for array in (slopes.M, slopes.H, slopes.O)]
-        for begin in range(0, setting.count - 1, size):
-            end = min(begin + size, setting.count - 1)
+        for begin, end in pairwise([0, *range(size - 1, setting.count - 1, size), setting.count - 1]):
             Y, dY = np.empty((end - begin + 1, len(matrices.channels))), np.empty((end - begin + 1, len(matrices.channels), P))
             inside = np.flatnonzero((jumps >= begin) & (jumps < end)) if P else np.zeros(0, int)
             bumps = np.column_stack([jumps[inside] - begin, len(self.parameters) + states + inside]).astype(np.int64)

@@ -56,9 +56,7 @@ def _delay(values, slopes, c: int, samples: float, sample_time: float, place: in
     if slopes is None:
         return
     if samples:
-        low = np.minimum(at.astype(int), len(values) - 2)
-        share = (at - low)[:, None]
-        slopes[:, c] = (1.0 - share) * slopes[low, c] + share * slopes[low + 1, c]
+        slopes[:, c] = CubicSpline(np.arange(len(values)), slopes[:, c])(at)
     if place is not None:
         slopes[:, c, place] = np.where(at > 0, -spline(at, 1) / sample_time, 0.0)
 

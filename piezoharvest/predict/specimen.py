@@ -14,13 +14,13 @@ import numpy as np
 
 from piezoharvest.circuit import Port, Row
 from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts import LinearShunt, Resistor, Shunt
+from piezoharvest.shunts import LinearShunt, Resistor, Short, Shunt
 from piezoharvest.transducer import Transducer
 
 WIDTH = 96  # columns at most: a transducer of six modes with ten operators and five effects
 STOP, PRODUCT, POWER, POSITIVE_POWER = range(4)
 INPUTS = ("drive", "drive_rate", "one", "time")
-# An imposed voltage reaches the electrodes through leads whose time constant is this share of a sample.
+# An imposed voltage, zero for a short, reaches the electrodes through leads whose time constant is this share of a sample.
 LEADS = 1e-4
 
 
@@ -205,11 +205,10 @@ class Specimen:
         pairs = zip(hysteresis.thresholds, hysteresis.weights, strict=True) if hysteresis else ()
         self.equation(self.v - self.v_t - sum(w * self.stop(self.q, r) for r, w in pairs))
         self.equation(self._dq + self.i + sum(self._drawn))
-        if self.drive_name == "voltage":
+        source = self.drive if self.drive_name == "voltage" else 0.0 * self.one
+        if self.drive_name == "voltage" or isinstance(shunt, Short):
             # Leads so short that they make no difference spare an algebraic loop through the operators.
-            shunt, source = Resistor(resistance=LEADS * self.sample_time / np.real(device.capacitance)), self.drive
-        else:
-            source = 0.0 * self.one
+            shunt = Resistor(resistance=LEADS * self.sample_time / np.real(device.capacitance))
         if not isinstance(shunt, LinearShunt):
             kind = getattr(shunt, "kind", None)
             raise ParameterError("shunt", f"found {kind!r}, allowed in a record that is fitted is a linear circuit")

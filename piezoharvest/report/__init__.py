@@ -1,4 +1,4 @@
-"""Figures and pages: the reports of a design and of an identification."""
+"""Figures and pages: the reports of a design, of an identification and of a diagnosis."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from piezoharvest.report.diagnosis import write_diagnosis
     from piezoharvest.report.identification import write_identification
     from piezoharvest.report.pages import write_report
 
-__all__ = ["write_identification", "write_report"]
+__all__ = ["write_diagnosis", "write_identification", "write_report"]
 
-_HOME = {"write_report": "pages", "write_identification": "identification"}
+_HOME = {"write_diagnosis": "diagnosis", "write_report": "pages", "write_identification": "identification"}
 
 
 def __getattr__(name: str) -> Any:

@@ -113,7 +113,9 @@ def _sentence(found: Identification) -> str:
     fitted = sum(record.role == "fit" for record in found.records)
     text = f"{known} of {len(found.estimates)} parameters are determined by {fitted} record{'s' * (fitted != 1)}."
     quality, words = (found.validation, "records that were not fitted") if found.validation.rms else (found.fit, "them")
-    ratios = [f"{channel} {number(quality.rms[channel] / noise, 3)}" for channel, noise in quality.noise.items() if noise]
+    ratios = [
+        f"{channel} {number(quality.rms[channel] / noise, 3)}" for channel, noise in quality.noise.items() if noise
+    ]
     return f"{text} Residuals of {words}, in units of the noise: {', '.join(ratios)}."
 
 

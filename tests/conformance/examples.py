@@ -2,9 +2,11 @@
 
 import dataclasses
 import itertools
+from typing import Literal, get_args, get_origin, get_type_hints
 
 from studies import BENCH, DRIVE
 
+from piezoharvest.effects import Effect
 from piezoharvest.parameters import ParameterError
 from piezoharvest.shunts import LinearShunt
 
@@ -20,7 +22,15 @@ TYPICAL = {
     "C": 1e-7,
     "A": 1e-8,
     "": 6.0,
+    "Hz": DRIVE["frequency"],
+    "m": 2e-5,
+    "N/m": 0.05 * BENCH["stiffness"],
+    "N/m^3": 1e9,
+    "m/N^(2/3)": 1e-6,
+    "1/V^2": 1e-2,
+    "C/m^2": 1.0,
 }
+RELATIVE = 0.1  # a pure number of an effect
 SWITCHED_INDUCTANCE = 0.01
 # Fields that have no unit.
 GIVEN = {"network": {"netlist": "L1 1 2 150\nC1 2 0 30n\nR1 2 0 100k load"}}
@@ -40,6 +50,8 @@ VARIANTS = {
 def typical(cls, field):
     """Value of a quantity field, within its bounds."""
     value = TYPICAL[field.metadata["unit"]]
+    if field.metadata["unit"] == "" and issubclass(cls, Effect):
+        value = RELATIVE
     if field.metadata["unit"] == "H" and not issubclass(cls, LinearShunt):
         value = SWITCHED_INDUCTANCE
     if field.metadata.get("at_most") is not None:
@@ -48,7 +60,9 @@ def typical(cls, field):
 
 
 def plain_examples(cls, given):
-    """Every smallest set of keys with which a component can be built."""
+    """Every smallest set of keys with which a component can be built; of words that are allowed the first."""
+    words = {name: get_args(hint)[0] for name, hint in get_type_hints(cls).items() if get_origin(hint) is Literal}
+    given = {**{f.name: words[f.name] for f in dataclasses.fields(cls) if f.name in words}, **given}
     fields = [f for f in dataclasses.fields(cls) if "unit" in f.metadata and f.name not in given]
     needed = {f.name: typical(cls, f) for f in fields if f.default is dataclasses.MISSING}
     optional = [f for f in fields if f.default is None]

@@ -1,0 +1,168 @@
+"""A hint where no known effect fits: which simple functions of the signals make up the residual. Not a cause.
+
+Source: Pati, Rezaiifar & Krishnaprasad, 27th Asilomar Conference, 1993 (orthogonal matching pursuit), on residuals and
+signals that are whitened and have the fitted parameters projected out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezoharvest.diagnose.diagnosis import Diagnosis
+from piezoharvest.identify.fit import Problem, inverse, whiteners
+from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.responses import FrequencyData
+from piezoharvest.identify.sums import residual_blocks, spectra_of
+
+TERMS = 3  # at most
+SMALL = 0.05  # of what the first term explains: less is not worth telling
+SURE = 30.0  # of -2 ln L that a term has to take off: over all that are tried
+SYMBOLS = {"force": "F", "displacement": "x", "voltage": "v", "current": "i", "base_acceleration": "a"}
+
+
+@dataclass(frozen=True)
+class Hint:
+    """One term of a sparse regression of the residual.
+
+    Attributes
+    ----------
+    channel : str
+        Whose residual.
+    term : str
+        Function of the signals, each less its mean and divided by its largest value.
+    size : float
+        Coefficient: by how much the channel, in its SI unit, changes where the term is one.
+    gain : float
+        By how much -2 ln L falls with this term and those before it.
+    """
+
+    channel: str
+    term: str
+    size: float
+    gain: float
+
+
+def hints(diagnosis: Diagnosis) -> list[Hint]:
+    """Terms that explain most of what the extended model leaves in the fitted records, the strongest first."""
+    final = diagnosis.search.final
+    problem = Problem(prepared(diagnosis.campaign, "fit"), diagnosis.campaign.transducer, diagnosis.before.offsets)
+    normal = _Normal(problem, final)
+    return _pursuit(normal) if normal.names else []
+
+
+class _Normal:
+    """Sums of products of all terms and of the residual, whitened, with the parameters of the fit projected out."""
+
+    def __init__(self, problem: Problem, final) -> None:
+        scales, at = _scales(problem), len(final.model.parameters)
+        count = at + sum(map(len, final.own))
+        self.names: list[tuple[str, str]] = []
+        sums: dict[tuple[str, str], int] = {}
+        parts = []
+        white = whiteners(problem, final.model, final.noise)
+        for data, own, each in zip(problem.data, final.own, white, strict=True):
+            if isinstance(data, FrequencyData):
+                continue
+            own_columns = np.arange(at, at + len(own))
+            parts.append((np.concatenate([np.arange(len(final.model.parameters)), own_columns]), *_record(data, own, each, final, scales)))
+            at += len(own)
+            for name in parts[-1][2]:
+                sums.setdefault(name, len(sums))
+        self.names = list(sums)
+        total = np.zeros((count + len(sums),) * 2)
+        right = np.zeros(count + len(sums))
+        for columns, (products, gradient), names in parts:
+            places = np.concatenate([columns, [count + sums[name] for name in names]]).astype(int)
+            total[np.ix_(places, places)] += products
+            right[places] += gradient
+        plain = total[:count, :count] + final.prior
+        solved = inverse(plain) @ np.column_stack([total[:count, count:], right[:count]])
+        self.products = total[count:, count:] - total[count:, :count] @ solved[:, :-1]
+        self.gradient = right[count:] - total[count:, :count] @ solved[:, -1]
+        # Terms that the parameters do all of are left with rounding errors.
+        self.visible = np.diag(self.products) > 1e-8 * np.diag(total)[count:]
+
+
+def _record(data, own, white, final, scales):
+    """Sums of one record over its parameters, then terms; and the names of its terms."""
+    products, gradient, names = 0.0, 0.0, []
+    for _, begin, residual, slopes in residual_blocks(final.model, data, own, True):
+        W = white.of(len(residual))[0]
+        signals = _signals(data, begin, residual)
+        terms = list(_terms(signals, data.setting.sample_time, scales))
+        spectra = spectra_of(np.column_stack([values for _, values in terms]))
+        # A term in a channel: that column of the whitener.
+        placed = (W[:, :, :, None] * spectra[:, None, None, :]).reshape(len(W), W.shape[1], -1)
+        columns = np.concatenate([W @ spectra_of(slopes), placed], axis=2).reshape(-1, slopes.shape[2] + placed.shape[2])
+        target = (W @ spectra_of(residual)[:, :, None])[:, :, 0].reshape(-1)
+        products = products + np.real(columns.conj().T @ columns)
+        gradient = gradient + np.real(columns.conj().T @ target)
+        names = [(channel, name) for channel in data.channels for name, _ in terms]
+    return (products, gradient), names
+
+
+def _signals(data, begin: int, residual: np.ndarray) -> dict[str, np.ndarray]:
+    """The drive without its noise, and the other channels as predicted, so that noise is not explained by itself."""
+    end = begin + len(residual)
+    found = {data.drive: (data.record[data.drive] - data.rest)[begin:end]}
+    predicted = data.values[begin:end] - residual
+    return {**found, **dict(zip(data.channels, predicted.T, strict=True))}
+
+
+def _scales(problem: Problem) -> dict[str, float]:
+    """Largest value of each signal in the whole campaign."""
+    found: dict[str, float] = {}
+    for data in problem.data:
+        if not isinstance(data, FrequencyData):
+            for channel in (data.drive, *data.channels):
+                found[channel] = max(found.get(channel, 0.0), float(np.abs(data.record[channel]).max()))
+    return found
+
+
+def _terms(signals: dict[str, np.ndarray], step: float, scales: dict[str, float]) -> Iterator[tuple[str, np.ndarray]]:
+    """Simple functions of the signals, each of a size near one."""
+    count = len(next(iter(signals.values())))
+    time = np.linspace(-1.0, 1.0, count)
+    yield "a constant", np.ones(count)
+    yield "time", time
+    for channel, values in signals.items():
+        s, z = SYMBOLS[channel], values / (scales[channel] or 1.0)
+        yield s, z
+        yield f"{s}²", z**2
+        yield f"{s}³", z**3
+        yield f"|{s}|", np.abs(z)
+        yield f"√|{s}| sign {s}", np.sqrt(np.abs(z)) * np.sign(z)
+        yield f"d{s}/dt", _scaled(np.gradient(z, step))
+        yield f"sign d{s}/dt", np.tanh(20.0 * _scaled(np.gradient(z, step)))
+        yield f"integral of {s}", np.cumsum(z - z[0]) / count
+        yield f"time × {s}", time * z
+
+
+def _scaled(values: np.ndarray) -> np.ndarray:
+    return values / (float(np.abs(values).max()) or 1.0)
+
+
+def _pursuit(normal: _Normal) -> list[Hint]:
+    """Orthogonal matching pursuit on the normal equations."""
+    G, g = normal.products, normal.gradient
+    chosen: list[int] = []
+    found: list[Hint] = []
+    gained = 0.0
+    while len(chosen) < TERMS:
+        gains = np.full(len(g), -np.inf)
+        for k in np.flatnonzero(normal.visible):
+            if k not in chosen:
+                at = [*chosen, k]
+                gains[k] = float(g[at] @ inverse(G[np.ix_(at, at)]) @ g[at])
+        best = int(np.argmax(gains))
+        first = found[0].gain if found else gains[best]
+        if not np.isfinite(gains[best]) or gains[best] - gained < max(SURE, SMALL * first):
+            break
+        chosen.append(best)
+        gained = float(gains[best])
+        size = inverse(G[np.ix_(chosen, chosen)]) @ g[chosen]
+        found.append(Hint(*normal.names[best], float(size[-1]), gained))
+    return found

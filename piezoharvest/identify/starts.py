@@ -1,0 +1,63 @@
+"""Starts of a fit: operators after all else, and other thresholds where the first ones end in a poor minimum."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from piezoharvest.identify.fit import Fit, Problem, fit
+from piezoharvest.identify.sums import Model
+from piezoharvest.predict.parameters import put, value_at
+
+POOR = 1.1  # mean square of the whitened residuals, above which there may be a better minimum
+STRETCHES = (0.7, 1.4)  # of the nominal thresholds
+ROUGH = 1e-3  # of -2 ln L for each residual: what a rough fit leaves
+
+
+def started(problem: Problem, model: Model, tell: Callable[[str], None]) -> Fit:
+    """Fit a model from the nominal values, and from others if these end where residuals are much larger than noise.
+
+    The fit is convex enough in all but the thresholds of the operators. While stiffness, coupling and capacitance are far off,
+    thresholds run away to explain it, and two of them may merge; so they stay for a first rough fit.
+
+    Parameters
+    ----------
+    problem : Problem
+    model : Model
+        With the nominal values.
+    tell : callable
+        Told about progress.
+    """
+    free = tuple(p for p in model.parameters if p.path[0] != "hysteresis")
+    if len(free) == len(model.parameters):
+        return fit(problem, model, tell=tell, rounds=2)
+    rough = fit(problem, replace(model, parameters=free), estimate_noise=False, enough=_enough(problem), tell=tell)
+    best = fit(problem, replace(rough.model, parameters=model.parameters), rough.own, tell=tell, rounds=2)
+    if _excess(best) < POOR:
+        return best
+    found = best
+    for stretch in STRETCHES:
+        tell(f"another start: thresholds {stretch:g} times the nominal ones")
+        start = replace(_stretched(rough.model, stretch), parameters=model.parameters)
+        other = fit(problem, start, rough.own, best.noise, estimate_noise=False, enough=_enough(problem), tell=tell)
+        if other.cost < found.cost - _enough(problem):
+            found = other
+    return best if found is best else fit(problem, found.model, found.own, tell=tell, rounds=2)
+
+
+def _enough(problem: Problem) -> float:
+    return ROUGH * sum(len(data) * max(len(data.channels), 1) for data in problem.data)
+
+
+def _excess(found: Fit) -> float:
+    """Mean square of the whitened residuals."""
+    return sum(float(sums.squares.sum()) for sums in found.sums) / max(
+        sum(float(s.count.sum()) for s in found.sums), 1.0
+    )
+
+
+def _stretched(model: Model, stretch: float) -> Model:
+    transducer = model.transducer
+    for j, threshold in enumerate(value_at(transducer, ("hysteresis", "thresholds"))):
+        transducer = put(transducer, ("hysteresis", "thresholds", j), stretch * threshold)
+    return replace(model, transducer=transducer)

@@ -1,0 +1,225 @@
+"""The page of a diagnosis: verdict, cause, residuals before and after, all effects, what a missing one biases, what is left."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import count
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+import piezoharvest
+from piezoharvest.diagnose import Diagnosis
+from piezoharvest.diagnose.account import Scored, cosines, scored, sentence, values
+from piezoharvest.diagnose.hint import hints
+from piezoharvest.diagnose.leftover import Leftover, leftovers
+from piezoharvest.diagnose.residuals import Residuals, residuals
+from piezoharvest.effects import registered
+from piezoharvest.identify.fit import Problem
+from piezoharvest.identify.identification import prepared
+from piezoharvest.output import check_directory, write_text
+from piezoharvest.report import style
+from piezoharvest.report.figures import diagnosed
+from piezoharvest.report.pages import NAME, page_template, write_png
+from piezoharvest.report.units import NONE, engineering, number, percent, response_unit, with_error
+
+MOST_PLACES = 12  # in the table of what is left
+ALIKE = 0.7  # cosine from which two effects look alike
+SURE = 1e-4  # p-value below which an effect's score is marked
+
+
+class Picture(NamedTuple):
+    """A figure with its name (of the file), section of the page, heading and caption."""
+
+    name: str
+    section: str
+    heading: str
+    caption: str
+    figure: Figure
+
+
+def write_diagnosis(found: Diagnosis, directory: str | Path) -> Path:
+    """Write the report of a diagnosis: a self-contained HTML page, and its figures as PNG files.
+
+    Parameters
+    ----------
+    found : Diagnosis
+    directory : str or Path
+        Made if it is not there.
+
+    Returns
+    -------
+    Path
+        The HTML file. It is written last, so that where it is, everything is.
+
+    Raises
+    ------
+    OutputError
+        The directory or a file in it cannot be written.
+    """
+    directory = check_directory(directory, create=True)
+    rows = scored(found, list(registered()))
+    figures: dict[str, list[dict[str, Any]]] = {"cause": [], "effects": [], "structure": [], "records": []}
+    for picture in _pictures(found, rows):
+        write_png(picture.figure, directory / f"{picture.name}.png")
+        svg = Markup(style.inline_svg(picture.figure, picture.name, picture.heading))
+        words = {"heading": picture.heading, "caption": picture.caption, "file": f"{picture.name}.png"}
+        figures[picture.section].append({**words, "name": picture.name, "svg": svg})
+    numbers = count(1)
+    for section in figures.values():
+        for figure in section:
+            figure["number"] = next(numbers)
+    page = page_template("diagnosis.html.j2").render(
+        title=found.campaign.title,
+        verdict=found.verdict,
+        sentence=sentence(found),
+        warning="" if found.search.final.converged else f"Not to be trusted: {found.search.final.message}.",
+        experiment=found.experiment,
+        named=list(_named(found)),
+        residuals=list(_residuals(found)),
+        unexplained=percent(found.unexplained),
+        scores=[_score(row, found) for row in rows],
+        parameters=list(_parameters(found)),
+        alike=list(_alike(rows)),
+        alternatives=list(_alternatives(found)),
+        left=[_place(place) for place in found.left[:MOST_PLACES]],
+        hints=list(_hints(found)) if found.verdict == "unexplained" else [],
+        warnings=[str(finding) for finding in found.campaign.warnings],
+        figures=figures,
+        file=found.campaign.path.name,
+        version=piezoharvest.__version__,
+    )
+    write_text(page, directory / NAME)
+    return directory / NAME
+
+
+def _pictures(found: Diagnosis, rows: Sequence[Scored]) -> Iterator[Picture]:
+    changed, records = bool(found.effects), list(residuals(found))
+    if records:
+        yield from _causes(records, changed)
+        caption = "Mean of the whitened residual of all records in bins; noise alone lies within ±2."
+        for channel in dict.fromkeys(channel for each in records for channel in each.data.channels):
+            figure = diagnosed.where_figure(records, channel, changed)
+            yield Picture(f"where_{channel}", "structure", f"Residual of the {channel} against time, level, rate and phase", caption, figure)
+        yield _structure(found)
+    names, table = cosines(rows)
+    if len(names) > 1:
+        caption = (
+            "1: the records cannot tell two effects apart, as the fitted parameters are free; 0: they have nothing in common. "
+            "Each effect at the start value that scores highest."
+        )
+        yield Picture("cosines", "effects", "How alike the effects look in these records", caption, diagnosed.cosine_figure(names, table))
+    for n, each in enumerate(records, 1):
+        role = "fitted" if each.data.role == "fit" else "validation"
+        caption = "Left: measured less predicted. Right: its spectrum; the line is white noise of the same size."
+        yield Picture(f"record_{n}", "records", f"{each.data.name} ({role})", caption, diagnosed.record_figure(each, changed))
+
+
+def _causes(records: Sequence[Residuals], changed: bool) -> Iterator[Picture]:
+    """The channel that gains most, or is farthest from noise where nothing was found, in the record where it does."""
+    places = [(each, c) for each in records for c in range(len(each.data.channels))]
+    squares = [each.gain(c) if changed else float((each.white_after[:, c] ** 2).sum()) for each, c in places]
+    each, c = places[squares.index(max(squares))]
+    channel = each.data.channels[c]
+    heading = f"Where it shows: {channel} in {each.data.name}"
+    caption = (
+        "Left: the measured loop. Middle: mean residual along it, full line on the rising and dashed on the falling branch. "
+        "Right: spectrum of the residual."
+    )
+    yield Picture("cause", "cause", heading, caption, diagnosed.cause_figure(each, c, changed))
+
+
+def _structure(found: Diagnosis) -> Picture:
+    problem = Problem(prepared(found.campaign, "fit"), found.campaign.transducer, found.before.offsets)
+    sides = [("without effects", leftovers(problem, found.before.found))]
+    if found.effects:
+        sides.append(("with them", leftovers(problem, found.search.final)))
+    caption = (
+        "Whitened squares of the residual by band of frequency in Hz, less what noise has, in units of its scatter; each channel "
+        "without what the channels before it tell. White is noise."
+    )
+    return Picture("structure", "structure", "Residuals against noise by record, channel and frequency", caption,
+                   diagnosed.structure_figure(sides))  # fmt: skip
+
+
+def _named(found: Diagnosis) -> Iterator[dict[str, Any]]:
+    for named in found.effects:
+        yield {
+            "name": named.effect.name.replace("_", " "), "p_value": _p(named.p_value), "gain": percent(named.gain),
+            "looks": named.effect.looks, "told_by": named.effect.told_by, "source": named.effect.source,
+            "doc": (type(named.effect).__doc__ or "").split("\n")[0],
+            "values": [
+                (name.replace("_", " "), value if isinstance(value, str) else with_error(value, std, unit))
+                for name, (value, std, unit) in values(named).items()
+            ],
+        }  # fmt: skip
+
+
+def _p(value: float) -> str:
+    return "< 10⁻³⁰⁰" if value < 1e-300 else number(value, 2)
+
+
+def _residuals(found: Diagnosis) -> Iterator[dict[str, Any]]:
+    before, after = found.validation_before, found.validation_after
+    for channel, noise in after.noise.items():
+        unit = response_unit(channel)
+        yield {
+            "channel": channel, "before": engineering(before.rms[channel], unit), "after": engineering(after.rms[channel], unit),
+            "noise": engineering(noise, unit), "ratio": number(after.rms[channel] / noise, 3) if noise else NONE,
+        }  # fmt: skip
+
+
+def _score(row: Scored, found: Diagnosis) -> dict[str, Any]:
+    candidate = row.candidate
+    return {
+        "name": row.name, "label": row.label, "present": any(named.effect.name == row.name for named in found.effects),
+        "score": NONE if candidate is None else number(candidate.score, 3),
+        "sigma": NONE if candidate is None else number(math.sqrt(max(candidate.score, 0.0)), 2),
+        "p_value": NONE if candidate is None else _p(row.p_value), "sure": row.p_value < SURE,
+        "gain": NONE if row.gain is None else number(row.gain, 3), "looks": registered()[row.name].looks,
+    }  # fmt: skip
+
+
+def _parameters(found: Diagnosis) -> Iterator[dict[str, Any]]:
+    for before, after in zip(found.before.estimates, found.estimates, strict=True):
+        unit = after.parameter.unit
+        shift, errors = before.value - after.value, NONE
+        if before.identifiable and after.std and found.effects:
+            errors = number(shift / after.std, 2) if shift else "0"
+        change = f"{100 * shift / after.value:+.3f}\u202f%".replace("-", "\u2212") if after.value and found.effects else NONE
+        yield {
+            "name": after.parameter.name, "before": with_error(before.value, before.std, unit),
+            "after": with_error(after.value, after.std, unit), "errors": errors, "change": change,
+            "identifiable": after.identifiable, "large": bool(after.std) and abs(shift) > 3 * (after.std or 0.0),
+        }  # fmt: skip
+
+
+def _alike(rows: Sequence[Scored]) -> Iterator[str]:
+    names, table = cosines(rows)
+    pairs = [(abs(table[i, j]), i, j) for i in range(len(names)) for j in range(i) if abs(table[i, j]) > ALIKE]
+    for size, i, j in sorted(pairs, reverse=True):
+        told = registered()[names[i]].told_by or registered()[names[j]].told_by
+        yield f"{names[j].replace('_', ' ')} and {names[i].replace('_', ' ')}: {number(size, 2)}. To tell them: {told}."
+
+
+def _alternatives(found: Diagnosis) -> Iterator[tuple[str, str]]:
+    for step, more in found.search.alternatives:
+        yield " + ".join(step.effects).replace("_", " "), number(more, 2)
+
+
+def _place(place: Leftover) -> dict[str, str]:
+    return {
+        "where": place.where, "record": place.record, "channel": place.channel,
+        "ratio": number(place.squares / place.count, 3), "p_value": _p(place.p_value),
+    }  # fmt: skip
+
+
+def _hints(found: Diagnosis) -> Iterator[dict[str, str]]:
+    for hint in hints(found):
+        yield {
+            "channel": hint.channel, "term": hint.term, "size": engineering(hint.size, response_unit(hint.channel)),
+            "gain": number(hint.gain, 3),
+        }  # fmt: skip

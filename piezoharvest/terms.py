@@ -1,0 +1,238 @@
+"""What effects add to the transducer's equations: collected by their `act`, placed into the rows of a view.
+
+An effect acts on `Terms` as it acts on the specimen of a predicted record. Rows run over columns of their own here, one
+for each name; `Placing` puts them into the columns of the engine or of the linear view.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from piezoharvest.circuit import Product, Row, State
+from piezoharvest.effects.base import Effect
+from piezoharvest.parameters import ParameterError
+from piezoharvest.transducer import Transducer
+
+WIDTH = 128  # columns at most
+Rows = Mapping[str, Row]
+
+
+def state_names(transducer: Transducer) -> list[str]:
+    """Names of the transducer's own states: x1, u1, ... in m and m/s, and q in C."""
+    return [f"{s}{n}" for n in range(1, len(transducer.all_modes) + 1) for s in "xu"] + ["q"]
+
+
+class Stop(NamedTuple):
+    """Stop operator that an effect adds: its name, its input over the states, and the limit of both."""
+
+    name: str
+    row: Row
+    threshold: float
+
+
+class Terms:
+    """Terms of all effects of a transducer, those at their null value left out.
+
+    Parameters
+    ----------
+    transducer : Transducer
+    drive : "force" or "base_acceleration"
+    linearised : bool
+        Take small motions about rest, in which what is nonlinear has no part; else it is refused.
+
+    Attributes
+    ----------
+    one, time, drive, x, u, q, v_t, v, i, strain_charge : Row
+        As in `predict.specimen.Specimen`.
+    states : list of State
+        That effects add.
+    stops : list of Stop
+    pushes : list of Row
+        Further force on each mode, N.
+    charges, drawn : Row
+        Charge beside C v_t and sum T_i x_i (C), current that leaves the node beside the load (A).
+    equations : list of Row
+    stored : list of Product
+        Energy beside that of the lumped model, J.
+    losses : list of (str, Product)
+        Power that effects take and do not give back, W, with their names.
+    unfelt : tuple of str
+        Effects that act on what sensors read, and on nothing else.
+
+    Raises
+    ------
+    ParameterError
+        An effect is neither linear nor made of stop operators.
+    """
+
+    def __init__(self, transducer: Transducer, drive: str = "force", *, linearised: bool = False) -> None:
+        self.transducer, self.drive_name, self._linearised = transducer, drive, linearised
+        self.names: list[str] = []
+        self.states: list[State] = []
+        self.stops: list[Stop] = []
+        self.equations: list[Row] = []
+        self._effect, self._prefix, self._felt = "", "", 0
+        self.nothing = np.zeros(WIDTH)
+        own = state_names(transducer)
+        rows = {name: self._column(name) for name in ("one", "drive", "v_h", "v_t", "i", *own)}
+        self.one, self.drive, self.v_t, self.i, self.q = (rows[name] for name in ("one", "drive", "v_t", "i", "q"))
+        self.v, self.x, self.u = rows["v_t"] + rows["v_h"], rows["x1"], rows["u1"]
+        modes = enumerate(transducer.all_modes, 1)
+        self.strain_charge = sum((mode.coupling * rows[f"x{n}"] for n, mode in modes), self.nothing)
+        self.time = self._nonlinear()
+        self.pushes, self.charges, self.drawn = [self.nothing] * len(transducer.all_modes), self.nothing, self.nothing
+        self.stored: list[Product] = []
+        self.losses: list[tuple[str, Product]] = []
+        self.unfelt = tuple(effect.name for n, effect in enumerate(transducer.effects, 1) if not self._take(effect, n))
+
+    def _take(self, effect: Effect, n: int) -> bool:
+        """Let an effect act; whether the specimen feels it."""
+        self._effect, self._prefix, self._felt = effect.name, f"effect{n}_{effect.name}_", 0
+        if effect.absent:
+            return True
+        effect.act(self)
+        self.stored += effect.stores(self)
+        self.losses += [(effect.name, product) for product in effect.losses(self)]
+        return self._felt > 0 or type(effect).connect is not Effect.connect
+
+    # What effects use.
+
+    def state(self, name: str, storage: complex) -> tuple[Row, Row]:
+        """Add a state whose energy is about storage z^2/2: rows of it and of its rate; an equation has to follow."""
+        self.states.append(State(self._prefix + name, np.abs(storage)))
+        return self._column(self._prefix + name), self._column(self._prefix + name + "'")
+
+    def equation(self, residual: Row) -> None:
+        """Add an equation: a row that is zero."""
+        self.equations.append(self._checked(residual))
+
+    def stop(self, row: Row, threshold: float) -> Row:
+        """Stop operator of a state, started from zero; its rows are `own("stop")`."""
+        self.stops.append(Stop(self._prefix + "stop", self._checked(row), threshold))
+        self._column(self._prefix + "stop'")
+        return self._column(self._prefix + "stop")
+
+    def own(self, name: str) -> tuple[Row, Row]:
+        """Rows of a state or stop of the effect that acts, and of its rate."""
+        return self._unit(self._prefix + name), self._unit(self._prefix + name + "'")
+
+    def product(self, first: Row, second: Row) -> Row:
+        """Product of two rows."""
+        return self._nonlinear()
+
+    def power(self, row: Row, exponent: float, *, positive: bool = False) -> Row:
+        """Power of a row; with `positive` that of its positive part."""
+        return self._nonlinear()
+
+    def charge(self, row: Row) -> None:
+        """Add a charge on the electrodes beside C v_t and sum T_i x_i, C."""
+        self.charges = self.charges + self._checked(row)
+
+    def draw(self, row: Row) -> None:
+        """Add a current that leaves the node beside the load, A."""
+        self.drawn = self.drawn + self._checked(row)
+
+    def push(self, row: Row, mode: int = 0) -> None:
+        """Add a force on a mode, N."""
+        self.pushes[mode] = self.pushes[mode] + self._checked(row)
+
+    def read(self, row: Row) -> None:
+        """What a sensor sees beside the specimen moves nothing."""
+
+    def lag(self, time_constant: complex) -> None:
+        """A sensor's lag moves nothing."""
+
+    # How it is made.
+
+    def _column(self, name: str) -> Row:
+        if len(self.names) == WIDTH:
+            raise ParameterError("transducer", f"found more than {WIDTH} rows, allowed are fewer modes or effects")
+        self.names.append(name)
+        return self._unit(name)
+
+    def _unit(self, name: str) -> Row:
+        row = np.zeros(WIDTH)
+        row[self.names.index(name)] = 1.0
+        return row
+
+    def _nonlinear(self) -> Row:
+        """What is no row: nothing to small motions, else not a number."""
+        return np.zeros(WIDTH) if self._linearised else np.full(WIDTH, np.nan)
+
+    def _checked(self, row: Row) -> Row:
+        self._felt += 1
+        if np.any(np.isnan(row)):
+            found = "found an effect that varies smoothly with amplitude or time"
+            allowed = "allowed in an exact simulation are linear effects and friction (records of all can be predicted)"
+            raise ParameterError(f"transducer.effects.{self._effect}", f"{found}, {allowed}")
+        return row
+
+    def over(self, row: Row, states: Rows) -> Row:
+        """A row that is a combination of states alone, from the rows that these, or their rates, have in a view."""
+        columns = [name for name in (*state_names(self.transducer), *(state.name for state in self.states))]
+        used = self.used(row)
+        if not used.keys() <= set(columns):
+            found = f"found a charge, or the input of a stop, of {', '.join(sorted(used.keys() - set(columns)))}"
+            raise ParameterError("transducer.effects", f"{found}, allowed are states")
+        return sum((factor * states[name] for name, factor in used.items()), 0.0 * states["q"])
+
+    def used(self, row: Row) -> dict[str, np.ndarray]:
+        """Coefficients of a row that are not zero, by name, with a trailing axis for the columns of a view."""
+        row = row[..., : len(self.names)]
+        which = np.flatnonzero(np.any(row.reshape(-1, row.shape[-1]) != 0, axis=0))
+        return {self.names[k]: row[..., k : k + 1] for k in which}
+
+
+class Placing:
+    """Terms in the columns of a view.
+
+    Parameters
+    ----------
+    terms : Terms
+    z, dz : mapping of str to Row
+        States of transducer and effects with the effects' stops, by name, and their rates.
+    drive, one : Row
+    v_h, dv_h : Row
+        Voltage of the hysteresis and its rate.
+
+    Attributes
+    ----------
+    v_t, dv_t : Row
+        Voltage across C and its rate: C v_t = q - sum T_i x_i - what effects add.
+    current : Row
+        Load current: what the transducer gives less what effects draw.
+    """
+
+    def __init__(self, terms: Terms, z: Rows, dz: Rows, drive: Row, one: Row, v_h: Row) -> None:
+        self.terms = terms
+        self._rows = {**z, **{name + "'": row for name, row in dz.items()}, "drive": drive, "one": one, "v_h": v_h}
+        charges, share = _without(terms.charges, terms.names.index("v_t"))
+        capacitance = terms.transducer.capacitance + share
+        inside = terms.q - terms.strain_charge - charges
+        self.v_t, self.dv_t = (terms.over(inside, rows) / capacitance for rows in (z, dz))
+        drawn, share = _without(terms.drawn, terms.names.index("i"))
+        self._rows["v_t"] = self.v_t
+        self.current = self._rows["i"] = -(dz["q"] + self.row(drawn)) / (1.0 + share)
+
+    def row(self, row: Row) -> Row:
+        """A row of the terms as one of the view."""
+        parts = (factor * self._rows[name] for name, factor in self.terms.used(row).items())
+        return sum(parts, 0.0 * self._rows["one"])
+
+    def rows(self, rows: Sequence[Row]) -> list[Row]:
+        """Several of them."""
+        return [self.row(row) for row in rows]
+
+    def product(self, product: Product) -> Product:
+        """A product of two of them."""
+        return Product(product.coefficient, self.row(product.first), self.row(product.second))
+
+
+def _without(row: Row, column: int) -> tuple[Row, np.ndarray | float]:
+    """A row without a column, and what stood there, a number unless the row has a batch."""
+    share, rest = row[..., column : column + 1], row.copy()
+    rest[..., column] = 0.0
+    return rest, share if row.ndim > 1 else share[0]

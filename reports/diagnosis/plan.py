@@ -1,0 +1,38 @@
+"""Which trials there are: all of them follow from their seeds, so that a stopped run goes on where it was."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+from reports.diagnosis.trials import DRAWS, Trial
+
+WEAK = (2.0, 3.5, 5.0, 7.0, 9.0)  # sigma
+LEAST, MOST = 12.0, 80.0  # sigma of what has to be named
+
+
+def plan(*, small: bool) -> list[Trial]:
+    """All trials; a small plan is the first part of the large one."""
+    singles, healthy, pairs, withheld, weak = (1, 5, 5, 5, 0) if small else (10, 100, 100, 45, 20)
+    names = list(DRAWS)
+    trials = [Trial("single", (name,), _size(1000 * k + n), 1000 * k + n) for k in range(singles) for n, name in enumerate(names)]
+    trials += [Trial("healthy", (), 0.0, 50_000 + k) for k in range(healthy)]
+    trials += [Trial("pair", pair, 30.0, 60_000 + k) for k, pair in enumerate(_pairs(names)[:pairs])]
+    trials += [Trial("withheld", (names[(4 * k) % len(names)],), 40.0, 70_000 + k) for k in range(withheld)]
+    # Clipping has no size in sigma that could be small: half a sample over the limit is either seen or not.
+    smooth = [name for name in names if name != "clipping"]
+    trials += [
+        Trial("weak", (name,), sigma, 80_000 + 100 * n + k) for k in range(weak) for n, name in enumerate(smooth) for sigma in WEAK
+    ]
+    return trials
+
+
+def _size(seed: int) -> float:
+    rng = np.random.default_rng([seed, 3])
+    return float(np.round(np.exp(rng.uniform(np.log(LEAST), np.log(MOST))), 1))
+
+
+def _pairs(names: list[str]) -> list[tuple[str, str]]:
+    pairs = list(combinations(names, 2))
+    return [pairs[k] for k in np.random.default_rng(5).permutation(len(pairs))]

@@ -1,0 +1,136 @@
+"""Score tests, cosines and what is left, on records whose noise is white and whose effects are known."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from diagnose_runs import campaign, fitted
+from scipy.stats import kstest
+
+from piezoharvest.diagnose.candidates import carried, cosine, effect_parameters, extended, scores
+from piezoharvest.diagnose.leftover import leftovers, significant
+from piezoharvest.effects import BiasCurrent, DielectricRelaxation, Leakage, LoadError, Stiffening, registered
+from piezoharvest.identify.fit import fit
+from piezoharvest.identify.identification import prepared
+from piezoharvest.predict.prediction import Prediction
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory):
+    found = campaign(tmp_path_factory.mktemp("scores"))
+    return prepared(found, "fit"), found.transducer
+
+
+def likelihood_ratio(problem, found, start):
+    """By how much -2 ln L falls in a full fit with an effect."""
+    model = extended(found.model, [start], effect_parameters([start]))
+    own = carried(problem, found.model, found.own, model)
+    return found.cost - fit(problem, model, own, found.noise, estimate_noise=False).cost
+
+
+@pytest.mark.parametrize(
+    "effect", [BiasCurrent(current=2e-9), Leakage(resistance=3e7), Stiffening(cubic_stiffness=2e17)], ids=lambda e: e.name
+)
+def test_score_is_the_likelihood_ratio_of_a_small_effect(records, effect):
+    problem, found, scene = fitted(*records, [effect], seed=1)
+    best = scores(problem, found, scene, [type(effect)])[0]
+    assert best.score > 20.0
+    assert best.score == pytest.approx(likelihood_ratio(problem, found, best.effect), rel=0.05)
+    strength = type(effect).strength().name
+    assert getattr(best.effect, strength) == pytest.approx(getattr(effect, strength), rel=0.3)
+
+
+def test_score_grows_with_the_square_of_the_effect(records):
+    sizes = []
+    for current in (4e-9, 8e-9):
+        problem, found, scene = fitted(*records, [BiasCurrent(current=current)], seed=2, scale=1e-3)
+        sizes.append(scores(problem, found, scene, [BiasCurrent])[0].score)
+    assert sizes[1] / sizes[0] == pytest.approx(4.0, rel=0.01)
+
+
+def test_scores_of_a_healthy_specimen_are_chi_squared(records):
+    """One start, no bound: the p-values are uniform."""
+    p_values = []
+    for seed in range(30):
+        problem, found, scene = fitted(*records, seed=100 + seed)
+        p_values.append(scores(problem, found, scene, [BiasCurrent])[0].p_value)
+    assert kstest(p_values, "uniform").pvalue > 1e-3
+
+
+def test_a_start_of_the_wrong_sign_is_no_candidate(records):
+    """The response of a leakage with the opposite sign: a load that is larger than its label."""
+    problem, found, scene = fitted(*records, [LoadError(relative_error=5e-3)], seed=3)
+    names = {candidate.name: candidate for candidate in scores(problem, found, scene, [Leakage, LoadError])}
+    assert names["load_error"].effect.relative_error > 0
+    for candidate in names.values():
+        value = getattr(candidate.effect, type(candidate.effect).strength().name)
+        assert value > 0 or candidate.name == "load_error"
+
+
+def test_cosine(records):
+    problem, found, scene = fitted(*records, [DielectricRelaxation(capacitance=5e-8, time_constant=0.2)], seed=4)
+    candidates = scores(problem, found, scene, [DielectricRelaxation, BiasCurrent])
+    for one in candidates:
+        assert cosine(one, one) == pytest.approx(1.0)
+        for other in candidates:
+            assert abs(cosine(one, other)) <= 1.0 + 1e-9
+            assert cosine(one, other) == pytest.approx(cosine(other, one), abs=1e-9)
+    slow = sorted((c for c in candidates if c.name == "dielectric_relaxation"), key=lambda c: c.effect.time_constant)
+    assert abs(cosine(slow[0], slow[1])) > abs(cosine(slow[0], slow[-1]))
+
+
+def test_leftovers_of_white_noise_are_uniform(records):
+    p_values = []
+    for seed in range(6):
+        problem, found, _ = fitted(*records, seed=200 + seed)
+        places = leftovers(problem, found)
+        # Bands of many lines: few lose a share that counts to the fitted parameters.
+        p_values += [place.p_value for place in places if place.count > 40 and place.record != "all"]
+        assert not significant(places, 1e-4)
+    assert len(p_values) > 100
+    assert kstest(p_values, "uniform").pvalue > 1e-3
+
+
+def test_leftovers_find_what_is_not_in_the_model(records):
+    problem, found, _ = fitted(*records, [Stiffening(cubic_stiffness=3e18)], seed=5)
+    left = significant(leftovers(problem, found), 1e-5)
+    assert left
+    assert left[0].p_value < 1e-12
+
+
+@pytest.mark.parametrize("name", registered())
+def test_every_effect_says_how_it_looks_and_where_to_start(name, records):
+    cls = registered()[name]
+    problem, found, scene = fitted(*records, seed=6)
+    assert len(cls.looks) > 20
+    assert len(cls.told_by) > 10
+    assert len(cls.source) > 5
+    assert cls.strength().metadata["null"] is not None
+    starts = list(cls.starts(dataclasses.replace(scene, peaks={c: (1.0,) for c in scene.channels})))
+    assert starts
+    assert all(isinstance(start, cls) for start in starts)
+
+
+@pytest.mark.parametrize("name", registered())
+def test_an_effect_at_its_null_changes_nothing(name, records):
+    data, transducer = records
+    cls = registered()[name]
+    problem, found, scene = fitted(*records, seed=6)
+    scene = dataclasses.replace(scene, peaks={c: (1e9,) for c in scene.channels})
+    bare = values(transducer, data[0], ())
+    for start in cls.starts(scene):
+        strength = cls.strength()
+        null = strength.metadata["null"]
+        near = getattr(start, strength.name) * 1e-6 if null == 0 else max(getattr(start, strength.name), 1e15)
+        effect = dataclasses.replace(start, **{strength.name: near})
+        assert np.abs(values(transducer, data[0], (effect,)) / bare - 1.0).max() < 1e-5
+
+
+def values(transducer, data, effects):
+    """Sizes of the channels as they are predicted, sensors included."""
+    from piezoharvest.predict.sensing import sensed
+
+    prediction = Prediction(dataclasses.replace(transducer, effects=tuple(effects)), data.setting)
+    found = np.concatenate([block.values for block in prediction.blocks(False)])
+    found, _ = sensed(effects, (), prediction.channels, data.setting.sample_time, found.copy(), None)
+    return np.abs(found).max(axis=0)

@@ -1,0 +1,132 @@
+"""`piezoharvest identify` as a user meets it: JSON, tables, report, and one sentence for whatever is wrong."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import pytest
+from identify.identify_runs import STACK, campaign_file
+
+from piezoharvest.cli import main
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    return campaign_file(tmp_path_factory.mktemp("cli"), 1)[0]
+
+
+@pytest.fixture(scope="module")
+def answer(campaign, tmp_path_factory):
+    """Exit status, JSON and report of one run."""
+    import contextlib
+    import io
+
+    out, err = io.StringIO(), io.StringIO()
+    report = tmp_path_factory.mktemp("report") / "page"
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        status = main(["identify", str(campaign), "--json", "--report", str(report)])
+    return status, json.loads(out.getvalue()), err.getvalue(), report
+
+
+def test_json_is_as_the_interface_says(answer):
+    status, found, err, _ = answer
+    assert status == 0
+    assert {"parameters", "fit", "validation", "records"} <= found.keys()
+    for name, unit in {
+        "stiffness": "N/m",
+        "coupling": "N/V",
+        "capacitance": "F",
+        "hysteresis.weights.0": "V/C",
+    }.items():
+        parameter = found["parameters"][name]
+        assert {"value", "std", "unit", "identifiable"} <= parameter.keys()
+        assert parameter["identifiable"] is True
+        assert parameter["std"] > 0
+        assert unit in parameter["unit"]
+    mass = found["parameters"]["mass"]
+    assert mass["identifiable"] is False
+    assert mass["std"] is None
+    assert mass["value"] == mass["nominal"] == STACK["mass"]
+    assert "resonance" in mass["experiment"]
+    for quality in (found["fit"], found["validation"], *found["records"]):
+        assert quality["rms"].keys() == quality["noise"].keys() == {"displacement", "voltage", "current"}
+    assert [record["role"] for record in found["records"]] == ["fit", "fit", "fit", "validate"]
+    assert "iteration 1" in err
+
+
+def test_report_stands_alone(answer):
+    page = (answer[3] / "report.html").read_text(encoding="utf-8")
+    assert "What the records do not tell" in page
+    assert page.count('<tr data-parameter="') == len(answer[1]["parameters"])
+    assert not re.search(r'(src|href)="(?!#|data:)', page)
+    pictures = {path.name for path in answer[3].glob("*.png")}
+    assert {"loops.png", "record_1.png", "record_4.png"} <= pictures
+    for name in pictures:
+        assert name in page
+
+
+def test_tables_for_people(campaign, capsys):
+    assert main(["identify", str(campaign)]) == 0
+    out = capsys.readouterr().out
+    assert re.search(r"stiffness\s+\d+\.\d+ ± \d", out)
+    assert "not identifiable" in out
+    assert "noise alone" in out
+
+
+def _edited(campaign, tmp_path, old, new):
+    for file in campaign.parent.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    path = tmp_path / campaign.name
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('drive = "force"', 'drive = "temperature"', r"campaign\.toml: records\.0\.drive: "),
+        ("stiffness = ", "stiffness = -", r"campaign\.toml: transducer\.stiffness: found -"),
+        ("load_resistance = 51430.0", 'shunt = { kind = "sece" }', r"records\.1\.shunt: found 'sece'"),
+        ('unit = "V"', 'unit = "kg"', r"campaign\.toml: channels\.voltage\.unit: found 'kg'"),
+        ('role = "fit"', 'role = "validate"', r"campaign\.toml: records: found none with role"),
+        ("02_", "92_", r"92_.*: "),
+    ],
+)
+def test_bad_campaigns_end_in_one_sentence(campaign, tmp_path, capsys, old, new, said):
+    path = _edited(campaign, tmp_path, old, new)
+    assert main(["identify", str(path), "--json"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    last = err.strip().splitlines()[-1]
+    assert last.startswith("piezoharvest: error: ")
+    assert re.search(said, last), last
+    assert "Traceback" not in err
+
+
+def test_a_bad_value_is_told_with_file_channel_and_row(campaign, tmp_path, capsys):
+    path = _edited(campaign, tmp_path, "title", "title")
+    file = sorted(tmp_path.glob("*.csv"))[0]
+    lines = file.read_text().splitlines()
+    cells = lines[100].split(",")
+    cells[lines[0].split(",").index("voltage_V")] = "nan"
+    lines[100] = ",".join(cells)
+    file.write_text("\n".join(lines) + "\n")
+    assert main(["identify", str(path)]) == 2
+    err = capsys.readouterr().err
+    assert re.search(rf"{file.name}: voltage, row 101: ", err)
+
+
+def test_a_report_that_cannot_be_written_is_told_before_the_work(campaign, tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main(["identify", str(campaign), "--report", str(tmp_path / "file")]) == 2
+    err = capsys.readouterr().err
+    assert "iteration" not in err
+    assert "allowed is one that exists and may be written to" in err
+
+
+def test_a_missing_file(tmp_path, capsys):
+    assert main(["identify", str(tmp_path / "none.toml")]) == 2
+    assert "none.toml" in capsys.readouterr().err

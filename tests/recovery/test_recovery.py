@@ -1,0 +1,49 @@
+"""Random campaigns of the virtual bench, whose cause the diagnosis is not told: a fast selection of `make recovery`.
+
+Effect, size, parameters, specimen and noise are drawn from a seed. The seeds are fixed, so that what fails fails again.
+"""
+
+import numpy as np
+import pytest
+
+from reports.diagnosis.trials import DRAWS, Trial, run
+
+SINGLES = 4
+# Of what a campaign like the paper's shows clearly; the others are tried by `make recovery`.
+NAMES = [name for name in DRAWS if name not in ("clipping", "channel_skew", "mains_hum")]
+
+
+def drawn(seed, count):
+    """Names of effects, and a size in sigma."""
+    rng = np.random.default_rng([seed, 17])
+    return tuple(str(name) for name in rng.choice(NAMES, count, replace=False)), float(rng.uniform(20.0, 60.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(SINGLES))
+def test_names_a_single_effect(seed):
+    names, sigma = drawn(seed, 1)
+    result = run(Trial("single", names, sigma, 300 + seed))
+    assert result["right"], result
+    assert result["verdict"] == "effect", result
+    assert result["reached"] > 10.0
+
+
+@pytest.mark.slow
+def test_names_two_effects_at_once():
+    names, _ = drawn(11, 2)
+    result = run(Trial("pair", names, 50.0, 311))
+    assert result["right"], result
+
+
+@pytest.mark.slow
+def test_a_healthy_specimen_raises_no_alarm():
+    result = run(Trial("healthy", (), 0.0, 321))
+    assert result["verdict"] == "adequate", result
+    assert not result["found"]
+
+
+@pytest.mark.slow
+def test_an_effect_that_is_not_in_the_library_is_not_named_after_another():
+    result = run(Trial("withheld", ("stiffening",), 60.0, 331))
+    assert result["verdict"] in ("unexplained", "ambiguous"), result
