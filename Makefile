@@ -2,13 +2,14 @@
 # make test   run the tests
 # make bench  measure speed and error beside ngspice, solve_ivp and NumPy: reports/speed/, table in README.md (10 minutes)
 # make paper  simulate and audit the reference paper's tables: reports/paper/index.html, findings.json (5 minutes)
+# make recovery  diagnose random campaigns and count the right answers: reports/diagnosis/ (hours; goes on where it was stopped)
 # make check  lint and type check
 # make clean  remove the environment, caches, builds and the report
 
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test bench paper check clean
+.PHONY: demo test bench paper recovery check clean
 
 demo: .venv/.installed
 	$(BIN)/piezoharvest demo --out demo-report
@@ -21,6 +22,9 @@ bench: .venv/.installed
 
 paper: .venv/.installed
 	$(BIN)/python -m reports.paper
+
+recovery: .venv/.installed
+	$(BIN)/python -m reports.diagnosis
 
 check: .venv/.installed
 	$(BIN)/ruff check .

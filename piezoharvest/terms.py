@@ -17,6 +17,7 @@ from piezoharvest.parameters import ParameterError
 from piezoharvest.transducer import Transducer
 
 WIDTH = 128  # columns at most
+UNITS = np.eye(WIDTH)
 Rows = Mapping[str, Row]
 
 
@@ -70,7 +71,7 @@ class Terms:
 
     def __init__(self, transducer: Transducer, drive: str = "force", *, linearised: bool = False) -> None:
         self.transducer, self.drive_name, self._linearised = transducer, drive, linearised
-        self.names: list[str] = []
+        self.columns: dict[str, int] = {}
         self.states: list[State] = []
         self.stops: list[Stop] = []
         self.equations: list[Row] = []
@@ -117,7 +118,8 @@ class Terms:
 
     def own(self, name: str) -> tuple[Row, Row]:
         """Rows of a state or stop of the effect that acts, and of its rate."""
-        return self._unit(self._prefix + name), self._unit(self._prefix + name + "'")
+        z, dz = (UNITS[self.columns[self._prefix + name + rate]] for rate in ("", "'"))
+        return z, dz
 
     def product(self, first: Row, second: Row) -> Row:
         """Product of two rows."""
@@ -148,15 +150,10 @@ class Terms:
     # How it is made.
 
     def _column(self, name: str) -> Row:
-        if len(self.names) == WIDTH:
+        if len(self.columns) == WIDTH:
             raise ParameterError("transducer", f"found more than {WIDTH} rows, allowed are fewer modes or effects")
-        self.names.append(name)
-        return self._unit(name)
-
-    def _unit(self, name: str) -> Row:
-        row = np.zeros(WIDTH)
-        row[self.names.index(name)] = 1.0
-        return row
+        self.columns[name] = len(self.columns)
+        return UNITS[self.columns[name]]
 
     def _nonlinear(self) -> Row:
         """What is no row: nothing to small motions, else not a number."""
@@ -166,24 +163,26 @@ class Terms:
         self._felt += 1
         if np.any(np.isnan(row)):
             found = "found an effect that varies smoothly with amplitude or time"
-            allowed = "allowed in an exact simulation are linear effects and friction (records of all can be predicted)"
+            allowed = "allowed in exact simulation are linear ones and friction (measure, identify, diagnose take all)"
             raise ParameterError(f"transducer.effects.{self._effect}", f"{found}, {allowed}")
         return row
 
     def over(self, row: Row, states: Rows) -> Row:
         """A row that is a combination of states alone, from the rows that these, or their rates, have in a view."""
-        columns = [name for name in (*state_names(self.transducer), *(state.name for state in self.states))]
         used = self.used(row)
-        if not used.keys() <= set(columns):
-            found = f"found a charge, or the input of a stop, of {', '.join(sorted(used.keys() - set(columns)))}"
+        others = used.keys() - {*state_names(self.transducer), *(state.name for state in self.states)}
+        if others:
+            found = f"found a charge, or the input of a stop, of {', '.join(sorted(others))}"
             raise ParameterError("transducer.effects", f"{found}, allowed are states")
         return sum((factor * states[name] for name, factor in used.items()), 0.0 * states["q"])
 
     def used(self, row: Row) -> dict[str, np.ndarray]:
         """Coefficients of a row that are not zero, by name, with a trailing axis for the columns of a view."""
-        row = row[..., : len(self.names)]
-        which = np.flatnonzero(np.any(row.reshape(-1, row.shape[-1]) != 0, axis=0))
-        return {self.names[k]: row[..., k : k + 1] for k in which}
+        which = np.flatnonzero(row if row.ndim == 1 else row.any(axis=0))
+        if not which.size:
+            return {}
+        names = list(self.columns)
+        return {names[k]: row[..., k : k + 1] for k in which}
 
 
 class Placing:
@@ -209,18 +208,19 @@ class Placing:
     def __init__(self, terms: Terms, z: Rows, dz: Rows, drive: Row, one: Row, v_h: Row) -> None:
         self.terms = terms
         self._rows = {**z, **{name + "'": row for name, row in dz.items()}, "drive": drive, "one": one, "v_h": v_h}
-        charges, share = _without(terms.charges, terms.names.index("v_t"))
+        charges, share = _without(terms.charges, terms.columns["v_t"])
         capacitance = terms.transducer.capacitance + share
         inside = terms.q - terms.strain_charge - charges
         self.v_t, self.dv_t = (terms.over(inside, rows) / capacitance for rows in (z, dz))
-        drawn, share = _without(terms.drawn, terms.names.index("i"))
+        self._none = 0.0 * one
+        drawn, share = _without(terms.drawn, terms.columns["i"])
         self._rows["v_t"] = self.v_t
         self.current = self._rows["i"] = -(dz["q"] + self.row(drawn)) / (1.0 + share)
 
     def row(self, row: Row) -> Row:
         """A row of the terms as one of the view."""
         parts = (factor * self._rows[name] for name, factor in self.terms.used(row).items())
-        return sum(parts, 0.0 * self._rows["one"])
+        return sum(parts, self._none)
 
     def rows(self, rows: Sequence[Row]) -> list[Row]:
         """Several of them."""

@@ -126,11 +126,11 @@ def _print(found: Diagnosis) -> None:
         for b, e in zip(found.before.estimates, found.estimates, strict=True)
     ]
     show.print_rows(found.campaign.title, ["parameter", "without effects", "with them"], rows)
+    qualities = (found.validation_before.rms, found.validation_after.rms, found.validation_after.noise)
     rows = [
-        [channel, *(engineering(quality[channel], response_unit(channel))
-                    for quality in (found.validation_before.rms, found.validation_after.rms, found.validation_after.noise))]
+        [channel, *(engineering(quality[channel], response_unit(channel)) for quality in qualities)]
         for channel in found.validation_after.rms
-    ]  # fmt: skip
+    ]
     show.print_rows("", ["validation", "residual before", "after", "noise alone"], rows)
     if found.left:
         rows = [[p.where, p.record, p.channel, f"{p.squares / p.count:.2f}", f"{p.p_value:.1g}"] for p in found.left]

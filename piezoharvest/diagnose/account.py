@@ -25,7 +25,7 @@ class Scored:
     label : str
         Channel or load at which it scores highest, if it has one.
     candidate : Candidate or None
-        The start with the highest score; None where the records cannot show the effect, or it would have the wrong sign.
+        The start with the highest score; None where the records cannot show it, or it would have the wrong sign.
     p_value : float
         Of the score, corrected for the number of starts of all effects.
     gain : float or None
@@ -93,7 +93,9 @@ def sentence(diagnosis: Diagnosis) -> str:
     """The verdict in words."""
     names = " and ".join(_described(named) for named in diagnosis.effects)
     if diagnosis.verdict == "adequate":
-        return "Nothing is missing: the residuals of the fitted model are noise, and no known effect makes them smaller."
+        return (
+            "Nothing is missing: the residuals of the fitted model are noise, and no known effect makes them smaller."
+        )
     if diagnosis.verdict == "effect":
         gain = sum(named.gain for named in diagnosis.effects)
         return f"The model lacked {names}: with it, {100 * gain:.0f} % of the validation error above the noise is gone."

@@ -67,7 +67,12 @@ class _Normal:
             if isinstance(data, FrequencyData):
                 continue
             own_columns = np.arange(at, at + len(own))
-            parts.append((np.concatenate([np.arange(len(final.model.parameters)), own_columns]), *_record(data, own, each, final, scales)))
+            parts.append(
+                (
+                    np.concatenate([np.arange(len(final.model.parameters)), own_columns]),
+                    *_record(data, own, each, final, scales),
+                )
+            )
             at += len(own)
             for name in parts[-1][2]:
                 sums.setdefault(name, len(sums))
@@ -91,12 +96,15 @@ def _record(data, own, white, final, scales):
     products, gradient, names = 0.0, 0.0, []
     for _, begin, residual, slopes in residual_blocks(final.model, data, own, True):
         W = white.of(len(residual))[0]
+        assert slopes is not None
         signals = _signals(data, begin, residual)
         terms = list(_terms(signals, data.setting.sample_time, scales))
         spectra = spectra_of(np.column_stack([values for _, values in terms]))
         # A term in a channel: that column of the whitener.
         placed = (W[:, :, :, None] * spectra[:, None, None, :]).reshape(len(W), W.shape[1], -1)
-        columns = np.concatenate([W @ spectra_of(slopes), placed], axis=2).reshape(-1, slopes.shape[2] + placed.shape[2])
+        columns = np.concatenate([W @ spectra_of(slopes), placed], axis=2).reshape(
+            -1, slopes.shape[2] + placed.shape[2]
+        )
         target = (W @ spectra_of(residual)[:, :, None])[:, :, 0].reshape(-1)
         products = products + np.real(columns.conj().T @ columns)
         gradient = gradient + np.real(columns.conj().T @ target)

@@ -33,6 +33,7 @@ ROUNDS = 3  # of estimating the noise
 QUIET = 2  # iterations in a row that gain less than that, after which no more is hoped for
 LEAP = 0.5  # of a logarithm in one iteration: what the data hardly shows must not run away meanwhile
 WORKERS = 2
+LEAST = 1e-12  # relative eigenvalue of an information matrix
 
 
 @dataclass(frozen=True)
@@ -196,25 +197,31 @@ def _prior(problem: Problem, model: Model, own: Sequence[np.ndarray]) -> tuple[n
     return np.concatenate([means, np.zeros(sum(map(len, own)))]), np.concatenate([precision, np.zeros(sum(map(len, own)))])
 
 
-def whiteners(problem: Problem, model: Model, noise: Noise) -> tuple[Whitener | ResponseWeights, ...]:
+def whiteners(
+    problem: Problem, model: Model, noise: Noise, *, rough: bool = False
+) -> tuple[Whitener | ResponseWeights, ...]:
     """Whiteners of all records, by a model that need not be the best."""
     return tuple(
         ResponseWeights(noise.sigma[data.name], data)
         if isinstance(data, FrequencyData)
-        else Whitener(Prediction(model.transducer, data.setting), noise, data)
+        else Whitener(Prediction(model.transducer, data.setting), noise, data, rough=rough)
         for data in problem.data
     )
 
 
 def _sums(
-    problem: Problem, model: Model, own: Sequence[np.ndarray], white: Sequence[Whitener | ResponseWeights]
+    problem: Problem,
+    model: Model,
+    own: Sequence[np.ndarray],
+    white: Sequence[Whitener | ResponseWeights],
+    scatter: bool = False,
 ) -> tuple[Sums, ...]:
     # Records side by side; threads within products of small matrices would wait for each other most of the time.
     for data in problem.data:
         if isinstance(data, Data):
             model.lowered(data)
     with threadpool_limits(1), ThreadPoolExecutor(WORKERS) as pool:
-        jobs = [pool.submit(each.sums, model, mine) for each, mine in zip(white, own, strict=True)]
+        jobs = [pool.submit(each.sums, model, mine, scatter) for each, mine in zip(white, own, strict=True)]
         return tuple(job.result() for job in jobs)
 
 
@@ -239,7 +246,7 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
     most = np.array([LEAP if p.scaling == "log" else np.inf for p in model.parameters] + [np.inf] * sum(map(len, own)))
     mean, precision = _prior(problem, model, own)
     values = np.concatenate([_inner(model), *own])
-    white = whiteners(problem, model, noise)
+    white = whiteners(problem, model, noise, rough=loose)
     sums = _sums(problem, model, own, white)
     information, gradient, squares = _whole(model, own, sums)
     cost = squares + float(precision @ (values - mean) ** 2)
@@ -278,7 +285,7 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
                 converged = promise < 1.0
                 break
     # Models pass on the noise of the drive in their own ways: each is judged by residuals that its own way makes white.
-    sums = _sums(problem, model, own, whiteners(problem, model, noise))
+    sums = _sums(problem, model, own, whiteners(problem, model, noise), scatter=not loose)
     information, _, squares = _whole(model, own, sums)
     cost = squares + float(precision @ (values - mean) ** 2)
     return Fit(model, tuple(own), noise, cost, sums, information, np.diag(precision), converged, iteration, message)
@@ -291,9 +298,12 @@ def _split(values: np.ndarray, model: Model, own: Sequence[np.ndarray]) -> tuple
 
 def _bounded_step(information, slope, damping, lower, upper) -> tuple[np.ndarray, float]:
     """Step within bounds, and by how much it should lower the cost."""
-    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    scaled = information / np.outer(size, size) + damping * np.eye(len(size))
-    factor = np.linalg.cholesky(scaled + 1e-14 * np.eye(len(size)))
+    size = np.sqrt(np.maximum(np.abs(np.diag(information)), 1e-300))
+    # Without what the noise of the drive adds, the information in a direction that the data hardly shows may come out negative.
+    values, vectors = np.linalg.eigh(information / np.outer(size, size))
+    values = np.maximum(values, LEAST)
+    curvature = (vectors * values) @ vectors.T * np.outer(size, size)
+    factor = np.linalg.cholesky((vectors * (values + damping)) @ vectors.T)
     right = np.linalg.solve(factor, slope / size)
     low, high = lower * size, upper * size
     step = np.linalg.solve(factor.T, right)
@@ -301,7 +311,7 @@ def _bounded_step(information, slope, damping, lower, upper) -> tuple[np.ndarray
         free = low < high
         step = lsq_linear(factor.T, right, (np.where(free, low, -1e-300), np.where(free, high, 1e-300)), tol=1e-12).x
     step = step / size
-    return step, float(2.0 * slope @ step - step @ information @ step)
+    return step, float(2.0 * slope @ step - step @ curvature @ step)
 
 
 def linearised(problem: Problem, model: Model, own: Sequence[np.ndarray], found: Fit) -> tuple[np.ndarray, np.ndarray, float]:
@@ -325,7 +335,7 @@ def covariance(found: Fit) -> np.ndarray:
     excess = np.maximum(excess, 1.0)
     for mine, part in zip(own, found.sums, strict=True):
         places = np.concatenate([np.arange(p), np.arange(at, at + len(mine))])
-        meat[np.ix_(places, places)] += np.einsum("b,bij->ij", excess, part.information) + part.scatter
+        meat[np.ix_(places, places)] += np.einsum("b,bij->ij", excess, part.information + part.noisy) + part.scatter
         at += len(mine)
     bread = inverse(found.information + found.prior)
     return bread @ (meat + found.prior) @ bread
@@ -333,7 +343,7 @@ def covariance(found: Fit) -> np.ndarray:
 
 def inverse(information: np.ndarray) -> np.ndarray:
     """Inverse of an information matrix whose parameters have very different sizes."""
-    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    size = np.sqrt(np.maximum(np.abs(np.diag(information)), 1e-300))
     values, vectors = np.linalg.eigh(information / np.outer(size, size))
     found = (vectors / np.maximum(values, 1e-14)) @ vectors.T
     return found / np.outer(size, size)

@@ -95,7 +95,7 @@ class ResponseWeights:
     def __init__(self, error: float, data: FrequencyData) -> None:
         self.error, self.data = error, data
 
-    def sums(self, model: Model, own: np.ndarray) -> Sums:
+    def sums(self, model: Model, own: np.ndarray, scatter: bool = False) -> Sums:
         """Sums of squares of the weighted residuals; see `sums.Sums`."""
         record = self.data.record
         value, slopes = self.data.response(model)
@@ -103,7 +103,7 @@ class ResponseWeights:
         r, d = (record.response - value) / sigma, slopes / sigma[:, None]
         flat, full = np.concatenate([r.real, r.imag]), np.concatenate([d.real, d.imag])
         bands, p = len(EDGES) - 1, len(model.parameters)
-        sums = Sums(np.zeros((bands, p, p)), np.zeros((bands, p)), np.zeros(bands), np.zeros(bands))
+        sums = Sums(np.zeros((bands, p, p)), np.zeros((bands, p)), np.zeros(bands), np.zeros(bands), np.zeros((p, p)), np.zeros((bands, p, p)))
         sums.information[-1], sums.gradient[-1] = full.T @ full, full.T @ flat
         sums.squares[-1], sums.count[-1] = flat @ flat, len(flat)
         return sums

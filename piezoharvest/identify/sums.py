@@ -37,6 +37,8 @@ class Sums:
         How many squares.
     scatter : (p, p) array
         Covariance of the gradient that rounded sensors add.
+    noisy : (bands, p, p) array
+        What the noise of the drive adds to the products of the derivatives; `information` is without it.
     """
 
     information: np.ndarray
@@ -44,6 +46,7 @@ class Sums:
     squares: np.ndarray
     count: np.ndarray
     scatter: np.ndarray | float = 0.0
+    noisy: np.ndarray | float = 0.0
 
 
 @dataclass(frozen=True)
@@ -85,10 +88,13 @@ class Whitener:
         Of the record, by which the noise of the drive passes.
     noise : Noise
     data : Data
+    rough : bool
+        Far from the solution, where what the noise of the drive leads to expect means little: it is not taken off.
     """
 
-    def __init__(self, prediction: Prediction, noise: Noise, data: Data) -> None:
+    def __init__(self, prediction: Prediction, noise: Noise, data: Data, *, rough: bool = False) -> None:
         self._prediction, self._noise, self._data = prediction, noise, data
+        self._corrected = data.drive in noise.sigma and not rough
         self._matrices: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self._steps = [rounding(data.record[channel], noise.sigma[channel]) for channel in data.channels]
 
@@ -101,8 +107,8 @@ class Whitener:
             self._matrices = {count: (white, _passed(white, gain)[1])}
         return self._matrices[count]
 
-    def sums(self, model: Model, own: np.ndarray) -> Sums:
-        """Sums of the record for a model.
+    def sums(self, model: Model, own: np.ndarray, scatter: bool = False) -> Sums:
+        """Sums of the record for a model, with what rounded sensors scatter if that is wanted.
 
         The derivatives of a prediction carry the same noise of the drive as its residuals, so that a model that passes on
         less of it would seem better: what each model is expected to pass on is taken off.
@@ -117,12 +123,16 @@ class Whitener:
             count = len(residual)
             white, at_first = self.of(count)
             predicted = self._data.values[begin : begin + count] - residual
-            part = _whitened(residual, slopes, white, h, lambda D, x=predicted, W=white: self._scatter(x, D, W))
-            if self._data.drive in self._noise.sigma:
+            rounded = (lambda D, x=predicted, W=white: self._scatter(x, D, W)) if scatter else None
+            part = _whitened(residual, slopes, white, h, rounded)
+            if self._corrected:
                 if count not in passed:
                     passed = {count: self._drive_noise(prediction, count, white, at_first)}
-                gradient, squares = passed[count]
-                part.gradient[:, : gradient.shape[1]] += gradient
+                information, gradient, squares = passed[count]
+                p = gradient.shape[1]
+                part.information[:, :p, :p] -= information
+                part.noisy[:, :p, :p] += information
+                part.gradient[:, :p] += gradient
                 part.squares[:] -= squares
             parts.append(part)
         return Sums(*(sum(each) for each in zip(*(vars(part).values() for part in parts), strict=True)))
@@ -144,15 +154,26 @@ class Whitener:
 
     def _drive_noise(
         self, prediction: Prediction, count: int, white: np.ndarray, at_first: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """By bands: expected products of derivatives and passed noise, (bands, p), and its squares beyond those at first."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What the noise of the drive is expected to give, by bands.
+
+        Products of the derivatives, (bands, p, p), of derivatives and passed noise, (bands, p), and squares beyond those at first.
+        """
         frequencies = np.fft.rfftfreq(count, self._data.setting.sample_time)
         gain, slopes = gain_slopes(prediction, self._data.channels, frequencies)
         power = self._noise.sigma[self._data.drive] ** 2 * components(count)
         passed, squares = _passed(white, gain)
-        products = np.real(np.einsum("fc,fcp->fp", np.conj(passed), white @ slopes)) * power[:, None]
+        D = white @ slopes
+        products = np.real(np.einsum("fc,fcp->fp", np.conj(passed), D)) * power[:, None]
         edges = np.minimum(np.searchsorted(frequencies, EDGES), len(frequencies))
-        return _by_bands(products, edges), _by_bands((squares - at_first) * power, edges)
+        D *= np.sqrt(power)[:, None, None]
+        information = np.array([_gram(D[a:b].reshape((b - a) * D.shape[1], D.shape[2])) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+        return information, _by_bands(products, edges), _by_bands((squares - at_first) * power, edges)
+
+
+def _gram(D: np.ndarray) -> np.ndarray:
+    """Real part of D^H D."""
+    return D.real.T @ D.real + D.imag.T @ D.imag
 
 
 def _passed(white: np.ndarray, gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -263,21 +284,23 @@ def _in_time(spectra: np.ndarray, count: int) -> np.ndarray:
     return np.fft.irfft(spectra * np.sqrt(count / components(count))[:, None], count, axis=0)
 
 
-def _whitened(residual, slopes, W: np.ndarray, sample_time: float, scatter: Callable[[np.ndarray], np.ndarray]) -> Sums:
+def _whitened(residual, slopes, W: np.ndarray, sample_time: float, scatter: Callable[[np.ndarray], np.ndarray] | None) -> Sums:
     """Sums of one block, by bands."""
     count, channels = residual.shape
     R = (W @ spectra_of(residual)[:, :, None])[:, :, 0]
     D = W @ spectra_of(slopes)
     edges = np.searchsorted(np.fft.rfftfreq(count, sample_time), EDGES)
     P, bands = D.shape[2], len(EDGES) - 1
-    sums = Sums(np.zeros((bands, P, P)), np.zeros((bands, P)), np.zeros(bands), np.zeros(bands), scatter(D))
+    nothing = np.zeros((bands, P, P))
+    rounded = np.zeros((P, P)) if scatter is None else scatter(D)
+    sums = Sums(nothing.copy(), np.zeros((bands, P)), np.zeros(bands), np.zeros(bands), rounded, nothing)
     for band in range(bands):
         part = slice(edges[band], edges[band + 1])
         if part.start == part.stop:
             continue
         d, r = D[part].reshape(-1, P), R[part].reshape(-1)
-        full, flat = np.concatenate([d.real, d.imag]), np.concatenate([r.real, r.imag])
-        sums.information[band], sums.gradient[band], sums.squares[band] = full.T @ full, full.T @ flat, flat @ flat
+        sums.information[band], sums.gradient[band] = _gram(d), d.real.T @ r.real + d.imag.T @ r.imag
+        sums.squares[band] = r.real @ r.real + r.imag @ r.imag
         # The lines at zero and at half the sample rate have one component, the others two.
         ends = (part.start == 0) + (part.stop == count // 2 + 1 and count % 2 == 0)
         sums.count[band] = (2 * (part.stop - part.start) - ends) * channels

@@ -1,4 +1,4 @@
-"""The page of a diagnosis: verdict, cause, residuals before and after, all effects, what a missing one biases, what is left."""
+"""The page of a diagnosis: verdict, cause, residuals, all effects, what a missing one biases, what is left."""
 
 from __future__ import annotations
 
@@ -103,19 +103,36 @@ def _pictures(found: Diagnosis, rows: Sequence[Scored]) -> Iterator[Picture]:
         caption = "Mean of the whitened residual of all records in bins; noise alone lies within ±2."
         for channel in dict.fromkeys(channel for each in records for channel in each.data.channels):
             figure = diagnosed.where_figure(records, channel, changed)
-            yield Picture(f"where_{channel}", "structure", f"Residual of the {channel} against time, level, rate and phase", caption, figure)
+            yield Picture(
+                f"where_{channel}",
+                "structure",
+                f"Residual of the {channel} against time, level, rate and phase",
+                caption,
+                figure,
+            )
         yield _structure(found)
     names, table = cosines(rows)
     if len(names) > 1:
         caption = (
-            "1: the records cannot tell two effects apart, as the fitted parameters are free; 0: they have nothing in common. "
-            "Each effect at the start value that scores highest."
+            "1: the records cannot tell two effects apart, as the fitted parameters are free; 0: they have nothing in "
+            "common. Each effect at the start value that scores highest."
         )
-        yield Picture("cosines", "effects", "How alike the effects look in these records", caption, diagnosed.cosine_figure(names, table))
+        yield Picture(
+            "cosines",
+            "effects",
+            "How alike the effects look in these records",
+            caption,
+            diagnosed.cosine_figure(names, table),
+        )
     for n, each in enumerate(records, 1):
         role = "fitted" if each.data.role == "fit" else "validation"
-        caption = "Left: measured less predicted. Right: its spectrum; the line is white noise of the same size."
-        yield Picture(f"record_{n}", "records", f"{each.data.name} ({role})", caption, diagnosed.record_figure(each, changed))
+        caption = (
+            "Left: measured less predicted, means over short spans. Right: its spectrum; the line is white noise of the "
+            "same size."
+        )
+        yield Picture(
+            f"record_{n}", "records", f"{each.data.name} ({role})", caption, diagnosed.record_figure(each, changed)
+        )
 
 
 def _causes(records: Sequence[Residuals], changed: bool) -> Iterator[Picture]:
@@ -126,8 +143,8 @@ def _causes(records: Sequence[Residuals], changed: bool) -> Iterator[Picture]:
     channel = each.data.channels[c]
     heading = f"Where it shows: {channel} in {each.data.name}"
     caption = (
-        "Left: the measured loop. Middle: mean residual along it, full line on the rising and dashed on the falling branch. "
-        "Right: spectrum of the residual."
+        "Left: the measured loop. Middle: mean residual along it, full line on the rising and dashed on the falling "
+        "branch, or over time where the drive is no sine. Right: spectrum of the residual."
     )
     yield Picture("cause", "cause", heading, caption, diagnosed.cause_figure(each, c, changed))
 
@@ -138,8 +155,8 @@ def _structure(found: Diagnosis) -> Picture:
     if found.effects:
         sides.append(("with them", leftovers(problem, found.search.final)))
     caption = (
-        "Whitened squares of the residual by band of frequency in Hz, less what noise has, in units of its scatter; each channel "
-        "without what the channels before it tell. White is noise."
+        "Whitened squares of the residual by band of frequency in Hz, less what noise has, in units of its scatter; each "
+        "channel without what the channels before it tell. White is noise."
     )
     return Picture("structure", "structure", "Residuals against noise by record, channel and frequency", caption,
                    diagnosed.structure_figure(sides))  # fmt: skip
@@ -167,8 +184,9 @@ def _residuals(found: Diagnosis) -> Iterator[dict[str, Any]]:
     for channel, noise in after.noise.items():
         unit = response_unit(channel)
         yield {
-            "channel": channel, "before": engineering(before.rms[channel], unit), "after": engineering(after.rms[channel], unit),
-            "noise": engineering(noise, unit), "ratio": number(after.rms[channel] / noise, 3) if noise else NONE,
+            "channel": channel, "before": engineering(before.rms[channel], unit),
+            "after": engineering(after.rms[channel], unit), "noise": engineering(noise, unit),
+            "ratio": number(after.rms[channel] / noise, 3) if noise else NONE,
         }  # fmt: skip
 
 
@@ -189,7 +207,9 @@ def _parameters(found: Diagnosis) -> Iterator[dict[str, Any]]:
         shift, errors = before.value - after.value, NONE
         if before.identifiable and after.std and found.effects:
             errors = number(shift / after.std, 2) if shift else "0"
-        change = f"{100 * shift / after.value:+.3f}\u202f%".replace("-", "\u2212") if after.value and found.effects else NONE
+        change = (
+            f"{100 * shift / after.value:+.3f}\u202f%".replace("-", "\u2212") if after.value and found.effects else NONE
+        )
         yield {
             "name": after.parameter.name, "before": with_error(before.value, before.std, unit),
             "after": with_error(after.value, after.std, unit), "errors": errors, "change": change,

@@ -16,14 +16,21 @@ def plan(*, small: bool) -> list[Trial]:
     """All trials; a small plan is the first part of the large one."""
     singles, healthy, pairs, withheld, weak = (1, 5, 5, 5, 0) if small else (10, 100, 100, 45, 20)
     names = list(DRAWS)
-    trials = [Trial("single", (name,), _size(1000 * k + n), 1000 * k + n) for k in range(singles) for n, name in enumerate(names)]
+    trials = [
+        Trial("single", (name,), _size(1000 * k + n), 1000 * k + n)
+        for k in range(singles)
+        for n, name in enumerate(names)
+    ]
     trials += [Trial("healthy", (), 0.0, 50_000 + k) for k in range(healthy)]
     trials += [Trial("pair", pair, 30.0, 60_000 + k) for k, pair in enumerate(_pairs(names)[:pairs])]
     trials += [Trial("withheld", (names[(4 * k) % len(names)],), 40.0, 70_000 + k) for k in range(withheld)]
     # Clipping has no size in sigma that could be small: half a sample over the limit is either seen or not.
     smooth = [name for name in names if name != "clipping"]
     trials += [
-        Trial("weak", (name,), sigma, 80_000 + 100 * n + k) for k in range(weak) for n, name in enumerate(smooth) for sigma in WEAK
+        Trial("weak", (name,), sigma, 80_000 + 100 * n + k)
+        for k in range(weak)
+        for n, name in enumerate(smooth)
+        for sigma in WEAK
     ]
     return trials
 

@@ -1,4 +1,4 @@
-"""One trial: a random specimen with random effects on the virtual bench, measured, written, and diagnosed from the files."""
+"""One trial: a random specimen with random effects on the virtual bench, measured, and diagnosed from its files."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from piezoharvest.diagnose import Diagnosis, diagnose
 from piezoharvest.effects import registered
@@ -161,14 +162,15 @@ def run(trial: Trial) -> dict[str, Any]:
 def attempt(trial: Trial) -> dict[str, Any]:
     """Run a trial; what goes wrong is a result too."""
     try:
-        return run(trial)
+        with threadpool_limits(1):  # processes share the machine
+            return run(trial)
     except Exception as error:
         base = {"key": trial.key, **asdict(trial)}
         return {**base, "verdict": "failed", "right": False, "found": [], "error": f"{type(error).__name__}: {error}"}
 
 
 def right(trial: Trial, verdict: str, found: Diagnosis) -> bool:
-    """Whether the answer is right: exactly the effects that are there, or what cannot be told from them, named as such."""
+    """Whether exactly the effects that are there were named, or are among what is said to be alike."""
     names = {named.effect.name for named in found.effects}
     if trial.kind == "withheld":
         return verdict in ("unexplained", "ambiguous")

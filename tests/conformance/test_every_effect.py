@@ -196,7 +196,7 @@ def test_what_sensors_feel_leaves_the_specimen_alone(name):
 @each_smooth
 def test_what_varies_smoothly_is_refused(name):
     system = System(dataclasses.replace(PLAIN, effects=(EXAMPLES[name],)), SHUNTS["resistor"])
-    with pytest.raises(ParameterError, match=f"transducer.effects.{name}: found .*, allowed in an exact simulation"):
+    with pytest.raises(ParameterError, match=f"transducer.effects.{name}: found .*, allowed in exact simulation"):
         simulate(system, DRIVE)
 
 

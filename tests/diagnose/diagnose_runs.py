@@ -1,4 +1,4 @@
-"""Short campaigns for the tests of the diagnosis: prediction plus white noise, so that the truth of every statistic is known."""
+"""Short campaigns for the tests of the diagnosis: predictions plus white noise, of which all statistics are known."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -29,7 +29,9 @@ def likelihood_ratio(problem, found, start):
 
 
 @pytest.mark.parametrize(
-    "effect", [BiasCurrent(current=2e-9), Leakage(resistance=3e7), Stiffening(cubic_stiffness=2e17)], ids=lambda e: e.name
+    "effect",
+    [BiasCurrent(current=2e-9), Leakage(resistance=3e7), Stiffening(cubic_stiffness=2e17)],
+    ids=lambda e: e.name,
 )
 def test_score_is_the_likelihood_ratio_of_a_small_effect(records, effect):
     problem, found, scene = fitted(*records, [effect], seed=1)
@@ -101,7 +103,7 @@ def test_leftovers_find_what_is_not_in_the_model(records):
 @pytest.mark.parametrize("name", registered())
 def test_every_effect_says_how_it_looks_and_where_to_start(name, records):
     cls = registered()[name]
-    problem, found, scene = fitted(*records, seed=6)
+    _, _, scene = fitted(*records, seed=6)
     assert len(cls.looks) > 20
     assert len(cls.told_by) > 10
     assert len(cls.source) > 5
@@ -115,7 +117,7 @@ def test_every_effect_says_how_it_looks_and_where_to_start(name, records):
 def test_an_effect_at_its_null_changes_nothing(name, records):
     data, transducer = records
     cls = registered()[name]
-    problem, found, scene = fitted(*records, seed=6)
+    _, _, scene = fitted(*records, seed=6)
     scene = dataclasses.replace(scene, peaks={c: (1e9,) for c in scene.channels})
     bare = values(transducer, data[0], ())
     for start in cls.starts(scene):

@@ -6,15 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter
 
-from piezoharvest.diagnose.leftover import Leftover
+from piezoharvest.diagnose.leftover import Leftover, fundamental
 from piezoharvest.diagnose.residuals import Residuals, in_bins
 from piezoharvest.records.channels import UNITS
 from piezoharvest.report import style
-from piezoharvest.report.figures.identified import thinned
 from piezoharvest.report.units import prefix_of, pretty_unit
 
 BEFORE = {"color": style.PALETTE[1], "linewidth": 0.7}
@@ -22,6 +21,7 @@ AFTER = {"color": style.PALETTE[0], "linewidth": 0.7}
 _BAND = {"color": style.PALETTE[2], "alpha": 0.3, "linewidth": 0, "zorder": 3}
 _PANEL = 1.35  # inches
 _BINS = 40
+_MEANS = 200  # points of a residual over time: the means between them show what single samples hide in noise
 _LINES = 160  # points of a spectrum
 PARTNERS = {"displacement": "force", "voltage": "displacement", "current": "voltage", "force": "displacement"}
 
@@ -30,28 +30,52 @@ def _legend(figure: Figure, changed: bool) -> None:
     handles = [Line2D([], [], label="without effects", **{**BEFORE, "linewidth": 1.5})]
     if changed:
         handles.append(Line2D([], [], label="with them", **{**AFTER, "linewidth": 1.5}))
-    handles.append(Line2D([], [], color=style.PALETTE[2], alpha=0.5, linewidth=6, label="noise (time: ±2σ)"))
+    handles.append(Line2D([], [], color=style.PALETTE[2], alpha=0.5, linewidth=6, label="noise (±2σ, or its density)"))
     style.legend_above(figure, handles)
+
+
+def _means(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Means over equal spans of time, and of how many samples each."""
+    each = max(1, len(values) // _MEANS)
+    kept = len(values) // each * each
+    return time[:kept].reshape(-1, each).mean(axis=1), values[:kept].reshape(-1, each).mean(axis=1), each
+
+
+def _over_time(axes: Axes, found: Residuals, c: int, changed: bool, factor: float = 1.0) -> str:
+    """Draw means of a channel's residual over time; the unit in which they are."""
+    sides = [(found.before[:, c], BEFORE)] + ([(found.after[:, c], AFTER)] if changed else [])
+    drawn = [(*_means(found.time, values), look) for values, look in sides]
+    band = 2 * found.noise[c] / np.sqrt(drawn[0][2])
+    most = max(band, *(float(np.abs(mean).max()) for _, mean, _, _ in drawn))
+    scale, unit = prefix_of(most, UNITS[found.data.channels[c]])
+    for time, mean, _, look in drawn:
+        axes.plot(factor * time, scale * mean, **{**look, "linewidth": 1.0})
+    axes.axhspan(-scale * band, scale * band, **{**_BAND, "zorder": 1})
+    return unit
+
+
+def _spectra(axes: Axes, found: Residuals, c: int, changed: bool) -> str:
+    """Draw spectra of a channel's residual; the unit of the density."""
+    step, noise = found.data.setting.sample_time, found.noise[c]
+    scale, unit = prefix_of(float(noise * np.sqrt(2 * step)), UNITS[found.data.channels[c]])
+    for values, look in [(found.before[:, c], BEFORE)] + ([(found.after[:, c], AFTER)] if changed else []):
+        axes.loglog(*spectrum(values, step, scale), **{**look, "linewidth": 1.1})
+    axes.axhline(scale * noise * np.sqrt(2 * step), color=style.PALETTE[2], linewidth=3, alpha=0.5, zorder=1.5)
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    return f"{unit}/√Hz"
 
 
 @style.styled
 def record_figure(found: Residuals, changed: bool) -> Figure:
-    """Draw the residuals of a record: over time on the left, their spectra on the right."""
+    """Draw the residuals of a record: means over time on the left, their spectra on the right."""
     channels = found.data.channels
-    figure, axes = style.grid_of_axes(len(channels), 2, height=_PANEL * len(channels) + 0.75, sharex="col", squeeze=False)
+    figure, axes = style.grid_of_axes(
+        len(channels), 2, height=_PANEL * len(channels) + 0.75, sharex="col", squeeze=False
+    )
     factor, unit = prefix_of(float(found.time[-1]), "s")
     for c, ((left, right), channel) in enumerate(zip(axes, channels, strict=True)):
-        sides = [(found.before[:, c], BEFORE)] + ([(found.after[:, c], AFTER)] if changed else [])
-        scale, name = prefix_of(max(float(np.abs(values).max()) for values, _ in sides), UNITS[channel])
-        for values, look in sides:
-            left.plot(*thinned(factor * found.time, scale * values), **look)
-        left.axhspan(-2 * scale * found.noise[c], 2 * scale * found.noise[c], **_BAND)
-        left.set_ylabel(f"{channel}\nin {name}")
-        for values, look in sides:
-            right.loglog(*spectrum(values, found.data.setting.sample_time, scale), **{**look, "linewidth": 1.1})
-        density = scale * found.noise[c] * np.sqrt(2 * found.data.setting.sample_time)
-        right.axhline(density, color=style.PALETTE[2], linewidth=3, alpha=0.5, zorder=1.5)
-        right.set_ylabel(f"density\nin {name}/√Hz")
+        left.set_ylabel(f"{channel}\nin {_over_time(left, found, c, changed, factor)}")
+        right.set_ylabel(f"density\nin {_spectra(right, found, c, changed)}")
     axes[-1, 0].set_xlabel(f"time in {unit}")
     axes[-1, 1].set_xlabel("frequency in Hz")
     figure.align_ylabels()
@@ -73,29 +97,40 @@ def spectrum(values: np.ndarray, step: float, scale: float = 1.0) -> tuple[np.nd
 
 @style.styled
 def cause_figure(found: Residuals, c: int, changed: bool) -> Figure:
-    """Draw where a channel's residual shows its cause: its loop, its mean over the loop, and its spectrum."""
+    """Draw where a channel's residual shows its cause: loop, mean residual along it or over time, spectrum."""
     data, channel = found.data, found.data.channels[c]
-    partner = data.drive if channel == "displacement" or PARTNERS[channel] not in data.record.signals else PARTNERS[channel]
+    partner = PARTNERS[channel] if PARTNERS[channel] in data.record.signals else data.drive
     x, y = data.record[partner], data.record[channel]
     figure, axes = style.grid_of_axes(1, 3, height=2.9)
     fx, ux = prefix_of(float(np.abs(x).max()), UNITS[partner])
     fy, uy = prefix_of(float(np.abs(y).max()), UNITS[channel])
-    fr, ur = prefix_of(float(np.abs(found.before[:, c]).max()), UNITS[channel])
+    along = f"{partner.replace('_', ' ')} in {ux}"
     axes[0].plot(fx * x[::2], fy * y[::2], color=style.MUTED, linewidth=0.6)
+    axes[0].set_xlabel(along)
     axes[0].set_ylabel(f"measured {channel} in {uy}")
-    for values, look in [(found.before[:, c], BEFORE)] + ([(found.after[:, c], AFTER)] if changed else []):
-        for rising, dashes in ((True, "-"), (False, (0, (3, 1.5)))):
-            level, mean = _branch(x, values, rising)
-            axes[1].plot(fx * level, fr * mean, color=look["color"], linestyle=dashes, linewidth=1.3)
-        axes[2].loglog(*spectrum(values, data.setting.sample_time, fr), **{**look, "linewidth": 1.1})
-    axes[1].set_ylabel(f"mean residual in {ur}")
-    axes[2].axhline(fr * found.noise[c] * np.sqrt(2 * data.setting.sample_time), color=style.PALETTE[2], linewidth=3, alpha=0.5)
-    axes[2].set_ylabel(f"density in {ur}/√Hz")
+    if fundamental(data) is None:
+        unit = _over_time(axes[1], found, c, changed)
+        axes[1].set_xlabel("time in s")
+    else:
+        unit = _along(axes[1], found, c, changed, fx * x)
+        axes[1].set_xlabel(along)
+    axes[1].set_ylabel(f"mean residual in {unit}")
+    axes[2].set_ylabel(f"density of the residual in {_spectra(axes[2], found, c, changed)}")
     axes[2].set_xlabel("frequency in Hz")
-    for one in axes[:2]:
-        one.set_xlabel(f"{partner.replace('_', ' ')} in {ux}")
     _legend(figure, changed)
     return figure
+
+
+def _along(axes: Axes, found: Residuals, c: int, changed: bool, x: np.ndarray) -> str:
+    """Draw means of a residual along a loop, full while the signal rises and dashed while it falls; their unit."""
+    sides = [(found.before[:, c], BEFORE)] + ([(found.after[:, c], AFTER)] if changed else [])
+    branches = [(*_branch(x, values, rising), look, rising) for values, look in sides for rising in (True, False)]
+    scale, unit = prefix_of(
+        max(float(np.nanmax(np.abs(mean))) for _, mean, _, _ in branches), UNITS[found.data.channels[c]]
+    )
+    for level, mean, look, rising in branches:
+        axes.plot(level, scale * mean, color=look["color"], linestyle="-" if rising else (0, (3, 1.5)), linewidth=1.3)
+    return unit
 
 
 def _branch(x: np.ndarray, values: np.ndarray, rising: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -117,19 +152,22 @@ def structure_figure(sides: Sequence[tuple[str, Sequence[Leftover]]]) -> Figure:
     columns = sorted({p.where for p in bands}, key=_lowest)
     rows = list(dict.fromkeys((p.record, p.channel) for p in sorted(bands, key=lambda p: (p.record, p.channel))))
     figure, axes = style.grid_of_axes(1, len(sides), height=0.19 * len(rows) + 1.5, sharey=True, squeeze=False)
-    image = None
     for one, (title, places) in zip(axes[0], sides, strict=True):
         values = {(p.record, p.channel, p.where): p.excess for p in places}
         table = np.array([[values.get((*row, column), np.nan) for column in columns] for row in rows])
         table = np.sign(table) * np.log10(1.0 + np.abs(table))
-        image = one.imshow(table, aspect="auto", cmap="RdBu_r", norm=TwoSlopeNorm(0.0, -3.0, 3.0), interpolation="nearest")
+        one.imshow(table, aspect="auto", cmap="RdBu_r", vmin=-3.0, vmax=3.0, interpolation="nearest")
         one.set_title(title)
         one.set_xticks(range(len(columns)), [_short(column) for column in columns], rotation=60, ha="right")
         one.grid(False)
-    axes[0, 0].set_yticks(range(len(rows)), [f"{record.rsplit('.', 1)[0][:24]} {channel}" for record, channel in rows], fontsize=6.5)
-    bar = figure.colorbar(image, ax=list(axes[0]), shrink=0.9, aspect=30)
-    ticks = [-100, -10, -1, 0, 1, 10, 100, 1000]
-    bar.set_ticks([float(np.sign(t) * np.log10(1 + abs(t))) for t in ticks], labels=[f"{t:g}".replace("-", "−") for t in ticks])
+    axes[0, 0].set_yticks(
+        range(len(rows)), [f"{record.rsplit('.', 1)[0][:24]} {channel}" for record, channel in rows], fontsize=6.5
+    )
+    ticks = [-100, -10, -1, 0, 1, 10, 100]
+    bar = figure.colorbar(axes[0, -1].images[0], ax=list(axes[0]), shrink=0.9, aspect=30, extend="both",
+                          ticks=[float(np.sign(t) * np.log10(1 + abs(t))) for t in ticks])  # fmt: skip
+    bar.ax.set_yticklabels([f"{t:g}".replace("-", "−") for t in ticks])
+    bar.ax.grid(False)
     bar.set_label("above noise, in its own scatter (σ)")
     return figure
 
@@ -151,7 +189,9 @@ def where_figure(found: Sequence[Residuals], channel: str, changed: bool) -> Fig
     drive = mine[0][0].data.drive
     mine = [pair for pair in mine if pair[0].data.drive == drive]
     level = [each.data.record[drive] - each.data.rest for each, _ in mine]
-    rate = [np.gradient(values, each.data.setting.sample_time) for values, (each, _) in zip(level, mine, strict=True)]
+    rate = [
+        1e-3 * np.gradient(values, each.data.setting.sample_time) for values, (each, _) in zip(level, mine, strict=True)
+    ]
     time = [each.time for each, _ in mine]
     unit = UNITS[drive]
     sides = [("white_before", BEFORE)] + ([("white_after", AFTER)] if changed else [])
@@ -161,7 +201,7 @@ def where_figure(found: Sequence[Residuals], channel: str, changed: bool) -> Fig
             _binned(one, white, np.concatenate(where), look)
     axes[0, 0].set_xlabel("time in the record in s")
     axes[0, 1].set_xlabel(f"{drive.replace('_', ' ')} in {pretty_unit(unit)}")
-    axes[1, 0].set_xlabel(f"its rate in {pretty_unit(unit)}/s")
+    axes[1, 0].set_xlabel(f"its rate in {pretty_unit(unit)}/ms")
     for one in (axes[0, 0], axes[0, 1], axes[1, 0]):
         one.axhspan(-2, 2, **{**_BAND, "zorder": 1})
         one.set_ylabel("mean in σ")
@@ -171,9 +211,16 @@ def where_figure(found: Sequence[Residuals], channel: str, changed: bool) -> Fig
 
 
 def _binned(axes: Axes, white: np.ndarray, where: np.ndarray, look: dict) -> None:
-    edges = np.unique(np.quantile(where, np.linspace(0, 1, _BINS + 1)))
-    if len(edges) > 2:
-        axes.plot(0.5 * (edges[1:] + edges[:-1]), in_bins(white, where, edges), **{**look, "linewidth": 1.2}, marker=".", markersize=3)
+    low, high = np.quantile(where, (0.002, 0.998))
+    edges = np.linspace(low, high, _BINS + 1)
+    if edges[-1] > edges[0]:
+        axes.plot(
+            0.5 * (edges[1:] + edges[:-1]),
+            in_bins(white, where, edges),
+            **{**look, "linewidth": 1.2},
+            marker=".",
+            markersize=3,
+        )
 
 
 def _plane(figure: Figure, axes: Axes, level: np.ndarray, rate: np.ndarray, mine, name: str, drive: str) -> None:
@@ -189,9 +236,11 @@ def _plane(figure: Figure, axes: Axes, level: np.ndarray, rate: np.ndarray, mine
     most = max(3.0, float(np.nanquantile(np.abs(table), 0.98)))
     image = axes.pcolormesh(columns, rows, table, cmap="RdBu_r", vmin=-most, vmax=most, rasterized=True)
     axes.set_xlabel(f"{drive.replace('_', ' ')} in {pretty_unit(UNITS[drive])}")
-    axes.set_ylabel(f"rate in {pretty_unit(UNITS[drive])}/s")
+    axes.set_ylabel(f"rate in {pretty_unit(UNITS[drive])}/ms")
     axes.grid(False)
-    figure.colorbar(image, ax=axes, label=f"mean in σ, {'with effects' if name == 'white_after' else 'without effects'}")
+    figure.colorbar(
+        image, ax=axes, label=f"mean in σ, {'with effects' if name == 'white_after' else 'without effects'}"
+    )
 
 
 @style.styled
@@ -207,6 +256,8 @@ def cosine_figure(names: Sequence[str], table: np.ndarray) -> Figure:
         for j in range(len(names)):
             if i != j and abs(table[i, j]) >= 0.3:
                 colour = "white" if abs(table[i, j]) > 0.6 else style.INK
-                axes.text(j, i, f"{table[i, j]:.2f}".replace("-", "−"), ha="center", va="center", fontsize=7, color=colour)
+                axes.text(
+                    j, i, f"{table[i, j]:.2f}".replace("-", "−"), ha="center", va="center", fontsize=7, color=colour
+                )
     figure.colorbar(image, ax=axes, label="cosine of the signatures")
     return figure

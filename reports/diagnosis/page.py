@@ -1,0 +1,94 @@
+"""The page, its figures, and a file of its numbers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+import piezoharvest
+from piezoharvest.output import write_text
+from piezoharvest.report import style
+from reports.diagnosis.figures import confusion_figure, coverage_figure, power_figure, time_figure
+from reports.diagnosis.summary import STRONG, Results, coverage, of_kind, power, share, size
+from reports.diagnosis.trials import DRAWS
+
+NAMES = list(DRAWS)
+
+
+def write_page(results: Results, directory: Path) -> Path:
+    """Write figures, results.json and, last, the page.
+
+    Parameters
+    ----------
+    results : sequence of dict
+        As `trials.run` gives them, one or more.
+    directory : Path
+    """
+    figures = {name: figure for name, figure in _figures(results) if figure is not None}
+    for name, figure in figures.items():
+        style.write_png(figure, directory / f"{name}.png")
+    numbers = summary(results)
+    write_text(json.dumps(numbers, indent=1, allow_nan=False) + "\n", directory / "results.json")
+    options: dict[str, Any] = {
+        "autoescape": True,
+        "undefined": StrictUndefined,
+        "trim_blocks": True,
+        "lstrip_blocks": True,
+    }
+    environment = Environment(loader=FileSystemLoader(Path(__file__).parent), **options)
+    css = resources.files("piezoharvest.report").joinpath("templates", "report.css").read_text(encoding="utf-8")
+    text = environment.get_template("page.html.j2").render(
+        css=Markup(css), version=piezoharvest.__version__, figures=list(figures), wrong=list(_wrong(results)), **numbers
+    )
+    write_text(text, directory / "index.html")
+    return directory / "index.html"
+
+
+def _figures(results: Results) -> Iterator[tuple[str, Figure | None]]:
+    yield "confusion", confusion_figure(results, NAMES)
+    yield "power", power_figure(results, NAMES)
+    yield "coverage", coverage_figure(results)
+    yield "time", time_figure(results)
+
+
+def summary(results: Results) -> dict[str, Any]:
+    """All numbers of the page."""
+    strong = [result for result in of_kind(results, "single") if size(result) >= STRONG]
+    covered = coverage(results)
+    inside = sum(value * count for value, count in covered.values())
+    times = [result["cpu"] for result in results if "cpu" in result]
+    return {
+        "shares": {
+            "single effects of 10 σ or more": share(strong),
+            "two effects at once": share(of_kind(results, "pair")),
+            "healthy specimens": share(of_kind(results, "healthy")),
+            "effects that are not in the library": share(of_kind(results, "withheld")),
+        },
+        "alarms": sum(not result["right"] for result in of_kind(results, "healthy")),
+        "power": {name: curve for name in NAMES if (curve := power(results, name))},
+        "coverage": {name: list(value) for name, value in sorted(covered.items())},
+        "covered": inside / max(1, sum(count for _, count in covered.values())),
+        "cpu_median": float(np.median(times)), "cpu_most": float(max(times)), "campaigns": len(results),
+    }  # fmt: skip
+
+
+def _wrong(results: Results) -> Iterator[dict[str, Any]]:
+    for result in results:
+        if not result["right"] and result["kind"] != "weak":
+            answer = " + ".join(result["found"]) or "nothing"
+            left = "; ".join(
+                f"{where}, {record}, {channel}" for where, record, channel, _ in result.get("left", [])[:1]
+            )
+            yield {
+                "kind": result["kind"], "names": " + ".join(result["names"]) or "nothing", "seed": result["seed"],
+                "size": f"{size(result):.0f}", "verdict": result["verdict"], "answer": answer,
+                "left": result.get("error", left),
+            }  # fmt: skip
