@@ -9,10 +9,65 @@ from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import NamedTuple
 
-from piezoharvest.circuit import Port, Row, State
+import numpy as np
+
+from piezoharvest.circuit import Port, Product, Row, State
 from piezoharvest.system import System
-from piezoharvest.terms import Placing, Rows, Terms
+from piezoharvest.terms import Rows, Terms
 from piezoharvest.transducer import Transducer
+
+
+class Placing:
+    """Terms in the columns of a view.
+
+    Parameters
+    ----------
+    terms : Terms
+    z, dz : mapping of str to Row
+        States of transducer and effects with the effects' stops, by name, and their rates.
+    drive, one : Row
+    v_h, dv_h : Row
+        Voltage of the hysteresis and its rate.
+
+    Attributes
+    ----------
+    v_t, dv_t : Row
+        Voltage across C and its rate: C v_t = q - sum T_i x_i - what effects add.
+    current : Row
+        Load current: what the transducer gives less what effects draw.
+    """
+
+    def __init__(self, terms: Terms, z: Rows, dz: Rows, drive: Row, one: Row, v_h: Row) -> None:
+        self.terms = terms
+        self._rows = {**z, **{name + "'": row for name, row in dz.items()}, "drive": drive, "one": one, "v_h": v_h}
+        charges, share = _without(terms.charges, terms.columns["v_t"])
+        capacitance = terms.transducer.capacitance + share
+        inside = terms.q - terms.strain_charge - charges
+        self.v_t, self.dv_t = (terms.over(inside, rows) / capacitance for rows in (z, dz))
+        self._none = 0.0 * one
+        drawn, share = _without(terms.drawn, terms.columns["i"])
+        self._rows["v_t"] = self.v_t
+        self.current = self._rows["i"] = -(dz["q"] + self.row(drawn)) / (1.0 + share)
+
+    def row(self, row: Row) -> Row:
+        """A row of the terms as one of the view."""
+        parts = (factor * self._rows[name] for name, factor in self.terms.used(row).items())
+        return sum(parts, self._none)
+
+    def rows(self, rows: Sequence[Row]) -> list[Row]:
+        """Several of them."""
+        return [self.row(row) for row in rows]
+
+    def product(self, product: Product) -> Product:
+        """A product of two of them."""
+        return Product(product.coefficient, self.row(product.first), self.row(product.second))
+
+
+def _without(row: Row, column: int) -> tuple[Row, np.ndarray | float]:
+    """A row without a column, and what stood there, a number unless the row has a batch."""
+    share, rest = row[..., column : column + 1], row.copy()
+    rest[..., column] = 0.0
+    return rest, share if row.ndim > 1 else share[0]
 
 
 class Mechanics(NamedTuple):

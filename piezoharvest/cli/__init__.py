@@ -21,7 +21,7 @@ import piezoharvest
 Work = Callable[[], int]
 
 app = typer.Typer(
-    help="Piezoelectric shunt damping and energy harvesting: simulate, design, sweep, measure, identify, diagnose (TOML).",
+    help="Piezoelectric shunt damping and harvesting: simulate, design, sweep, measure, identify, diagnose (TOML).",
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -165,8 +165,8 @@ def diagnose(
 ) -> Work:
     """Find what the model of measured records lacks.
 
-    The model is fitted, every known effect is tested, those that are there are named and fitted with it, and the gain is
-    measured on the validation records. Structure that no known effect explains is reported as unexplained.
+    The model is fitted, every known effect is tested, those that are there are named and fitted with it, and the gain
+    is measured on the validation records. Structure that no known effect explains is reported as unexplained.
     """
     from piezoharvest.cli import diagnosing
 

@@ -1,6 +1,7 @@
 """Score tests: what every effect would explain if it were there, from one linearisation at its null.
 
-Source: Rao, Linear Statistical Inference, 1973, section 6e (score test); Davies, Biometrika 74(1), 33-43, 1987 (parameters
+Source: Rao, Linear Statistical Inference, 1973, section 6e (score test); Davies, Biometrika 74(1), 33-43, 1987
+(parameters
 that exist only where the effect does).
 """
 
@@ -74,7 +75,9 @@ def effect_line(effect: Effect) -> bool:
     return type(effect).line is not Effect.line
 
 
-def scores(problem: Problem, found: Fit, scene: Scene, library: Sequence[type[Effect]] | None = None) -> list[Candidate]:
+def scores(
+    problem: Problem, found: Fit, scene: Scene, library: Sequence[type[Effect]] | None = None
+) -> list[Candidate]:
     """Scores of all effects that are not in the model, the highest first.
 
     Parameters

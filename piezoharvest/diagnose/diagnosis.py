@@ -138,11 +138,14 @@ def _verdict(structure: bool, named: Sequence[Named], alternatives: Sequence) ->
 
 
 def _nested(final: Fit) -> list[Fit]:
-    """The final fit with its first effect, its first two, and so on: what each adds, the values as they are at the end."""
+    """The final fit with its first effect, its first two, and so on, the values being those at the end."""
     from piezoharvest.predict.parameters import put
 
     effects = final.model.transducer.effects
-    models = [replace(final.model, transducer=put(final.model.transducer, ("effects",), effects[:n])) for n in range(1, len(effects))]
+    models = [
+        replace(final.model, transducer=put(final.model.transducer, ("effects",), effects[:n]))
+        for n in range(1, len(effects))
+    ]
     return [*(replace(final, model=model) for model in models), final] if effects else []
 
 
@@ -183,7 +186,9 @@ def _named(search: Search, final: Fit, n: int, squares: Sequence[tuple[float, fl
     effect = search.order[n]
     if effect_line(effect):
         values["amplitude"] = (_amplitude(final, n), None, "")
-    return Named(effect, search.p_values[n] if n < len(search.p_values) else 0.0, float(np.clip(gain, -1.0, 1.0)), values)
+    return Named(
+        effect, search.p_values[n] if n < len(search.p_values) else 0.0, float(np.clip(gain, -1.0, 1.0)), values
+    )
 
 
 def _amplitude(final: Fit, n: int) -> float:
@@ -211,7 +216,9 @@ def _experiment(search: Search) -> str | None:
     if not search.alternatives:
         return None
     step, _ = search.alternatives[0]
-    other = [effect for effect in step.found.model.transducer.effects if effect.name not in {e.name for e in search.order}]
+    other = [
+        effect for effect in step.found.model.transducer.effects if effect.name not in {e.name for e in search.order}
+    ]
     mine = [effect for effect in search.order if effect.name not in step.effects]
     texts = [effect.told_by for effect in (*mine, *other) if effect.told_by]
     return "; ".join(texts) or None

@@ -11,15 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from piezoharvest.diagnose.diagnosis import Diagnosis
-from piezoharvest.identify.fit import Problem, inverse, whiteners
-from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.fit import Fit, Problem, inverse, whiteners
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.identify.sums import residual_blocks, spectra_of
 
 TERMS = 3  # at most
 SMALL = 0.05  # of what the first term explains: less is not worth telling
-SURE = 30.0  # of -2 ln L that a term has to take off: over all that are tried
+SURE = 20.0  # of -2 ln L that a term has to take off: over all that are tried
 SYMBOLS = {"force": "F", "displacement": "x", "voltage": "v", "current": "i", "base_acceleration": "a"}
 
 
@@ -45,18 +43,23 @@ class Hint:
     gain: float
 
 
-def hints(diagnosis: Diagnosis) -> list[Hint]:
-    """Terms that explain most of what the extended model leaves in the fitted records, the strongest first."""
-    final = diagnosis.search.final
-    problem = Problem(prepared(diagnosis.campaign, "fit"), diagnosis.campaign.transducer, diagnosis.before.offsets)
-    normal = _Normal(problem, final)
+def hints(problem: Problem, found: Fit) -> list[Hint]:
+    """Terms that explain most of what a model leaves in records over time, the strongest first.
+
+    Parameters
+    ----------
+    problem : Problem
+    found : Fit
+        Of these records, converged.
+    """
+    normal = _Normal(problem, found)
     return _pursuit(normal) if normal.names else []
 
 
 class _Normal:
     """Sums of products of all terms and of the residual, whitened, with the parameters of the fit projected out."""
 
-    def __init__(self, problem: Problem, final) -> None:
+    def __init__(self, problem: Problem, final: Fit) -> None:
         scales, at = _scales(problem), len(final.model.parameters)
         count = at + sum(map(len, final.own))
         self.names: list[tuple[str, str]] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -66,7 +67,7 @@ def whitened(problem: Problem, found: Fit) -> list[tuple[Data, np.ndarray, np.nd
 
 
 def _level(spectrum: np.ndarray) -> np.ndarray:
-    """Noise of each channel in this record, in units of that of all: a rounded sensor scatters more between two steps."""
+    """Noise of each channel in this record, in units of that of all; rounding scatters more between two steps."""
     upper = spectrum[int(UPPER * len(spectrum)) : -1]
     return np.sqrt(np.maximum(0.5 * (np.abs(upper) ** 2).mean(axis=0), 1.0))
 
@@ -87,7 +88,7 @@ def _bands(spectra) -> list[Leftover]:
     found = []
     pooled: dict[tuple[int, str], list[float]] = {}
     for data, frequencies, spectrum in spectra:
-        for k, (low, high) in enumerate(zip(BANDS[:-1], BANDS[1:], strict=True)):
+        for k, (low, high) in enumerate(itertools.pairwise(BANDS)):
             part = (frequencies >= low) & (frequencies < high)
             if not part.any():
                 continue
@@ -117,7 +118,7 @@ def _harmonics(spectra) -> list[Leftover]:
             continue
         per_record = [0.0, 0.0]
         for k in range(1, HARMONICS + 1):
-            at = int(round(k * line / frequencies[1]))
+            at = round(k * line / frequencies[1])
             if at >= len(frequencies) - 1:
                 break
             for c, channel in enumerate(data.channels):

@@ -53,7 +53,8 @@ def scene_of(data: Sequence[Data | FrequencyData], found: Fit) -> Scene:
     displacements = [each.record["displacement"] for each in records if "displacement" in each.record.signals]
     step = min(each.setting.sample_time for each in records)
     longest = max(len(each) * each.setting.sample_time for each in records)
-    loads = sorted({each.setting.shunt.resistance for each in records if isinstance(each.setting.shunt, Resistor)})
+    shunts = [each.setting.shunt for each in records]
+    loads = sorted({shunt.resistance for shunt in shunts if isinstance(shunt, Resistor)})
     return Scene(
         drives=tuple(sorted({each.drive for each in records})),
         channels=channels,

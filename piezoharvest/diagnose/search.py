@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -18,8 +18,9 @@ from piezoharvest.predict.prediction import PredictionError
 
 LEVEL = 1e-4  # chance of a false alarm, over all effects together
 MOST = 4  # effects at once
-PROMISING = 0.1  # of the best score: what a full fit may still turn round
-FITS = 5  # full fits a stage
+PROMISING = 0.15  # of the best score: what a full fit may still turn round
+FITS = 4  # full fits a stage
+STAND_INS = 2  # of these against a model whose strayed parameters are held
 STRAYED = 0.4  # of a logarithm: a parameter that is so far from its nominal value may stand in for an effect
 ROUGHLY = 0.5  # of -2 ln L that a trial fit may still promise
 CLOSE = 6.0  # of -2 ln L: odds of twenty to one
@@ -85,7 +86,9 @@ class Searcher:
     tell : callable
     """
 
-    def __init__(self, problem: Problem, scene: Scene, library: Sequence[type[Effect]] | None, tell: Callable[[str], None]):
+    def __init__(
+        self, problem: Problem, scene: Scene, library: Sequence[type[Effect]] | None, tell: Callable[[str], None]
+    ):
         self.problem, self.scene, self.library, self.tell = problem, scene, library, tell
         self.fits: list[tuple[str, float]] = []
 
@@ -124,7 +127,8 @@ class Searcher:
     def _strayed(self, base: Fit) -> list[tuple[Candidate, Step]]:
         """Scores against a model whose strayed parameters are at their nominal values.
 
-        Damping delays displacement and voltage as a skew delays the voltage: once it has taken the place of one, no small step
+        Damping delays displacement and voltage as a skew delays the voltage: once it has taken the place of one, no
+        small step
         leads from the one to the other.
         """
         nominal, model = self.problem.nominal, base.model
@@ -154,7 +158,10 @@ class Searcher:
                 promising = candidate.score > PROMISING * mine[0][0].score and candidate.p_value * len(mine) < LEVEL
                 if promising and _key(candidate) not in chosen:
                     chosen[_key(candidate)] = candidate, step
-            tried += [self.fitted(step, c.effect, now.found.model.parameters) for c, step in list(chosen.values())[:FITS]]
+            tried += [
+                self.fitted(step, c.effect, now.found.model.parameters)
+                for c, step in list(chosen.values())[: FITS if origin == id(now) else STAND_INS]
+            ]
         return sorted((step for step in tried if step is not None), key=_fair_cost)
 
     def fitted(self, now: Step, effect: Effect, varied: Sequence[Parameter] | None = None) -> Step | None:
@@ -191,7 +198,10 @@ class Searcher:
         n = n % len(effects)
         own = sum(parameter.path[:2] == ("effects", n) for parameter in found.model.parameters)
         lines = sum(
-            2 for data in self.problem.data for channel in (*data.channels, getattr(data, "drive", "")) if effects[n].line(channel)
+            2
+            for data in self.problem.data
+            for channel in (*data.channels, getattr(data, "drive", ""))
+            if effects[n].line(channel)
         )
         return own + lines
 
@@ -205,7 +215,9 @@ class Searcher:
             if parameter.path[0] != "effects":
                 parameters.append(parameter)
             elif parameter.path[1] in kept:
-                parameters.append(replace(parameter, path=("effects", kept.index(parameter.path[1]), *parameter.path[2:])))
+                parameters.append(
+                    replace(parameter, path=("effects", kept.index(parameter.path[1]), *parameter.path[2:]))
+                )
         less = replace(
             model,
             transducer=put(model.transducer, ("effects",), tuple(effects[k] for k in kept)),
@@ -229,7 +241,11 @@ class Searcher:
             better = self._exchanged(now, less, n)
             if better is not None:
                 now = better
-                levels = [*levels[:n], *levels[n + 1 :], float(chi2.sf(less.cost - now.cost, self._freedom(now.found, -1)))]
+                levels = [
+                    *levels[:n],
+                    *levels[n + 1 :],
+                    float(chi2.sf(less.cost - now.cost, self._freedom(now.found, -1))),
+                ]
                 n = 0
                 continue
             n += 1
@@ -271,7 +287,8 @@ class Searcher:
 def _key(candidate: Candidate) -> str:
     """What is fitted once: an effect, for each channel or label."""
     effect = candidate.effect
-    return f"{effect.name} {getattr(effect, 'channel', '')} {getattr(effect, 'resistance', '') if effect.name == 'load_error' else ''}"
+    own = [field.name for field in fields(effect) if field.default is None or "unit" not in field.metadata]
+    return " ".join([effect.name, *(str(getattr(effect, name)) for name in own)])
 
 
 def _fair_cost(step: Step) -> float:

@@ -1,4 +1,4 @@
-"""Records in the form in which a fit takes them: samples, settings of the prediction, and what is known of their noise."""
+"""Records as a fit takes them: samples, settings of the prediction, and what is known of their noise."""
 
 from __future__ import annotations
 

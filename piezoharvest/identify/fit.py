@@ -1,18 +1,21 @@
 """Output-error fit of all channels of all records at once: Levenberg-Marquardt on Whittle's likelihood.
 
-Sources: Ljung, System Identification, 1999, sections 7.2 and 10.2 (output error, Gauss-Newton); Soderstrom, Automatica 43(6),
+Sources: Ljung, System Identification, 1999, sections 7.2 and 10.2 (output error, Gauss-Newton); Soderstrom,
+Automatica 43(6),
 939-958, 2007 (noise in the drive).
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy.optimize import lsq_linear
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.gain import gain_of
@@ -80,7 +83,9 @@ class Problem:
     offset_channels : tuple of str
     """
 
-    def __init__(self, data: Sequence[Data | FrequencyData], nominal: Transducer, offset_channels: tuple[str, ...]) -> None:
+    def __init__(
+        self, data: Sequence[Data | FrequencyData], nominal: Transducer, offset_channels: tuple[str, ...]
+    ) -> None:
         self.data, self.nominal, self.offset_channels = tuple(data), nominal, offset_channels
 
     def noise(self) -> Noise:
@@ -164,7 +169,8 @@ def reestimated(problem: Problem, found: Fit) -> Noise:
         for prediction, _, residual, _ in residual_blocks(found.model, data, own, False):
             frequencies = np.fft.rfftfreq(len(residual), data.setting.sample_time)
             spectra.append((
-                data.channels, data.drive, spectra_of(residual) / np.sqrt(2.0), gain_of(prediction, data.channels, frequencies)
+                data.channels, data.drive, spectra_of(residual) / np.sqrt(2.0), gain_of(prediction, data.channels,
+                frequencies)
             ))  # fmt: skip
     white = {name: sigma for name, sigma in found.noise.sigma.items() if name not in errors}
     return Noise({**(estimate(spectra, problem.known, Noise(white)).sigma if spectra else {}), **errors})
@@ -194,7 +200,9 @@ def _prior(problem: Problem, model: Model, own: Sequence[np.ndarray]) -> tuple[n
         means.append(nominal)
         size = PRIOR if parameter.scaling == "log" else WEAK * (abs(nominal) or 1.0)
         precision.append(size**-2)
-    return np.concatenate([means, np.zeros(sum(map(len, own)))]), np.concatenate([precision, np.zeros(sum(map(len, own)))])
+    return np.concatenate([means, np.zeros(sum(map(len, own)))]), np.concatenate(
+        [precision, np.zeros(sum(map(len, own)))]
+    )
 
 
 def whiteners(
@@ -209,6 +217,12 @@ def whiteners(
     )
 
 
+@cache
+def _threads() -> ThreadpoolController:
+    """The libraries whose threads are limited; to find them takes as long as to fit a record."""
+    return ThreadpoolController()
+
+
 def _sums(
     problem: Problem,
     model: Model,
@@ -217,10 +231,10 @@ def _sums(
     scatter: bool = False,
 ) -> tuple[Sums, ...]:
     # Records side by side; threads within products of small matrices would wait for each other most of the time.
-    for data in problem.data:
-        if isinstance(data, Data):
-            model.lowered(data)
-    with threadpool_limits(1), ThreadPoolExecutor(WORKERS) as pool:
+    with _threads().limit(limits=1), ThreadPoolExecutor(WORKERS) as pool:
+        for data in problem.data:
+            if isinstance(data, Data):
+                model.lowered(data)
         jobs = [pool.submit(each.sums, model, mine, scatter) for each, mine in zip(white, own, strict=True)]
         return tuple(job.result() for job in jobs)
 
@@ -255,7 +269,9 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
     for iteration in range(1, MOST + 1):
         total = information + np.diag(precision)
         slope = gradient - precision * (values - mean)
-        step, promise = _bounded_step(total, slope, damping, np.maximum(lower - values, -most), np.minimum(upper - values, most))
+        step, promise = _bounded_step(
+            total, slope, damping, np.maximum(lower - values, -most), np.minimum(upper - values, most)
+        )
         limit = max(1.0, ROUGH * squares) if loose else enough
         if promise < limit:
             converged, message = True, "converged"
@@ -293,13 +309,14 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
 
 def _split(values: np.ndarray, model: Model, own: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
     ends = np.cumsum([len(model.parameters), *(len(mine) for mine in own)])
-    return tuple(values[begin:end] for begin, end in zip(ends[:-1], ends[1:], strict=True))
+    return tuple(values[begin:end] for begin, end in itertools.pairwise(ends))
 
 
 def _bounded_step(information, slope, damping, lower, upper) -> tuple[np.ndarray, float]:
     """Step within bounds, and by how much it should lower the cost."""
     size = np.sqrt(np.maximum(np.abs(np.diag(information)), 1e-300))
-    # Without what the noise of the drive adds, the information in a direction that the data hardly shows may come out negative.
+    # Without what the noise of the drive adds, the information in a direction that the data hardly shows may come out
+    # negative.
     values, vectors = np.linalg.eigh(information / np.outer(size, size))
     values = np.maximum(values, LEAST)
     curvature = (vectors * values) @ vectors.T * np.outer(size, size)
@@ -314,7 +331,9 @@ def _bounded_step(information, slope, damping, lower, upper) -> tuple[np.ndarray
     return step, float(2.0 * slope @ step - step @ curvature @ step)
 
 
-def linearised(problem: Problem, model: Model, own: Sequence[np.ndarray], found: Fit) -> tuple[np.ndarray, np.ndarray, float]:
+def linearised(
+    problem: Problem, model: Model, own: Sequence[np.ndarray], found: Fit
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Information, gradient and sum of squares of a model, residuals weighed as in another fit of the same records."""
     return _whole(model, own, _sums(problem, model, own, whiteners(problem, found.model, found.noise)))
 
@@ -322,7 +341,8 @@ def linearised(problem: Problem, model: Model, own: Sequence[np.ndarray], found:
 def covariance(found: Fit) -> np.ndarray:
     """Covariance of all parameters, with the residuals' colour as it is: a sandwich by bands of frequency.
 
-    Where the residuals of a band are larger than the noise (rounding, slow noise, what the model misses), the information of the
+    Where the residuals of a band are larger than the noise (rounding, slow noise, what the model misses), the
+    information of the
     band counts that much less; they are never taken to be smaller.
     """
     model, own = found.model, found.own
@@ -352,4 +372,3 @@ def inverse(information: np.ndarray) -> np.ndarray:
 def with_parameters(model: Model, parameters: Sequence[Parameter]) -> Model:
     """Model with other numbers that vary."""
     return replace(model, parameters=tuple(parameters))
-

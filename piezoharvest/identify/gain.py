@@ -61,7 +61,7 @@ def _depends(effect: Effect, channel: str) -> bool:
 
 
 def _late(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What delays do to the channels, (f, channels), and its derivative to the delay: splines through the samples, as predicted."""
+    """What delays do to the channels, (f, channels), by splines through the samples, and its derivative."""
     h, effects = prediction.setting.sample_time, prediction.transducer.effects
     angle = 2 * np.pi * np.maximum(frequencies * h, SLOWEST)
     factors, rates = [], []
@@ -76,9 +76,14 @@ def _late(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarr
 
 
 def _spline(angle: np.ndarray) -> list[np.ndarray]:
-    """Coefficients of the cubic spline through a sine's samples, in powers of the share of the step, for a sample of 1."""
+    """Coefficients of the cubic spline through a sine's samples, in powers of the share of the step."""
     turn, rate = np.exp(1j * angle), 3j * np.sin(angle) / (2.0 + np.cos(angle))
-    return [np.ones_like(rate), rate, 3.0 * (turn - 1.0) - rate * (2.0 + turn), 2.0 * (1.0 - turn) + rate * (1.0 + turn)]
+    return [
+        np.ones_like(rate),
+        rate,
+        3.0 * (turn - 1.0) - rate * (2.0 + turn),
+        2.0 * (1.0 - turn) + rate * (1.0 + turn),
+    ]
 
 
 def small_response(
@@ -100,7 +105,10 @@ def small_response(
         Derivatives to the parameters, of which there are none unless they are wanted.
     """
     n = len(drive)
-    values, slopes = np.zeros((n, len(channels))), np.zeros((n, len(channels), len(prediction.parameters) * derivatives))
+    values, slopes = (
+        np.zeros((n, len(channels))),
+        np.zeros((n, len(channels), len(prediction.parameters) * derivatives)),
+    )
     if not np.any(drive):
         return values, slopes
     gain = _gain(prediction, channels, np.fft.rfftfreq(n, prediction.setting.sample_time))
@@ -150,12 +158,15 @@ class _Gain:
             return np.zeros((*self.value.shape, 0), complex)
         step, slopes = prediction.step, prediction.slopes
         parts = [
-            getattr(step, name) + 1j * SMALL * np.moveaxis(getattr(slopes, name)[:, :, :count], -1, 0) for name in ("M", "H", "O")
+            getattr(step, name) + 1j * SMALL * np.moveaxis(getattr(slopes, name)[:, :, :count], -1, 0)
+            for name in ("M", "H", "O")
         ]
-        d = _Line(*(np.imag(part) / SMALL for part in _Line.of(*parts, self._rows, prediction)))
+        d = _Line(*(np.imag(part) / SMALL for part in _Line.of(parts[0], parts[1], parts[2], self._rows, prediction)))
         n = self._states.shape[1]
         # Products with all parameters at once, (f, n * parameters), then what each state does to the channels.
-        inner = np.concatenate([np.broadcast_to(part, (count, *part.shape[-2:])) for part in (d.A, d.kept)] + [d.driven()], axis=-1)
+        inner = np.concatenate(
+            [np.broadcast_to(part, (count, *part.shape[-2:])) for part in (d.A, d.kept)] + [d.driven()], axis=-1
+        )
         pushed = (self._moving @ inner.transpose(2, 1, 0).reshape(inner.shape[2], -1)).reshape(-1, n, count)
         direct = np.concatenate([d.C, d.D], axis=-1)
         found = np.column_stack([self._states, self._drive]) @ direct.transpose(2, 1, 0).reshape(direct.shape[2], -1)
@@ -165,7 +176,8 @@ class _Gain:
 class _Line(NamedTuple):
     """A step with its elements as straight lines.
 
-    kept z(next) = A z + cubic c + before e + after e(next), outputs = C z + D e, where e is the drive and its rate; parameters may be the first axis.
+    kept z(next) = A z + cubic c + before e + after e(next), outputs = C z + D e, where e is the drive and its rate;
+    parameters may be the first axis.
     """
 
     kept: np.ndarray

@@ -42,7 +42,7 @@ def undetermined(found: Fit) -> list[int]:
 
 
 def size_of(found: Fit, k: int) -> float:
-    """By how much a parameter that is varied changes when it becomes e times as large; infinite where it may be absent."""
+    """Change of what is varied when the parameter becomes e times as large; infinite where it may be absent."""
     parameter = found.model.parameters[k]
     if parameter.scaling == "log":
         return 1.0

@@ -127,7 +127,9 @@ def _prepared(campaign: Campaign, record: Record | FrequencyRecord) -> Data | Fr
         raise CampaignError(campaign.path, f"{record.key}.{error.key}", error.message) from None
 
 
-def identify(campaign: Campaign, tell: Tell = lambda text: None, offsets: Sequence[str] | None = None) -> Identification:
+def identify(
+    campaign: Campaign, tell: Tell = lambda text: None, offsets: Sequence[str] | None = None
+) -> Identification:
     """Identify the parameters of a campaign's transducer.
 
     Parameters
@@ -155,7 +157,14 @@ def identify(campaign: Campaign, tell: Tell = lambda text: None, offsets: Sequen
     fixed = undetermined(first)
     kept = [p for k, p in enumerate(parameters) if k not in fixed]
     nominal = _with_nominal(first.model.transducer, campaign.transducer, [parameters[k] for k in fixed])
-    last = fit(problem, replace(first.model, transducer=nominal, parameters=tuple(kept)), first.own, first.noise, tell=tell, rounds=1)
+    last = fit(
+        problem,
+        replace(first.model, transducer=nominal, parameters=tuple(kept)),
+        first.own,
+        first.noise,
+        tell=tell,
+        rounds=1,
+    )
     estimates = _estimates(campaign.transducer, parameters, first, fixed, last)
     shown = [*judged(data, last), *_validated(campaign, last, tuple(offsets), tell)]
     return Identification(

@@ -1,8 +1,10 @@
 """Noise of a campaign as it is: white in every channel, and that of the drive as the specimen passes it on.
 
 A residual is r = n - G n_d: the noise n of the channels less the response G to the noise n_d of the measured drive. Its
-cross-spectral matrix diag(sigma^2) + sigma_d^2 G G^H is coloured and couples the channels; with it an output-error fit is
-right to first order in the noise of the drive (errors in variables: Soderstrom, Automatica 43(6), 939-958, 2007; Whittle's
+cross-spectral matrix diag(sigma^2) + sigma_d^2 G G^H is coloured and couples the channels; with it an output-error
+fit is
+right to first order in the noise of the drive (errors in variables: Soderstrom, Automatica 43(6), 939-958, 2007;
+Whittle's
 likelihood: Brillinger, Time Series, 1981).
 """
 
@@ -111,7 +113,7 @@ def _median_of_means(cross: np.ndarray) -> np.ndarray:
 
 
 class Rounding(NamedTuple):
-    """How a channel is rounded: the step, the amplitude of the mean error within it, and what a second device adds to each."""
+    """How a channel is rounded: step, amplitude of the mean error within it, what a second device adds."""
 
     step: float
     size: float
@@ -121,9 +123,12 @@ class Rounding(NamedTuple):
 def rounding(values: np.ndarray, sigma: float) -> Rounding:
     """Step to which a sensor rounds, and the errors that noise does not average out.
 
-    The mean of rounded values is off by (step / pi) exp(-2 pi^2 s^2 / step^2) sin(2 pi x / step), s being the noise before
-    (Widrow & Kollar, Quantization Noise, 2008, ch. 4); where a load is held, that is an error which does not change. So is
-    the error of a converter behind a sensor that rounds more coarsely: standard deviation of a twelfth of its step squared.
+    The mean of rounded values is off by (step / pi) exp(-2 pi^2 s^2 / step^2) sin(2 pi x / step), s being the noise
+    before
+    (Widrow & Kollar, Quantization Noise, 2008, ch. 4); where a load is held, that is an error which does not change.
+    So is
+    the error of a converter behind a sensor that rounds more coarsely: standard deviation of a twelfth of its step
+    squared.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from piezoharvest.identify.sums import EDGES, Model, Sums
+from piezoharvest.identify.sums import Model, Sums
 from piezoharvest.predict.parameters import STEP, stepped, value_at
 from piezoharvest.predict.specimen import STOP, Matrices, Specimen
 from piezoharvest.records.record import FrequencyRecord
@@ -35,7 +35,7 @@ class FrequencyData:
 
     @property
     def role(self) -> str:
-        """ "fit" or "validate"."""
+        """Whether it is fitted: "fit" or "validate"."""
         return self.record.role
 
     def __len__(self) -> int:
@@ -84,7 +84,9 @@ class FrequencyData:
 def _sticking(m: Matrices, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """A, B, C and D with every stop operator as the straight line that it is while it sticks."""
     n, w = len(m.A), len(m.kinds)
-    stick = np.array([m.O[place, :n] if kind == STOP else np.zeros(n) for kind, place in zip(m.kinds, m.places[:, 0], strict=True)])
+    stick = np.array(
+        [m.O[place, :n] if kind == STOP else np.zeros(n) for kind, place in zip(m.kinds, m.places[:, 0], strict=True)]
+    )
     stick = stick.reshape(w, n)
     return m.A + m.W @ stick, m.B[:, 0], m.O[row, :n] + m.O[row, n : n + w] @ stick, m.O[row, n + w]
 
@@ -102,15 +104,14 @@ class ResponseWeights:
         sigma = self.error * relative_error(record) * np.abs(record.response)
         r, d = (record.response - value) / sigma, slopes / sigma[:, None]
         flat, full = np.concatenate([r.real, r.imag]), np.concatenate([d.real, d.imag])
-        bands, p = len(EDGES) - 1, len(model.parameters)
-        sums = Sums(np.zeros((bands, p, p)), np.zeros((bands, p)), np.zeros(bands), np.zeros(bands), np.zeros((p, p)), np.zeros((bands, p, p)))
+        sums = Sums.empty(len(model.parameters))
         sums.information[-1], sums.gradient[-1] = full.T @ full, full.T @ flat
         sums.squares[-1], sums.count[-1] = flat @ flat, len(flat)
         return sums
 
 
 def relative_error(record: FrequencyRecord) -> np.ndarray:
-    """Error of each line as its coherence tells it, but for a common factor (Bendat & Piersol, Random Data, 2010, 9.2)."""
+    """Error of each line by its coherence, but for a common factor (Bendat & Piersol, Random Data, 2010, 9.2)."""
     if record.coherence is None:
         return np.ones(len(record))
     coherence = np.clip(record.coherence, 1e-3, 1.0 - 1e-6)

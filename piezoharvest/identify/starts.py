@@ -17,7 +17,8 @@ ROUGH = 1e-3  # of -2 ln L for each residual: what a rough fit leaves
 def started(problem: Problem, model: Model, tell: Callable[[str], None]) -> Fit:
     """Fit a model from the nominal values, and from others if these end where residuals are much larger than noise.
 
-    The fit is convex enough in all but the thresholds of the operators. While stiffness, coupling and capacitance are far off,
+    The fit is convex enough in all but the thresholds of the operators. While stiffness, coupling and capacitance are
+    far off,
     thresholds run away to explain it, and two of them may merge; so they stay for a first rough fit.
 
     Parameters

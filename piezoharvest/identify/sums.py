@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
+from functools import reduce
+from operator import add
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -45,8 +48,20 @@ class Sums:
     gradient: np.ndarray
     squares: np.ndarray
     count: np.ndarray
-    scatter: np.ndarray | float = 0.0
-    noisy: np.ndarray | float = 0.0
+    scatter: np.ndarray
+    noisy: np.ndarray
+
+    @classmethod
+    def empty(cls, p: int) -> Sums:
+        """Sums of nothing, for so many parameters."""
+        bands = len(EDGES) - 1
+        return cls(
+            np.zeros((bands, p, p)), np.zeros((bands, p)), np.zeros(bands), np.zeros(bands), np.zeros((p, p)),
+            np.zeros((bands, p, p)),
+        )  # fmt: skip
+
+    def __add__(self, other: Sums) -> Sums:
+        return Sums(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
 
 @dataclass(frozen=True)
@@ -99,7 +114,7 @@ class Whitener:
         self._steps = [rounding(data.record[channel], noise.sigma[channel]) for channel in data.channels]
 
     def of(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """For a block of so many samples: matrices (f, channels, channels), and squares (f,) of the drive's noise in them."""
+        """Matrices (f, channels, channels) for a block of so many samples, and squares (f,) of the drive's noise."""
         if count not in self._matrices:
             data = self._data
             gain = gain_of(self._prediction, data.channels, np.fft.rfftfreq(count, data.setting.sample_time))
@@ -110,7 +125,8 @@ class Whitener:
     def sums(self, model: Model, own: np.ndarray, scatter: bool = False) -> Sums:
         """Sums of the record for a model, with what rounded sensors scatter if that is wanted.
 
-        The derivatives of a prediction carry the same noise of the drive as its residuals, so that a model that passes on
+        The derivatives of a prediction carry the same noise of the drive as its residuals, so that a model that
+        passes on
         less of it would seem better: what each model is expected to pass on is taken off.
 
         Raises
@@ -135,17 +151,19 @@ class Whitener:
                 part.gradient[:, :p] += gradient
                 part.squares[:] -= squares
             parts.append(part)
-        return Sums(*(sum(each) for each in zip(*(vars(part).values() for part in parts), strict=True)))
+        return reduce(add, parts)
 
     def _scatter(self, predicted: np.ndarray, whitened: np.ndarray, white: np.ndarray) -> np.ndarray:
-        """Covariance of the gradient by the errors of rounded sensors, (p, p); their phase depends on an offset that is free."""
+        """Covariance of the gradient by errors of rounded sensors, (p, p), whose phase depends on a free offset."""
         found = np.zeros((whitened.shape[2],) * 2)
         for k, (channel, rounded) in enumerate(zip(self._data.channels, self._steps, strict=True)):
             if max(rounded.size, rounded.second) < ROUND * self._noise.sigma[channel]:
                 continue
             turns = predicted[:, k] / rounded.step
             slopes = _in_time(np.einsum("fc,fcp->fp", np.conj(white[:, :, k]), whitened), len(turns))
-            waves = np.sqrt(0.5) * rounded.size * np.array([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)]) @ slopes
+            waves = (
+                np.sqrt(0.5) * rounded.size * np.array([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)]) @ slopes
+            )
             steps = np.round(turns).astype(np.int64)
             steps -= steps.min()
             each = rounded.second * np.array([np.bincount(steps, column) for column in slopes.T])
@@ -157,7 +175,8 @@ class Whitener:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What the noise of the drive is expected to give, by bands.
 
-        Products of the derivatives, (bands, p, p), of derivatives and passed noise, (bands, p), and squares beyond those at first.
+        Products of the derivatives, (bands, p, p), of derivatives and passed noise, (bands, p), and squares beyond
+        those at first.
         """
         frequencies = np.fft.rfftfreq(count, self._data.setting.sample_time)
         gain, slopes = gain_slopes(prediction, self._data.channels, frequencies)
@@ -167,11 +186,16 @@ class Whitener:
         products = np.real(np.einsum("fc,fcp->fp", np.conj(passed), D)) * power[:, None]
         edges = np.minimum(np.searchsorted(frequencies, EDGES), len(frequencies))
         D *= np.sqrt(power)[:, None, None]
-        information = np.array([_gram(D[a:b].reshape((b - a) * D.shape[1], D.shape[2])) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+        information = np.array(
+            [
+                _gram(D[a:b].reshape((b - a) * D.shape[1], D.shape[2]))
+                for a, b in itertools.pairwise(edges)
+            ]
+        )
         return information, _by_bands(products, edges), _by_bands((squares - at_first) * power, edges)
 
 
-def _gram(D: np.ndarray) -> np.ndarray:
+def _gram(D: Any) -> np.ndarray:
     """Real part of D^H D."""
     return D.real.T @ D.real + D.imag.T @ D.imag
 
@@ -232,8 +256,15 @@ def extras(model: Model, data: Data, prediction: Prediction) -> list[Extra]:
                 continue
             # A line on the measured drive is not in the real one: the prediction has it in all channels.
             at = np.array([frequency])
-            gains = -specimen_gain(prediction, data.channels, at)[0] if channel == data.drive else eye[data.channels.index(channel)]
-            found += [Extra(f"{effect.name} {part}", gains * phase, frequency, n) for part, phase in (("cos", 1), ("sin", -1j))]
+            gains = (
+                -specimen_gain(prediction, data.channels, at)[0]
+                if channel == data.drive
+                else eye[data.channels.index(channel)]
+            )
+            found += [
+                Extra(f"{effect.name} {part}", gains * phase, frequency, n)
+                for part, phase in (("cos", 1), ("sin", -1j))
+            ]
     return found
 
 
@@ -284,21 +315,24 @@ def _in_time(spectra: np.ndarray, count: int) -> np.ndarray:
     return np.fft.irfft(spectra * np.sqrt(count / components(count))[:, None], count, axis=0)
 
 
-def _whitened(residual, slopes, W: np.ndarray, sample_time: float, scatter: Callable[[np.ndarray], np.ndarray] | None) -> Sums:
+def _whitened(
+    residual, slopes, W: np.ndarray, sample_time: float, scatter: Callable[[np.ndarray], np.ndarray] | None
+) -> Sums:
     """Sums of one block, by bands."""
     count, channels = residual.shape
     R = (W @ spectra_of(residual)[:, :, None])[:, :, 0]
     D = W @ spectra_of(slopes)
     edges = np.searchsorted(np.fft.rfftfreq(count, sample_time), EDGES)
     P, bands = D.shape[2], len(EDGES) - 1
-    nothing = np.zeros((bands, P, P))
-    rounded = np.zeros((P, P)) if scatter is None else scatter(D)
-    sums = Sums(nothing.copy(), np.zeros((bands, P)), np.zeros(bands), np.zeros(bands), rounded, nothing)
+    sums = Sums.empty(P)
+    if scatter is not None:
+        sums.scatter[:] = scatter(D)
     for band in range(bands):
         part = slice(edges[band], edges[band + 1])
         if part.start == part.stop:
             continue
-        d, r = D[part].reshape(-1, P), R[part].reshape(-1)
+        d: Any = D[part].reshape(-1, P)
+        r: Any = R[part].reshape(-1)
         sums.information[band], sums.gradient[band] = _gram(d), d.real.T @ r.real + d.imag.T @ r.imag
         sums.squares[band] = r.real @ r.real + r.imag @ r.imag
         # The lines at zero and at half the sample rate have one component, the others two.

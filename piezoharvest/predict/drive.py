@@ -32,14 +32,18 @@ class Drive(NamedTuple):
 def drive_of(values: np.ndarray) -> Drive:
     """Interpolate the samples of a drive.
 
-    A spline, not straight lines: these lose (w h)^2/12 of a sine of angular frequency w between samples h apart, which a
+    A spline, not straight lines: these lose (w h)^2/12 of a sine of angular frequency w between samples h apart,
+    which a
     record of ten thousand samples shows. At a jump the spline is broken, for it would ring.
     """
     jumps = _jumps(values)
     coefficients = np.zeros((len(values) - 1, 4))
     coefficients[:, 0], coefficients[:, 1] = values[:-1], np.diff(values)
-    # After a jump, whose instant is a number of the record's own, the drive is at its new value: at rest, not on a ramp.
-    coefficients[jumps] = values[jumps + 1, None] * np.eye(4)[0] + 0.5 * (values[jumps] - values[jumps + 1])[:, None] * BUMP
+    # After a jump, whose instant is a number of the record's own, the drive is at its new value: at rest, not on a
+    # ramp.
+    coefficients[jumps] = (
+        values[jumps + 1, None] * np.eye(4)[0] + 0.5 * (values[jumps] - values[jumps + 1])[:, None] * BUMP
+    )
     for begin, end in zip([0, *(jumps + 1)], [*jumps, len(values) - 1], strict=True):
         if end - begin >= 3:
             spline = CubicSpline(np.arange(end - begin + 1.0), values[begin : end + 1])

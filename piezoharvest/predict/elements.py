@@ -15,8 +15,6 @@ def outputs_of(matrices: Matrices, z: np.ndarray, w: np.ndarray, e: np.ndarray) 
         value, exponent = inputs[first], np.real(matrices.parameters[j])
         if kind == PRODUCT:
             found[j] = value * inputs[second]
-        elif kind == POWER:
-            found[j] = value**exponent
-        elif kind == POSITIVE_POWER and np.real(value) > 0:
+        elif kind == POWER or (kind == POSITIVE_POWER and np.real(value) > 0):
             found[j] = value**exponent
     return found

@@ -1,8 +1,11 @@
 """The compiled march over the samples of a record, with the derivatives to all parameters beside it.
 
-Everything between two samples is linear but for the elements, whose outputs at the end of a step depend on the state there:
-Newton on their inputs. A stop whose input turns within the step is taken to the turning point first, which the cubic through
-values and rates at both ends gives. Derivatives are propagated with the step, parameters being the innermost axis so that
+Everything between two samples is linear but for the elements, whose outputs at the end of a step depend on the state
+there:
+Newton on their inputs. A stop whose input turns within the step is taken to the turning point first, which the cubic
+through
+values and rates at both ends gives. Derivatives are propagated with the step, parameters being the innermost axis so
+that
 the loops over them run in vector registers.
 """
 
@@ -87,7 +90,7 @@ def _element(kind, limit, before, a, da, b, db, second, h):
 
 @_fast
 def _add(into, factor, row):
-    """into += factor * row, all of them one-dimensional."""
+    """Into += factor * row, all of them one-dimensional."""
     if factor != 0.0:
         for p in range(len(into)):
             into[p] += factor * row[p]
@@ -110,7 +113,7 @@ def _dot(rows, z, w, e, out):
 
 @_fast
 def _weigh(tangents, z, w, e, out):
-    """Sum of the derivatives of the rows' coefficients times what they multiply with; `out` holds all rows side by side."""
+    """Sum of derivatives of coefficients times what these multiply with; `out` holds all rows side by side."""
     n, nw = len(z), len(w)
     out[:] = 0.0
     for j in range(n):
@@ -171,9 +174,7 @@ def _find(K, base, limits, kinds, places, before, old, h, relaxed, w, trial, slo
                 w[j] = 0.0
                 slopes[j] = 0.0
                 continue
-            s = _element(
-                kinds[j], limits[j], before[j], old[a], old[half + a], trial[a], trial[half + a], trial[b], h
-            )
+            s = _element(kinds[j], limits[j], before[j], old[a], old[half + a], trial[a], trial[half + a], trial[b], h)
             w[j] = s[0]
             for q in range(7):
                 slopes[j, q] = s[q + 1]
@@ -205,7 +206,7 @@ def _find(K, base, limits, kinds, places, before, old, h, relaxed, w, trial, slo
 
 @_fast
 def march(
-    coefficients, bumps, first, share, at_start, h, M, H, O, limits, kinds, places, dM, dH, dO, dlimits,
+    coefficients, bumps, first, share, at_start, h, M, H, O, limits, kinds, places, dM, dH, dO, dlimits,  # noqa: E741
     z, w, inputs, dz, dw, dinputs, local, Y, dY,
 ):  # fmt: skip
     """March over a block of samples.
@@ -221,7 +222,8 @@ def march(
     share : float
         Share of the record that a step takes.
     at_start : bool
-        Whether the record begins here: then the first sample is observed too, else it is the last one of the block before.
+        Whether the record begins here: then the first sample is observed too, else it is the last one of the block
+        before.
     h : float
         s between samples.
     M, H, O, limits
@@ -248,7 +250,7 @@ def march(
     half = m // 2
     e, c = np.zeros(4), np.zeros(6)
     old, before, trial, base = inputs.copy(), w.copy(), np.zeros(m), np.zeros(m)
-    zl, all_rows, none = np.zeros(n), np.zeros(m + no), np.zeros(nw)
+    zl, _all_rows, none = np.zeros(n), np.zeros(m + no), np.zeros(nw)
     slopes, J, residual = np.zeros((nw, 7)), np.zeros((m, m)), np.zeros((m, 1))
     sizes, move = np.abs(inputs), np.zeros(m)
     dold, dbefore, dzl, right = dinputs.copy(), dw.copy(), np.zeros(n * P), np.zeros((m, P))

@@ -17,7 +17,8 @@ from piezoharvest.predict.steps import Step, equilibrium, inverse_of, step_of
 from piezoharvest.shunts import Shunt
 from piezoharvest.transducer import Transducer
 
-# Steps of components are too small for what comes after their equations: squares of imaginary parts would underflow, which is slow.
+# Steps of components are too small for what comes after their equations: squares of imaginary parts would underflow,
+# which is slow.
 MAGNIFIED = 1e-30
 BLOCK = 1 << 16  # samples at a time: a record of millions of samples is never in memory with its derivatives
 SLOW = 2.0  # samples: a state that lasts longer than this has a start of its own,
@@ -163,7 +164,8 @@ class Prediction:
         self.own_names = tuple(matrices.states[k] for k in self.free) + jumps
         self.own = np.zeros(len(self.own_names)) if own is None else own
         self.channels = matrices.channels
-        # Mean slopes of the elements to their inputs, (elements, 2): those of relaxed operators that slip, until a march tells.
+        # Mean slopes of the elements to their inputs, (elements, 2): those of relaxed operators that slip, until a
+        # march tells.
         self.local = np.zeros((len(matrices.kinds), 2))
 
     @cached_property
@@ -218,12 +220,17 @@ class Prediction:
         limits = np.ascontiguousarray(np.real(matrices.parameters))
         tangents = [_by_columns(array) for array in (slopes.M, slopes.H, slopes.O)]
         for begin, end in pairwise([0, *range(size - 1, setting.count - 1, size), setting.count - 1]):
-            Y, dY = np.empty((end - begin + 1, len(matrices.channels))), np.empty((end - begin + 1, len(matrices.channels), P))
+            Y, dY = (
+                np.empty((end - begin + 1, len(matrices.channels))),
+                np.empty((end - begin + 1, len(matrices.channels), P)),
+            )
             inside = np.flatnonzero((jumps >= begin) & (jumps < end)) if P else np.zeros(0, int)
             bumps = np.column_stack([jumps[inside] - begin, len(self.parameters) + states + inside]).astype(np.int64)
             failed = march(
                 coefficients[begin:end], bumps, begin * self.share, self.share, begin == 0, setting.sample_time,
-                *arrays, limits, matrices.kinds, matrices.places, *tangents, slopes.limits, z, w, inputs, dz, dw, dinputs, local, Y, dY,
+                arrays[0], arrays[1], arrays[2], limits, matrices.kinds, matrices.places,
+                tangents[0], tangents[1], tangents[2], slopes.limits,
+                z, w, inputs, dz, dw, dinputs, local, Y, dY,
             )  # fmt: skip
             if failed >= 0 or not np.all(np.isfinite(Y)):
                 raise PredictionError(f"no solution at sample {begin + max(failed, 0) + 1}")

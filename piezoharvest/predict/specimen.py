@@ -8,6 +8,7 @@ then solved for the rates of the states, once, and what is not linear stays in t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,8 @@ from piezoharvest.transducer import Transducer
 WIDTH = 96  # columns at most: a transducer of six modes with ten operators and five effects
 STOP, PRODUCT, POWER, POSITIVE_POWER = range(4)
 INPUTS = ("drive", "drive_rate", "one", "time")
-# An imposed voltage, zero for a short, reaches the electrodes through leads whose time constant is this share of a sample.
+# An imposed voltage, zero for a short, reaches the electrodes through leads whose time constant is this share of a
+# sample.
 LEADS = 1e-4
 
 
@@ -37,7 +39,8 @@ class Element(NamedTuple):
 class Matrices:
     """Linear part of a specimen, in states scaled to the root of energy.
 
-    z' = A z + B e + W w and [inputs of the elements; rates of these; outputs] = O [z; w; e], with e the drive, its rate, 1 and
+    z' = A z + B e + W w and [inputs of the elements; rates of these; outputs] = O [z; w; e], with e
+    the drive, its rate, 1 and
     time, and w the outputs of the elements.
 
     Attributes
@@ -89,7 +92,8 @@ class Specimen:
     one, time, drive : Row
         1, time as share of the record, and the drive in its unit.
     x, u, q, v_t, v, i, strain_charge : Row
-        Displacement (m) and velocity of the first mode, charge, voltage across the capacitance and at the electrodes, load
+        Displacement (m) and velocity of the first mode, charge, voltage across the capacitance and at the electrodes,
+        load
         current, and sum T_i x_i.
 
     Raises
@@ -188,7 +192,9 @@ class Specimen:
         modes, self._motion = self.transducer.all_modes, []
         if self.drive_name == "displacement":
             if len(modes) > 1:
-                raise ParameterError("transducer.modes", "found further modes, allowed under an imposed displacement is one")
+                raise ParameterError(
+                    "transducer.modes", "found further modes, allowed under an imposed displacement is one"
+                )
             self._motion = [(self.drive, self.drive_rate, None)]
         else:
             for n, mode in enumerate(modes, 1):
@@ -213,11 +219,16 @@ class Specimen:
             kind = getattr(shunt, "kind", None)
             raise ParameterError("shunt", f"found {kind!r}, allowed in a record that is fitted is a linear circuit")
         port = Port(self.v - source, np.nan * self.one, self.i, self.one, device.capacitance)
-        own = [(state.name, *self.state(f"shunt_{state.name}", state.storage)) for state in shunt.states(device.capacitance)]
-        rows = [_Namespace({name: z for name, z, _ in own}), _Namespace({name: dz for name, _, dz in own})]
+        own = [
+            (state.name, *self.state(f"shunt_{state.name}", state.storage))
+            for state in shunt.states(device.capacitance)
+        ]
+        rows = [SimpleNamespace(**{row[0]: row[k] for row in own}) for k in (1, 2)]
         for residual in shunt.equations("linear", port, *rows):
             if np.any(np.isnan(residual)):
-                raise ParameterError("shunt", f"found {shunt.kind!r}, allowed is one without a capacitor across the leads")
+                raise ParameterError(
+                    "shunt", f"found {shunt.kind!r}, allowed is one without a capacitor across the leads"
+                )
             self.equation(residual)
 
     def _mechanics(self) -> None:
@@ -227,7 +238,9 @@ class Specimen:
         for n, time_constant in enumerate(self._lags):
             if np.real(time_constant) == 0:
                 # To first order a lag takes the velocity off; a derivative asks for no more.
-                velocity = sum(mode.force_participation * u for mode, (_, u, _) in zip(modes, self._motion, strict=True))
+                velocity = sum(
+                    mode.force_participation * u for mode, (_, u, _) in zip(modes, self._motion, strict=True)
+                )
                 self._reading = self._reading - time_constant * velocity
                 continue
             z, dz = self.state(f"reading{n}", modes[0].stiffness)
@@ -245,7 +258,7 @@ class Specimen:
 
     def matrices(self) -> Matrices:
         """Solve the equations for the rates and signals."""
-        z, dz = ([state[k] for state in self._states] for k in (1, 2))
+        z, dz = [state[1] for state in self._states], [state[2] for state in self._states]
         scale = np.array([state[3] for state in self._states])
         columns = [int(np.argmax(row)) for row in [*dz, *self._signals]]
         known = [int(np.argmax(row)) for row in z], [int(np.argmax(w)) for _, w in self._elements], range(len(INPUTS))
@@ -280,13 +293,6 @@ class Specimen:
             if np.array_equal(row, z):
                 return dz
         return 0.0 * row
-
-
-class _Namespace:
-    """Rows of a circuit's states by name."""
-
-    def __init__(self, rows: dict[str, Row]) -> None:
-        self.__dict__.update(rows)
 
 
 def _distinct(elements: list[Element]) -> tuple[list[Row], np.ndarray]:

@@ -18,7 +18,8 @@ DEGREE = 3  # of the drive between two samples
 class Step(NamedTuple):
     """What advances a specimen by one sample.
 
-    With g = [z, w, c0..c3, 1, time] (states, elements' outputs, the drive's coefficients in powers of the share of the step):
+    With g = [z, w, c0..c3, 1, time] (states, elements' outputs, the drive's coefficients in powers of the share of the
+    step):
     z <- M g + H w and O as in `Matrices`. For derivatives every array has the parameters as its last axis.
 
     Attributes

@@ -127,8 +127,8 @@ def _pictures(found: Diagnosis, rows: Sequence[Scored]) -> Iterator[Picture]:
     for n, each in enumerate(records, 1):
         role = "fitted" if each.data.role == "fit" else "validation"
         caption = (
-            "Left: measured less predicted, means over short spans. Right: its spectrum; the line is white noise of the "
-            "same size."
+            "Left: measured less predicted, means over short spans. Right: its spectrum; the line is white noise of "
+            "the same size."
         )
         yield Picture(
             f"record_{n}", "records", f"{each.data.name} ({role})", caption, diagnosed.record_figure(each, changed)
@@ -149,14 +149,19 @@ def _causes(records: Sequence[Residuals], changed: bool) -> Iterator[Picture]:
     yield Picture("cause", "cause", heading, caption, diagnosed.cause_figure(each, c, changed))
 
 
+def _fitted(found: Diagnosis) -> Problem:
+    """The records that were fitted."""
+    return Problem(prepared(found.campaign, "fit"), found.campaign.transducer, found.before.offsets)
+
+
 def _structure(found: Diagnosis) -> Picture:
-    problem = Problem(prepared(found.campaign, "fit"), found.campaign.transducer, found.before.offsets)
+    problem = _fitted(found)
     sides = [("without effects", leftovers(problem, found.before.found))]
     if found.effects:
         sides.append(("with them", leftovers(problem, found.search.final)))
     caption = (
-        "Whitened squares of the residual by band of frequency in Hz, less what noise has, in units of its scatter; each "
-        "channel without what the channels before it tell. White is noise."
+        "Whitened squares of the residual by band of frequency in Hz, less what noise has, in units of its scatter; "
+        "each channel without what the channels before it tell. White is noise."
     )
     return Picture("structure", "structure", "Residuals against noise by record, channel and frequency", caption,
                    diagnosed.structure_figure(sides))  # fmt: skip
@@ -238,7 +243,7 @@ def _place(place: Leftover) -> dict[str, str]:
 
 
 def _hints(found: Diagnosis) -> Iterator[dict[str, str]]:
-    for hint in hints(found):
+    for hint in hints(_fitted(found), found.search.final):
         yield {
             "channel": hint.channel, "term": hint.term, "size": engineering(hint.size, response_unit(hint.channel)),
             "gain": number(hint.gain, 3),

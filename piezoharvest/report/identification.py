@@ -123,10 +123,13 @@ def _row(estimate: Estimate) -> dict[str, Any]:
     unit, std, value = estimate.parameter.unit, estimate.std, estimate.value
     change = f"{100 * (value / estimate.nominal - 1):+.1f}\u202f%".replace("-", "\u2212") if estimate.nominal else NONE
     return {
-        "name": estimate.parameter.name, "value": with_error(value, std, unit), "identifiable": estimate.identifiable,
+        "name": estimate.parameter.name,
+        "value": with_error(value, std, unit),
+        "identifiable": estimate.identifiable,
         "share": NONE if std is None or not value else percent(std / abs(value), 2),
-        "nominal": engineering(estimate.nominal, unit, 4), "change": change if estimate.identifiable else NONE,
-    }  # fmt: skip
+        "nominal": engineering(estimate.nominal, unit, 4),
+        "change": change if estimate.identifiable else NONE,
+    }
 
 
 def _unknown(estimate: Estimate) -> dict[str, str]:
@@ -140,6 +143,11 @@ def _residuals(found: Identification) -> Iterator[dict[str, Any]]:
             noise, unit = record.quality.noise[channel], response_unit(channel)
             ratio = rms / noise if noise else math.inf
             yield {
-                "file": record.name, "role": "fitted" if record.role == "fit" else "validation", "channel": channel,
-                "rms": engineering(rms, unit), "noise": engineering(noise, unit), "ratio": number(ratio, 3), "loud": ratio > LOUD,
-            }  # fmt: skip
+                "file": record.name,
+                "role": "fitted" if record.role == "fit" else "validation",
+                "channel": channel,
+                "rms": engineering(rms, unit),
+                "noise": engineering(noise, unit),
+                "ratio": number(ratio, 3),
+                "loud": ratio > LOUD,
+            }

@@ -129,7 +129,7 @@ def quantity_text(value: Any, unit: str | None, digits: int = 3) -> str:
 
 
 def with_error(value: float, std: float | None, unit: str) -> str:
-    """Value and its standard error, both to the error's second digit: "7.82141 ± 0.00065 N/V"; the value alone without one."""
+    """Value and standard error, both to the error's second digit: "7.82141 ± 0.00065 N/V"; or the value alone."""
     if not std or not math.isfinite(std):
         return engineering(value, unit, 4)
     factor, printed = prefix_of(max(abs(value), std), unit)

@@ -1,4 +1,4 @@
-"""`python -m reports.identification [--specimens N] [--workers N] [--long]`: coverage of the standard errors, kept as it grows.
+"""`python -m reports.identification [--specimens N] [--workers N] [--long]`: coverage of the standard errors.
 
 What is done stands in specimens.jsonl beside this file, a line for each specimen: the same command goes on from there.
 """

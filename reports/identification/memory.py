@@ -1,4 +1,4 @@
-"""A long record: ten minutes at 10 kHz, four channels, read, checked and fitted in a process whose memory is looked at."""
+"""A long record: ten minutes at 10 kHz, four channels, read, checked and fitted, and the memory that takes."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Peak(NamedTuple):
 
 
 def write_long_record(folder: Path, samples: int = SAMPLES, ending: str = "parquet") -> Path:
-    """Write a campaign of one record: a sine that swells and fades on the paper's stack, by the prediction, with noise."""
+    """Write a campaign of one record: a sine that swells and fades on the paper's stack, with noise."""
     rng, time = np.random.default_rng(0), np.arange(samples) / RATE
     force = 550.0 + 300.0 * np.sin(2 * np.pi * 2.0 * time) * (1.0 + 0.4 * np.sin(2 * np.pi * 0.05 * time))
     device = build_transducer({"catalogue": "NAC2125-H10"})
@@ -49,9 +49,20 @@ def write_long_record(folder: Path, samples: int = SAMPLES, ending: str = "parqu
     clean = {"force_N": force, **dict(zip(("displacement_m", "voltage_V", "current_A"), values.T, strict=True))}
     noisy = {name: x + NOISE[name] * rng.standard_normal(samples) for name, x in clean.items()}
     write_table({"time_s": time, **noisy}, folder / f"long.{ending}")
-    lines = ["[transducer]", "mass = 0.0158", "damping = 1250.0", "stiffness = 3.3e8", "coupling = 7.4", "capacitance = 3.4e-6",
-             "[transducer.hysteresis]", "thresholds = [0.1e-6, 0.3e-6, 0.7e-6]", "weights = [0.5e6, 1.5e6, 0.5e6]",
-             "[[records]]", f'file = "long.{ending}"', f"load_resistance = {LOAD}"]  # fmt: skip
+    lines = [
+        "[transducer]",
+        "mass = 0.0158",
+        "damping = 1250.0",
+        "stiffness = 3.3e8",
+        "coupling = 7.4",
+        "capacitance = 3.4e-6",
+        "[transducer.hysteresis]",
+        "thresholds = [0.1e-6, 0.3e-6, 0.7e-6]",
+        "weights = [0.5e6, 1.5e6, 0.5e6]",
+        "[[records]]",
+        f'file = "long.{ending}"',
+        f"load_resistance = {LOAD}",
+    ]
     (folder / "campaign.toml").write_text("\n".join(lines) + "\n")
     return folder / "campaign.toml"
 

@@ -18,10 +18,11 @@ def deviations(rows: list[dict]) -> dict[str, np.ndarray]:
     """Errors in units of the standard error, by parameter."""
     names = [name for name, one in rows[0]["parameters"].items() if any(r["parameters"][name]["std"] for r in rows)]
     return {
-        name: np.array([
-            (p["value"] - p["truth"]) / p["std"] for p in (row["parameters"][name] for row in rows) if p["std"]
-        ]) for name in names
-    }  # fmt: skip
+        name: np.array(
+            [(p["value"] - p["truth"]) / p["std"] for p in (row["parameters"][name] for row in rows) if p["std"]]
+        )
+        for name in names
+    }
 
 
 def write(rows: list[dict], folder: Path, long: dict | None) -> None:
@@ -29,17 +30,26 @@ def write(rows: list[dict], folder: Path, long: dict | None) -> None:
     z = deviations(rows)
     style.write_png(_figure(z), folder / "coverage.png")
     summary = {
-        name: {"specimens": len(v), "mean": v.mean(), "std": v.std(ddof=1), "within_3": float(np.mean(np.abs(v) < LIMIT)),
-               "largest": float(np.abs(v).max())} for name, v in z.items()
-    }  # fmt: skip
+        name: {
+            "specimens": len(v),
+            "mean": v.mean(),
+            "std": v.std(ddof=1),
+            "within_3": float(np.mean(np.abs(v) < LIMIT)),
+            "largest": float(np.abs(v).max()),
+        }
+        for name, v in z.items()
+    }
     before = (
         json.loads((folder / "identification.json").read_text()) if (folder / "identification.json").exists() else {}
     )
     result = {
-        "specimens": len(rows), "converged": sum(row["converged"] for row in rows), "coverage": summary,
-        "cpu_median": float(np.median([row["cpu"] for row in rows])), "wall_median": float(np.median([row["wall"] for row in rows])),
+        "specimens": len(rows),
+        "converged": sum(row["converged"] for row in rows),
+        "coverage": summary,
+        "cpu_median": float(np.median([row["cpu"] for row in rows])),
+        "wall_median": float(np.median([row["wall"] for row in rows])),
         "long_record": long or before.get("long_record"),
-    }  # fmt: skip
+    }
     write_text(json.dumps(result, indent=2) + "\n", folder / "identification.json")
     write_text(_page(result), folder / "identification.md")
 
@@ -53,11 +63,14 @@ def _page(result: dict) -> str:
         f"{result['converged']} fits converged; a fit takes {result['cpu_median']:.2g} s of CPU time (median). Written by "
         "`python -m reports.identification`.\n",
         "![errors in units of the standard error](coverage.png)\n",
-        "| parameter | within 3 standard errors | mean of z | standard deviation of z | largest |", "|---|---:|---:|---:|---:|",
-        *(f"| {name} | {100 * row['within_3']:.1f} % | {row['mean']:+.2f} | {row['std']:.2f} | {row['largest']:.2f} |"
-          for name, row in result["coverage"].items()),
+        "| parameter | within 3 standard errors | mean of z | standard deviation of z | largest |",
+        "|---|---:|---:|---:|---:|",
+        *(
+            f"| {name} | {100 * row['within_3']:.1f} % | {row['mean']:+.2f} | {row['std']:.2f} | {row['largest']:.2f} |"
+            for name, row in result["coverage"].items()
+        ),
         "\nz is (estimate - truth) / standard error. The mass is not identifiable in any of them: the resonance is at 22 kHz.\n",
-    ]  # fmt: skip
+    ]
     long = result["long_record"]
     if long:
         text = f"A record of {long['samples']:,} samples, four channels, is read, checked and fitted"

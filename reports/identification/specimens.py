@@ -1,4 +1,4 @@
-"""Random specimens on the virtual bench: each a campaign like the paper's, identified from nominal values that are wrong."""
+"""Random specimens on the virtual bench: campaigns like the paper's, identified from wrong nominal values."""
 
 from __future__ import annotations
 

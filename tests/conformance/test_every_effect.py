@@ -9,12 +9,13 @@ import numpy as np
 import pint
 import pytest
 from examples import plain_examples, typical
-from studies import BENCH, DRIVE, LOOP, STOPS, distance, objects, phasor
+from studies import BENCH, DRIVE, LOOP, SECOND, STOPS, distance, objects, phasor
 from studies import bench as bench_study
 
 from piezoharvest import effects, shunts
 from piezoharvest.cli import main
-from piezoharvest.engine import simulate
+from piezoharvest.engine import simulate, simulate_many
+from piezoharvest.engine.sensitivity import gradient
 from piezoharvest.excitation import SineForce
 from piezoharvest.hysteresis import Hysteresis
 from piezoharvest.linear import TwoPort, check_stability, frequency_response
@@ -303,6 +304,64 @@ def test_agrees_with_the_virtual_bench(names, load, table):
     assert distance(waves.displacement, wanted.displacement) < 1e-9
     assert distance(waves.voltage, wanted.voltage) < 1e-9
     assert np.abs(waves.current - wanted.current).max() < 1e-9 * max(np.abs(wanted.current).max(), 1e-9)
+
+
+def test_agrees_with_the_virtual_bench_on_a_moving_base():
+    """Two modes, of which the first creeps and rubs."""
+    table = {"kind": "sine_base", "amplitude": 2.0, "frequency": 50.6}
+    keys = {"hysteresis": STOPS, "modes": [SECOND], "effective_mass": 0.013}
+    names = [name for name in ORACLE if name not in OF_THE_LOAD]
+    study = bench_study(LOADS[0], table, **keys, effects={name: ORACLE[name] for name in names})
+    found = simulate(*objects(study), transient=0.12, samples=200)
+    model = Model(build_transducer({**BENCH, **keys}), CIRCUITS["resistor"](build_shunt(LOADS[0])), base=True)
+    for name in names:
+        build(bench_effects.registered()[name], ORACLE[name], name).act(model, 0.12)
+    wanted = integrate(model, build_excitation(table, Path()), found.waveforms.time)
+    assert found.energy["closure"] < 1e-12
+    assert distance(found.waveforms.displacement, wanted.displacement) < 1e-9
+    assert distance(found.waveforms.voltage, wanted.voltage) < 1e-9
+
+
+# --- Many designs, and gradients ------------------------------------------------------------------------------------
+
+KINDS = ["resistor", "parallel_sshi", "sece"]
+
+
+@pytest.mark.parametrize("shunt", KINDS)
+@each_felt
+def test_many_designs_are_those_of_one(name, shunt):
+    """The strength from its null to twice the example's, where the null is within the bounds."""
+    field, shares = REGISTERED[name].strength(), np.array([[0.0], [0.5], [1.0], [2.0]])
+    null, usual = field.metadata["null"], getattr(EXAMPLES[name], field.name)
+    if not math.isfinite(null) or field.metadata.get("above") == null:
+        shares = shares[1:]
+    batch = dataclasses.replace(EXAMPLES[name], **{field.name: shares * usual})
+    found = simulate_many(System(dataclasses.replace(HYSTERETIC, effects=(batch,)), SHUNTS[shunt]), DRIVE, len(shares))
+    for n, share in enumerate(shares[:, 0]):
+        one = run(shunt, dataclasses.replace(EXAMPLES[name], **{field.name: share * usual}))
+        assert found["converged"][n]
+        assert found["displacement_amplitude"][n] == pytest.approx(one.displacement_amplitude, rel=1e-10)
+        assert found["harvested_power"][n] == pytest.approx(one.harvested_power, rel=1e-9)
+        assert found[f"energy.{name}"][n] == pytest.approx(
+            one.energy[name], rel=1e-8, abs=1e-13 * one.energy["mechanical_in"]
+        )
+
+
+@pytest.mark.parametrize("shunt", KINDS)
+@each_passive
+def test_gradients_are_central_differences(name, shunt):
+    example = EXAMPLES[name]
+    system = System(dataclasses.replace(HYSTERETIC, effects=(example,)), SHUNTS[shunt])
+    found = gradient(system, DRIVE)
+    for field in dataclasses.fields(example):
+        k, value = found.quantities.index(f"transducer.effects.{name}.{field.name}"), getattr(example, field.name)
+        sides = [
+            run(shunt, dataclasses.replace(example, **{field.name: value * share})) for share in (1 + 1e-4, 1 - 1e-4)
+        ]
+        for result in ("displacement_amplitude", "harvested_power"):
+            above, below = (getattr(side, result) for side in sides)
+            size = (above + below) / (2 * value)
+            assert found.by[result][k] == pytest.approx((above - below) / (2e-4 * value), rel=1e-6, abs=1e-8 * size)
 
 
 # --- Identities -----------------------------------------------------------------------------------------------------

@@ -20,20 +20,21 @@ SIGMA = {"displacement": 1.5e-8, "voltage": 1.5e-3, "current": 3.5e-8}
 
 
 STACK = {"mass": 0.0158, "damping": 1250.0, "stiffness": 3.125e8, "coupling": 7.822, "capacitance": 3.2e-6}
+STEP = {"kind": "step_force", "amplitude": 900.0, "offset": 100.0, "duration": 1.0, "rise_time": 0.05}
 RECORDS = [
-    {"load_resistance": 97.78e3, "excitation": {"kind": "step_force", "amplitude": 900.0, "offset": 100.0, "duration": 1.0,
-                                                "rise_time": 0.05}},
+    {"load_resistance": 97.78e3, "excitation": STEP},
     {"load_resistance": 51.43e3, "excitation": {"frequency": 3.0}},
     {"load_resistance": 143.8e3, "excitation": {"amplitude": 200.0, "offset": 300.0}},
-]  # fmt: skip
+    {"load_resistance": 97.78e3, "role": "validate"},
+]
 
 
-def campaign(folder):
+def campaign(folder, effects=None):
     """Campaign of the bench with short records, of a stack without hysteresis."""
     tables = {
         "transducer": STACK, "shunts": [{"kind": "resistor", "resistance": 97.78e3}],
         "excitation": {"kind": "sine_force", "amplitude": 450.0, "offset": 550.0, "frequency": 4.0},
-        "bench": {"duration": 2.0, "seed": 1, "records": RECORDS},
+        "bench": {"duration": 2.0, "seed": 1, "records": RECORDS, "effects": effects or {}},
     }  # fmt: skip
     return load_campaign(write_campaign(measure(study_from(tables, Path("study.toml"))), Path(folder) / "campaign"))
 

@@ -13,18 +13,24 @@ from piezoharvest.records.bench import measure, write_campaign
 from piezoharvest.study import build_transducer, study_from
 
 STACK = {
-    "mass": 0.0158, "damping": 1250.0, "stiffness": 3.125e8, "coupling": 7.822, "capacitance": 3.2e-6,
+    "mass": 0.0158,
+    "damping": 1250.0,
+    "stiffness": 3.125e8,
+    "coupling": 7.822,
+    "capacitance": 3.2e-6,
     "hysteresis": {"thresholds": [0.1e-6, 0.3e-6, 0.7e-6], "weights": [0.5e6, 1.5e6, 0.5e6]},
-}  # fmt: skip
+}
 LINEAR = {key: value for key, value in STACK.items() if key != "hysteresis"}
 SINE = {"kind": "sine_force", "amplitude": 450.0, "offset": 550.0, "frequency": 4.0}
 RECORDS = [
-    {"load_resistance": 97.78e3, "excitation": {"kind": "step_force", "amplitude": 900.0, "offset": 100.0, "duration": 1.0,
-                                                "rise_time": 0.05}},
+    {
+        "load_resistance": 97.78e3,
+        "excitation": {"kind": "step_force", "amplitude": 900.0, "offset": 100.0, "duration": 1.0, "rise_time": 0.05},
+    },
     {"load_resistance": 51.43e3, "excitation": {"frequency": 3.0}},
     {"load_resistance": 143.8e3, "excitation": {"amplitude": 200.0, "offset": 300.0}},
     {"load_resistance": 97.78e3, "role": "validate"},
-]  # fmt: skip
+]
 
 
 def scattered(seed, off, nominal=STACK):
@@ -48,9 +54,11 @@ def measured(seed, off=0.3, linear=False, duration=2.0):
     """What the bench measures of a specimen, its nominal values being those of the stack; and the specimen."""
     nominal = LINEAR if linear else STACK
     tables = {
-        "transducer": nominal, "excitation": SINE, "shunts": [{"kind": "resistor", "resistance": 97.78e3}],
+        "transducer": nominal,
+        "excitation": SINE,
+        "shunts": [{"kind": "resistor", "resistance": 97.78e3}],
         "bench": {"duration": duration, "seed": seed, "records": RECORDS},
-    }  # fmt: skip
+    }
     study, truth = study_from(tables, Path("study.toml")), scattered(seed, off, nominal)
     return replace(measure(replace(study, transducer=truth)), nominal=study.transducer), truth
 

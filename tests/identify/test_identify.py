@@ -1,4 +1,4 @@
-"""Parameters of specimens on the virtual bench, which the fit's own model has not made, come out within their standard errors."""
+"""Parameters of specimens on the virtual bench come out within their standard errors."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_an_offset_of_a_sensor_is_a_number_of_the_record(tmp_path):
 
 
 def test_an_impedance_beside_time_records(tmp_path):
-    """A precise impedance of the free leads; without one, the records of a single load know the capacitance less well."""
+    """A precise impedance of the free leads tells the capacitance better than the records of a single load."""
     path, truth = campaign_file(tmp_path, 1, linear=True)
     alone = by_name(identify(load_campaign(path)))
     _add_impedance(path, truth, 1e-5)

@@ -61,11 +61,15 @@ def _time_figure(predicted: Predicted, record: Record) -> Figure:
     for one in axes[-1]:
         one.set_xlabel(f"time in {unit}")
     figure.align_ylabels()
-    style.legend_above(figure, [
-        Line2D([], [], label="measured", **_MEASURED), Line2D([], [], label="predicted", **_PREDICTED),
-        Line2D([], [], color=style.MUTED, linewidth=0.6, label="residual"),
-        Line2D([], [], color=style.PALETTE[2], alpha=0.4, linewidth=6, label="±2 × noise"),
-    ])  # fmt: skip
+    style.legend_above(
+        figure,
+        [
+            Line2D([], [], label="measured", **_MEASURED),
+            Line2D([], [], label="predicted", **_PREDICTED),
+            Line2D([], [], color=style.MUTED, linewidth=0.6, label="residual"),
+            Line2D([], [], color=style.PALETTE[2], alpha=0.4, linewidth=6, label="±2 × noise"),
+        ],
+    )
     return figure
 
 
@@ -107,8 +111,10 @@ def loops_figure(records: Sequence[Predicted]) -> Figure | None:
             one.plot(fx * x_predicted, fy * y, color=style.INK, linewidth=0.5)
         one.set_xlabel(f"{x_name} in {px}")
         one.set_ylabel(f"{y_name} in {py}")
-    handles = [Line2D([], [], color=style.PALETTE[0], linewidth=2.4, alpha=0.4, label="measured (a colour for each record)"),
-               Line2D([], [], color=style.INK, linewidth=0.5, label="predicted")]  # fmt: skip
+    handles = [
+        Line2D([], [], color=style.PALETTE[0], linewidth=2.4, alpha=0.4, label="measured (a colour for each record)"),
+        Line2D([], [], color=style.INK, linewidth=0.5, label="predicted"),
+    ]
     style.legend_above(figure, handles)
     return figure
 

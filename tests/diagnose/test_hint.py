@@ -1,0 +1,35 @@
+"""Sparse regression of what is left: it finds the term that was put in."""
+
+import numpy as np
+import pytest
+from diagnose_runs import SIGMA, campaign, fitted
+
+from piezoharvest.diagnose.hint import hints
+from piezoharvest.identify.fit import fit
+from piezoharvest.identify.identification import prepared
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory):
+    found = campaign(tmp_path_factory.mktemp("hints"))
+    return prepared(found, "fit"), found.transducer
+
+
+@pytest.mark.parametrize(("channel", "of", "term"), [("displacement", "force", "F³"), ("voltage", "voltage", "v²")])
+def test_finds_the_term_that_was_put_in(records, channel, of, term):
+    problem, found, _ = fitted(*records, seed=7)
+    size = 3.0 * SIGMA[channel]
+    largest = max(np.abs(data.record[of]).max() for data in problem.data)
+    for data in problem.data:
+        signal = (data.record[of] if of == "force" else data.values[:, data.channels.index(of)]) / largest
+        data.values[:, data.channels.index(channel)] += size * signal ** (3 if "³" in term else 2)
+    again = fit(problem, found.model, found.own, found.noise, estimate_noise=False)
+    first = hints(problem, again)[0]
+    assert (first.channel, first.term) == (channel, term)
+    assert first.size == pytest.approx(size, rel=0.2)
+
+
+def test_white_noise_gives_no_hint(records):
+    for seed in range(5):
+        problem, found, _ = fitted(*records, seed=20 + seed)
+        assert hints(problem, found) == []
