@@ -115,14 +115,15 @@ def diagnose(
     left = leftovers(problem, final)
     structure = significant(left, STRUCTURE)
     check = _Validation(campaign, problem, before)
-    fits = [before.found, *_nested(final)]
+    fits = [before.found, *search.nested]
     squares = [check.squares(each) for each in fits]
     named = tuple(_named(search, final, n, squares) for n in range(len(search.order)))
     alternatives = tuple(step.effects for step, _ in search.alternatives)
     after = check.squares(final)
     verdict = _verdict(bool(structure), named, alternatives)
     return Diagnosis(
-        campaign, verdict, named, alternatives, tuple(_estimates(before, final)), before,
+        campaign, verdict, named, alternatives if verdict == "ambiguous" else (),
+        tuple(_estimates(before, final)), before,
         check.quality(before.found), check.quality(final), max(0.0, (after[0] - after[1]) / after[0]),
         _experiment(search) if verdict == "ambiguous" else None, tuple(structure),
         tuple(significant(leftovers(problem, before.found), STRUCTURE)), search,
@@ -135,18 +136,6 @@ def _verdict(structure: bool, named: Sequence[Named], alternatives: Sequence) ->
     if not named:
         return "adequate"
     return "ambiguous" if alternatives else "effect"
-
-
-def _nested(final: Fit) -> list[Fit]:
-    """The final fit with its first effect, its first two, and so on, the values being those at the end."""
-    from piezoharvest.predict.parameters import put
-
-    effects = final.model.transducer.effects
-    models = [
-        replace(final.model, transducer=put(final.model.transducer, ("effects",), effects[:n]))
-        for n in range(1, len(effects))
-    ]
-    return [*(replace(final, model=model) for model in models), final] if effects else []
 
 
 class _Validation:

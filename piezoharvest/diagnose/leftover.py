@@ -11,10 +11,15 @@ from scipy.stats import chi2
 
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.fit import Fit, Problem, whiteners
+from piezoharvest.identify.noise import first_guess, rounding
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.identify.sums import residual_blocks, spectra_of
 
 HARMONICS = 12
+SLOW = 1.5  # Hz: below it what a rounded sensor reads of a held load is off by a constant that is no noise
+HELD = 1e-5  # of the drive's range, that it moves from sample to sample
+OFTEN = 0.3  # share of the samples
+ROUNDED = 0.01  # of the noise, that rounding may be off
 BANDS = np.array([0.0, 0.25, 0.6, 1.5, 4.0, 10.0, 25.0, 60.0, 150.0])  # Hz
 UPPER = 0.5  # share of the band from which on a record shows its noise alone
 
@@ -88,6 +93,7 @@ def _bands(spectra) -> list[Leftover]:
     found = []
     pooled: dict[tuple[int, str], list[float]] = {}
     for data, frequencies, spectrum in spectra:
+        rounded = _rounded_while_held(data)
         for k, (low, high) in enumerate(itertools.pairwise(BANDS)):
             part = (frequencies >= low) & (frequencies < high)
             if not part.any():
@@ -95,12 +101,28 @@ def _bands(spectra) -> list[Leftover]:
             for c, channel in enumerate(data.channels):
                 squares = float((np.abs(spectrum[part, c]) ** 2).sum())
                 count = _count(spectrum[part, c], frequencies[part])
+                if high <= SLOW and channel in rounded:
+                    continue
                 found.append(Leftover(_words(low, high), data.name, channel, squares, count))
                 total = pooled.setdefault((k, channel), [0.0, 0.0])
                 total[0] += squares
                 total[1] += count
     for (k, channel), (squares, count) in pooled.items():
         found.append(Leftover(_words(BANDS[k], BANDS[k + 1]), "all", channel, squares, count))
+    return found
+
+
+def _rounded_while_held(data: Data) -> set[str]:
+    """Channels whose rounding noise does not average out in this record, because its drive is held."""
+    held = float(
+        np.mean(np.abs(np.gradient(data.record[data.drive] - data.rest)) < HELD * np.ptp(data.record[data.drive]))
+    )
+    found = set()
+    for channel in data.channels if held > OFTEN else ():
+        sigma = first_guess(data.record[channel]) or 1.0
+        error = rounding(data.record[channel], data.sigma.get(channel, sigma))
+        if max(error.size, error.second) > ROUNDED * sigma:
+            found.add(channel)
     return found
 
 
@@ -154,6 +176,10 @@ def share_above_noise(problem: Problem, found: Fit) -> tuple[float, float]:
     spectra = whitened(problem, found)
     squares = sum(float((np.abs(spectrum) ** 2).sum()) for _, _, spectrum in spectra)
     count = sum(data.values.size for data, _, _ in spectra)
+    for data, sums in zip(problem.data, found.sums, strict=True):
+        if isinstance(data, FrequencyData):
+            squares += float(sums.squares.sum())
+            count += float(sums.count.sum())
     return squares, float(count)
 
 

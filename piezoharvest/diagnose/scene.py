@@ -11,7 +11,7 @@ from piezoharvest.identify.data import Data
 from piezoharvest.identify.fit import Fit
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.identify.sums import residual_blocks
-from piezoharvest.shunts import Resistor
+from piezoharvest.shunts.resistor import Resistor
 
 TIMES = 6  # time constants over the plausible range
 PLATEAU = 4  # equal extreme samples that make a range
@@ -51,20 +51,30 @@ def scene_of(data: Sequence[Data | FrequencyData], found: Fit) -> Scene:
     records = [each for each in data if isinstance(each, Data)]
     channels = tuple(sorted({channel for each in records for channel in each.channels}))
     displacements = [each.record["displacement"] for each in records if "displacement" in each.record.signals]
-    step = min(each.setting.sample_time for each in records)
-    longest = max(len(each) * each.setting.sample_time for each in records)
-    shunts = [each.setting.shunt for each in records]
-    loads = sorted({shunt.resistance for shunt in shunts if isinstance(shunt, Resistor)})
+    step = min((each.setting.sample_time for each in records), default=float("inf"))
+    resistors = [each.setting.shunt for each in records if isinstance(each.setting.shunt, Resistor)]
+    loads = sorted({shunt.resistance for shunt in resistors})
     return Scene(
         drives=tuple(sorted({each.drive for each in records})),
         channels=channels,
         displacement=0.5 * max((float(np.ptp(values)) for values in displacements), default=1e-6),
         capacitance=found.model.transducer.capacitance,
         sample_time=step,
-        times=tuple(np.geomspace(10.0 * step, 0.5 * longest, TIMES).tolist()),
+        times=tuple(np.geomspace(*_span(data), TIMES).tolist()),
         loads=tuple(loads),
         peaks={channel: _ranges(records, found, data, channel) for channel in channels},
     )
+
+
+def _span(data: Sequence[Data | FrequencyData]) -> tuple[float, float]:
+    """Shortest and longest time constant that records over time show, or responses where there are no such records."""
+    records = [each for each in data if isinstance(each, Data)]
+    if records:
+        steps = [each.setting.sample_time for each in records]
+        return 10.0 * min(steps), 0.5 * max(len(each) * step for each, step in zip(records, steps, strict=True))
+    frequencies = np.concatenate([each.record.frequency for each in data if isinstance(each, FrequencyData)])
+    frequencies = frequencies[frequencies > 0]
+    return 0.5 / (np.pi * frequencies.max()), 0.5 / (np.pi * frequencies.min())
 
 
 def _ranges(records: Sequence[Data], found: Fit, data: Sequence, channel: str) -> tuple[float, ...]:

@@ -52,8 +52,10 @@ class Search:
 
     Attributes
     ----------
-    base, final : Fit
-        Without effects, and with those that are there.
+    base : Fit
+        Without effects.
+    nested : tuple of Fit
+        With the first effect, the first two, and so on.
     order : tuple of Effect
         The effects in the order in which they were found, with their fitted values.
     p_values : tuple of float
@@ -67,12 +69,17 @@ class Search:
     """
 
     base: Fit
-    final: Fit
+    nested: tuple[Fit, ...]
     order: tuple[Effect, ...]
     p_values: tuple[float, ...]
     first: tuple[Candidate, ...]
     alternatives: tuple[tuple[Step, float], ...]
     fits: tuple[tuple[str, float], ...]
+
+    @property
+    def final(self) -> Fit:
+        """With all effects that are there."""
+        return self.nested[-1] if self.nested else self.base
 
 
 class Searcher:
@@ -118,8 +125,9 @@ class Searcher:
             stage = [(candidate, now) for candidate in candidates]
         now = self._polished(now)
         close = self._alternatives(now, alternatives)
+        nested = self._nested(now)
         effects = now.found.model.transducer.effects
-        return Search(base, now.found, effects, tuple(levels), tuple(first), close, tuple(self.fits))
+        return Search(base, nested, effects, tuple(levels), tuple(first), close, tuple(self.fits))
 
     def _scores(self, now: Step) -> list[Candidate]:
         return scores(self.problem, now.found, self.scene, self.library)
@@ -187,6 +195,17 @@ class Searcher:
             return now
         found = fit(self.problem, now.found.model, now.found.own, now.found.noise, estimate_noise=False)
         return Step(found, now.effects)
+
+    def _nested(self, now: Step) -> tuple[Fit, ...]:
+        """Fits with the first effect, the first two, and so on."""
+        steps = [now]
+        while len(steps[0].effects) > 1:
+            less = self.without(steps[0], len(steps[0].effects) - 1)
+            if less is None:
+                break
+            steps.insert(0, less)
+        steps = [steps[0]] * (len(now.effects) - len(steps)) + steps
+        return tuple(step.found for step in steps) if now.effects else ()
 
     def _p_value(self, before: Step, after: Step, tried: Sequence[Candidate]) -> float:
         """Of an effect that was added, corrected for the number of starts that were tried."""

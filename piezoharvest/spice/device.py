@@ -139,8 +139,8 @@ def _write_effect(deck: Deck, effect: Effect, n: int) -> None:
         deck.section("effect: leakage across the electrodes")
         deck.add(f"Rleakage{n} p 0", values["resistance"])
     elif effect.name == "dielectric_relaxation":
-        deck.section("effect: slow polarisation across the electrodes")
-        deck.add(f"Rrelaxation{n} p relaxation{n}", values["time_constant"] / values["capacitance"])
+        deck.section("effect: slow polarisation beside the clamped capacitance")
+        deck.add(f"Rrelaxation{n} t relaxation{n}", values["time_constant"] / values["capacitance"])
         deck.add(f"Crelaxation{n} relaxation{n} 0", values["capacitance"], "IC=0")
     else:
         raise ParameterError(

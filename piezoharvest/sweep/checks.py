@@ -11,6 +11,7 @@ from piezoharvest.study import Study, StudyError, check_systems, unknown
 from piezoharvest.sweep.place import parameters, place
 from piezoharvest.sweep.plan import Plan
 from piezoharvest.sweep.table import known_outputs, paths
+from piezoharvest.terms import Terms
 
 _TRIED = 64  # designs
 
@@ -67,6 +68,7 @@ def _refusal(study: Study, plan: Plan, shunt: int, design: int) -> ParameterErro
     values = plan.points(range(design, design + 1))[0].tolist()
     try:
         system, excitation = place(study, shunt, paths(study), values)
+        Terms(system.transducer)
         shunts = (system.shunt,)
         check_systems(dataclasses.replace(study, transducer=system.transducer, excitation=excitation, shunts=shunts))
     except ParameterError as error:

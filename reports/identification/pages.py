@@ -59,9 +59,9 @@ def _page(result: dict) -> str:
         "# Identification\n",
         f"{result['specimens']} random specimens on the virtual bench, each with a campaign like the paper's "
         "(designs/paper_campaign): "
-        "every parameter is drawn within 30 % of its nominal value, eight records of 10 s at 1 kHz, three loads, steps and sines. "
-        f"{result['converged']} fits converged; a fit takes {result['cpu_median']:.2g} s of CPU time (median). Written by "
-        "`python -m reports.identification`.\n",
+        "every parameter is drawn within 30 % of its nominal value, eight records of 10 s at 1 kHz, three loads, steps "
+        f"and sines. {result['converged']} fits converged; a fit takes {result['cpu_median']:.2g} s of CPU time (median). "
+        "Written by `python -m reports.identification`.\n",
         "![errors in units of the standard error](coverage.png)\n",
         "| parameter | within 3 standard errors | mean of z | standard deviation of z | largest |",
         "|---|---:|---:|---:|---:|",
@@ -69,7 +69,8 @@ def _page(result: dict) -> str:
             f"| {name} | {100 * row['within_3']:.1f} % | {row['mean']:+.2f} | {row['std']:.2f} | {row['largest']:.2f} |"
             for name, row in result["coverage"].items()
         ),
-        "\nz is (estimate - truth) / standard error. The mass is not identifiable in any of them: the resonance is at 22 kHz.\n",
+        "\nz is (estimate - truth) / standard error. The mass is not identifiable in any of them: "
+        "the resonance is at 22 kHz.\n",
     ]
     long = result["long_record"]
     if long:
