@@ -14,6 +14,7 @@ from piezoharvest.identify.sums import residual_blocks
 from piezoharvest.shunts.resistor import Resistor
 
 TIMES = 6  # time constants over the plausible range
+_NEAR = np.concatenate([mains + np.arange(-15, 16) * 0.02 for mains in (50.0, 60.0)])  # Hz
 PLATEAU = 4  # equal extreme samples that make a range
 
 
@@ -34,6 +35,8 @@ class Scene:
         Labels of the resistors.
     peaks : mapping of str to tuple of float
         For each channel where its range may end.
+    mains : mapping of str to tuple of float
+        For each channel, the drive among them, where near 50 and 60 Hz its residuals are strongest, Hz.
     """
 
     drives: tuple[str, ...]
@@ -44,6 +47,7 @@ class Scene:
     times: tuple[float, ...]
     loads: tuple[float, ...]
     peaks: Mapping[str, tuple[float, ...]]
+    mains: Mapping[str, tuple[float, ...]]
 
 
 def scene_of(data: Sequence[Data | FrequencyData], found: Fit) -> Scene:
@@ -63,6 +67,7 @@ def scene_of(data: Sequence[Data | FrequencyData], found: Fit) -> Scene:
         times=tuple(np.geomspace(*_span(data), TIMES).tolist()),
         loads=tuple(loads),
         peaks={channel: _ranges(records, found, data, channel) for channel in channels},
+        mains=_mains(data, found),
     )
 
 
@@ -94,6 +99,26 @@ def _ranges(records: Sequence[Data], found: Fit, data: Sequence, channel: str) -
             beyond = np.abs(measured - residual[:, c]) > largest + 2.0 * sigma
             over += float(np.sum((residual[beyond, c] / sigma) ** 2))
     return (largest, largest - 2.0 * sigma) if equal >= PLATEAU or over > 50.0 else ()
+
+
+def _mains(data: Sequence, found: Fit) -> dict[str, tuple[float, ...]]:
+    """Mains frequencies of the channels: a network is seldom at its nominal one."""
+    power: dict[str, np.ndarray] = {}
+    for each, own in zip(data, found.own, strict=True):
+        if not isinstance(each, Data):
+            continue
+        for _, begin, residual, _ in residual_blocks(_bare(found), each, own, False):
+            time = (begin + np.arange(len(residual))) * each.setting.sample_time
+            lines = np.exp(-2j * np.pi * _NEAR[:, None] * time) @ (residual / residual.std(axis=0))
+            for c, channel in enumerate(each.channels):
+                power[channel] = power.get(channel, 0.0) + np.abs(lines[:, c]) ** 2
+            # What stands on the measured drive comes out in all channels.
+            power[each.drive] = power.get(each.drive, 0.0) + (np.abs(lines) ** 2).sum(axis=1)
+    half = len(_NEAR) // 2
+    return {
+        channel: (float(_NEAR[np.argmax(some[:half])]), float(_NEAR[half + np.argmax(some[half:])]))
+        for channel, some in power.items()
+    }
 
 
 def _bare(found: Fit):

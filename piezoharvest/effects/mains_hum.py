@@ -26,6 +26,6 @@ class MainsHum(Effect):
     @classmethod
     def starts(cls, scene):
         for channel in (*scene.channels, *scene.drives):
-            for mains in (50.0, 60.0):
+            for mains in scene.mains.get(channel, ()):
                 if mains < 0.45 / scene.sample_time:
                     yield cls(amplitude=0.0, frequency=mains, channel=channel)

@@ -269,7 +269,7 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
     for iteration in range(1, MOST + 1):
         total = information + np.diag(precision)
         slope = gradient - precision * (values - mean)
-        step, promise = _bounded_step(
+        step, promise = _step(
             total, slope, damping, np.maximum(lower - values, -most), np.minimum(upper - values, most)
         )
         limit = max(1.0, ROUGH * squares) if loose else enough
@@ -310,6 +310,16 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
 def _split(values: np.ndarray, model: Model, own: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
     ends = np.cumsum([len(model.parameters), *(len(mine) for mine in own)])
     return tuple(values[begin:end] for begin, end in itertools.pairwise(ends))
+
+
+def _step(information, slope, damping, lower, upper) -> tuple[np.ndarray, float]:
+    """Step within bounds, and by how much it should lower the cost; what has no effect yet stays as it is."""
+    alive = np.diag(information) != 0.0
+    step = np.zeros(len(slope))
+    step[alive], promise = _bounded_step(
+        information[np.ix_(alive, alive)], slope[alive], damping, lower[alive], upper[alive]
+    )
+    return step, promise
 
 
 def _bounded_step(information, slope, damping, lower, upper) -> tuple[np.ndarray, float]:

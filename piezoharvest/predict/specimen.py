@@ -214,7 +214,7 @@ class Specimen:
         source = self.drive if self.drive_name == "voltage" else 0.0 * self.one
         if self.drive_name == "voltage" or isinstance(shunt, Short):
             # Leads so short that they make no difference spare an algebraic loop through the operators.
-            shunt = Resistor(resistance=LEADS * self.sample_time / np.real(device.capacitance))
+            shunt = Resistor(resistance=LEADS * self.sample_time / device.capacitance)
         if not isinstance(shunt, LinearShunt):
             kind = getattr(shunt, "kind", None)
             raise ParameterError("shunt", f"found {kind!r}, allowed in a record that is fitted is a linear circuit")

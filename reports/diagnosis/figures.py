@@ -30,7 +30,15 @@ def confusion_figure(results: Results, names: Sequence[str]) -> Figure:
     axes.set_ylabel("on the bench")
     axes.grid(False)
     for i, j in zip(*np.nonzero(table), strict=True):
-        axes.text(j, i, str(table[i, j]), ha="center", va="center", fontsize=8)
+        axes.text(
+            j,
+            i,
+            str(table[i, j]),
+            ha="center",
+            va="center",
+            fontsize=8,
+            color="white" if table[i, j] > total[i, 0] / 2 else style.INK,
+        )
     return figure
 
 

@@ -60,8 +60,8 @@ def _page(result: dict) -> str:
         f"{result['specimens']} random specimens on the virtual bench, each with a campaign like the paper's "
         "(designs/paper_campaign): "
         "every parameter is drawn within 30 % of its nominal value, eight records of 10 s at 1 kHz, three loads, steps "
-        f"and sines. {result['converged']} fits converged; a fit takes {result['cpu_median']:.2g} s of CPU time (median). "
-        "Written by `python -m reports.identification`.\n",
+        f"and sines. {result['converged']} fits converged; a fit takes {result['cpu_median']:.2g} s of CPU time "
+        "(median). Written by `python -m reports.identification`.\n",
         "![errors in units of the standard error](coverage.png)\n",
         "| parameter | within 3 standard errors | mean of z | standard deviation of z | largest |",
         "|---|---:|---:|---:|---:|",

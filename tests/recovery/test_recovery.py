@@ -8,7 +8,7 @@ import pytest
 
 from reports.diagnosis.trials import DRAWS, Trial, run
 
-SINGLES = 4
+SINGLES = 3
 # Of what a campaign like the paper's shows clearly; the others are tried by `make recovery`.
 NAMES = [name for name in DRAWS if name not in ("clipping", "channel_skew", "mains_hum")]
 
@@ -45,5 +45,5 @@ def test_a_healthy_specimen_raises_no_alarm():
 
 @pytest.mark.slow
 def test_an_effect_that_is_not_in_the_library_is_not_named_after_another():
-    result = run(Trial("withheld", ("stiffening",), 60.0, 331))
+    result = run(Trial("withheld", ("mains_hum",), 60.0, 331))
     assert result["verdict"] in ("unexplained", "ambiguous"), result

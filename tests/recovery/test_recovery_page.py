@@ -1,0 +1,72 @@
+"""The page of `make recovery`, from trials whose outcome is made up."""
+
+import json
+
+import numpy as np
+import pytest
+
+from reports.diagnosis.page import NAMES, summary, write_page
+from reports.diagnosis.plan import WEAK, plan
+from reports.diagnosis.summary import confusion, coverage, power
+from reports.diagnosis.trials import DRAWS, Trial, effects_of
+
+
+def made_up(kind, names, sigma, found, verdict, right, value=1.0):
+    return {
+        "key": f"{kind} {names} {sigma}", "kind": kind, "names": list(names), "sigma": sigma, "seed": 1, "found": found,
+        "verdict": verdict, "right": right, "alternatives": [], "reached": sigma or None, "cpu": 12.0, "wall": 20.0,
+        "truth": {name: {"size": 1.0} for name in names}, "values": [{"size": [value, 0.1, "V"]} for _ in found],
+        "parameters": {"stiffness": [1.0, 1.02, 0.01]}, "left": [["0 to 0.25 Hz", "a.csv", "voltage", 1e-9]],
+    }  # fmt: skip
+
+
+RESULTS = [
+    made_up("single", ("creep",), 20.0, ["creep"], "effect", True),
+    made_up("single", ("creep",), 30.0, ["leakage"], "effect", False),
+    made_up("single", ("leakage",), 5.0, [], "adequate", False),  # too small to count
+    made_up("single", ("friction",), 50.0, [], "unexplained", False),
+    made_up("healthy", (), 0.0, [], "adequate", True),
+    made_up("withheld", ("creep",), 40.0, [], "unexplained", True),
+    *(made_up("weak", ("creep",), 5.0, ["creep"] * (k > 0), "effect", k > 0, value=1.5) for k in range(4)),
+]
+
+
+def test_counts():
+    columns, table = confusion(RESULTS, NAMES)
+    row = table[NAMES.index("creep")]
+    assert row[columns.index("creep")] == row[columns.index("leakage")] == 1
+    assert table[NAMES.index("friction"), columns.index("unexplained")] == 1
+    assert table.sum() == 3
+    assert power(RESULTS, "creep") == [(5.0, 0.75, 4)]
+    assert coverage(RESULTS)["creep: size"] == (pytest.approx(1 / 4), 4)  # three of four are five errors off
+    numbers = summary(RESULTS)
+    assert numbers["alarms"] == 0
+    assert numbers["shares"]["single effects of 10 σ or more"]["right"] == 1
+
+
+def test_page(tmp_path):
+    page = write_page(RESULTS, tmp_path).read_text(encoding="utf-8")
+    assert "10 campaigns" in page
+    json.loads((tmp_path / "results.json").read_text())
+    for figure in ("confusion", "power", "coverage", "time"):
+        assert (tmp_path / f"{figure}.png").stat().st_size > 5_000
+
+
+def test_plan_has_every_effect_and_no_trial_twice():
+    trials = plan(small=False)
+    assert len({trial.key for trial in trials}) == len(trials)
+    assert {trial.names[0] for trial in trials if trial.kind == "single"} == set(DRAWS)
+    assert sum(trial.kind == "healthy" for trial in trials) >= 100
+    assert {trial.sigma for trial in trials if trial.kind == "weak"} == set(WEAK)
+    assert {trial.key for trial in plan(small=True)} <= {trial.key for trial in trials}
+
+
+def test_effects_follow_from_the_seed_and_grow_with_sigma():
+    for name in DRAWS:
+        small, large = (effects_of(Trial("single", (name,), sigma, 5))[name] for sigma in (10.0, 40.0))
+        assert effects_of(Trial("single", (name,), 10.0, 5))[name] == small
+        changed = [
+            key for key in small if isinstance(small[key], float) and not np.isclose(small[key], large[key], atol=0.0)
+        ]
+        assert len(changed) == 1
+        assert large[changed[0]] / small[changed[0]] == pytest.approx(0.25 if name == "leakage" else 4.0)
