@@ -22,7 +22,7 @@ def observe(P, L, S, D, slot, tau, arrived):
     now = S[D[st.CLOCK]]
     end, z, outputs = now + tau, vector(L, D, SAMPLE), block_of(L, slot) + L[tb.OUTPUTS]
     rounding = max(SAME_TIME * tau, 1e-15 * end)
-    while D[st.SAMPLED] < D[st.SAMPLES_WANTED] and S[D[st.SAMPLE_TIME] + D[st.SAMPLED]] <= end:
+    while D[st.SAMPLED] < D[st.SAMPLES_WANTED] and S[D[st.SAMPLE_TIME] + D[st.SAMPLED]] <= end + rounding:
         k = D[st.SAMPLED]
         into = S[D[st.SAMPLE_TIME] + k] - now
         here = D[st.SAMPLES] + k * len(pg.OUTPUTS)

@@ -207,7 +207,7 @@ def _find(K, base, limits, kinds, places, before, old, h, relaxed, w, trial, slo
 @_fast
 def march(
     coefficients, bumps, first, share, at_start, h, M, H, O, limits, kinds, places, dM, dH, dO, dlimits,  # noqa: E741
-    z, w, inputs, dz, dw, dinputs, local, Y, dY,
+    z, w, inputs, dz, dw, dinputs, local, sizes, Y, dY,
 ):  # fmt: skip
     """March over a block of samples.
 
@@ -237,6 +237,8 @@ def march(
         overwritten by those at the last.
     local : (elements, 2) array
         The slopes of the elements to their inputs are added, step after step.
+    sizes : (inputs,) array
+        The largest inputs and rates so far, by which rounding is judged; kept up.
     Y : (samples, outputs) array
     dY : (samples, outputs, parameters) array
         Both written.
@@ -252,7 +254,7 @@ def march(
     old, before, trial, base = inputs.copy(), w.copy(), np.zeros(m), np.zeros(m)
     zl, _all_rows, none = np.zeros(n), np.zeros(m + no), np.zeros(nw)
     slopes, J, residual = np.zeros((nw, 7)), np.zeros((m, m)), np.zeros((m, 1))
-    sizes, move = np.abs(inputs), np.zeros(m)
+    move = np.zeros(m)
     dold, dbefore, dzl, right = dinputs.copy(), dw.copy(), np.zeros(n * P), np.zeros((m, P))
     drows, dturn = np.zeros((m + no) * P), np.zeros(n * P)
     direct = np.ascontiguousarray(O[:m, n : n + nw])

@@ -211,7 +211,7 @@ class Prediction:
             slopes = Step(*(np.zeros((*array.shape, 0)) for array in step))
         m = len(step.O) - len(matrices.channels)
         z, dz = self._start(derivatives)
-        states, local = len(self.free), np.zeros((nw, 2))
+        states, local, sizes = len(self.free), np.zeros((nw, 2)), np.zeros(m)
         w, inputs, dw, dinputs = np.zeros(nw), np.zeros(m), np.zeros((nw, P)), np.zeros((m, P))
         coefficients = setting.motion.coefficients.copy()
         jumps = setting.motion.jumps
@@ -230,7 +230,7 @@ class Prediction:
                 coefficients[begin:end], bumps, begin * self.share, self.share, begin == 0, setting.sample_time,
                 arrays[0], arrays[1], arrays[2], limits, matrices.kinds, matrices.places,
                 tangents[0], tangents[1], tangents[2], slopes.limits,
-                z, w, inputs, dz, dw, dinputs, local, Y, dY,
+                z, w, inputs, dz, dw, dinputs, local, sizes, Y, dY,
             )  # fmt: skip
             if failed >= 0 or not np.all(np.isfinite(Y)):
                 raise PredictionError(f"no solution at sample {begin + max(failed, 0) + 1}")
