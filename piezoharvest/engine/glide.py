@@ -57,7 +57,7 @@ def _record(P, L, S, D, slot, step):
     arrived = vector(L, D, ARRIVED)
     for i in range(L[pg.ROWS]):
         S[arrived + i] = S[i] + S[D[st.GLIDED] + i]
-    observe(P, L, S, D, slot, step, arrived)
+    observe(P, L, S, D, slot, step, S[D[st.CLOCK]] + step, arrived)
     account(P, L, S, D, slot, step, 0)
 
 

@@ -88,12 +88,14 @@ def march(P, L, S, D, slot, t_stop):
                 target = vector(L, D, FOUND)
             else:
                 tau = step
+        # Not the sum: rounding would leave out a sample that is wanted there.
+        end = S[clock] + tau if tau < left * (1 - 1e-12) else t_stop
         if recording:
             if watching:
-                observe(P, L, S, D, slot, tau, target)
+                observe(P, L, S, D, slot, tau, end, target)
             account(P, L, S, D, slot, tau, level if full and guard == NONE else NONE)
         copy(S, target, 0, rows)
-        S[clock] = S[clock] + tau if tau < left * (1 - 1e-12) else t_stop
+        S[clock] = end
         if guard != NONE or S[clock] >= t_stop:
             return guard
         now, then = then, now

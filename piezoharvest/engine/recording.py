@@ -17,12 +17,12 @@ SAME_TIME = 1e-11  # part of a step that a sample's time may be off its end by r
 
 
 @compiled
-def observe(P, L, S, D, slot, tau, arrived):
-    """Samples and extremes between the state now and the state at `arrived`, tau later."""
+def observe(P, L, S, D, slot, tau, end, arrived):
+    """Samples and extremes between the state now and the state at `arrived`, tau later, at the time `end`."""
     now = S[D[st.CLOCK]]
-    end, z, outputs = now + tau, vector(L, D, SAMPLE), block_of(L, slot) + L[tb.OUTPUTS]
+    z, outputs = vector(L, D, SAMPLE), block_of(L, slot) + L[tb.OUTPUTS]
     rounding = max(SAME_TIME * tau, 1e-15 * end)
-    while D[st.SAMPLED] < D[st.SAMPLES_WANTED] and S[D[st.SAMPLE_TIME] + D[st.SAMPLED]] <= end + rounding:
+    while D[st.SAMPLED] < D[st.SAMPLES_WANTED] and S[D[st.SAMPLE_TIME] + D[st.SAMPLED]] <= end:
         k = D[st.SAMPLED]
         into = S[D[st.SAMPLE_TIME] + k] - now
         here = D[st.SAMPLES] + k * len(pg.OUTPUTS)

@@ -232,9 +232,9 @@ class Prediction:
                 tangents[0], tangents[1], tangents[2], slopes.limits,
                 z, w, inputs, dz, dw, dinputs, local, sizes, Y, dY,
             )  # fmt: skip
-            if failed >= 0 or not np.all(np.isfinite(Y)):
+            first = 0 if begin == 0 else 1  # the sample before a block is not written again
+            if failed >= 0 or not np.all(np.isfinite(Y[first:])):
                 raise PredictionError(f"no solution at sample {begin + max(failed, 0) + 1}")
-            first = 0 if begin == 0 else 1
             self.local = local / end
             yield Block(begin + first, Y[first:], dY[first:])
 
