@@ -29,6 +29,8 @@ app = typer.Typer(
 )
 
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="Study file (TOML).", show_default=False)]
+CampaignFile = Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Campaign file (TOML).", show_default=False)]
+ReportFolder = Annotated[Path | None, typer.Option(metavar="DIR", help="Write a report (HTML) into this directory.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 
 
@@ -139,11 +141,9 @@ def measure(
 
 @app.command()
 def identify(
-    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Campaign file (TOML).", show_default=False)],
+    campaign: CampaignFile,
     json: AsJson = False,
-    report: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write a report (HTML) into this directory.")
-    ] = None,
+    report: ReportFolder = None,
 ) -> Work:
     """Identify a transducer's parameters from measured records.
 
@@ -157,11 +157,9 @@ def identify(
 
 @app.command()
 def diagnose(
-    campaign: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Campaign file (TOML).", show_default=False)],
+    campaign: CampaignFile,
     json: AsJson = False,
-    report: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write a report (HTML) into this directory.")
-    ] = None,
+    report: ReportFolder = None,
 ) -> Work:
     """Find what the model of measured records lacks.
 

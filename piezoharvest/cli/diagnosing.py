@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from piezoharvest.cli import show
+from piezoharvest.cli.identifying import on_campaign
 from piezoharvest.cli.work import note
-from piezoharvest.output import check_directory
 
 if TYPE_CHECKING:
     from piezoharvest.diagnose import Diagnosis, Named
@@ -21,18 +21,9 @@ MOST_PLACES = 10  # that are printed
 def diagnose(path: Path, *, as_json: bool, report: Path | None) -> int:
     """Diagnose a campaign, print the verdict, and write the report."""
     from piezoharvest.diagnose import diagnose as run
-    from piezoharvest.predict.prediction import PredictionError
-    from piezoharvest.records import load_campaign
 
-    if report is not None:
-        check_directory(report, create=True)
-    campaign = load_campaign(path)
-    for finding in campaign.warnings:
-        note(f"warning: {finding}")
-    try:
-        found = run(campaign, tell=note)
-    except PredictionError as error:
-        note(f"piezoharvest: error: {path}: the model with its nominal values cannot follow the records: {error}")
+    found = on_campaign(path, report, run)
+    if found is None:
         return 1
     if not found.search.final.converged:
         note(f"warning: not to be trusted: {found.search.final.message}")

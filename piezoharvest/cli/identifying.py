@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from piezoharvest.cli import show
 from piezoharvest.cli.work import note
@@ -14,12 +15,22 @@ if TYPE_CHECKING:
     from piezoharvest.identify import Estimate, Identification
     from piezoharvest.identify.identification import Quality
 
+_T = TypeVar("_T")
 LOUD = 1.2  # times the noise, from which residuals are worth a warning
 
 
-def identify(path: Path, *, as_json: bool, report: Path | None) -> int:
-    """Identify the parameters of a campaign, print them, and write the report."""
-    from piezoharvest.identify import identify as run
+def on_campaign(path: Path, report: Path | None, run: Callable[..., _T]) -> _T | None:
+    """What a run on a campaign gives, the warnings of its checks told before; None where no model can follow it.
+
+    Parameters
+    ----------
+    path : Path
+        Campaign file.
+    report : Path or None
+        Directory that is to be written to later, which is tried first.
+    run : callable
+        Given the campaign, and by `tell` whom to tell about progress.
+    """
     from piezoharvest.predict.prediction import PredictionError
     from piezoharvest.records import load_campaign
 
@@ -29,9 +40,18 @@ def identify(path: Path, *, as_json: bool, report: Path | None) -> int:
     for finding in campaign.warnings:
         note(f"warning: {finding}")
     try:
-        found = run(campaign, tell=note)
+        return run(campaign, tell=note)
     except PredictionError as error:
         note(f"piezoharvest: error: {path}: the model with its nominal values cannot follow the records: {error}")
+        return None
+
+
+def identify(path: Path, *, as_json: bool, report: Path | None) -> int:
+    """Identify the parameters of a campaign, print them, and write the report."""
+    from piezoharvest.identify import identify as run
+
+    found = on_campaign(path, report, run)
+    if found is None:
         return 1
     for text in remarks(found):
         note(f"warning: {text}")

@@ -1,8 +1,7 @@
 """Score tests: what every effect would explain if it were there, from one linearisation at its null.
 
 Source: Rao, Linear Statistical Inference, 1973, section 6e (score test); Davies, Biometrika 74(1), 33-43, 1987
-(parameters
-that exist only where the effect does).
+(parameters that exist only where the effect does).
 """
 
 from __future__ import annotations

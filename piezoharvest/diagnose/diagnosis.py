@@ -114,17 +114,17 @@ def diagnose(
     final = search.final
     left = leftovers(problem, final)
     structure = significant(left, STRUCTURE)
-    check = _Validation(campaign, problem, before)
-    fits = [before.found, *search.nested]
-    squares = [check.squares(each) for each in fits]
-    named = tuple(_named(search, final, n, squares) for n in range(len(search.order)))
+    unseen, checks = validated(campaign, before, [before.found, *search.nested])
+    squares = [share_above_noise(unseen, each) for each in checks]
+    named = tuple(_named(problem, search, n, squares) for n in range(len(search.order)))
     alternatives = tuple(step.effects for step, _ in search.alternatives)
-    after = check.squares(final)
+    after = squares[-1]
     verdict = _verdict(bool(structure), named, alternatives)
     return Diagnosis(
         campaign, verdict, named, alternatives if verdict == "ambiguous" else (),
         tuple(_estimates(before, final)), before,
-        check.quality(before.found), check.quality(final), max(0.0, (after[0] - after[1]) / after[0]),
+        together(judged(unseen.data, checks[0])), together(judged(unseen.data, checks[-1])),
+        max(0.0, (after[0] - after[1]) / after[0]),
         _experiment(search) if verdict == "ambiguous" else None, tuple(structure),
         tuple(significant(leftovers(problem, before.found), STRUCTURE)), search,
     )  # fmt: skip
@@ -138,30 +138,27 @@ def _verdict(structure: bool, named: Sequence[Named], alternatives: Sequence) ->
     return "ambiguous" if alternatives else "effect"
 
 
-class _Validation:
-    """Records that were not fitted, or all where there are none of these."""
+def validated(campaign: Campaign, before: Identification, found: Sequence[Fit]) -> tuple[Problem, list[Fit]]:
+    """Records that were not fitted, or all where there are none of these, with fits of their own numbers alone.
 
-    def __init__(self, campaign: Campaign, fitted: Problem, before: Identification) -> None:
-        data = prepared(campaign, "validate")
-        self.problem = Problem(data, campaign.transducer, fitted.offset_channels) if data else fitted
-        self.noise = Noise({**self.problem.noise().sigma, **before.noise.sigma})
-
-    def _own(self, found: Fit) -> Fit:
-        """Fit of the records' own numbers alone."""
-        return fit(self.problem, replace(found.model, parameters=()), None, self.noise, estimate_noise=False)
-
-    def squares(self, found: Fit) -> tuple[float, float]:
-        """Sum of squares of the whitened residuals, and their number."""
-        return share_above_noise(self.problem, self._own(found))
-
-    def quality(self, found: Fit) -> Quality:
-        """Residuals and noise by channel."""
-        return together(judged(self.problem.data, self._own(found)))
+    Parameters
+    ----------
+    campaign : Campaign
+    before : Identification
+        Its noise is kept.
+    found : sequence of Fit
+        Models that are held.
+    """
+    data = prepared(campaign, "validate") or prepared(campaign, "fit")
+    problem = Problem(data, campaign.transducer, before.offsets)
+    noise = Noise({**problem.noise().sigma, **before.noise.sigma})
+    held = (replace(each.model, parameters=()) for each in found)
+    return problem, [fit(problem, model, None, noise, estimate_noise=False) for model in held]
 
 
-def _named(search: Search, final: Fit, n: int, squares: Sequence[tuple[float, float]]) -> Named:
+def _named(problem: Problem, search: Search, n: int, squares: Sequence[tuple[float, float]]) -> Named:
     """The n-th effect with its gain and its parameters."""
-    (before, count), (after, _) = squares[n], squares[n + 1]
+    final, (before, count), (after, _) = search.final, squares[n], squares[n + 1]
     total = squares[0][0] - count
     gain = (before - after) / total if total > 0 else 0.0
     std = np.sqrt(np.diag(covariance(final)))
@@ -174,16 +171,23 @@ def _named(search: Search, final: Fit, n: int, squares: Sequence[tuple[float, fl
             values[str(parameter.path[2])] = (value, float(slope * std[k]), parameter.unit)
     effect = search.order[n]
     if effect_line(effect):
-        values["amplitude"] = (_amplitude(final, n), None, "")
-    return Named(
-        effect, search.p_values[n] if n < len(search.p_values) else 0.0, float(np.clip(gain, -1.0, 1.0)), values
-    )
+        values["amplitude"] = (_amplitude(problem, final, effect), None, "")
+    return Named(effect, search.p_values[n], float(np.clip(gain, -1.0, 1.0)), values)
 
 
-def _amplitude(final: Fit, n: int) -> float:
+def _amplitude(problem: Problem, final: Fit, effect: Effect) -> float:
     """Root mean square over records of a line's amplitude."""
-    sizes = [np.hypot(*mine[-2:]) for mine in final.own if len(mine) >= 2]
-    return float(np.sqrt(np.mean(np.square(sizes))))
+    squares = []
+    for data, own in zip(problem.data, final.own, strict=True):
+        names = problem.own_names(final.model, data)
+        mine = [size**2 for name, size in zip(names, own, strict=True) if _of(effect, name)]
+        squares += [sum(mine)] if mine else []
+    return float(np.sqrt(np.mean(squares)))
+
+
+def _of(effect: Effect, name: str) -> bool:
+    """Whether one of a record's own numbers is that of a line."""
+    return name.startswith(f"{effect.name} {getattr(effect, 'channel', '')} ")
 
 
 def _estimates(before: Identification, final: Fit):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -13,7 +13,7 @@ from piezoharvest.identify.data import Data
 from piezoharvest.identify.fit import Fit, Problem, whiteners
 from piezoharvest.identify.noise import first_guess, rounding
 from piezoharvest.identify.responses import FrequencyData
-from piezoharvest.identify.sums import residual_blocks, spectra_of
+from piezoharvest.identify.sums import Whitener, residual_blocks, spectra_of
 
 HARMONICS = 12
 SLOW = 1.5  # Hz: below it what a rounded sensor reads of a held load is off by a constant that is no noise
@@ -55,20 +55,21 @@ class Leftover:
         return float((self.squares - self.count) / np.sqrt(2.0 * self.count))
 
 
-def whitened(problem: Problem, found: Fit) -> list[tuple[Data, np.ndarray, np.ndarray]]:
-    """Records with their frequencies and whitened residual spectra, real and imaginary parts of unit variance."""
-    from dataclasses import replace
-
-    out = []
+def whitened(problem: Problem, found: Fit) -> Iterator[tuple[Data, np.ndarray, np.ndarray]]:
+    """Blocks of the records: residuals (samples, channels), and their whitened spectra, (f, channels)."""
     model = replace(found.model, parameters=())
     for data, own, white in zip(problem.data, found.own, whiteners(problem, found.model, found.noise), strict=True):
-        if isinstance(data, FrequencyData):
-            continue
-        for _, _, residual, _ in residual_blocks(model, data, own, False):
-            W = white.of(len(residual))[0]  # pyright: ignore[reportAttributeAccessIssue]
-            spectrum = (W @ spectra_of(residual)[:, :, None])[:, :, 0]
-            out.append((data, np.fft.rfftfreq(len(residual), data.setting.sample_time), spectrum))
-    return [(data, frequencies, spectrum / _level(spectrum)) for data, frequencies, spectrum in out]
+        if isinstance(data, Data) and isinstance(white, Whitener):
+            for _, _, residual, _ in residual_blocks(model, data, own, False):
+                yield data, residual, (white.of(len(residual))[0] @ spectra_of(residual)[:, :, None])[:, :, 0]
+
+
+def _levelled(problem: Problem, found: Fit) -> list[tuple[Data, np.ndarray, np.ndarray]]:
+    """Blocks with their frequencies and whitened spectra, each channel in units of its noise in this record."""
+    return [
+        (data, np.fft.rfftfreq(len(residual), data.setting.sample_time), spectrum / _level(spectrum))
+        for data, residual, spectrum in whitened(problem, found)
+    ]
 
 
 def _level(spectrum: np.ndarray) -> np.ndarray:
@@ -79,7 +80,7 @@ def _level(spectrum: np.ndarray) -> np.ndarray:
 
 def leftovers(problem: Problem, found: Fit) -> list[Leftover]:
     """All comparisons, the least likely first."""
-    spectra = whitened(problem, found)
+    spectra = _levelled(problem, found)
     places = [*_bands(spectra), *_harmonics(spectra)]
     return sorted(places, key=lambda place: (place.p_value, -place.excess))
 
@@ -103,12 +104,12 @@ def _bands(spectra) -> list[Leftover]:
                 count = _count(spectrum[part, c], frequencies[part])
                 if high <= SLOW and channel in rounded:
                     continue
-                found.append(Leftover(_words(low, high), data.name, channel, squares, count))
+                found.append(Leftover(f"{low:g} to {high:g} Hz", data.name, channel, squares, count))
                 total = pooled.setdefault((k, channel), [0.0, 0.0])
                 total[0] += squares
                 total[1] += count
     for (k, channel), (squares, count) in pooled.items():
-        found.append(Leftover(_words(BANDS[k], BANDS[k + 1]), "all", channel, squares, count))
+        found.append(Leftover(f"{BANDS[k]:g} to {BANDS[k + 1]:g} Hz", "all", channel, squares, count))
     return found
 
 
@@ -124,10 +125,6 @@ def _rounded_while_held(data: Data) -> set[str]:
         if max(error.size, error.second) > ROUNDED * sigma:
             found.add(channel)
     return found
-
-
-def _words(low: float, high: float) -> str:
-    return f"{low:g} to {high:g} Hz" if high < 1e6 else f"above {low:g} Hz"
 
 
 def _harmonics(spectra) -> list[Leftover]:
@@ -173,7 +170,7 @@ def fundamental(data: Data) -> float | None:
 
 def share_above_noise(problem: Problem, found: Fit) -> tuple[float, float]:
     """Sum of squares of all whitened residuals, and their number."""
-    spectra = whitened(problem, found)
+    spectra = _levelled(problem, found)
     squares = sum(float((np.abs(spectrum) ** 2).sum()) for _, _, spectrum in spectra)
     count = sum(data.values.size for data, _, _ in spectra)
     for data, sums in zip(problem.data, found.sums, strict=True):

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from piezoharvest.diagnose.diagnosis import Diagnosis
+from piezoharvest.diagnose.diagnosis import Diagnosis, validated
+from piezoharvest.diagnose.leftover import whitened
 from piezoharvest.identify.data import Data
-from piezoharvest.identify.fit import Fit, Problem, fit, whiteners
+from piezoharvest.identify.fit import Fit, Problem
 from piezoharvest.identify.identification import judged, prepared
-from piezoharvest.identify.noise import Noise
-from piezoharvest.identify.responses import FrequencyData
-from piezoharvest.identify.sums import residual_blocks, spectra_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,42 +49,33 @@ class Residuals:
 
 def residuals(diagnosis: Diagnosis) -> Iterator[Residuals]:
     """Residuals of the records over time, those fitted first."""
-    for role in ("fit", "validate"):
-        data = prepared(diagnosis.campaign, role)
-        if not data:
-            continue
-        problem = Problem(data, diagnosis.campaign.transducer, diagnosis.before.offsets)
-        fits = [_of(problem, found, role) for found in (diagnosis.before.found, diagnosis.search.final)]
-        noise = judged(data, fits[1])
-        pairs = zip(*(_pairs(problem, found) for found in fits), strict=True)
-        for (each, before, white_before), (_, after, white_after) in pairs:
-            alone = next(one for one in noise if one.name == each.name).quality.noise
-            sigma = np.array([alone[channel] for channel in each.channels])
-            yield Residuals(each, before, after, white_before, white_after, sigma)
+    found = [diagnosis.before.found, diagnosis.search.final]
+    data = prepared(diagnosis.campaign, "fit")
+    yield from _of(Problem(data, diagnosis.campaign.transducer, diagnosis.before.offsets), found)
+    if diagnosis.campaign.of_role("validate"):
+        yield from _of(*validated(diagnosis.campaign, diagnosis.before, found))
 
 
-def _of(problem: Problem, found: Fit, role: str) -> Fit:
-    """The fit itself, or for records that were not fitted that of their own numbers."""
-    if role == "fit":
-        return found
-    noise = Noise({**problem.noise().sigma, **found.noise.sigma})
-    return fit(problem, replace(found.model, parameters=()), None, noise, estimate_noise=False)
+def _of(problem: Problem, fits: Sequence[Fit]) -> Iterator[Residuals]:
+    """Residuals of the records of a problem, without and with effects."""
+    noise = {one.name: one.quality.noise for one in judged(problem.data, fits[1])}
+    for (data, before, white_before), (_, after, white_after) in zip(*(_pairs(problem, f) for f in fits), strict=True):
+        sigma = np.array([noise[data.name][channel] for channel in data.channels])
+        yield Residuals(data, before, after, white_before, white_after, sigma)
 
 
 def _pairs(problem: Problem, found: Fit) -> Iterator[tuple[Data, np.ndarray, np.ndarray]]:
     """Records with residuals, plain and whitened."""
-    model = replace(found.model, parameters=())
-    for data, own, white in zip(problem.data, found.own, whiteners(problem, found.model, found.noise), strict=True):
-        if isinstance(data, FrequencyData):
-            continue
-        plain = [residual for _, _, residual, _ in residual_blocks(model, data, own, False)]
-        whitened = [in_time(white.of(len(part))[0] @ spectra_of(part)[:, :, None], len(part)) for part in plain]  # pyright: ignore
-        yield data, np.concatenate(plain), np.concatenate(whitened)
+    for _, blocks in itertools.groupby(whitened(problem, found), key=lambda block: id(block[0])):
+        parts = list(blocks)
+        plain = [residual for _, residual, _ in parts]
+        white = [in_time(spectrum, len(residual)) for _, residual, spectrum in parts]
+        yield parts[0][0], np.concatenate(plain), np.concatenate(white)
 
 
 def in_time(spectra: np.ndarray, count: int) -> np.ndarray:
-    """Samples that have such `spectra_of`, (f, channels, 1) to (count, channels)."""
-    lines = spectra[:, :, 0] * np.sqrt(count)
+    """Samples that have such `spectra_of`, (f, channels) to (count, channels)."""
+    lines = spectra * np.sqrt(count)
     lines[1 : (count + 1) // 2] /= np.sqrt(2.0)
     return np.fft.irfft(lines, count, axis=0)
 

@@ -136,8 +136,7 @@ class Searcher:
         """Scores against a model whose strayed parameters are at their nominal values.
 
         Damping delays displacement and voltage as a skew delays the voltage: once it has taken the place of one, no
-        small step
-        leads from the one to the other.
+        small step leads from the one to the other.
         """
         nominal, model = self.problem.nominal, base.model
         strayed = [
@@ -257,22 +256,18 @@ class Searcher:
                 self.tell(f"{now.effects[n]} is not needed any more")
                 now, levels = less, levels[:n] + levels[n + 1 :]
                 continue
-            better = self._exchanged(now, less, n)
-            if better is not None:
-                now = better
-                levels = [
-                    *levels[:n],
-                    *levels[n + 1 :],
-                    float(chi2.sf(less.cost - now.cost, self._freedom(now.found, -1))),
-                ]
-                n = 0
+            candidates = self._scores(less)
+            better = self._exchanged(now, less, n, candidates)
+            if better is None:
+                n += 1
                 continue
-            n += 1
+            now, levels = better, [*levels[:n], *levels[n + 1 :], self._p_value(less, better, candidates)]
+            n = 0
         return now, levels
 
-    def _exchanged(self, now: Step, less: Step, n: int) -> Step | None:
+    def _exchanged(self, now: Step, less: Step, n: int, candidates: Sequence[Candidate]) -> Step | None:
         """Model with another effect in the place of the n-th, if that fits better."""
-        for candidate in self._scores(less)[:3]:
+        for candidate in candidates[:3]:
             if candidate.name == now.effects[n] or candidate.score < 0.8 * (less.cost - now.cost):
                 continue
             other = self.fitted(less, candidate.effect)

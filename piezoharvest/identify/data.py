@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -83,8 +83,3 @@ def data_of(record: Record, transducer: Transducer) -> Data:
     clean = denoised(drive, sigma.get(record.drive, first_guess(drive)))
     setting = setting_of(record.drive, record.shunt, step, clean, transducer)
     return Data(record.name, record.role, record, setting, drive - clean, channels, sigma)
-
-
-def all_data(records: Sequence[Record], transducer: Transducer) -> tuple[Data, ...]:
-    """Prepare records; raises as `data_of` does."""
-    return tuple(data_of(record, transducer) for record in records)

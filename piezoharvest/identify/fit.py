@@ -1,8 +1,7 @@
 """Output-error fit of all channels of all records at once: Levenberg-Marquardt on Whittle's likelihood.
 
-Sources: Ljung, System Identification, 1999, sections 7.2 and 10.2 (output error, Gauss-Newton); Soderstrom,
-Automatica 43(6),
-939-958, 2007 (noise in the drive).
+Sources: Ljung, System Identification, 1999, sections 7.2 and 10.2 (output error, Gauss-Newton); Soderstrom, Automatica
+43(6), 939-958, 2007 (noise in the drive).
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from piezoharvest.identify.noise import Noise, estimate, first_guess
 from piezoharvest.identify.responses import FIRST_ERROR, FrequencyData, ResponseWeights
 from piezoharvest.identify.sums import Model, Sums, Whitener, own_names, residual_blocks, spectra_of
 from piezoharvest.parameters import ParameterError
-from piezoharvest.predict.parameters import Parameter, put, value_at
+from piezoharvest.predict.parameters import put, value_at
 from piezoharvest.predict.prediction import Prediction, PredictionError
 from piezoharvest.transducer import Transducer
 
@@ -352,8 +351,7 @@ def covariance(found: Fit) -> np.ndarray:
     """Covariance of all parameters, with the residuals' colour as it is: a sandwich by bands of frequency.
 
     Where the residuals of a band are larger than the noise (rounding, slow noise, what the model misses), the
-    information of the
-    band counts that much less; they are never taken to be smaller.
+    information of the band counts that much less; they are never taken to be smaller.
     """
     model, own = found.model, found.own
     p, at = len(model.parameters), len(model.parameters)
@@ -377,8 +375,3 @@ def inverse(information: np.ndarray) -> np.ndarray:
     values, vectors = np.linalg.eigh(information / np.outer(size, size))
     found = (vectors / np.maximum(values, 1e-14)) @ vectors.T
     return found / np.outer(size, size)
-
-
-def with_parameters(model: Model, parameters: Sequence[Parameter]) -> Model:
-    """Model with other numbers that vary."""
-    return replace(model, parameters=tuple(parameters))

@@ -1,11 +1,9 @@
 """Noise of a campaign as it is: white in every channel, and that of the drive as the specimen passes it on.
 
 A residual is r = n - G n_d: the noise n of the channels less the response G to the noise n_d of the measured drive. Its
-cross-spectral matrix diag(sigma^2) + sigma_d^2 G G^H is coloured and couples the channels; with it an output-error
-fit is
-right to first order in the noise of the drive (errors in variables: Soderstrom, Automatica 43(6), 939-958, 2007;
-Whittle's
-likelihood: Brillinger, Time Series, 1981).
+cross-spectral matrix diag(sigma^2) + sigma_d^2 G G^H is coloured and couples the channels; with it an output-error fit
+is right to first order in the noise of the drive (errors in variables: Soderstrom, Automatica 43(6), 939-958, 2007;
+Whittle's likelihood: Brillinger, Time Series, 1981).
 """
 
 from __future__ import annotations
@@ -124,11 +122,9 @@ def rounding(values: np.ndarray, sigma: float) -> Rounding:
     """Step to which a sensor rounds, and the errors that noise does not average out.
 
     The mean of rounded values is off by (step / pi) exp(-2 pi^2 s^2 / step^2) sin(2 pi x / step), s being the noise
-    before
-    (Widrow & Kollar, Quantization Noise, 2008, ch. 4); where a load is held, that is an error which does not change.
-    So is
-    the error of a converter behind a sensor that rounds more coarsely: standard deviation of a twelfth of its step
-    squared.
+    before (Widrow & Kollar, Quantization Noise, 2008, ch. 4); where a load is held, that is an error which does not
+    change. So is the error of a converter behind a sensor that rounds more coarsely: standard deviation of a twelfth of
+    its step squared.
 
     Parameters
     ----------

@@ -18,8 +18,7 @@ def started(problem: Problem, model: Model, tell: Callable[[str], None]) -> Fit:
     """Fit a model from the nominal values, and from others if these end where residuals are much larger than noise.
 
     The fit is convex enough in all but the thresholds of the operators. While stiffness, coupling and capacitance are
-    far off,
-    thresholds run away to explain it, and two of them may merge; so they stay for a first rough fit.
+    far off, thresholds run away to explain it, and two of them may merge; so they stay for a first rough fit.
 
     Parameters
     ----------

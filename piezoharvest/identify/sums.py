@@ -125,9 +125,8 @@ class Whitener:
     def sums(self, model: Model, own: np.ndarray, scatter: bool = False) -> Sums:
         """Sums of the record for a model, with what rounded sensors scatter if that is wanted.
 
-        The derivatives of a prediction carry the same noise of the drive as its residuals, so that a model that
-        passes on
-        less of it would seem better: what each model is expected to pass on is taken off.
+        The derivatives of a prediction carry the same noise of the drive as its residuals, so that a model that passes
+        on less of it would seem better: what each model is expected to pass on is taken off.
 
         Raises
         ------
@@ -187,10 +186,7 @@ class Whitener:
         edges = np.minimum(np.searchsorted(frequencies, EDGES), len(frequencies))
         D *= np.sqrt(power)[:, None, None]
         information = np.array(
-            [
-                _gram(D[a:b].reshape((b - a) * D.shape[1], D.shape[2]))
-                for a, b in itertools.pairwise(edges)
-            ]
+            [_gram(D[a:b].reshape((b - a) * D.shape[1], D.shape[2])) for a, b in itertools.pairwise(edges)]
         )
         return information, _by_bands(products, edges), _by_bands((squares - at_first) * power, edges)
 
@@ -262,7 +258,7 @@ def extras(model: Model, data: Data, prediction: Prediction) -> list[Extra]:
                 else eye[data.channels.index(channel)]
             )
             found += [
-                Extra(f"{effect.name} {part}", gains * phase, frequency, n)
+                Extra(f"{effect.name} {channel} {part}", gains * phase, frequency, n)
                 for part, phase in (("cos", 1), ("sin", -1j))
             ]
     return found

@@ -32,9 +32,8 @@ class Drive(NamedTuple):
 def drive_of(values: np.ndarray) -> Drive:
     """Interpolate the samples of a drive.
 
-    A spline, not straight lines: these lose (w h)^2/12 of a sine of angular frequency w between samples h apart,
-    which a
-    record of ten thousand samples shows. At a jump the spline is broken, for it would ring.
+    A spline, not straight lines: these lose (w h)^2/12 of a sine of angular frequency w between samples h apart, which
+    a record of ten thousand samples shows. At a jump the spline is broken, for it would ring.
     """
     jumps = _jumps(values)
     coefficients = np.zeros((len(values) - 1, 4))

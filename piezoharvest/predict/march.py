@@ -1,12 +1,9 @@
 """The compiled march over the samples of a record, with the derivatives to all parameters beside it.
 
 Everything between two samples is linear but for the elements, whose outputs at the end of a step depend on the state
-there:
-Newton on their inputs. A stop whose input turns within the step is taken to the turning point first, which the cubic
-through
-values and rates at both ends gives. Derivatives are propagated with the step, parameters being the innermost axis so
-that
-the loops over them run in vector registers.
+there: Newton on their inputs. A stop whose input turns within the step is taken to the turning point first, which the
+cubic through values and rates at both ends gives. Derivatives are propagated with the step, parameters being the
+innermost axis so that the loops over them run in vector registers.
 """
 
 from __future__ import annotations

@@ -39,9 +39,8 @@ class Element(NamedTuple):
 class Matrices:
     """Linear part of a specimen, in states scaled to the root of energy.
 
-    z' = A z + B e + W w and [inputs of the elements; rates of these; outputs] = O [z; w; e], with e
-    the drive, its rate, 1 and
-    time, and w the outputs of the elements.
+    z' = A z + B e + W w and [inputs of the elements; rates of these; outputs] = O [z; w; e], with e the drive, its
+    rate, 1 and time, and w the outputs of the elements.
 
     Attributes
     ----------
@@ -93,8 +92,7 @@ class Specimen:
         1, time as share of the record, and the drive in its unit.
     x, u, q, v_t, v, i, strain_charge : Row
         Displacement (m) and velocity of the first mode, charge, voltage across the capacitance and at the electrodes,
-        load
-        current, and sum T_i x_i.
+        load current, and sum T_i x_i.
 
     Raises
     ------

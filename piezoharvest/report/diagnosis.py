@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from itertools import count
 from pathlib import Path
-from typing import Any, NamedTuple
-
-from markupsafe import Markup
-from matplotlib.figure import Figure
+from typing import Any
 
 import piezoharvest
 from piezoharvest.diagnose import Diagnosis
@@ -21,24 +17,14 @@ from piezoharvest.effects import registered
 from piezoharvest.identify.fit import Problem
 from piezoharvest.identify.identification import prepared
 from piezoharvest.output import check_directory, write_text
-from piezoharvest.report import style
 from piezoharvest.report.figures import diagnosed
-from piezoharvest.report.pages import NAME, page_template, write_png
+from piezoharvest.report.pages import NAME, page_template
+from piezoharvest.report.pictures import Picture, place_pictures
 from piezoharvest.report.units import NONE, engineering, number, percent, response_unit, with_error
 
 MOST_PLACES = 12  # in the table of what is left
 ALIKE = 0.7  # cosine from which two effects look alike
 SURE = 1e-4  # p-value below which an effect's score is marked
-
-
-class Picture(NamedTuple):
-    """A figure with its name (of the file), section of the page, heading and caption."""
-
-    name: str
-    section: str
-    heading: str
-    caption: str
-    figure: Figure
 
 
 def write_diagnosis(found: Diagnosis, directory: str | Path) -> Path:
@@ -62,16 +48,7 @@ def write_diagnosis(found: Diagnosis, directory: str | Path) -> Path:
     """
     directory = check_directory(directory, create=True)
     rows = scored(found, list(registered()))
-    figures: dict[str, list[dict[str, Any]]] = {"cause": [], "effects": [], "structure": [], "records": []}
-    for picture in _pictures(found, rows):
-        write_png(picture.figure, directory / f"{picture.name}.png")
-        svg = Markup(style.inline_svg(picture.figure, picture.name, picture.heading))
-        words = {"heading": picture.heading, "caption": picture.caption, "file": f"{picture.name}.png"}
-        figures[picture.section].append({**words, "name": picture.name, "svg": svg})
-    numbers = count(1)
-    for section in figures.values():
-        for figure in section:
-            figure["number"] = next(numbers)
+    figures = place_pictures(_pictures(found, rows), ("cause", "effects", "structure", "records"), directory)
     page = page_template("diagnosis.html.j2").render(
         title=found.campaign.title,
         verdict=found.verdict,

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from piezoharvest.engine.response import Waveforms
 from piezoharvest.report.figures import bode, curves, hysteresis, ledger, waveforms
 from piezoharvest.report.limits import Limit, hysteretic
+from piezoharvest.report.pictures import Picture
 from piezoharvest.report.signals import occasion, signals_of, windows
 from piezoharvest.report.spans import (
     dense,
@@ -30,16 +29,6 @@ from piezoharvest.study import Study
 MOST_CURVES = 6  # in one figure: as many as there are colours
 _MOST_WAVEFORMS = 4
 _LOADS, _FEWER_LOADS, _FREQUENCIES, _FINE = 33, 17, 121, 300
-
-
-class Picture(NamedTuple):
-    """A figure with its name (of the file), section of the page, heading and caption."""
-
-    name: str
-    section: str
-    heading: str
-    caption: str
-    figure: Figure
 
 
 @dataclass

@@ -4,35 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import count
 from pathlib import Path
-from typing import Any, NamedTuple
-
-from markupsafe import Markup
-from matplotlib.figure import Figure
+from typing import Any
 
 import piezoharvest
 from piezoharvest.identify import Estimate, Identification
 from piezoharvest.identify.predicted import Predicted, predictions
 from piezoharvest.output import check_directory, write_text
 from piezoharvest.records import FrequencyRecord
-from piezoharvest.report import style
 from piezoharvest.report.figures import identified
-from piezoharvest.report.pages import NAME, page_template, write_png
+from piezoharvest.report.pages import NAME, page_template
+from piezoharvest.report.pictures import Picture, place_pictures
 from piezoharvest.report.records import record_figure
 from piezoharvest.report.units import NONE, engineering, number, percent, response_unit, with_error
 
 LOUD = 1.2  # times the noise: residuals above are marked
-
-
-class Picture(NamedTuple):
-    """A figure with its name (of the file), section of the page, heading and caption."""
-
-    name: str
-    section: str
-    heading: str
-    caption: str
-    figure: Figure
 
 
 def write_identification(found: Identification, directory: str | Path) -> Path:
@@ -55,16 +41,7 @@ def write_identification(found: Identification, directory: str | Path) -> Path:
         The directory or a file in it cannot be written.
     """
     directory = check_directory(directory, create=True)
-    figures: dict[str, list[dict[str, Any]]] = {"loops": [], "records": [], "findings": []}
-    for picture in _pictures(found):
-        write_png(picture.figure, directory / f"{picture.name}.png")
-        svg = Markup(style.inline_svg(picture.figure, picture.name, picture.heading))
-        words = {"heading": picture.heading, "caption": picture.caption, "file": f"{picture.name}.png"}
-        figures[picture.section].append({**words, "name": picture.name, "svg": svg})
-    numbers = count(1)
-    for section in figures.values():
-        for figure in section:
-            figure["number"] = next(numbers)
+    figures = place_pictures(_pictures(found), ("loops", "records", "findings"), directory)
     page = page_template("identification.html.j2").render(
         title=found.campaign.title,
         sentence=_sentence(found),

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections import defaultdict
 from functools import cache
 from importlib import resources
-from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import Markup, escape
 
 import piezoharvest
-from piezoharvest.output import OutputError, check_directory, write_text
+from piezoharvest.output import check_directory, write_text
 from piezoharvest.report import style, tables
 from piezoharvest.report.answer import answer
 from piezoharvest.report.gallery import Gallery
 from piezoharvest.report.limits import power_limit
+from piezoharvest.report.pictures import place_pictures
 from piezoharvest.report.spans import design_band, frequency_range
 from piezoharvest.report.subjects import subjects_of
 from piezoharvest.report.units import decibel, engineering
@@ -56,17 +55,7 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
     subjects = subjects_of(design_result.candidates)
     limit = power_limit(study.transducer, study.excitation)
     gallery = Gallery(study, subjects, limit)
-    figures: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for picture in gallery.pictures():
-        file = f"{picture.name}.png"
-        write_png(picture.figure, directory / file)
-        svg = Markup(style.inline_svg(picture.figure, picture.name, picture.heading))
-        words = {"heading": picture.heading, "caption": picture.caption, "file": file, "name": picture.name}
-        figures[picture.section].append({**words, "svg": svg})
-    numbers = count(1)
-    for section in _SECTIONS:
-        for figure in figures[section]:
-            figure["number"] = next(numbers)
+    figures = place_pictures(gallery.pictures(), _SECTIONS, directory)
     page = page_template("report.html.j2").render(
         title=study.title,
         answer=answer(study, subjects, limit),
@@ -88,14 +77,6 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
     )
     write_text(page, directory / NAME)
     return directory / NAME
-
-
-def write_png(figure: Any, path: Path) -> None:
-    """Write a figure; raises `OutputError` where that is not possible."""
-    try:
-        style.write_png(figure, path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from None
 
 
 def _bound(result: DesignResult) -> list[str]:

@@ -144,5 +144,7 @@ def inline_svg(figure: Figure, name: str, label: str) -> str:
         body = body.replace(colour, themed)
     body = re.sub(r'\bid="', f'id="{name}-', body)
     body = re.sub(r'xlink:href="#', f'href="#{name}-', body).replace("url(#", f"url(#{name}-")
+    # A hundredth of a point is more than any screen shows, and a third of the page.
+    body = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path.group()), body)
     title = label.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
     return f'<svg {box.group() if box else ""} role="img" aria-label="{title}">{body}'

@@ -5,10 +5,10 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
+from piezoharvest.report.pictures import Picture
 from reports.paper import beyond, compare, reproduction
 from reports.paper.extended import bench, extended_fit
 from reports.paper.figures import comparisons, harvest, in_kind
@@ -17,21 +17,12 @@ from reports.paper.tables import experiment
 _RECTIFYING = ("resistor", "rectifier", "parallel SSHI", "series SSHI")
 
 
-class Picture(NamedTuple):
-    """A figure with its name (of the file), heading and caption."""
-
-    name: str
-    heading: str
-    caption: str
-    figure: Figure
-
-
 def pictures() -> Iterator[Picture]:
     """All figures, in the order of the page."""
     words = tomllib.loads((Path(__file__).parent / "figures" / "captions.toml").read_text(encoding="utf-8"))
     drawn = {**_tables(), **_in_kind(), **_harvest()}
     for name, entry in words.items():
-        yield Picture(name, entry["heading"], entry["caption"], drawn[name])
+        yield Picture(name, "page", entry["heading"], entry["caption"], drawn[name])
 
 
 def _tables() -> dict[str, Figure]:

@@ -6,7 +6,6 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 from importlib import resources
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from markupsafe import Markup, escape
 
 import piezoharvest
 from piezoharvest.output import write_text
-from piezoharvest.report import style
+from piezoharvest.report.pictures import Picture, place_pictures
 from piezoharvest.report.units import number
 from reports.paper import beyond, compare, reproduction
 from reports.paper.audit.finding import Finding
@@ -24,7 +23,6 @@ from reports.paper.compare import Comparison
 from reports.paper.extended import extended_fit
 from reports.paper.files import findings_json, rows_csv
 from reports.paper.fitting import repeatability
-from reports.paper.gallery import Picture
 from reports.paper.tables import experiment, paper
 
 _UNITS = {
@@ -46,13 +44,8 @@ _IN_IT = {"rms": "", "left_out": "", "parameters": "in it"}
 
 def write_page(findings: dict[str, list[Finding]], pictures: Iterable[Picture], directory: Path) -> Path:
     """Write figures, rows, findings and, last, the page into a directory."""
-    figures, numbers = {}, count(1)
-    for picture in pictures:
-        file = f"{picture.name}.png"
-        style.write_png(picture.figure, directory / file)
-        svg = Markup(style.inline_svg(picture.figure, picture.name, picture.heading))
-        words = {"heading": picture.heading, "caption": picture.caption, "file": file}
-        figures[picture.name] = {**words, "svg": svg, "number": next(numbers)}
+    placed = place_pictures(pictures, ("page",), directory)["page"]
+    figures = {figure["name"]: figure for figure in placed}
     write_text(rows_csv(), directory / "rows.csv")
     write_text(findings_json(findings), directory / "findings.json")
     folder = Path(__file__).parent

@@ -1,7 +1,7 @@
 """Radau IIA of three stages and order five, as matrices for equations that are linear over a step.
 
-Source: Hairer & Wanner, Solving Ordinary Differential Equations II, 1996, section IV.8, with their
-estimate of the error.
+Source: Hairer & Wanner, Solving Ordinary Differential Equations II, 1996, section IV.8, with their estimate of the
+error.
 """
 
 from __future__ import annotations

@@ -9,6 +9,8 @@ from scipy.optimize import newton
 
 from piezoharvest.records.bench.solver.model import Model, SolverError
 
+FAINT = 1e-200  # N: a force below it moves the linear spring alone, and a share of it may not be a number any more
+
 
 def rest(model: Model, drive: float) -> np.ndarray:
     """Equilibrium under a static drive, with v_t = 0 and every stop relaxed; sets the branches of the stops.
@@ -25,7 +27,7 @@ def rest(model: Model, drive: float) -> np.ndarray:
     n, y = model.count, np.zeros((len(model.scale), 1))
     y[:n] = model.gain * drive / model.stiffness
     start, force = float(y[0, 0]), float(model.gain[0, 0] * drive)
-    if start:
+    if abs(force) > FAINT:
         try:  # in shares of what the linear spring would do
             y[0] = start * newton(lambda share: _unbalanced(model, drive, y, share * start) / force, 1.0, tol=1e-14)
         except RuntimeError:
