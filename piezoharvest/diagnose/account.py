@@ -102,8 +102,13 @@ def sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "ambiguous":
         others = " or ".join(" and ".join(map(_words, some)) for some in diagnosis.alternatives)
         return f"The model lacks {names}, or else {others}: these records cannot tell."
-    found = f" {names[0].upper()}{names[1:]} was found on the way." if names else ""
-    return f"Something is missing that no known effect explains.{found}"
+    verb = "was" if len(diagnosis.effects) == 1 else "were"
+    found = f" {names[0].upper()}{names[1:]} {verb} found on the way." if names else ""
+    harm = " and ".join(_described(named) for named in diagnosis.effects if named.spoils)
+    spoiled = (
+        f" Records that were not fitted are worse with {harm}, so that it stands in for something else." if harm else ""
+    )
+    return f"Something is missing that no known effect explains.{found}{spoiled}"
 
 
 def _described(named: Named) -> str:

@@ -19,6 +19,7 @@ from piezoharvest.predict.parameters import value_at
 from piezoharvest.records.campaign import Campaign
 
 STRUCTURE = 1e-5  # level at which residuals of the extended model are more than noise
+SPOILED = 20.0  # of the sum of squares: so much worse no effect that is there makes records that were not fitted
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,15 @@ class Named:
     gain : float
         Share of the validation error above the noise that it removes.
     values : mapping of str to (value, std, unit)
+    spoils : bool
+        Whether records that were not fitted are worse with it: then it stands in for something else.
     """
 
     effect: Effect
     p_value: float
     gain: float
     values: Mapping[str, tuple[float, float | None, str]]
+    spoils: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +123,7 @@ def diagnose(
     named = tuple(_named(problem, search, n, squares) for n in range(len(search.order)))
     alternatives = tuple(step.effects for step, _ in search.alternatives)
     after = squares[-1]
-    verdict = _verdict(bool(structure), named, alternatives)
+    verdict = _verdict(bool(structure) or any(each.spoils for each in named), named, alternatives)
     return Diagnosis(
         campaign, verdict, named, alternatives if verdict == "ambiguous" else (),
         tuple(_estimates(before, final)), before,
@@ -130,8 +134,8 @@ def diagnose(
     )  # fmt: skip
 
 
-def _verdict(structure: bool, named: Sequence[Named], alternatives: Sequence) -> str:
-    if structure:
+def _verdict(missing: bool, named: Sequence[Named], alternatives: Sequence) -> str:
+    if missing:
         return "unexplained"
     if not named:
         return "adequate"
@@ -172,7 +176,8 @@ def _named(problem: Problem, search: Search, n: int, squares: Sequence[tuple[flo
     effect = search.order[n]
     if effect_line(effect):
         values["amplitude"] = (_amplitude(problem, final, effect), None, "")
-    return Named(effect, search.p_values[n], float(np.clip(gain, -1.0, 1.0)), values)
+    spoils = after > before + SPOILED
+    return Named(effect, search.p_values[n], float(np.clip(gain, -1.0, 1.0)), values, spoils)
 
 
 def _amplitude(problem: Problem, final: Fit, effect: Effect) -> float:

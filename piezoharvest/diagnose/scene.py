@@ -25,6 +25,8 @@ class Scene:
     Attributes
     ----------
     drives, channels : tuple of str
+    loaded : bool
+        Whether a current into the electrodes shows: not where their voltage is imposed and no current is measured.
     displacement : float
         Half of its peak-to-peak.
     capacitance : float
@@ -41,6 +43,7 @@ class Scene:
 
     drives: tuple[str, ...]
     channels: tuple[str, ...]
+    loaded: bool
     displacement: float
     capacitance: float
     sample_time: float
@@ -58,9 +61,11 @@ def scene_of(data: Sequence[Data | FrequencyData], found: Fit) -> Scene:
     step = min((each.setting.sample_time for each in records), default=float("inf"))
     resistors = [each.setting.shunt for each in records if isinstance(each.setting.shunt, Resistor)]
     loads = sorted({shunt.resistance for shunt in resistors})
+    drives = {each.record.input if isinstance(each, FrequencyData) else each.drive for each in data}
     return Scene(
         drives=tuple(sorted({each.drive for each in records})),
         channels=channels,
+        loaded="current" in channels or drives != {"voltage"},
         displacement=0.5 * max((float(np.ptp(values)) for values in displacements), default=1e-6),
         capacitance=found.model.transducer.capacitance,
         sample_time=step,

@@ -27,4 +27,5 @@ class BiasCurrent(Effect):
 
     @classmethod
     def starts(cls, scene):
-        yield cls(current=0.0)
+        if scene.loaded:
+            yield cls(current=0.0)

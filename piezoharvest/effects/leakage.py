@@ -29,4 +29,5 @@ class Leakage(Effect):
 
     @classmethod
     def starts(cls, scene):
-        yield cls(resistance=1e15)
+        if scene.loaded:
+            yield cls(resistance=1e15)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from functools import reduce
 from operator import add
@@ -264,38 +264,58 @@ def extras(model: Model, data: Data, prediction: Prediction) -> list[Extra]:
     return found
 
 
+def first_samples(data: Data) -> list[tuple[int, int]]:
+    """Samples (and channels) after a jump: what a sensor reads there, between before and after, is a number by itself."""
+    return [(int(jump) + 1, c) for jump in data.setting.motion.jumps for c in range(len(data.channels))]
+
+
 def own_names(model: Model, data: Data) -> tuple[str, ...]:
-    """Names of a record's own numbers: states at the start, jumps, offsets, lines."""
+    """Names of a record's own numbers: states at the start, jumps, first samples after these, offsets, lines."""
     prediction = model.prediction(data)
-    return (*prediction.own_names, *(extra.name for extra in extras(model, data, prediction)))
+    first = (f"{data.channels[c]} sample{sample}" for sample, c in first_samples(data))
+    return (*prediction.own_names, *first, *(extra.name for extra in extras(model, data, prediction)))
 
 
 def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool):
     """Blocks (prediction, begin, residuals, derivatives) of a record; `own` as `own_names` names it."""
-    bare = model.prediction(data)
-    more = extras(model, data, bare)
-    count = len(own) - len(more)
-    prediction = model.prediction(data, own[:count])
+    first, more = first_samples(data), extras(model, data, model.prediction(data))
+    states, read, added = np.split(own, [len(own) - len(first) - len(more), len(own) - len(more)])
+    prediction = model.prediction(data, states)
     places = [prediction.channels.index(c) for c in data.channels]
     h, effects = data.setting.sample_time, model.transducer.effects
     for block in prediction.blocks(derivatives):
         end = block.begin + len(block.values)
         time = (np.arange(block.begin, end) - 0.5 * len(data)) * h
-        columns = [extra.columns(time) for extra in more]
         predicted, slopes = block.values[:, places], None
         if derivatives:
-            slopes = np.concatenate([block.derivatives[:, places], *(np.real(c)[:, :, None] for c in columns)], axis=2)
-            for extra, column, size in zip(more, columns, own[count:], strict=True):
-                for k, parameter in enumerate(model.parameters):
-                    if extra.effect is not None and parameter.path == ("effects", extra.effect, "frequency"):
-                        slopes[:, :, k] += size * np.real(2j * np.pi * time[:, None] * column)
-        predicted = predicted + sum((size * np.real(c) for size, c in zip(own[count:], columns, strict=True)), 0.0)
+            slopes = np.zeros((*predicted.shape, len(model.parameters) + len(own)))
+            slopes[:, :, : block.derivatives.shape[2]] = block.derivatives[:, places]
+        _add(model, more, added, time, predicted, slopes)
         passed, passed_slopes = small_response(prediction, data.channels, data.rest[block.begin : end], derivatives)
-        predicted = predicted + passed
+        predicted += passed
         if slopes is not None:
             slopes[:, :, : passed_slopes.shape[2]] += passed_slopes
-        predicted, slopes = sensed(effects, model.parameters, data.channels, h, predicted, slopes)
+        jumps = data.setting.motion.jumps - block.begin
+        predicted, slopes = sensed(effects, model.parameters, data.channels, h, predicted, slopes, jumps)
+        for k, (sample, c) in enumerate(first):
+            if block.begin <= sample < end:
+                predicted[sample - block.begin, c] += read[k]
+                if slopes is not None:
+                    slopes[sample - block.begin, c, k - len(first) - len(more)] = 1.0
         yield prediction, block.begin, data.values[block.begin : end] - predicted, slopes
+
+
+def _add(model: Model, more: Sequence[Extra], sizes: np.ndarray, time, predicted, slopes) -> None:
+    """Add offsets and lines, and their derivatives in the last columns."""
+    for k, (extra, size) in enumerate(zip(more, sizes, strict=True)):
+        column = extra.columns(time)
+        predicted += size * np.real(column)
+        if slopes is None:
+            continue
+        slopes[:, :, k - len(more)] = np.real(column)
+        for p, parameter in enumerate(model.parameters):
+            if extra.effect is not None and parameter.path == ("effects", extra.effect, "frequency"):
+                slopes[:, :, p] += size * np.real(2j * np.pi * time[:, None] * column)
 
 
 def spectra_of(values: np.ndarray) -> np.ndarray:

@@ -1,11 +1,12 @@
-"""What sensors and wiring make of predicted channels: delay, range, lines."""
+"""What sensors and wiring make of predicted channels: delay and range."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import BSpline, make_interp_spline
 
 from piezoharvest.effects.base import Effect
 from piezoharvest.predict.parameters import Parameter
@@ -15,7 +16,7 @@ Sensed = tuple[np.ndarray, np.ndarray | None]
 
 def sensed(
     effects: Sequence[Effect], parameters: Sequence[Parameter], channels: Sequence[str], sample_time: float,
-    values: np.ndarray, slopes: np.ndarray | None,
+    values: np.ndarray, slopes: np.ndarray | None, jumps: Sequence[int] = (),
 ) -> Sensed:  # fmt: skip
     """Values of channels as they are read, with the derivatives to all parameters.
 
@@ -30,13 +31,16 @@ def sensed(
         s.
     values : (samples, channels) array
     slopes : (samples, channels, derivatives) array or None
+    jumps : sequence of int, optional
+        Samples after which the drive jumps.
     """
+    bounds = [0, *(jump + 1 for jump in jumps if 0 <= jump < len(values) - 1), len(values)]
     for n, effect in enumerate(effects):
         for c, channel in enumerate(channels):
             delay, span = effect.late(channel), effect.span(channel)
             place = _place(parameters, n, "delay")
             if delay or place is not None:
-                _delay(values, slopes, c, delay / sample_time, sample_time, place)
+                _delay(values, slopes, c, delay / sample_time, sample_time, place, bounds)
             if np.isfinite(span):
                 _clip(values, slopes, c, span, _place(parameters, n, "limit"))
     return values, slopes
@@ -48,17 +52,28 @@ def _place(parameters: Sequence[Parameter], effect: int, field: str) -> int | No
     return next((k for k, parameter in enumerate(parameters) if parameter.path == path), None)
 
 
-def _delay(values, slopes, c: int, samples: float, sample_time: float, place: int | None) -> None:
-    """Shift a channel by a number of samples; before the record it stood still."""
-    at = np.maximum(np.arange(len(values)) - samples, 0.0)
-    spline = CubicSpline(np.arange(len(values)), values[:, c])
-    values[:, c] = spline(at)
-    if slopes is None:
-        return
-    if samples:
-        slopes[:, c] = CubicSpline(np.arange(len(values)), slopes[:, c])(at)
-    if place is not None:
-        slopes[:, c, place] = np.where(at > 0, -spline(at, 1) / sample_time, 0.0)
+def _delay(values, slopes, c: int, samples: float, sample_time: float, place: int | None, bounds) -> None:
+    """Shift a channel by a number of samples, each part between jumps by itself; before the record it stood still."""
+    at = np.arange(len(values)) - samples
+    delayed = np.empty(len(values))
+    for begin, end in reversed(list(pairwise(bounds))):  # what is written is not read any more
+        # From the last sample before a jump on it is at its new value.
+        late = np.flatnonzero((at > begin - 1 if begin else True) & (at <= end - 1))
+        where = np.maximum(at[late], begin)
+        spline = _spline(values[begin:end, c], begin)
+        delayed[late] = spline(where)
+        if slopes is None:
+            continue
+        if samples:
+            slopes[late, c] = _spline(slopes[begin:end, c], begin)(where)
+        if place is not None:
+            slopes[late, c, place] = np.where(at[late] > begin, -spline(where, 1) / sample_time, 0.0)
+    values[:, c] = delayed
+
+
+def _spline(values: np.ndarray, begin: int) -> BSpline:
+    """Through samples that are counted from `begin`."""
+    return make_interp_spline(begin + np.arange(len(values)), values, k=min(3, len(values) - 1))
 
 
 def _clip(values, slopes, c: int, limit: float, place: int | None) -> None:

@@ -10,9 +10,11 @@ from identify.identify_runs import LINEAR, STACK
 from scipy.integrate import solve_ivp
 
 from piezoharvest.effects import registered
+from piezoharvest.effects.channel_skew import ChannelSkew
 from piezoharvest.predict.drive import drive_of
-from piezoharvest.predict.parameters import parameters_of, put, value_at
+from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
 from piezoharvest.predict.prediction import Prediction, setting_of
+from piezoharvest.predict.sensing import sensed
 from piezoharvest.records.bench.effects import registered as bench_effects
 from piezoharvest.records.bench.solver import CIRCUITS, Model, integrate
 from piezoharvest.study import build, build_excitation, build_shunt, build_transducer
@@ -194,3 +196,22 @@ def test_a_jump_of_the_drive_does_not_ring():
     inside = motion.coefficients[:, 0] + 0.5 * motion.coefficients[:, 1] + 0.25 * motion.coefficients[:, 2]
     assert inside.min() >= -1e-12
     assert inside.max() <= 1 + 1e-12
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.4e-3, 2.3e-3])
+def test_a_late_channel_jumps_without_ringing(delay):
+    """Each side of the jump is delayed by itself: a spline across it would ring for tens of samples."""
+    h, time = 1e-3, np.arange(200) * 1e-3
+    before, after = np.sin(20.0 * time), 3.0 + np.cos(15.0 * time)
+    values = np.where(time < 0.1 - 0.5 * h, before, after)[:, None]
+    parameters = (Parameter(("effects", 0, "delay"), "s", "linear", 0.0, np.inf),)
+    slopes = np.zeros((200, 1, 1))
+    found, slopes = sensed([ChannelSkew(delay=delay)], parameters, ["voltage"], h, values.copy(), slopes, [99])
+    late = time - delay
+    wanted = np.where(late < 0.1 - 0.5 * h, np.sin(20.0 * late), 3.0 + np.cos(15.0 * late))
+    rate = np.where(late < 0.1 - 0.5 * h, 20.0 * np.cos(20.0 * late), -15.0 * np.sin(15.0 * late))
+    # Nobody knows the samples between the last before the jump and the first after it.
+    clear = (late > 2 * h) & ((late <= 0.099 + 1e-9) | (late >= 0.1 - 1e-9)) & (abs(late - 0.1) > 1.5 * h)
+    assert np.abs(found[:, 0] - wanted)[clear].max() < 1e-5
+    assert np.abs(slopes[:, 0, 0] + rate)[clear].max() < 0.02
+    assert np.all((found[:, 0] >= -1.001) & (found[:, 0] <= 4.001))
