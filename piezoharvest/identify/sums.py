@@ -265,7 +265,7 @@ def extras(model: Model, data: Data, prediction: Prediction) -> list[Extra]:
 
 
 def first_samples(data: Data) -> list[tuple[int, int]]:
-    """Samples (and channels) after a jump: what a sensor reads there, between before and after, is a number by itself."""
+    """Samples (and channels) after a jump: what a sensor reads there, between before and after, stands by itself."""
     return [(int(jump) + 1, c) for jump in data.setting.motion.jumps for c in range(len(data.channels))]
 
 

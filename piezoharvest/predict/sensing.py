@@ -16,7 +16,7 @@ Sensed = tuple[np.ndarray, np.ndarray | None]
 
 def sensed(
     effects: Sequence[Effect], parameters: Sequence[Parameter], channels: Sequence[str], sample_time: float,
-    values: np.ndarray, slopes: np.ndarray | None, jumps: Sequence[int] = (),
+    values: np.ndarray, slopes: np.ndarray | None, jumps: Sequence[int] | np.ndarray = (),
 ) -> Sensed:  # fmt: skip
     """Values of channels as they are read, with the derivatives to all parameters.
 
