@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezoharvest.diagnose.candidates import effect_line
-from piezoharvest.diagnose.leftover import Leftover, leftovers, share_above_noise, significant
+from piezoharvest.diagnose.leftover import Leftover, share_above_noise, structure
 from piezoharvest.diagnose.scene import scene_of
 from piezoharvest.diagnose.search import Search, Searcher
 from piezoharvest.effects import Effect
@@ -18,7 +18,7 @@ from piezoharvest.identify.noise import Noise
 from piezoharvest.predict.parameters import value_at
 from piezoharvest.records.campaign import Campaign
 
-STRUCTURE = 1e-5  # level at which residuals of the extended model are more than noise
+LITTLE = 9.0  # of the sum of squares: less above the noise is not shared out, it may be chance
 SPOILED = 20.0  # of the sum of squares: so much worse no effect that is there makes records that were not fitted
 
 
@@ -67,10 +67,8 @@ class Diagnosis:
         Share of the residual variance, after the extension, above the noise.
     experiment : str or None
         The measurement that would decide.
-    left : tuple of Leftover
-        Where the extended model leaves structure.
     shown : tuple of Leftover
-        Where the model without effects does.
+        Where the model without effects leaves structure.
     search : Search
     """
 
@@ -84,9 +82,13 @@ class Diagnosis:
     validation_after: Quality
     unexplained: float
     experiment: str | None
-    left: tuple[Leftover, ...]
     shown: tuple[Leftover, ...]
     search: Search
+
+    @property
+    def left(self) -> tuple[Leftover, ...]:
+        """Where the extended model leaves structure."""
+        return self.search.left
 
 
 def diagnose(
@@ -116,21 +118,18 @@ def diagnose(
     tell("scoring the effects")
     search = Searcher(problem, scene, library, tell).run(before.found)
     final = search.final
-    left = leftovers(problem, final)
-    structure = significant(left, STRUCTURE)
     unseen, checks = validated(campaign, before, [before.found, *search.nested])
     squares = [share_above_noise(unseen, each) for each in checks]
     named = tuple(_named(problem, search, n, squares) for n in range(len(search.order)))
     alternatives = tuple(step.effects for step, _ in search.alternatives)
     after = squares[-1]
-    verdict = _verdict(bool(structure) or any(each.spoils for each in named), named, alternatives)
+    verdict = _verdict(bool(search.left) or any(each.spoils for each in named), named, alternatives)
     return Diagnosis(
         campaign, verdict, named, alternatives if verdict == "ambiguous" else (),
         tuple(_estimates(before, final)), before,
         together(judged(unseen.data, checks[0])), together(judged(unseen.data, checks[-1])),
         max(0.0, (after[0] - after[1]) / after[0]),
-        _experiment(search) if verdict == "ambiguous" else None, tuple(structure),
-        tuple(significant(leftovers(problem, before.found), STRUCTURE)), search,
+        _experiment(search) if verdict == "ambiguous" else None, structure(problem, before.found), search,
     )  # fmt: skip
 
 
@@ -162,9 +161,8 @@ def validated(campaign: Campaign, before: Identification, found: Sequence[Fit]) 
 
 def _named(problem: Problem, search: Search, n: int, squares: Sequence[tuple[float, float]]) -> Named:
     """The n-th effect with its gain and its parameters."""
-    final, (before, count), (after, _) = search.final, squares[n], squares[n + 1]
-    total = squares[0][0] - count
-    gain = (before - after) / total if total > 0 else 0.0
+    final, (before, _), (after, _) = search.final, squares[n], squares[n + 1]
+    gain = (before - after) / max(squares[0][0] - _noise(*squares[-1]), LITTLE)
     std = np.sqrt(np.diag(covariance(final)))
     values: dict[str, tuple[float, float | None, str]] = {}
     for k, parameter in enumerate(final.model.parameters):
@@ -193,6 +191,11 @@ def _amplitude(problem: Problem, final: Fit, effect: Effect) -> float:
 def _of(effect: Effect, name: str) -> bool:
     """Whether one of a record's own numbers is that of a line."""
     return name.startswith(f"{effect.name} {getattr(effect, 'channel', '')} ")
+
+
+def _noise(squares: float, count: float) -> float:
+    """Sum of squares that noise has in records where a model leaves so much: this, if it may be noise alone."""
+    return squares if squares < count + 3.0 * np.sqrt(2.0 * count) else count
 
 
 def _estimates(before: Identification, final: Fit):

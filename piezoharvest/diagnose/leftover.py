@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from piezoharvest.identify.noise import first_guess, rounding
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.identify.sums import Whitener, residual_blocks, spectra_of
 
+STRUCTURE = 1e-5  # level at which residuals are more than noise
 HARMONICS = 12
 SLOW = 1.5  # Hz: below it what a rounded sensor reads of a held load is off by a constant that is no noise
 HELD = 1e-5  # of the drive's range, that it moves from sample to sample
@@ -180,6 +181,7 @@ def share_above_noise(problem: Problem, found: Fit) -> tuple[float, float]:
     return squares, float(count)
 
 
-def significant(places: Sequence[Leftover], level: float) -> list[Leftover]:
-    """Places that noise does not explain at a level that is corrected for their number."""
-    return [place for place in places if place.p_value * len(places) < level]
+def structure(problem: Problem, found: Fit) -> tuple[Leftover, ...]:
+    """Places that noise does not explain, the least likely first; their number is corrected for."""
+    places = leftovers(problem, found)
+    return tuple(place for place in places if place.p_value * len(places) < STRUCTURE)

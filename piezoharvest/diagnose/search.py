@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from piezoharvest.diagnose.candidates import Candidate, carried, effect_parameters, extended, scores
+from piezoharvest.diagnose.leftover import Leftover, structure
 from piezoharvest.diagnose.scene import Scene
 from piezoharvest.effects import Effect
 from piezoharvest.identify.fit import Fit, Problem, fit
@@ -17,7 +18,7 @@ from piezoharvest.predict.parameters import Parameter, put, value_at
 from piezoharvest.predict.prediction import PredictionError
 
 LEVEL = 1e-4  # chance of a false alarm, over all effects together
-MOST = 4  # effects at once
+MOST = 3  # effects at once
 PROMISING = 0.15  # of the best score: what a full fit may still turn round
 FITS = 4  # full fits a stage
 STAND_INS = 2  # of these against a model whose strayed parameters are held
@@ -62,8 +63,10 @@ class Search:
         Of each, corrected for the number of effects.
     first : tuple of Candidate
         Scores of all effects against the model without any.
+    left : tuple of Leftover
+        Where these leave structure.
     alternatives : tuple of (Step, float)
-        Other sets that are nearly as likely, with what they cost more.
+        Other sets that are nearly as likely, with what they cost more; not looked for where structure is left.
     fits : tuple of (str, float)
         Full fits that were made: names, and cost less that of the model without effects.
     """
@@ -73,6 +76,7 @@ class Search:
     order: tuple[Effect, ...]
     p_values: tuple[float, ...]
     first: tuple[Candidate, ...]
+    left: tuple[Leftover, ...]
     alternatives: tuple[tuple[Step, float], ...]
     fits: tuple[tuple[str, float], ...]
 
@@ -124,10 +128,11 @@ class Searcher:
             candidates = self._scores(now)
             stage = [(candidate, now) for candidate in candidates]
         now = self._polished(now)
-        close = self._alternatives(now, alternatives)
+        left = structure(self.problem, now.found)
+        close = () if left else self._alternatives(now, alternatives)
         nested = self._nested(now)
         effects = now.found.model.transducer.effects
-        return Search(base, nested, effects, tuple(levels), tuple(first), close, tuple(self.fits))
+        return Search(base, nested, effects, tuple(levels), tuple(first), left, close, tuple(self.fits))
 
     def _scores(self, now: Step) -> list[Candidate]:
         return scores(self.problem, now.found, self.scene, self.library)

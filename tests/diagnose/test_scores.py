@@ -8,7 +8,7 @@ from diagnose_runs import campaign, fitted
 from scipy.stats import kstest
 
 from piezoharvest.diagnose.candidates import carried, cosine, effect_parameters, extended, scores
-from piezoharvest.diagnose.leftover import leftovers, significant
+from piezoharvest.diagnose.leftover import leftovers, structure
 from piezoharvest.effects import BiasCurrent, DielectricRelaxation, Leakage, LoadError, Stiffening, registered
 from piezoharvest.identify.fit import fit
 from piezoharvest.identify.identification import prepared
@@ -88,14 +88,14 @@ def test_leftovers_of_white_noise_are_uniform(records):
         places = leftovers(problem, found)
         # Bands of many lines: few lose a share that counts to the fitted parameters.
         p_values += [place.p_value for place in places if place.count > 40 and place.record != "all"]
-        assert not significant(places, 1e-4)
+        assert not structure(problem, found)
     assert len(p_values) > 100
     assert kstest(p_values, "uniform").pvalue > 1e-3
 
 
 def test_leftovers_find_what_is_not_in_the_model(records):
     problem, found, _ = fitted(*records, [Stiffening(cubic_stiffness=3e18)], seed=5)
-    left = significant(leftovers(problem, found), 1e-5)
+    left = structure(problem, found)
     assert left
     assert left[0].p_value < 1e-12
 
