@@ -12,11 +12,13 @@ from scipy.stats import chi2
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.fit import Fit, Problem, whiteners
 from piezoharvest.identify.noise import first_guess, rounding
-from piezoharvest.identify.responses import FrequencyData
+from piezoharvest.identify.responses import FrequencyData, relative_error
 from piezoharvest.identify.sums import Whitener, residual_blocks, spectra_of
 
 STRUCTURE = 1e-5  # level at which residuals are more than noise
 HARMONICS = 12
+APART = 3  # lines that are compared: neighbours are alike by the window of an analyser
+LEAST = 20  # lines
 SLOW = 1.5  # Hz: below it what a rounded sensor reads of a held load is off by a constant that is no noise
 HELD = 1e-5  # of the drive's range, that it moves from sample to sample
 OFTEN = 0.3  # share of the samples
@@ -32,7 +34,7 @@ class Leftover:
     Attributes
     ----------
     where : str
-        "0.6 to 1.5 Hz", "harmonic 3 of the drive".
+        "0.6 to 1.5 Hz", "harmonic 3 of the drive", "alike over frequency".
     record, channel : str
         The record, or "all"; the channel as whitened (each less what those before it tell), or "all".
     squares, count : float
@@ -82,7 +84,7 @@ def _level(spectrum: np.ndarray) -> np.ndarray:
 def leftovers(problem: Problem, found: Fit) -> list[Leftover]:
     """All comparisons, the least likely first."""
     spectra = _levelled(problem, found)
-    places = [*_bands(spectra), *_harmonics(spectra)]
+    places = [*_bands(spectra), *_harmonics(spectra), *_responses(problem, found)]
     return sorted(places, key=lambda place: (place.p_value, -place.excess))
 
 
@@ -154,6 +156,21 @@ def _harmonics(spectra) -> list[Leftover]:
         where, channel = key.split("|")
         found.append(Leftover(where, "all", channel, squares, count))
     return found
+
+
+def _responses(problem: Problem, found: Fit) -> list[Leftover]:
+    """Measured responses whose residuals are alike over frequency, which those of noise are not."""
+    places = []
+    for data in problem.data:
+        if not isinstance(data, FrequencyData) or len(data) < LEAST:
+            continue
+        record, value = data.record, data.response(replace(found.model, parameters=()))[0]
+        residual = (record.response - value) / (relative_error(record) * np.abs(record.response))
+        alike = np.real(np.vdot(residual[:-APART], residual[APART:])) / np.sum(np.abs(residual) ** 2)
+        squares = 2.0 * len(data) * max(alike, 0.0) ** 2
+        channel = "impedance" if record.kind == "impedance" else record.output
+        places.append(Leftover("alike over frequency", data.name, channel, squares, 1))
+    return places
 
 
 def fundamental(data: Data) -> float | None:

@@ -126,7 +126,7 @@ class Searcher:
             self.tell(f"found {', '.join(now.effects)}")
             now, levels = self._revised(now, levels)
             candidates = self._scores(now)
-            stage = [(candidate, now) for candidate in candidates]
+            stage = [*((candidate, now) for candidate in candidates), *self._strayed(now.found)]
         now = self._polished(now)
         left = structure(self.problem, now.found)
         close = () if left else self._alternatives(now, alternatives)
@@ -137,13 +137,13 @@ class Searcher:
     def _scores(self, now: Step) -> list[Candidate]:
         return scores(self.problem, now.found, self.scene, self.library)
 
-    def _strayed(self, base: Fit) -> list[tuple[Candidate, Step]]:
+    def _strayed(self, found: Fit) -> list[tuple[Candidate, Step]]:
         """Scores against a model whose strayed parameters are at their nominal values.
 
         Damping delays displacement and voltage as a skew delays the voltage: once it has taken the place of one, no
         small step leads from the one to the other.
         """
-        nominal, model = self.problem.nominal, base.model
+        nominal, model = self.problem.nominal, found.model
         strayed = [
             p for p in model.parameters
             if p.scaling == "log" and p.path[0] != "effects"
@@ -155,7 +155,7 @@ class Searcher:
         for parameter in strayed:
             transducer = put(transducer, parameter.path, value_at(nominal, parameter.path))
         kept = tuple(p for p in model.parameters if p not in strayed)
-        origin = self._fit(replace(model, transducer=transducer, parameters=kept), base.own, base)
+        origin = self._fit(replace(model, transducer=transducer, parameters=kept), found.own, found)
         return [] if origin is None else [(candidate, origin) for candidate in self._scores(origin)]
 
     def _stage(self, now: Step, stage: Sequence[tuple[Candidate, Step]]) -> list[Step]:
