@@ -222,13 +222,20 @@ def _threads() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-def _sums(
+def sums_of(
     problem: Problem,
     model: Model,
     own: Sequence[np.ndarray],
     white: Sequence[Whitener | ResponseWeights],
     scatter: bool = False,
 ) -> tuple[Sums, ...]:
+    """Sums of all records.
+
+    Raises
+    ------
+    PredictionError
+        The model cannot follow a record.
+    """
     # Records side by side; threads within products of small matrices would wait for each other most of the time.
     with _threads().limit(limits=1), ThreadPoolExecutor(WORKERS) as pool:
         for data in problem.data:
@@ -260,7 +267,7 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
     mean, precision = _prior(problem, model, own)
     values = np.concatenate([_inner(model), *own])
     white = whiteners(problem, model, noise, rough=loose)
-    sums = _sums(problem, model, own, white)
+    sums = sums_of(problem, model, own, white)
     information, gradient, squares = _whole(model, own, sums)
     cost = squares + float(precision @ (values - mean) ** 2)
     damping, converged, message = 1e-4, False, "too many iterations"
@@ -278,7 +285,7 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
         trial = values + step
         try:
             new_model, new_own = moved(model, trial[: len(model.parameters)]), _split(trial, model, own)
-            new_sums = _sums(problem, new_model, new_own, white)
+            new_sums = sums_of(problem, new_model, new_own, white)
             new_information, new_gradient, squares = _whole(new_model, new_own, new_sums)
             new_cost = squares + float(precision @ (trial - mean) ** 2)
         except (PredictionError, ParameterError, np.linalg.LinAlgError, OverflowError):
@@ -300,7 +307,7 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
                 converged = promise < 1.0
                 break
     # Models pass on the noise of the drive in their own ways: each is judged by residuals that its own way makes white.
-    sums = _sums(problem, model, own, whiteners(problem, model, noise), scatter=not loose)
+    sums = sums_of(problem, model, own, whiteners(problem, model, noise), scatter=not loose)
     information, _, squares = _whole(model, own, sums)
     cost = squares + float(precision @ (values - mean) ** 2)
     return Fit(model, tuple(own), noise, cost, sums, information, np.diag(precision), converged, iteration, message)
@@ -344,7 +351,7 @@ def linearised(
     problem: Problem, model: Model, own: Sequence[np.ndarray], found: Fit
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Information, gradient and sum of squares of a model, residuals weighed as in another fit of the same records."""
-    return _whole(model, own, _sums(problem, model, own, whiteners(problem, found.model, found.noise)))
+    return _whole(model, own, sums_of(problem, model, own, whiteners(problem, found.model, found.noise)))
 
 
 def covariance(found: Fit) -> np.ndarray:
