@@ -32,7 +32,8 @@ def gain_of(prediction: Prediction, channels: Sequence[str], frequencies: np.nda
     -------
     (f, channels) complex array
     """
-    return _gain(prediction, channels, frequencies).value * _late(prediction, channels, frequencies)[0]
+    gain = _gain(prediction, channels, frequencies).value
+    return gain * _late(prediction, channels, frequencies)[0] if prediction.transducer.effects else gain
 
 
 def gain_slopes(
@@ -40,6 +41,8 @@ def gain_slopes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Response as `gain_of` gives it, and its derivatives to the parameters, (f, channels, parameters)."""
     gain = _gain(prediction, channels, frequencies)
+    if not prediction.transducer.effects:
+        return gain.value, gain.slopes
     late, rate = _late(prediction, channels, frequencies)
     slopes = gain.slopes * late[:, :, None]
     for n, effect in enumerate(prediction.transducer.effects):

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from functools import reduce
 from operator import add
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -110,16 +110,21 @@ class Whitener:
     def __init__(self, prediction: Prediction, noise: Noise, data: Data, *, rough: bool = False) -> None:
         self._prediction, self._noise, self._data = prediction, noise, data
         self._corrected = data.drive in noise.sigma and not rough
-        self._matrices: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self._matrices: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         self._steps = [rounding(data.record[channel], noise.sigma[channel]) for channel in data.channels]
 
     def of(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Matrices (f, channels, channels) for a block of so many samples, and squares (f,) of the drive's noise."""
+        return self._of(count)[:2]
+
+    def _of(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Those of `of`, and the matrices once more with the frequencies last, lower triangular."""
         if count not in self._matrices:
             data = self._data
             gain = gain_of(self._prediction, data.channels, np.fft.rfftfreq(count, data.setting.sample_time))
             white = np.linalg.inv(np.linalg.cholesky(self._noise.covariance(data.channels, data.drive, gain)))
-            self._matrices = {count: (white, _passed(white, gain)[1])}
+            rows = np.ascontiguousarray(white.transpose(1, 2, 0))
+            self._matrices = {count: (white, _passed(rows, gain.T)[1], rows)}
         return self._matrices[count]
 
     def sums(self, model: Model, own: np.ndarray, scatter: bool = False) -> Sums:
@@ -136,13 +141,13 @@ class Whitener:
         h, parts, passed = self._data.setting.sample_time, [], {}
         for prediction, begin, residual, slopes in residual_blocks(model, self._data, own, True):
             count = len(residual)
-            white, at_first = self.of(count)
+            white, at_first, rows = self._of(count)
             predicted = self._data.values[begin : begin + count] - residual
             rounded = (lambda D, x=predicted, W=white: self._scatter(x, D, W)) if scatter else None
-            part = _whitened(residual, slopes, white, h, rounded)
+            part = _whitened(residual, slopes, rows, h, rounded)
             if self._corrected:
                 if count not in passed:
-                    passed = {count: self._drive_noise(prediction, count, white, at_first)}
+                    passed = {count: self._drive_noise(prediction, count, rows, at_first)}
                 information, gradient, squares = passed[count]
                 p = gradient.shape[1]
                 part.information[:, :p, :p] -= information
@@ -180,26 +185,40 @@ class Whitener:
         frequencies = np.fft.rfftfreq(count, self._data.setting.sample_time)
         gain, slopes = gain_slopes(prediction, self._data.channels, frequencies)
         power = self._noise.sigma[self._data.drive] ** 2 * components(count)
-        passed, squares = _passed(white, gain)
-        D = white @ slopes
-        products = np.real(np.einsum("fc,fcp->fp", np.conj(passed), D)) * power[:, None]
+        passed, squares = _passed(white, gain.T)
+        D = _times(white, slopes.transpose(1, 2, 0))
+        products = np.real(np.einsum("cf,cpf->fp", np.conj(passed), D)) * power[:, None]
         edges = np.minimum(np.searchsorted(frequencies, EDGES), len(frequencies))
-        D *= np.sqrt(power)[:, None, None]
-        information = np.array(
-            [_gram(D[a:b].reshape((b - a) * D.shape[1], D.shape[2])) for a, b in itertools.pairwise(edges)]
-        )
+        D *= np.sqrt(power)
+        information = np.array([_gram(D[:, :, a:b]) for a, b in itertools.pairwise(edges)])
         return information, _by_bands(products, edges), _by_bands((squares - at_first) * power, edges)
 
 
-def _gram(D: Any) -> np.ndarray:
-    """Real part of D^H D."""
-    return D.real.T @ D.real + D.imag.T @ D.imag
+def _times(white: np.ndarray, spectra: np.ndarray) -> np.ndarray:
+    """Products with lower triangular matrices (channels, channels, f) of spectra (channels, ..., f), of which rows lie
+    together: much faster than a product of small matrices for every frequency."""
+    found = np.empty_like(spectra)
+    for a in range(len(white)):
+        np.multiply(spectra[0], white[a, 0], out=found[a])
+        for b in range(1, a + 1):
+            found[a] += spectra[b] * white[a, b]
+    return found
+
+
+def _parts(spectra: np.ndarray) -> np.ndarray:
+    """Real and imaginary parts of spectra side by side: (..., 2 f)."""
+    return np.ascontiguousarray(spectra).view(float)
+
+
+def _gram(D: np.ndarray) -> np.ndarray:
+    """Real part of D D^H summed over channels, (p, p), for spectra (channels, p, f)."""
+    return sum((part @ part.T for part in _parts(D)), np.zeros((D.shape[1],) * 2))
 
 
 def _passed(white: np.ndarray, gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened response to the drive, (f, channels), and its squares, (f,)."""
-    passed = (white @ gain[:, :, None])[:, :, 0]
-    return passed, (np.abs(passed) ** 2).sum(axis=1)
+    """Whitened response to the drive, (channels, f), and its squares, (f,)."""
+    passed = _times(white, gain)
+    return passed, (np.abs(passed) ** 2).sum(axis=0)
 
 
 def _by_bands(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
@@ -237,6 +256,8 @@ class Extra(NamedTuple):
 
     def columns(self, time: np.ndarray) -> np.ndarray:
         """What a unit adds to the channels, (samples, channels), complex."""
+        if self.frequency == 0.0:
+            return np.broadcast_to(self.gains, (len(time), len(self.gains)))
         return np.exp(2j * np.pi * self.frequency * time)[:, None] * self.gains
 
 
@@ -284,25 +305,43 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
         columns = [extra.columns(time) for extra in more]
         predicted, slopes = block.values[:, places], None
         if derivatives:
-            slopes = np.concatenate([block.derivatives[:, places], *(np.real(c)[:, :, None] for c in columns)], axis=2)
+            slopes = _joined(block.derivatives[:, places], [np.real(column) for column in columns])
             for extra, column, size in zip(more, columns, own[count:], strict=True):
                 for k, parameter in enumerate(model.parameters):
                     if extra.effect is not None and parameter.path == ("effects", extra.effect, "frequency"):
                         slopes[:, :, k] += size * np.real(2j * np.pi * time[:, None] * column)
         predicted = predicted + sum((size * np.real(c) for size, c in zip(own[count:], columns, strict=True)), 0.0)
-        passed, passed_slopes = small_response(prediction, data.channels, data.rest[block.begin : end], derivatives)
-        predicted = predicted + passed
-        if slopes is not None:
-            slopes[:, :, : passed_slopes.shape[2]] += passed_slopes
+        rest = data.rest[block.begin : end]
+        if np.any(rest):
+            passed, passed_slopes = small_response(prediction, data.channels, rest, derivatives)
+            predicted = predicted + passed
+            if slopes is not None:
+                slopes[:, :, : passed_slopes.shape[2]] += passed_slopes
         predicted, slopes = sensed(effects, model.parameters, data.channels, h, predicted, slopes)
         yield prediction, block.begin, data.values[block.begin : end] - predicted, slopes
 
 
+def _joined(derivatives: np.ndarray, columns: Sequence[np.ndarray]) -> np.ndarray:
+    """Derivatives (samples, channels, p) with further columns (samples, channels); samples lie together in memory, as
+    their spectra want them."""
+    samples, channels, count = derivatives.shape
+    found = np.empty((channels, count + len(columns), samples)).transpose(2, 0, 1)
+    found[:, :, :count] = derivatives
+    for k, column in enumerate(columns, count):
+        found[:, :, k] = column
+    return found
+
+
 def spectra_of(values: np.ndarray) -> np.ndarray:
     """One-sided spectra along the first axis, whose squares sum to the squares of the values."""
-    count = len(values)
-    found = np.fft.rfft(values, axis=0) / np.sqrt(count)
-    found[1 : (count + 1) // 2] *= np.sqrt(2.0)
+    return np.moveaxis(_line_spectra(np.moveaxis(values, 0, -1)), -1, 0)
+
+
+def _line_spectra(values: np.ndarray) -> np.ndarray:
+    """Spectra as those of `spectra_of`, along the last axis."""
+    count = values.shape[-1]
+    found = np.fft.rfft(values)
+    found *= np.sqrt(components(count) / count)
     return found
 
 
@@ -316,21 +355,20 @@ def _whitened(
 ) -> Sums:
     """Sums of one block, by bands."""
     count, channels = residual.shape
-    R = (W @ spectra_of(residual)[:, :, None])[:, :, 0]
-    D = W @ spectra_of(slopes)
+    R, D = (_times(W, _line_spectra(np.moveaxis(values, 0, -1))) for values in (residual, slopes))
     edges = np.searchsorted(np.fft.rfftfreq(count, sample_time), EDGES)
-    P, bands = D.shape[2], len(EDGES) - 1
+    P, bands = D.shape[1], len(EDGES) - 1
     sums = Sums.empty(P)
     if scatter is not None:
-        sums.scatter[:] = scatter(D)
+        sums.scatter[:] = scatter(D.transpose(2, 0, 1))
     for band in range(bands):
         part = slice(edges[band], edges[band + 1])
         if part.start == part.stop:
             continue
-        d: Any = D[part].reshape(-1, P)
-        r: Any = R[part].reshape(-1)
-        sums.information[band], sums.gradient[band] = _gram(d), d.real.T @ r.real + d.imag.T @ r.imag
-        sums.squares[band] = r.real @ r.real + r.imag @ r.imag
+        sums.information[band] = _gram(D[:, :, part])
+        r = _parts(R[:, part])
+        sums.gradient[band] = sum(d @ e for d, e in zip(_parts(D[:, :, part]), r, strict=True))
+        sums.squares[band] = float(np.sum(r**2))
         # The lines at zero and at half the sample rate have one component, the others two.
         ends = (part.start == 0) + (part.stop == count // 2 + 1 and count % 2 == 0)
         sums.count[band] = (2 * (part.stop - part.start) - ends) * channels
