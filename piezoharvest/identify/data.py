@@ -53,7 +53,11 @@ class Data:
     @cached_property
     def values(self) -> np.ndarray:
         """Measured responses, (samples, channels)."""
-        return np.column_stack([self.record[channel] for channel in self.channels])
+        return self.part(0, len(self))
+
+    def part(self, begin: int, end: int) -> np.ndarray:
+        """Measured responses of some samples, which leaves no second copy of a long record in memory."""
+        return np.column_stack([self.record[channel][begin:end] for channel in self.channels])
 
     def __len__(self) -> int:
         return self.setting.count

@@ -7,7 +7,7 @@ Sources: Ljung, System Identification, 1999, sections 7.2 and 10.2 (output error
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
@@ -33,7 +33,9 @@ ENOUGH = 1e-2  # of -2 ln L that an iteration may still promise
 ROUGH = 1e-3  # the same relative to it, while the noise is passed on by a model that is not fitted yet
 ROUNDS = 3  # of estimating the noise
 QUIET = 2  # iterations in a row that gain less than that, after which no more is hoped for
+RIPPLE = 10.0  # times that, which a step may promise in vain
 LEAP = 0.5  # of a logarithm in one iteration: what the data hardly shows must not run away meanwhile
+FAR, NEAR = 1e-4, 1e-6  # damping at first, of a rough fit and of one that goes on from there
 WORKERS = 2
 LEAST = 1e-12  # relative eigenvalue of an information matrix
 
@@ -159,20 +161,25 @@ def fit(
 
 def reestimated(problem: Problem, found: Fit) -> Noise:
     """Noise from the residuals of a fit."""
-    spectra, errors = [], {}
-    for data, own, sums in zip(problem.data, found.own, found.sums, strict=True):
+    errors = {
+        data.name: found.noise.sigma[data.name] * max(np.sqrt(sums.squares.sum() / max(sums.count.sum(), 1.0)), 1e-3)
+        for data, sums in zip(problem.data, found.sums, strict=True)
+        if isinstance(data, FrequencyData)
+    }
+    white = {name: sigma for name, sigma in found.noise.sigma.items() if name not in errors}
+    if set(white) <= set(problem.known):
+        return Noise({**white, **errors})
+    return Noise({**estimate(_residual_spectra(problem, found), problem.known, Noise(white)).sigma, **errors})
+
+
+def _residual_spectra(problem: Problem, found: Fit) -> Iterator[tuple[Sequence[str], str, np.ndarray, np.ndarray]]:
+    """What `noise.estimate` takes, one block at a time: all spectra of a long record would not fit into memory."""
+    for data, own in zip(problem.data, found.own, strict=True):
         if isinstance(data, FrequencyData):
-            excess = float(np.sqrt(sums.squares.sum() / max(sums.count.sum(), 1.0)))
-            errors[data.name] = found.noise.sigma[data.name] * max(excess, 1e-3)
             continue
         for prediction, _, residual, _ in residual_blocks(found.model, data, own, False):
-            frequencies = np.fft.rfftfreq(len(residual), data.setting.sample_time)
-            spectra.append((
-                data.channels, data.drive, spectra_of(residual) / np.sqrt(2.0), gain_of(prediction, data.channels,
-                frequencies)
-            ))  # fmt: skip
-    white = {name: sigma for name, sigma in found.noise.sigma.items() if name not in errors}
-    return Noise({**(estimate(spectra, problem.known, Noise(white)).sigma if spectra else {}), **errors})
+            gain = gain_of(prediction, data.channels, np.fft.rfftfreq(len(residual), data.setting.sample_time))
+            yield data.channels, data.drive, spectra_of(residual) / np.sqrt(2.0), gain
 
 
 def _inner(model: Model) -> np.ndarray:
@@ -267,11 +274,11 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
     mean, precision = _prior(problem, model, own)
     values = np.concatenate([_inner(model), *own])
     white = whiteners(problem, model, noise, rough=loose)
-    sums = sums_of(problem, model, own, white)
+    sums = sums_of(problem, model, own, white, scatter=not loose)
     information, gradient, squares = _whole(model, own, sums)
     cost = squares + float(precision @ (values - mean) ** 2)
-    damping, converged, message = 1e-4, False, "too many iterations"
-    iteration, quiet = 0, 0
+    damping, converged, message = FAR if loose else NEAR, False, "too many iterations"
+    iteration, quiet, first = 0, 0, model
     for iteration in range(1, MOST + 1):
         total = information + np.diag(precision)
         slope = gradient - precision * (values - mean)
@@ -297,19 +304,23 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
             information, gradient = new_information, new_gradient
             damping = max(damping * (0.1 if gained > 0.5 else 1.0 if gained > 0.1 else 4.0), 1e-12)
             tell(f"iteration {iteration}: {cost:.6g}")
-            if quiet == QUIET:
-                converged, message = True, "converged"
-                break
         else:
+            # Corners of the operators leave ripples in the cost, below which no step keeps what it promises.
+            quiet = quiet + 1 if promise < RIPPLE * limit else 0
             damping = max(10.0 * damping, 1e-6)
             if damping > 1e10:
                 message = "no step improves the fit"
                 converged = promise < 1.0
                 break
-    # Models pass on the noise of the drive in their own ways: each is judged by residuals that its own way makes white.
-    sums = sums_of(problem, model, own, whiteners(problem, model, noise), scatter=not loose)
-    information, _, squares = _whole(model, own, sums)
-    cost = squares + float(precision @ (values - mean) ** 2)
+        if quiet == QUIET:
+            converged, message = True, "converged"
+            break
+    if not loose and model is not first:
+        # Models pass on the noise of the drive in their own ways: each is judged by residuals that its own way makes
+        # white.
+        sums = sums_of(problem, model, own, whiteners(problem, model, noise), scatter=True)
+        information, _, squares = _whole(model, own, sums)
+        cost = squares + float(precision @ (values - mean) ** 2)
     return Fit(model, tuple(own), noise, cost, sums, information, np.diag(precision), converged, iteration, message)
 
 

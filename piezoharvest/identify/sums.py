@@ -142,7 +142,7 @@ class Whitener:
         for prediction, begin, residual, slopes in residual_blocks(model, self._data, own, True):
             count = len(residual)
             white, at_first, rows = self._of(count)
-            predicted = self._data.values[begin : begin + count] - residual
+            predicted = self._data.part(begin, begin + count) - residual
             rounded = (lambda D, x=predicted, W=white: self._scatter(x, D, W)) if scatter else None
             part = _whitened(residual, slopes, rows, h, rounded)
             if self._corrected:
@@ -318,7 +318,7 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
             if slopes is not None:
                 slopes[:, :, : passed_slopes.shape[2]] += passed_slopes
         predicted, slopes = sensed(effects, model.parameters, data.channels, h, predicted, slopes)
-        yield prediction, block.begin, data.values[block.begin : end] - predicted, slopes
+        yield prediction, block.begin, data.part(block.begin, end) - predicted, slopes
 
 
 def _joined(derivatives: np.ndarray, columns: Sequence[np.ndarray]) -> np.ndarray:

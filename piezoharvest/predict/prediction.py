@@ -216,9 +216,7 @@ class Prediction:
         dz, dlimits = (np.pad(array, ((0, 0), (0, P - count))) for array in (dz, slopes.limits))
         states, local, sizes = len(self.free), np.zeros((nw, 2)), np.zeros(m)
         w, inputs, dw, dinputs = np.zeros(nw), np.zeros(m), np.zeros((nw, P)), np.zeros((m, P))
-        coefficients = setting.motion.coefficients.copy()
         jumps = setting.motion.jumps
-        coefficients[jumps] += self.own[states:, None] * BUMP
         arrays = [np.ascontiguousarray(a) for a in (step.M, step.H, step.O)]
         limits = np.ascontiguousarray(np.real(matrices.parameters))
         moving = [np.any(array, axis=(0, 1)) for array in (slopes.M, slopes.H, slopes.O)]
@@ -229,10 +227,14 @@ class Prediction:
                 np.empty((end - begin + 1, len(matrices.channels))),
                 np.empty((end - begin + 1, len(matrices.channels), P)),
             )
-            inside = np.flatnonzero((jumps >= begin) & (jumps < end)) if P else np.zeros(0, int)
+            inside = np.flatnonzero((jumps >= begin) & (jumps < end))
+            # A copy of the block alone: that of a long record would take as much memory as its channels.
+            coefficients = setting.motion.coefficients[begin:end].copy()
+            coefficients[jumps[inside] - begin] += self.own[states + inside, None] * BUMP
+            inside = inside if P else inside[:0]
             bumps = np.column_stack([jumps[inside] - begin, len(self.parameters) + states + inside]).astype(np.int64)
             failed = march(
-                coefficients[begin:end], bumps, begin * self.share, self.share, begin == 0, setting.sample_time,
+                coefficients, bumps, begin * self.share, self.share, begin == 0, setting.sample_time,
                 arrays[0], arrays[1], arrays[2], limits, matrices.kinds, matrices.places,
                 tangents[0], tangents[1], tangents[2], dlimits,
                 z, w, inputs, dz, dw, dinputs, local, sizes, Y, dY,
