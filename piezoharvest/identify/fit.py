@@ -23,7 +23,7 @@ from piezoharvest.identify.responses import FIRST_ERROR, FrequencyData, Response
 from piezoharvest.identify.sums import Model, Sums, Whitener, own_names, residual_blocks, spectra_of
 from piezoharvest.parameters import ParameterError
 from piezoharvest.predict.parameters import put, value_at
-from piezoharvest.predict.prediction import Prediction, PredictionError
+from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.transducer import Transducer
 
 PRIOR = 1.0  # standard deviation of the logarithm of a parameter about its nominal value, where nothing else is known
@@ -218,7 +218,7 @@ def whiteners(
     return tuple(
         ResponseWeights(noise.sigma[data.name], data)
         if isinstance(data, FrequencyData)
-        else Whitener(Prediction(model.transducer, data.setting), noise, data, rough=rough)
+        else Whitener(model.prediction(data), noise, data, rough=rough)
         for data in problem.data
     )
 

@@ -14,6 +14,7 @@ from piezoharvest.predict.parameters import put, value_at
 from piezoharvest.predict.prediction import PredictionError
 
 POOR = 1.1  # mean square of the whitened residuals, above which there may be a better minimum
+NEAR = 30.0  # the same of first values that are near enough for sure
 STRETCHES = (0.7, 1.4)  # of the nominal thresholds
 ROUGH = 1e-3  # of -2 ln L for each residual: what a rough fit leaves
 
@@ -56,23 +57,30 @@ def started(problem: Problem, model: Model, tell: Callable[[str], None]) -> Fit:
 def _cheaper(problem: Problem, nominal: Model, told: Model) -> Model:
     """The model that is nearer to the records: what these seem to tell may be wrong where they hold what no model has.
 
-    Parameters of the records are not varied, so that this takes a fraction of an iteration.
+    Their parameters are not varied, so that this takes a fraction of an iteration.
     """
     if told.transducer == nominal.transducer:
         return nominal
     white = whiteners(problem, nominal, problem.noise(), rough=True)
-    costs = []
-    for transducer in (nominal.transducer, told.transducer):
-        bare = Model(transducer, (), nominal.offset_channels)
+
+    def cost(model: Model) -> float:
+        bare = replace(model, parameters=())
         try:
-            costs.append(sum(s.squares.sum() for s in sums_of(problem, bare, problem.start(bare), white)))
+            return float(sum(s.squares.sum() for s in sums_of(problem, bare, problem.start(bare), white)))
         except PredictionError:
-            costs.append(np.inf)
-    return told if costs[1] < costs[0] else nominal
+            return np.inf
+
+    found = cost(told)
+    return told if found < NEAR * _count(problem) or found < cost(nominal) else nominal
+
+
+def _count(problem: Problem) -> int:
+    """Residuals."""
+    return sum(len(data) * max(len(data.channels), 1) for data in problem.data)
 
 
 def _enough(problem: Problem) -> float:
-    return ROUGH * sum(len(data) * max(len(data.channels), 1) for data in problem.data)
+    return ROUGH * _count(problem)
 
 
 def _excess(found: Fit) -> float:
