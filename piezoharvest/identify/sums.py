@@ -195,8 +195,10 @@ class Whitener:
 
 
 def _times(white: np.ndarray, spectra: np.ndarray) -> np.ndarray:
-    """Products with lower triangular matrices (channels, channels, f) of spectra (channels, ..., f), of which rows lie
-    together: much faster than a product of small matrices for every frequency."""
+    """Products of lower triangular matrices (channels, channels, f) with spectra (channels, ..., f).
+
+    With the frequencies last this is much faster than a product of small matrices for every frequency.
+    """
     found = np.empty_like(spectra)
     for a in range(len(white)):
         np.multiply(spectra[0], white[a, 0], out=found[a])
@@ -322,8 +324,10 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
 
 
 def _joined(derivatives: np.ndarray, columns: Sequence[np.ndarray]) -> np.ndarray:
-    """Derivatives (samples, channels, p) with further columns (samples, channels); samples lie together in memory, as
-    their spectra want them."""
+    """Derivatives (samples, channels, p) with further columns (samples, channels).
+
+    The samples lie together in memory, as their spectra want them.
+    """
     samples, channels, count = derivatives.shape
     found = np.empty((channels, count + len(columns), samples)).transpose(2, 0, 1)
     found[:, :, :count] = derivatives
