@@ -63,8 +63,9 @@ def with_charge_loops(data: Sequence[Data], nominal: Transducer) -> Transducer:
 def loop_of(data: Data, nominal: Transducer) -> Loop | None:
     """Loop of a record from rest; None where charge, voltage or displacement do not follow from what was measured."""
     signals, h = {name: data.record[name] for name in data.record.signals}, data.setting.sample_time
-    if isinstance(data.record.shunt, Resistor):
-        resistance = data.record.shunt.resistance
+    shunt = data.record.shunt
+    if isinstance(shunt, Resistor):
+        resistance = shunt.resistance
         if "voltage" in signals:
             signals["current"] = signals["voltage"] / resistance
         elif "current" in signals:

@@ -78,10 +78,10 @@ def first_values(data: Sequence[Data | FrequencyData], nominal: Transducer) -> T
 
 def steps_of(data: Data) -> Iterator[Step]:
     """Steps in a record with a resistor, whose voltage decays far enough to tell its time constant."""
-    if not isinstance(data.record.shunt, Resistor) or "voltage" not in data.channels:
+    record, shunt, h = data.record, data.record.shunt, data.setting.sample_time
+    if not isinstance(shunt, Resistor) or "voltage" not in data.channels:
         return
-    record, h, resistance = data.record, data.setting.sample_time, data.record.shunt.resistance
-    drive, voltage = record[data.drive], record["voltage"]
+    drive, voltage, resistance = record[data.drive], record["voltage"], shunt.resistance
     for (_, before), (_, end) in pairwise(_held(drive)):
         peak = before + int(np.argmax(np.abs(voltage[before:end])))
         rate = _decay_rate(voltage[peak:end], h)

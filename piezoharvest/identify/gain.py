@@ -193,7 +193,7 @@ def _resolvent(kept: np.ndarray, A: np.ndarray, turn: np.ndarray) -> np.ndarray:
 
     Back substitution runs over the few states, each step over all frequencies.
     """
-    triangle, unitary = schur(np.linalg.solve(kept, A), output="complex")
+    triangle, unitary = schur(np.linalg.solve(kept, A), output="complex")[:2]
     n = len(A)
     inverse = np.zeros((n, n, len(turn)), complex)
     for j in range(n):

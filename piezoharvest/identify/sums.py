@@ -14,6 +14,7 @@ import numpy as np
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.gain import gain_of, gain_slopes, small_response, specimen_gain
 from piezoharvest.identify.noise import Noise, rounding
+from piezoharvest.identify.spectra import by_bands, components, gram, in_time, line_spectra, parts, passed_on, whitened
 from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.prediction import Lowered, Prediction
 from piezoharvest.predict.sensing import sensed
@@ -124,7 +125,7 @@ class Whitener:
             gain = gain_of(self._prediction, data.channels, np.fft.rfftfreq(count, data.setting.sample_time))
             white = np.linalg.inv(np.linalg.cholesky(self._noise.covariance(data.channels, data.drive, gain)))
             rows = np.ascontiguousarray(white.transpose(1, 2, 0))
-            self._matrices = {count: (white, _passed(rows, gain.T)[1], rows)}
+            self._matrices = {count: (white, passed_on(rows, gain.T)[1], rows)}
         return self._matrices[count]
 
     def sums(self, model: Model, own: np.ndarray, scatter: bool = False) -> Sums:
@@ -164,7 +165,7 @@ class Whitener:
             if max(rounded.size, rounded.second) < ROUND * self._noise.sigma[channel]:
                 continue
             turns = predicted[:, k] / rounded.step
-            slopes = _in_time(np.einsum("fc,fcp->fp", np.conj(white[:, :, k]), whitened), len(turns))
+            slopes = in_time(np.einsum("fc,fcp->fp", np.conj(white[:, :, k]), whitened), len(turns))
             waves = (
                 np.sqrt(0.5) * rounded.size * np.array([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)]) @ slopes
             )
@@ -185,56 +186,13 @@ class Whitener:
         frequencies = np.fft.rfftfreq(count, self._data.setting.sample_time)
         gain, slopes = gain_slopes(prediction, self._data.channels, frequencies)
         power = self._noise.sigma[self._data.drive] ** 2 * components(count)
-        passed, squares = _passed(white, gain.T)
-        D = _times(white, slopes.transpose(1, 2, 0))
+        passed, squares = passed_on(white, gain.T)
+        D = whitened(white, slopes.transpose(1, 2, 0))
         products = np.real(np.einsum("cf,cpf->fp", np.conj(passed), D)) * power[:, None]
         edges = np.minimum(np.searchsorted(frequencies, EDGES), len(frequencies))
         D *= np.sqrt(power)
-        information = np.array([_gram(D[:, :, a:b]) for a, b in itertools.pairwise(edges)])
-        return information, _by_bands(products, edges), _by_bands((squares - at_first) * power, edges)
-
-
-def _times(white: np.ndarray, spectra: np.ndarray) -> np.ndarray:
-    """Products of lower triangular matrices (channels, channels, f) with spectra (channels, ..., f).
-
-    With the frequencies last this is much faster than a product of small matrices for every frequency.
-    """
-    found = np.empty_like(spectra)
-    for a in range(len(white)):
-        np.multiply(spectra[0], white[a, 0], out=found[a])
-        for b in range(1, a + 1):
-            found[a] += spectra[b] * white[a, b]
-    return found
-
-
-def _parts(spectra: np.ndarray) -> np.ndarray:
-    """Real and imaginary parts of spectra side by side: (..., 2 f)."""
-    return np.ascontiguousarray(spectra).view(float)
-
-
-def _gram(D: np.ndarray) -> np.ndarray:
-    """Real part of D D^H summed over channels, (p, p), for spectra (channels, p, f)."""
-    return sum((part @ part.T for part in _parts(D)), np.zeros((D.shape[1],) * 2))
-
-
-def _passed(white: np.ndarray, gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened response to the drive, (channels, f), and its squares, (f,)."""
-    passed = _times(white, gain)
-    return passed, (np.abs(passed) ** 2).sum(axis=0)
-
-
-def _by_bands(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Sums over the first axis from edge to edge."""
-    return np.diff(np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])[edges], axis=0)
-
-
-def components(count: int) -> np.ndarray:
-    """Components of the lines of a real spectrum: two, and one at zero and at half the sample rate."""
-    found = np.full(count // 2 + 1, 2.0)
-    found[0] = 1.0
-    if count % 2 == 0:
-        found[-1] = 1.0
-    return found
+        information = np.array([gram(D[:, :, a:b]) for a, b in itertools.pairwise(edges)])
+        return information, by_bands(products, edges), by_bands((squares - at_first) * power, edges)
 
 
 class Extra(NamedTuple):
@@ -338,20 +296,7 @@ def _joined(derivatives: np.ndarray, columns: Sequence[np.ndarray]) -> np.ndarra
 
 def spectra_of(values: np.ndarray) -> np.ndarray:
     """One-sided spectra along the first axis, whose squares sum to the squares of the values."""
-    return np.moveaxis(_line_spectra(np.moveaxis(values, 0, -1)), -1, 0)
-
-
-def _line_spectra(values: np.ndarray) -> np.ndarray:
-    """Spectra as those of `spectra_of`, along the last axis."""
-    count = values.shape[-1]
-    found = np.fft.rfft(values)
-    found *= np.sqrt(components(count) / count)
-    return found
-
-
-def _in_time(spectra: np.ndarray, count: int) -> np.ndarray:
-    """Weights of samples that make the same sums as those of their `spectra_of`, (samples, p)."""
-    return np.fft.irfft(spectra * np.sqrt(count / components(count))[:, None], count, axis=0)
+    return np.moveaxis(line_spectra(np.moveaxis(values, 0, -1)), -1, 0)
 
 
 def _whitened(
@@ -359,7 +304,7 @@ def _whitened(
 ) -> Sums:
     """Sums of one block, by bands."""
     count, channels = residual.shape
-    R, D = (_times(W, _line_spectra(np.moveaxis(values, 0, -1))) for values in (residual, slopes))
+    R, D = (whitened(W, line_spectra(np.moveaxis(values, 0, -1))) for values in (residual, slopes))
     edges = np.searchsorted(np.fft.rfftfreq(count, sample_time), EDGES)
     P, bands = D.shape[1], len(EDGES) - 1
     sums = Sums.empty(P)
@@ -369,9 +314,9 @@ def _whitened(
         part = slice(edges[band], edges[band + 1])
         if part.start == part.stop:
             continue
-        sums.information[band] = _gram(D[:, :, part])
-        r = _parts(R[:, part])
-        sums.gradient[band] = sum(d @ e for d, e in zip(_parts(D[:, :, part]), r, strict=True))
+        sums.information[band] = gram(D[:, :, part])
+        r = parts(R[:, part])
+        sums.gradient[band] = sum(d @ e for d, e in zip(parts(D[:, :, part]), r, strict=True))
         sums.squares[band] = float(np.sum(r**2))
         # The lines at zero and at half the sample rate have one component, the others two.
         ends = (part.start == 0) + (part.stop == count // 2 + 1 and count % 2 == 0)
