@@ -17,7 +17,7 @@ import numpy as np
 from piezoharvest.hysteresis import Hysteresis
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.memory import plays
-from piezoharvest.shunts import Resistor
+from piezoharvest.shunts.resistor import Resistor
 from piezoharvest.transducer import Transducer
 
 POINTS = 500  # of a record: loops are smooth

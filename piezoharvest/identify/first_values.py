@@ -20,7 +20,7 @@ from piezoharvest.identify.charge_loops import believable, loop_of, thinned, wit
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.records.finding import runs
-from piezoharvest.shunts import Resistor
+from piezoharvest.shunts.resistor import Resistor
 from piezoharvest.transducer import Transducer
 
 LEVEL = 0.02  # of a drive's range, within which it counts as held
