@@ -53,10 +53,12 @@ class Data:
     @cached_property
     def values(self) -> np.ndarray:
         """Measured responses, (samples, channels)."""
-        return self.part(0, len(self))
+        return np.column_stack([self.record[channel] for channel in self.channels])
 
     def part(self, begin: int, end: int) -> np.ndarray:
-        """Measured responses of some samples, which leaves no second copy of a long record in memory."""
+        """Measured responses of some samples: a fit needs no second copy of a long record in memory."""
+        if "values" in self.__dict__:
+            return self.values[begin:end]
         return np.column_stack([self.record[channel][begin:end] for channel in self.channels])
 
     def __len__(self) -> int:
