@@ -33,6 +33,7 @@ ENOUGH = 1e-2  # of -2 ln L that an iteration may still promise
 ROUGH = 1e-3  # the same relative to it, while the noise is passed on by a model that is not fitted yet
 ROUNDS = 3  # of estimating the noise
 QUIET = 2  # iterations in a row that gain less than that, after which no more is hoped for
+HELD = 0.9  # share of what it promised that a step holds; with less the curvature is looked at
 RIPPLE = 10.0  # times that, which a step may promise in vain
 LEAP = 0.5  # of a logarithm in one iteration: what the data hardly shows must not run away meanwhile
 FAR, NEAR = 1e-4, 1e-6  # damping at first, of a rough fit and of one that goes on from there
@@ -278,9 +279,9 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
     information, gradient, squares = _whole(model, own, sums)
     cost = squares + float(precision @ (values - mean) ** 2)
     damping, converged, message = FAR if loose else NEAR, False, "too many iterations"
-    iteration, quiet, first = 0, 0, model
+    iteration, quiet, first, bend = 0, 0, model, np.zeros_like(information)
     for iteration in range(1, MOST + 1):
-        total = information + np.diag(precision)
+        total = information + np.diag(precision) + bend
         slope = gradient - precision * (values - mean)
         step, promise = _step(
             total, slope, damping, np.maximum(lower - values, -most), np.minimum(upper - values, most)
@@ -302,6 +303,9 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
             quiet = quiet + 1 if cost - new_cost < limit else 0
             model, own, sums, values, cost = new_model, new_own, new_sums, trial, new_cost
             information, gradient = new_information, new_gradient
+            if gained < HELD:
+                change = slope - (gradient - precision * (values - mean))
+                bend = _bent(bend, information + np.diag(precision), step, change)
             damping = max(damping * (0.1 if gained > 0.5 else 1.0 if gained > 0.1 else 4.0), 1e-12)
             tell(f"iteration {iteration}: {cost:.6g}")
         else:
@@ -322,6 +326,18 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
         information, _, squares = _whole(model, own, sums)
         cost = squares + float(precision @ (values - mean) ** 2)
     return Fit(model, tuple(own), noise, cost, sums, information, np.diag(precision), converged, iteration, message)
+
+
+def _bent(bend: np.ndarray, information: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """What the curvature of the cost has beyond the information, as the change of the slope over a step shows it.
+
+    A secant of rank one (Dennis, Gay & Welsch, ACM Transactions on Mathematical Software 7(3), 348-368, 1981, on why:
+    without it steps are too long where the noise that a model passes on depends on the parameters). It is only added:
+    the curvature stays that of a minimum.
+    """
+    miss = change - (information + bend) @ step
+    along = float(miss @ step)
+    return bend + np.outer(miss, miss) / along if along > 0 else bend
 
 
 def _split(values: np.ndarray, model: Model, own: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
