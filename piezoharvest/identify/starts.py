@@ -1,4 +1,4 @@
-"""Starts of a fit: operators after all else, and other thresholds where the first ones end in a poor minimum."""
+"""Starts of a fit: what the records show at sight, and other thresholds where that ends in a poor minimum."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from piezoharvest.predict.prediction import PredictionError
 
 POOR = 1.1  # mean square of the whitened residuals, above which there may be a better minimum
 NEAR = 30.0  # the same of first values that are near enough for sure
-STRETCHES = (0.7, 1.4)  # of the nominal thresholds
+STRETCHES = (0.7, 1.4)  # of the first thresholds
 ROUGH = 1e-3  # of -2 ln L for each residual: what a rough fit leaves
 
 
 def started(problem: Problem, model: Model, tell: Callable[[str], None]) -> Fit:
-    """Fit a model from the nominal values, and from others if these end where residuals are much larger than noise.
+    """Fit a model from first values, and from others if these end where residuals are much larger than noise.
 
     The fit is convex enough in all but the thresholds of the operators. While stiffness, coupling and capacitance are
-    far off, thresholds run away to explain it, and two of them may merge; so they stay for a first rough fit.
+    far off, thresholds run away to explain it, and two of them may merge; so where the records do not show them at
+    sight, they stay for a first rough fit.
 
     Parameters
     ----------
@@ -46,7 +47,7 @@ def started(problem: Problem, model: Model, tell: Callable[[str], None]) -> Fit:
         return best
     found = best
     for stretch in STRETCHES:
-        tell(f"another start: thresholds {stretch:g} times the nominal ones")
+        tell(f"another start: thresholds {stretch:g} times the first ones")
         start = _stretched(first, stretch)
         other = fit(problem, start, own, best.noise, estimate_noise=False, enough=_enough(problem), tell=tell)
         if other.cost < found.cost - _enough(problem):
