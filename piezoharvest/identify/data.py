@@ -55,6 +55,12 @@ class Data:
         """Measured responses, (samples, channels)."""
         return np.column_stack([self.record[channel] for channel in self.channels])
 
+    def part(self, begin: int, end: int) -> np.ndarray:
+        """Measured responses of some samples: a fit needs no second copy of a long record in memory."""
+        if "values" in self.__dict__:
+            return self.values[begin:end]
+        return np.column_stack([self.record[channel][begin:end] for channel in self.channels])
+
     def __len__(self) -> int:
         return self.setting.count
 

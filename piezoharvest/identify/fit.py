@@ -7,7 +7,7 @@ Sources: Ljung, System Identification, 1999, sections 7.2 and 10.2 (output error
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
@@ -23,7 +23,7 @@ from piezoharvest.identify.responses import FIRST_ERROR, FrequencyData, Response
 from piezoharvest.identify.sums import Model, Sums, Whitener, own_names, residual_blocks, spectra_of
 from piezoharvest.parameters import ParameterError
 from piezoharvest.predict.parameters import put, value_at
-from piezoharvest.predict.prediction import Prediction, PredictionError
+from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.transducer import Transducer
 
 PRIOR = 1.0  # standard deviation of the logarithm of a parameter about its nominal value, where nothing else is known
@@ -33,7 +33,10 @@ ENOUGH = 1e-2  # of -2 ln L that an iteration may still promise
 ROUGH = 1e-3  # the same relative to it, while the noise is passed on by a model that is not fitted yet
 ROUNDS = 3  # of estimating the noise
 QUIET = 2  # iterations in a row that gain less than that, after which no more is hoped for
+HELD = 0.9  # share of what it promised that a step holds; with less the curvature is looked at
+RIPPLE = 10.0  # times that, which a step may promise in vain
 LEAP = 0.5  # of a logarithm in one iteration: what the data hardly shows must not run away meanwhile
+FAR, NEAR = 1e-4, 1e-6  # damping at first, of a rough fit and of one that goes on from there
 WORKERS = 2
 LEAST = 1e-12  # relative eigenvalue of an information matrix
 
@@ -159,20 +162,25 @@ def fit(
 
 def reestimated(problem: Problem, found: Fit) -> Noise:
     """Noise from the residuals of a fit."""
-    spectra, errors = [], {}
-    for data, own, sums in zip(problem.data, found.own, found.sums, strict=True):
+    errors = {
+        data.name: found.noise.sigma[data.name] * max(np.sqrt(sums.squares.sum() / max(sums.count.sum(), 1.0)), 1e-3)
+        for data, sums in zip(problem.data, found.sums, strict=True)
+        if isinstance(data, FrequencyData)
+    }
+    white = {name: sigma for name, sigma in found.noise.sigma.items() if name not in errors}
+    if set(white) <= set(problem.known):
+        return Noise({**white, **errors})
+    return Noise({**estimate(_residual_spectra(problem, found), problem.known, Noise(white)).sigma, **errors})
+
+
+def _residual_spectra(problem: Problem, found: Fit) -> Iterator[tuple[Sequence[str], str, np.ndarray, np.ndarray]]:
+    """What `noise.estimate` takes, one block at a time: all spectra of a long record would not fit into memory."""
+    for data, own in zip(problem.data, found.own, strict=True):
         if isinstance(data, FrequencyData):
-            excess = float(np.sqrt(sums.squares.sum() / max(sums.count.sum(), 1.0)))
-            errors[data.name] = found.noise.sigma[data.name] * max(excess, 1e-3)
             continue
         for prediction, _, residual, _ in residual_blocks(found.model, data, own, False):
-            frequencies = np.fft.rfftfreq(len(residual), data.setting.sample_time)
-            spectra.append((
-                data.channels, data.drive, spectra_of(residual) / np.sqrt(2.0), gain_of(prediction, data.channels,
-                frequencies)
-            ))  # fmt: skip
-    white = {name: sigma for name, sigma in found.noise.sigma.items() if name not in errors}
-    return Noise({**(estimate(spectra, problem.known, Noise(white)).sigma if spectra else {}), **errors})
+            gain = gain_of(prediction, data.channels, np.fft.rfftfreq(len(residual), data.setting.sample_time))
+            yield data.channels, data.drive, spectra_of(residual) / np.sqrt(2.0), gain
 
 
 def _inner(model: Model) -> np.ndarray:
@@ -211,7 +219,7 @@ def whiteners(
     return tuple(
         ResponseWeights(noise.sigma[data.name], data)
         if isinstance(data, FrequencyData)
-        else Whitener(Prediction(model.transducer, data.setting), noise, data, rough=rough)
+        else Whitener(model.prediction(data), noise, data, rough=rough)
         for data in problem.data
     )
 
@@ -222,13 +230,20 @@ def _threads() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-def _sums(
+def sums_of(
     problem: Problem,
     model: Model,
     own: Sequence[np.ndarray],
     white: Sequence[Whitener | ResponseWeights],
     scatter: bool = False,
 ) -> tuple[Sums, ...]:
+    """Sums of all records.
+
+    Raises
+    ------
+    PredictionError
+        The model cannot follow a record.
+    """
     # Records side by side; threads within products of small matrices would wait for each other most of the time.
     with _threads().limit(limits=1), ThreadPoolExecutor(WORKERS) as pool:
         for data in problem.data:
@@ -260,13 +275,13 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
     mean, precision = _prior(problem, model, own)
     values = np.concatenate([_inner(model), *own])
     white = whiteners(problem, model, noise, rough=loose)
-    sums = _sums(problem, model, own, white)
+    sums = sums_of(problem, model, own, white, scatter=not loose)
     information, gradient, squares = _whole(model, own, sums)
     cost = squares + float(precision @ (values - mean) ** 2)
-    damping, converged, message = 1e-4, False, "too many iterations"
-    iteration, quiet = 0, 0
+    damping, converged, message = FAR if loose else NEAR, False, "too many iterations"
+    iteration, quiet, first, bend = 0, 0, model, np.zeros_like(information)
     for iteration in range(1, MOST + 1):
-        total = information + np.diag(precision)
+        total = information + np.diag(precision) + bend
         slope = gradient - precision * (values - mean)
         step, promise = _step(
             total, slope, damping, np.maximum(lower - values, -most), np.minimum(upper - values, most)
@@ -278,7 +293,7 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
         trial = values + step
         try:
             new_model, new_own = moved(model, trial[: len(model.parameters)]), _split(trial, model, own)
-            new_sums = _sums(problem, new_model, new_own, white)
+            new_sums = sums_of(problem, new_model, new_own, white)
             new_information, new_gradient, squares = _whole(new_model, new_own, new_sums)
             new_cost = squares + float(precision @ (trial - mean) ** 2)
         except (PredictionError, ParameterError, np.linalg.LinAlgError, OverflowError):
@@ -288,22 +303,41 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
             quiet = quiet + 1 if cost - new_cost < limit else 0
             model, own, sums, values, cost = new_model, new_own, new_sums, trial, new_cost
             information, gradient = new_information, new_gradient
+            if gained < HELD:
+                change = slope - (gradient - precision * (values - mean))
+                bend = _bent(bend, information + np.diag(precision), step, change)
             damping = max(damping * (0.1 if gained > 0.5 else 1.0 if gained > 0.1 else 4.0), 1e-12)
             tell(f"iteration {iteration}: {cost:.6g}")
-            if quiet == QUIET:
-                converged, message = True, "converged"
-                break
         else:
+            # Corners of the operators leave ripples in the cost, below which no step keeps what it promises.
+            quiet = quiet + 1 if promise < RIPPLE * limit else 0
             damping = max(10.0 * damping, 1e-6)
             if damping > 1e10:
                 message = "no step improves the fit"
                 converged = promise < 1.0
                 break
-    # Models pass on the noise of the drive in their own ways: each is judged by residuals that its own way makes white.
-    sums = _sums(problem, model, own, whiteners(problem, model, noise), scatter=not loose)
-    information, _, squares = _whole(model, own, sums)
-    cost = squares + float(precision @ (values - mean) ** 2)
+        if quiet == QUIET:
+            converged, message = True, "converged"
+            break
+    if not loose and model is not first:
+        # Models pass on the noise of the drive in their own ways: each is judged by residuals that its own way makes
+        # white.
+        sums = sums_of(problem, model, own, whiteners(problem, model, noise), scatter=True)
+        information, _, squares = _whole(model, own, sums)
+        cost = squares + float(precision @ (values - mean) ** 2)
     return Fit(model, tuple(own), noise, cost, sums, information, np.diag(precision), converged, iteration, message)
+
+
+def _bent(bend: np.ndarray, information: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """What the curvature of the cost has beyond the information, as the change of the slope over a step shows it.
+
+    A secant of rank one (Dennis, Gay & Welsch, ACM Transactions on Mathematical Software 7(3), 348-368, 1981, on why:
+    without it steps are too long where the noise that a model passes on depends on the parameters). It is only added:
+    the curvature stays that of a minimum.
+    """
+    miss = change - (information + bend) @ step
+    along = float(miss @ step)
+    return bend + np.outer(miss, miss) / along if along > 0 else bend
 
 
 def _split(values: np.ndarray, model: Model, own: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
@@ -344,7 +378,7 @@ def linearised(
     problem: Problem, model: Model, own: Sequence[np.ndarray], found: Fit
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Information, gradient and sum of squares of a model, residuals weighed as in another fit of the same records."""
-    return _whole(model, own, _sums(problem, model, own, whiteners(problem, found.model, found.noise)))
+    return _whole(model, own, sums_of(problem, model, own, whiteners(problem, found.model, found.noise)))
 
 
 def covariance(found: Fit) -> np.ndarray:

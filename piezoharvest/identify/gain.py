@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import schur
 
 from piezoharvest.effects import Effect
 from piezoharvest.predict.parameters import put
@@ -32,7 +33,8 @@ def gain_of(prediction: Prediction, channels: Sequence[str], frequencies: np.nda
     -------
     (f, channels) complex array
     """
-    return _gain(prediction, channels, frequencies).value * _late(prediction, channels, frequencies)[0]
+    gain = _gain(prediction, channels, frequencies).value
+    return gain * _late(prediction, channels, frequencies)[0] if prediction.transducer.effects else gain
 
 
 def gain_slopes(
@@ -40,6 +42,8 @@ def gain_slopes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Response as `gain_of` gives it, and its derivatives to the parameters, (f, channels, parameters)."""
     gain = _gain(prediction, channels, frequencies)
+    if not prediction.transducer.effects:
+        return gain.value, gain.slopes
     late, rate = _late(prediction, channels, frequencies)
     slopes = gain.slopes * late[:, :, None]
     for n, effect in enumerate(prediction.transducer.effects):
@@ -141,14 +145,16 @@ class _Gain:
         self._rows = [outputs + m.channels.index(channel) for channel in channels]
         self._prediction, step = prediction, prediction.step
         self._line = line = _Line.of(step.M, step.H, step.O, self._rows, prediction)
-        # What multiplies with the drive's part of the equations, (f, 8).
-        self._driven = np.column_stack([*cubic, *drive, *(turn * part for part in drive)])
-        resolvent = np.linalg.inv(turn[:, None, None] * line.kept - line.A)
-        states = (resolvent @ (self._driven @ line.driven().T)[:, :, None])[:, :, 0]
-        self._moving = np.column_stack([states, -turn[:, None] * states, self._driven])
-        self._states, self._drive = states, np.column_stack(drive)
-        self._left = line.C @ resolvent
-        self.value = states @ line.C.T + self._drive @ line.D.T
+        # Frequencies are the last axis throughout. What multiplies with the drive's part of the equations, (8, f):
+        self._driven = np.array([*cubic, *drive, *(turn * part for part in drive)])
+        resolvent = _resolvent(line.kept, line.A, turn)
+        n = len(line.A)
+        forced = line.driven() @ self._driven
+        self._states = states = np.einsum("ijf,jf->if", resolvent, forced)
+        self._drive = np.array(drive)
+        self._moving = np.concatenate([states, -turn * states, self._driven])
+        self._left = (line.C @ resolvent.reshape(n, -1)).reshape(len(line.C), n, -1)
+        self.value = (line.C @ states + line.D @ self._drive).T
 
     @cached_property
     def slopes(self) -> np.ndarray:
@@ -162,15 +168,40 @@ class _Gain:
             for name in ("M", "H", "O")
         ]
         d = _Line(*(np.imag(part) / SMALL for part in _Line.of(parts[0], parts[1], parts[2], self._rows, prediction)))
-        n = self._states.shape[1]
-        # Products with all parameters at once, (f, n * parameters), then what each state does to the channels.
+        # Products with all parameters at once, (n, parameters, f), then what each state does to the channels.
         inner = np.concatenate(
             [np.broadcast_to(part, (count, *part.shape[-2:])) for part in (d.A, d.kept)] + [d.driven()], axis=-1
         )
-        pushed = (self._moving @ inner.transpose(2, 1, 0).reshape(inner.shape[2], -1)).reshape(-1, n, count)
-        direct = np.concatenate([d.C, d.D], axis=-1)
-        found = np.column_stack([self._states, self._drive]) @ direct.transpose(2, 1, 0).reshape(direct.shape[2], -1)
-        return found.reshape(-1, direct.shape[1], count) + self._left @ pushed
+        pushed = _real_times(inner.transpose(1, 0, 2), self._moving)
+        found = _real_times(
+            np.concatenate([d.C, d.D], axis=-1).transpose(1, 0, 2), np.vstack([self._states, self._drive])
+        )
+        for channel, left in zip(found, self._left, strict=True):
+            for state, row in zip(pushed, left, strict=True):
+                channel += state * row
+        return found.transpose(2, 0, 1)
+
+
+def _real_times(factor: np.ndarray, spectra: np.ndarray) -> np.ndarray:
+    """Product of a real (a, b, n) array and complex spectra (n, f): half the work of a complex one."""
+    flat = np.ascontiguousarray(factor).reshape(-1, factor.shape[-1]) @ np.ascontiguousarray(spectra).view(float)
+    return flat.view(complex).reshape(*factor.shape[:2], -1)
+
+
+def _resolvent(kept: np.ndarray, A: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """(turn kept - A)^-1 at all frequencies, (n, n, f), by the Schur form of kept^-1 A.
+
+    Back substitution runs over the few states, each step over all frequencies.
+    """
+    triangle, unitary = schur(np.linalg.solve(kept, A), output="complex")[:2]
+    n = len(A)
+    inverse = np.zeros((n, n, len(turn)), complex)
+    for j in range(n):
+        inverse[j, j] = 1.0 / (turn - triangle[j, j])
+        for i in range(j - 1, -1, -1):
+            inverse[i, j] = inverse[i, i] * (triangle[i, i + 1 : j + 1] @ inverse[i + 1 : j + 1, j])
+    right = unitary.conj().T @ np.linalg.inv(kept)
+    return np.einsum("ai,ijf,jb->abf", unitary, inverse, right, optimize=True)
 
 
 class _Line(NamedTuple):

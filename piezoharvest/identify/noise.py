@@ -8,7 +8,7 @@ Whittle's likelihood: Brillinger, Time Series, 1981).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -52,15 +52,15 @@ def first_guess(values: np.ndarray) -> float:
 
 
 def estimate(
-    spectra: Sequence[tuple[Sequence[str], str, np.ndarray, np.ndarray]], known: Mapping[str, float], start: Noise
+    spectra: Iterable[tuple[Sequence[str], str, np.ndarray, np.ndarray]], known: Mapping[str, float], start: Noise
 ) -> Noise:
     """Standard deviations from residuals.
 
     Parameters
     ----------
-    spectra : sequence of (channels, drive, residual, gain)
-        For each record residuals (f, channels) whose squares are spectral densities in units of white noise, and the
-        response (f, channels) to the drive, both from zero to half the sample rate.
+    spectra : iterable of (channels, drive, residual, gain)
+        For each record, or block of one, residuals (f, channels) whose squares are spectral densities in units of white
+        noise, and the response (f, channels) to the drive, both from zero to half the sample rate.
     known : mapping of str to float
         What is known and kept.
     start : Noise

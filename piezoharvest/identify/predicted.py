@@ -49,4 +49,4 @@ def predictions(found: Identification) -> Iterator[Predicted]:
                 continue
             own = np.array(list(one.own.values()))
             residuals = [residual for _, _, residual, _ in residual_blocks(model, data, own, False)]
-            yield Predicted(record, findings, one, data.channels, data.values - np.concatenate(residuals))
+            yield Predicted(record, findings, one, data.channels, data.part(0, len(data)) - np.concatenate(residuals))

@@ -1,24 +1,30 @@
-"""Starts of a fit: operators after all else, and other thresholds where the first ones end in a poor minimum."""
+"""Starts of a fit: what the records show at sight, and other thresholds where that ends in a poor minimum."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
 
-from piezoharvest.identify.fit import Fit, Problem, fit
+import numpy as np
+
+from piezoharvest.identify.first_values import first_values
+from piezoharvest.identify.fit import Fit, Problem, fit, sums_of, whiteners
 from piezoharvest.identify.sums import Model
 from piezoharvest.predict.parameters import put, value_at
+from piezoharvest.predict.prediction import PredictionError
 
 POOR = 1.1  # mean square of the whitened residuals, above which there may be a better minimum
-STRETCHES = (0.7, 1.4)  # of the nominal thresholds
+NEAR = 30.0  # the same of first values that are near enough for sure
+STRETCHES = (0.7, 1.4)  # of the first thresholds
 ROUGH = 1e-3  # of -2 ln L for each residual: what a rough fit leaves
 
 
 def started(problem: Problem, model: Model, tell: Callable[[str], None]) -> Fit:
-    """Fit a model from the nominal values, and from others if these end where residuals are much larger than noise.
+    """Fit a model from first values, and from others if these end where residuals are much larger than noise.
 
     The fit is convex enough in all but the thresholds of the operators. While stiffness, coupling and capacitance are
-    far off, thresholds run away to explain it, and two of them may merge; so they stay for a first rough fit.
+    far off, thresholds run away to explain it, and two of them may merge; so where the records do not show them at
+    sight, they stay for a first rough fit.
 
     Parameters
     ----------
@@ -28,25 +34,54 @@ def started(problem: Problem, model: Model, tell: Callable[[str], None]) -> Fit:
     tell : callable
         Told about progress.
     """
+    first = _cheaper(problem, model, replace(model, transducer=first_values(problem.data, model.transducer)))
     free = tuple(p for p in model.parameters if p.path[0] != "hysteresis")
     if len(free) == len(model.parameters):
-        return fit(problem, model, tell=tell, rounds=2)
-    rough = fit(problem, replace(model, parameters=free), estimate_noise=False, enough=_enough(problem), tell=tell)
-    best = fit(problem, replace(rough.model, parameters=model.parameters), rough.own, tell=tell, rounds=2)
+        return fit(problem, first, tell=tell, rounds=2)
+    own = None
+    if first.transducer.hysteresis == model.transducer.hysteresis:
+        rough = fit(problem, replace(first, parameters=free), estimate_noise=False, enough=_enough(problem), tell=tell)
+        first, own = replace(rough.model, parameters=model.parameters), rough.own
+    best = fit(problem, first, own, tell=tell, rounds=2)
     if _excess(best) < POOR:
         return best
     found = best
     for stretch in STRETCHES:
-        tell(f"another start: thresholds {stretch:g} times the nominal ones")
-        start = replace(_stretched(rough.model, stretch), parameters=model.parameters)
-        other = fit(problem, start, rough.own, best.noise, estimate_noise=False, enough=_enough(problem), tell=tell)
+        tell(f"another start: thresholds {stretch:g} times the first ones")
+        start = _stretched(first, stretch)
+        other = fit(problem, start, own, best.noise, estimate_noise=False, enough=_enough(problem), tell=tell)
         if other.cost < found.cost - _enough(problem):
             found = other
     return best if found is best else fit(problem, found.model, found.own, tell=tell, rounds=2)
 
 
+def _cheaper(problem: Problem, nominal: Model, told: Model) -> Model:
+    """The model that is nearer to the records: what these seem to tell may be wrong where they hold what no model has.
+
+    Their parameters are not varied, so that this takes a fraction of an iteration.
+    """
+    if told.transducer == nominal.transducer:
+        return nominal
+    white = whiteners(problem, nominal, problem.noise(), rough=True)
+
+    def cost(model: Model) -> float:
+        bare = replace(model, parameters=())
+        try:
+            return float(sum(s.squares.sum() for s in sums_of(problem, bare, problem.start(bare), white)))
+        except PredictionError:
+            return np.inf
+
+    found = cost(told)
+    return told if found < NEAR * _count(problem) or found < cost(nominal) else nominal
+
+
+def _count(problem: Problem) -> int:
+    """Residuals."""
+    return sum(len(data) * max(len(data.channels), 1) for data in problem.data)
+
+
 def _enough(problem: Problem) -> float:
-    return ROUGH * sum(len(data) * max(len(data.channels), 1) for data in problem.data)
+    return ROUGH * _count(problem)
 
 
 def _excess(found: Fit) -> float:

@@ -7,13 +7,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from functools import reduce
 from operator import add
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.gain import gain_of, gain_slopes, small_response, specimen_gain
 from piezoharvest.identify.noise import Noise, rounding
+from piezoharvest.identify.spectra import by_bands, components, gram, in_time, line_spectra, parts, passed_on, whitened
 from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.prediction import Lowered, Prediction
 from piezoharvest.predict.sensing import sensed
@@ -110,16 +111,21 @@ class Whitener:
     def __init__(self, prediction: Prediction, noise: Noise, data: Data, *, rough: bool = False) -> None:
         self._prediction, self._noise, self._data = prediction, noise, data
         self._corrected = data.drive in noise.sigma and not rough
-        self._matrices: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self._matrices: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         self._steps = [rounding(data.record[channel], noise.sigma[channel]) for channel in data.channels]
 
     def of(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Matrices (f, channels, channels) for a block of so many samples, and squares (f,) of the drive's noise."""
+        return self._of(count)[:2]
+
+    def _of(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Those of `of`, and the matrices once more with the frequencies last, lower triangular."""
         if count not in self._matrices:
             data = self._data
             gain = gain_of(self._prediction, data.channels, np.fft.rfftfreq(count, data.setting.sample_time))
             white = np.linalg.inv(np.linalg.cholesky(self._noise.covariance(data.channels, data.drive, gain)))
-            self._matrices = {count: (white, _passed(white, gain)[1])}
+            rows = np.ascontiguousarray(white.transpose(1, 2, 0))
+            self._matrices = {count: (white, passed_on(rows, gain.T)[1], rows)}
         return self._matrices[count]
 
     def sums(self, model: Model, own: np.ndarray, scatter: bool = False) -> Sums:
@@ -136,13 +142,13 @@ class Whitener:
         h, parts, passed = self._data.setting.sample_time, [], {}
         for prediction, begin, residual, slopes in residual_blocks(model, self._data, own, True):
             count = len(residual)
-            white, at_first = self.of(count)
-            predicted = self._data.values[begin : begin + count] - residual
+            white, at_first, rows = self._of(count)
+            predicted = self._data.part(begin, begin + count) - residual
             rounded = (lambda D, x=predicted, W=white: self._scatter(x, D, W)) if scatter else None
-            part = _whitened(residual, slopes, white, h, rounded)
+            part = _whitened(residual, slopes, rows, h, rounded)
             if self._corrected:
                 if count not in passed:
-                    passed = {count: self._drive_noise(prediction, count, white, at_first)}
+                    passed = {count: self._drive_noise(prediction, count, rows, at_first)}
                 information, gradient, squares = passed[count]
                 p = gradient.shape[1]
                 part.information[:, :p, :p] -= information
@@ -159,7 +165,7 @@ class Whitener:
             if max(rounded.size, rounded.second) < ROUND * self._noise.sigma[channel]:
                 continue
             turns = predicted[:, k] / rounded.step
-            slopes = _in_time(np.einsum("fc,fcp->fp", np.conj(white[:, :, k]), whitened), len(turns))
+            slopes = in_time(np.einsum("fc,fcp->fp", np.conj(white[:, :, k]), whitened), len(turns))
             waves = (
                 np.sqrt(0.5) * rounded.size * np.array([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)]) @ slopes
             )
@@ -180,40 +186,13 @@ class Whitener:
         frequencies = np.fft.rfftfreq(count, self._data.setting.sample_time)
         gain, slopes = gain_slopes(prediction, self._data.channels, frequencies)
         power = self._noise.sigma[self._data.drive] ** 2 * components(count)
-        passed, squares = _passed(white, gain)
-        D = white @ slopes
-        products = np.real(np.einsum("fc,fcp->fp", np.conj(passed), D)) * power[:, None]
+        passed, squares = passed_on(white, gain.T)
+        D = whitened(white, slopes.transpose(1, 2, 0))
+        products = np.real(np.einsum("cf,cpf->fp", np.conj(passed), D)) * power[:, None]
         edges = np.minimum(np.searchsorted(frequencies, EDGES), len(frequencies))
-        D *= np.sqrt(power)[:, None, None]
-        information = np.array(
-            [_gram(D[a:b].reshape((b - a) * D.shape[1], D.shape[2])) for a, b in itertools.pairwise(edges)]
-        )
-        return information, _by_bands(products, edges), _by_bands((squares - at_first) * power, edges)
-
-
-def _gram(D: Any) -> np.ndarray:
-    """Real part of D^H D."""
-    return D.real.T @ D.real + D.imag.T @ D.imag
-
-
-def _passed(white: np.ndarray, gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened response to the drive, (f, channels), and its squares, (f,)."""
-    passed = (white @ gain[:, :, None])[:, :, 0]
-    return passed, (np.abs(passed) ** 2).sum(axis=1)
-
-
-def _by_bands(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Sums over the first axis from edge to edge."""
-    return np.diff(np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])[edges], axis=0)
-
-
-def components(count: int) -> np.ndarray:
-    """Components of the lines of a real spectrum: two, and one at zero and at half the sample rate."""
-    found = np.full(count // 2 + 1, 2.0)
-    found[0] = 1.0
-    if count % 2 == 0:
-        found[-1] = 1.0
-    return found
+        D *= np.sqrt(power)
+        information = np.array([gram(D[:, :, a:b]) for a, b in itertools.pairwise(edges)])
+        return information, by_bands(products, edges), by_bands((squares - at_first) * power, edges)
 
 
 class Extra(NamedTuple):
@@ -237,6 +216,8 @@ class Extra(NamedTuple):
 
     def columns(self, time: np.ndarray) -> np.ndarray:
         """What a unit adds to the channels, (samples, channels), complex."""
+        if self.frequency == 0.0:
+            return np.broadcast_to(self.gains, (len(time), len(self.gains)))
         return np.exp(2j * np.pi * self.frequency * time)[:, None] * self.gains
 
 
@@ -288,13 +269,14 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
         time = (np.arange(block.begin, end) - 0.5 * len(data)) * h
         predicted, slopes = block.values[:, places], None
         if derivatives:
-            slopes = np.zeros((*predicted.shape, len(model.parameters) + len(own)))
-            slopes[:, :, : block.derivatives.shape[2]] = block.derivatives[:, places]
+            slopes = _widened(block.derivatives[:, places], len(model.parameters) + len(own))
         _add(model, more, added, time, predicted, slopes)
-        passed, passed_slopes = small_response(prediction, data.channels, data.rest[block.begin : end], derivatives)
-        predicted += passed
-        if slopes is not None:
-            slopes[:, :, : passed_slopes.shape[2]] += passed_slopes
+        rest = data.rest[block.begin : end]
+        if np.any(rest):
+            passed, passed_slopes = small_response(prediction, data.channels, rest, derivatives)
+            predicted += passed
+            if slopes is not None:
+                slopes[:, :, : passed_slopes.shape[2]] += passed_slopes
         jumps = data.setting.motion.jumps - block.begin
         predicted, slopes = sensed(effects, model.parameters, data.channels, h, predicted, slopes, jumps)
         for k, (sample, c) in enumerate(first):
@@ -302,7 +284,18 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
                 predicted[sample - block.begin, c] += read[k]
                 if slopes is not None:
                     slopes[sample - block.begin, c, k - len(first) - len(more)] = 1.0
-        yield prediction, block.begin, data.values[block.begin : end] - predicted, slopes
+        yield prediction, block.begin, data.part(block.begin, end) - predicted, slopes
+
+
+def _widened(derivatives: np.ndarray, count: int) -> np.ndarray:
+    """Derivatives (samples, channels, p) with further columns of zeros.
+
+    The samples lie together in memory, as their spectra want them.
+    """
+    samples, channels, p = derivatives.shape
+    found = np.zeros((channels, count, samples)).transpose(2, 0, 1)
+    found[:, :, :p] = derivatives
+    return found
 
 
 def _add(model: Model, more: Sequence[Extra], sizes: np.ndarray, time, predicted, slopes) -> None:
@@ -320,15 +313,7 @@ def _add(model: Model, more: Sequence[Extra], sizes: np.ndarray, time, predicted
 
 def spectra_of(values: np.ndarray) -> np.ndarray:
     """One-sided spectra along the first axis, whose squares sum to the squares of the values."""
-    count = len(values)
-    found = np.fft.rfft(values, axis=0) / np.sqrt(count)
-    found[1 : (count + 1) // 2] *= np.sqrt(2.0)
-    return found
-
-
-def _in_time(spectra: np.ndarray, count: int) -> np.ndarray:
-    """Weights of samples that make the same sums as those of their `spectra_of`, (samples, p)."""
-    return np.fft.irfft(spectra * np.sqrt(count / components(count))[:, None], count, axis=0)
+    return np.moveaxis(line_spectra(np.moveaxis(values, 0, -1)), -1, 0)
 
 
 def _whitened(
@@ -336,21 +321,20 @@ def _whitened(
 ) -> Sums:
     """Sums of one block, by bands."""
     count, channels = residual.shape
-    R = (W @ spectra_of(residual)[:, :, None])[:, :, 0]
-    D = W @ spectra_of(slopes)
+    R, D = (whitened(W, line_spectra(np.moveaxis(values, 0, -1))) for values in (residual, slopes))
     edges = np.searchsorted(np.fft.rfftfreq(count, sample_time), EDGES)
-    P, bands = D.shape[2], len(EDGES) - 1
+    P, bands = D.shape[1], len(EDGES) - 1
     sums = Sums.empty(P)
     if scatter is not None:
-        sums.scatter[:] = scatter(D)
+        sums.scatter[:] = scatter(D.transpose(2, 0, 1))
     for band in range(bands):
         part = slice(edges[band], edges[band + 1])
         if part.start == part.stop:
             continue
-        d: Any = D[part].reshape(-1, P)
-        r: Any = R[part].reshape(-1)
-        sums.information[band], sums.gradient[band] = _gram(d), d.real.T @ r.real + d.imag.T @ r.imag
-        sums.squares[band] = r.real @ r.real + r.imag @ r.imag
+        sums.information[band] = gram(D[:, :, part])
+        r = parts(R[:, part])
+        sums.gradient[band] = sum(d @ e for d, e in zip(parts(D[:, :, part]), r, strict=True))
+        sums.squares[band] = float(np.sum(r**2))
         # The lines at zero and at half the sample rate have one component, the others two.
         ends = (part.start == 0) + (part.stop == count // 2 + 1 and count % 2 == 0)
         sums.count[band] = (2 * (part.stop - part.start) - ends) * channels

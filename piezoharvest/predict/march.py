@@ -122,6 +122,28 @@ def _weigh(tangents, z, w, e, out):
 
 
 @_fast
+def _multiply(A, R, out):
+    """Add A R to out, all of them matrices."""
+    for r in range(out.shape[0]):
+        for j in range(R.shape[0]):
+            factor = A[r, j]
+            if factor != 0.0:
+                for p in range(out.shape[1]):
+                    out[r, p] += factor * R[j, p]
+
+
+@_fast
+def _spread(rows, out):
+    """Set the first columns of a matrix to rows that stand side by side, the others to zero."""
+    some = len(rows) // out.shape[0]
+    for r in range(out.shape[0]):
+        for p in range(some):
+            out[r, p] = rows[r * some + p]
+        for p in range(some, out.shape[1]):
+            out[r, p] = 0.0
+
+
+@_fast
 def _solve(K, slopes, places, J, right):
     """Overwrite `right` by the solution of (1 - K f') d = right, f' being the slopes to inputs and rates now."""
     m = len(J)
@@ -227,8 +249,9 @@ def march(
         As in `Step`.
     kinds, places
         As in `Matrices`.
-    dM : (n + elements + 6, n * parameters) array
-        Derivatives of M, column by column; dH and dO in the same form; dlimits (elements, parameters).
+    dM : (n + elements + 6, n * some) array
+        Derivatives of M to the first `some` parameters, on which the equations depend, column by column; dH and dO in
+        the same form; dlimits (elements, parameters).
     z, w, inputs, dz, dw, dinputs : arrays
         States, outputs and inputs of the elements (then their rates) at the first sample, with their derivatives;
         overwritten by those at the last.
@@ -252,36 +275,36 @@ def march(
     zl, _all_rows, none = np.zeros(n), np.zeros(m + no), np.zeros(nw)
     slopes, J, residual = np.zeros((nw, 7)), np.zeros((m, m)), np.zeros((m, 1))
     move = np.zeros(m)
-    dold, dbefore, dzl, right = dinputs.copy(), dw.copy(), np.zeros(n * P), np.zeros((m, P))
-    drows, dturn = np.zeros((m + no) * P), np.zeros(n * P)
+    dzl, right, more = np.zeros((n, P)), np.zeros((m, P)), np.zeros((n, P))
+    some = dO.shape[1] // (m + no)
+    drows, dstates = np.zeros((m + no) * some), np.zeros(n * some)
     direct = np.ascontiguousarray(O[:m, n : n + nw])
     K = direct.copy()
+    Mz, Mw = np.ascontiguousarray(M[:, :n]), np.ascontiguousarray(M[:, n : n + nw])
+    Oz, Oyz = np.ascontiguousarray(O[:m, :n]), np.ascontiguousarray(O[m:, :n])
+    Oyw = np.ascontiguousarray(O[m:, n : n + nw])
     for k in range(-1 if at_start else 0, len(coefficients)):
         now = first + share * (k + 1)
         q = coefficients[max(k, 0)]
         if k < 0:
             e[0], e[1], e[2], e[3] = q[0], q[1] / h, 1.0, first
             zl[:] = z
-            for r in range(n):
-                dzl[r * P : (r + 1) * P] = dz[r]
+            dzl[:] = dz
         else:
             if k == 0:
-                K[:] = direct + np.ascontiguousarray(O[:m, :n]) @ H
+                K[:] = direct + Oz @ H
             e[0], e[1], e[2], e[3] = q[0] + q[1] + q[2] + q[3], (q[1] + 2 * q[2] + 3 * q[3]) / h, 1.0, now
             c[0], c[1], c[2], c[3], c[4], c[5] = q[0], q[1], q[2], q[3], 1.0, now - share
             _dot(M, z, w, c, zl)
             if P:
-                _weigh(dM, z, w, c, dzl)
-                for r in range(n):
-                    row = dzl[r * P : (r + 1) * P]
-                    for j in range(n):
-                        _add(row, M[r, j], dz[j])
-                    for j in range(nw):
-                        _add(row, M[r, n + j], dw[j])
+                _weigh(dM, z, w, c, dstates)
+                _spread(dstates, dzl)
+                _multiply(Mz, dz, dzl)
+                _multiply(Mw, dw, dzl)
                 for b in range(len(bumps)):
                     if bumps[b, 0] == k:
                         for r in range(n):
-                            dzl[r * P + bumps[b, 1]] += 3.0 * (M[r, n + nw] - 2.0 * M[r, n + nw + 1] + M[r, n + nw + 2])
+                            dzl[r, bumps[b, 1]] += 3.0 * (M[r, n + nw] - 2.0 * M[r, n + nw + 1] + M[r, n + nw + 2])
         old[:], before[:] = inputs, w
         _dot(O[:m], zl, none, e, base)
         for r in range(m):
@@ -302,43 +325,36 @@ def march(
         if not P:
             continue
         # The same once more with the derivatives; first what does not go through the elements' inputs now.
-        dold[:], dbefore[:] = dinputs, dw
         _weigh(dO, z, w, e, drows)
         if k >= 0:
-            dturn[:] = 0.0
+            dstates[:] = 0.0
             for j in range(nw):
-                _add(dturn, w[j], dH[j])
-            _add(dzl, 1.0, dturn)
+                _add(dstates, w[j], dH[j])
+            _spread(dstates, more)
+            for r in range(n):
+                for p in range(P):
+                    dzl[r, p] += more[r, p]
         for j in range(nw):
-            a = places[j, 0]
-            dw[j] = 0.0
-            if k >= 0:
-                _add(dw[j], slopes[j, 0], dbefore[j])
-                _add(dw[j], slopes[j, 1], dold[a])
-                _add(dw[j], slopes[j, 2], dold[half + a])
-                _add(dw[j], slopes[j, 6], dlimits[j])
-        for r in range(m):
-            right[r] = drows[r * P : (r + 1) * P]
-            for j in range(n):
-                _add(right[r], O[r, j], dzl[j * P : (j + 1) * P])
-            for j in range(nw):
-                _add(right[r], K[r, j], dw[j])
+            a, b = places[j, 0], places[j, 0] + half
+            s0, s1, s2, s6 = slopes[j, 0], slopes[j, 1], slopes[j, 2], slopes[j, 6]
+            for p in range(P):
+                dw[j, p] = s0 * dw[j, p] + s1 * dinputs[a, p] + s2 * dinputs[b, p] + s6 * dlimits[j, p]
+            if k < 0:
+                dw[j] = 0.0
+        _spread(drows[: m * some], right)
+        _multiply(Oz, dzl, right)
+        _multiply(K, dw, right)
         _solve(K, slopes, places, J, right)
         dinputs[:] = right
         for j in range(nw):
-            _add(dw[j], slopes[j, 3], dinputs[places[j, 0]])
-            _add(dw[j], slopes[j, 4], dinputs[half + places[j, 0]])
-            _add(dw[j], slopes[j, 5], dinputs[places[j, 1]])
-        for r in range(n):
-            dz[r] = dzl[r * P : (r + 1) * P]
-            if k >= 0:
-                for j in range(nw):
-                    _add(dz[r], H[r, j], dw[j])
-        for r in range(no):
-            row = dY[k + 1, r]
-            row[:] = drows[(m + r) * P : (m + r + 1) * P]
-            for j in range(n):
-                _add(row, O[m + r, j], dz[j])
-            for j in range(nw):
-                _add(row, O[m + r, n + j], dw[j])
+            a, b, c2 = places[j, 0], places[j, 0] + half, places[j, 1]
+            s3, s4, s5 = slopes[j, 3], slopes[j, 4], slopes[j, 5]
+            for p in range(P):
+                dw[j, p] += s3 * dinputs[a, p] + s4 * dinputs[b, p] + s5 * dinputs[c2, p]
+        dz[:] = dzl
+        if k >= 0:
+            _multiply(H, dw, dz)
+        _spread(drows[m * some :], dY[k + 1])
+        _multiply(Oyz, dz, dY[k + 1])
+        _multiply(Oyw, dw, dY[k + 1])
     return -1

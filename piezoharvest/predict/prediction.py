@@ -21,6 +21,7 @@ from piezoharvest.transducer import Transducer
 # which is slow.
 MAGNIFIED = 1e-30
 BLOCK = 1 << 16  # samples at a time: a record of millions of samples is never in memory with its derivatives
+LANES = 8  # derivatives are padded to full vector registers
 SLOW = 2.0  # samples: a state that lasts longer than this has a start of its own,
 LASTS = 0.05  # which means that so much of it is left
 
@@ -204,39 +205,45 @@ class Prediction:
         from piezoharvest.predict.march import march
 
         matrices, step, setting = self.matrices, self.step, self.setting
-        nw, P = len(matrices.kinds), len(self.parameters) + len(self.own_names)
+        nw, count = len(matrices.kinds), len(self.parameters) + len(self.own_names)
         slopes = self.slopes if derivatives else None
         if slopes is None:
-            P = 0
+            count = 0
             slopes = Step(*(np.zeros((*array.shape, 0)) for array in step))
         m = len(step.O) - len(matrices.channels)
+        P = -(-count // LANES) * LANES
         z, dz = self._start(derivatives)
+        dz, dlimits = (np.pad(array, ((0, 0), (0, P - count))) for array in (dz, slopes.limits))
         states, local, sizes = len(self.free), np.zeros((nw, 2)), np.zeros(m)
         w, inputs, dw, dinputs = np.zeros(nw), np.zeros(m), np.zeros((nw, P)), np.zeros((m, P))
-        coefficients = setting.motion.coefficients.copy()
         jumps = setting.motion.jumps
-        coefficients[jumps] += self.own[states:, None] * BUMP
         arrays = [np.ascontiguousarray(a) for a in (step.M, step.H, step.O)]
         limits = np.ascontiguousarray(np.real(matrices.parameters))
-        tangents = [_by_columns(array) for array in (slopes.M, slopes.H, slopes.O)]
+        moving = [np.any(array, axis=(0, 1)) for array in (slopes.M, slopes.H, slopes.O)]
+        some = int(np.max(np.flatnonzero(np.any(moving, axis=0)), initial=-1)) + 1
+        tangents = [_by_columns(array[:, :, :some]) for array in (slopes.M, slopes.H, slopes.O)]
         for begin, end in pairwise([0, *range(size - 1, setting.count - 1, size), setting.count - 1]):
             Y, dY = (
                 np.empty((end - begin + 1, len(matrices.channels))),
                 np.empty((end - begin + 1, len(matrices.channels), P)),
             )
-            inside = np.flatnonzero((jumps >= begin) & (jumps < end)) if P else np.zeros(0, int)
+            inside = np.flatnonzero((jumps >= begin) & (jumps < end))
+            # A copy of the block alone: that of a long record would take as much memory as its channels.
+            coefficients = setting.motion.coefficients[begin:end].copy()
+            coefficients[jumps[inside] - begin] += self.own[states + inside, None] * BUMP
+            inside = inside if P else inside[:0]
             bumps = np.column_stack([jumps[inside] - begin, len(self.parameters) + states + inside]).astype(np.int64)
             failed = march(
-                coefficients[begin:end], bumps, begin * self.share, self.share, begin == 0, setting.sample_time,
+                coefficients, bumps, begin * self.share, self.share, begin == 0, setting.sample_time,
                 arrays[0], arrays[1], arrays[2], limits, matrices.kinds, matrices.places,
-                tangents[0], tangents[1], tangents[2], slopes.limits,
+                tangents[0], tangents[1], tangents[2], dlimits,
                 z, w, inputs, dz, dw, dinputs, local, sizes, Y, dY,
             )  # fmt: skip
             first = 0 if begin == 0 else 1  # the sample before a block is not written again
             if failed >= 0 or not np.all(np.isfinite(Y[first:])):
                 raise PredictionError(f"no solution at sample {begin + max(failed, 0) + 1}")
             self.local = local / end
-            yield Block(begin + first, Y[first:], dY[first:])
+            yield Block(begin + first, Y[first:], dY[first:, :, :count])
 
 
 def _by_columns(slopes: np.ndarray) -> np.ndarray:

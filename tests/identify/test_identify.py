@@ -32,8 +32,10 @@ def within(found, truth, limit=3.0, leave=("mass",)):
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_specimens_up_to_30_percent_off_are_found(tmp_path, seed):
     path, truth = campaign_file(tmp_path, seed)
-    found = identify(load_campaign(path))
+    steps: list[str] = []
+    found = identify(load_campaign(path), steps.append)
     assert found.converged
+    assert len(steps) <= 15, "the records tell where to start"
     parameters = by_name(found)
     assert not parameters["mass"].identifiable  # its resonance is at 22 kHz
     assert parameters["mass"].value == STACK["mass"]

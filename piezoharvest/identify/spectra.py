@@ -1,0 +1,61 @@
+"""Spectra of real signals whose squares are those of the samples, and their products; frequencies are the last axis."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def whitened(white: np.ndarray, spectra: np.ndarray) -> np.ndarray:
+    """Products of lower triangular matrices (channels, channels, f) with spectra (channels, ..., f).
+
+    With the frequencies last this is much faster than a product of small matrices for every frequency.
+    """
+    found = np.empty_like(spectra)
+    for a in range(len(white)):
+        np.multiply(spectra[0], white[a, 0], out=found[a])
+        for b in range(1, a + 1):
+            found[a] += spectra[b] * white[a, b]
+    return found
+
+
+def parts(spectra: np.ndarray) -> np.ndarray:
+    """Real and imaginary parts of spectra side by side: (..., 2 f)."""
+    return np.ascontiguousarray(spectra).view(float)
+
+
+def gram(D: np.ndarray) -> np.ndarray:
+    """Real part of D D^H summed over channels, (p, p), for spectra (channels, p, f)."""
+    return sum((part @ part.T for part in parts(D)), np.zeros((D.shape[1],) * 2))
+
+
+def passed_on(white: np.ndarray, gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whitened response to the drive, (channels, f), and its squares, (f,)."""
+    passed = whitened(white, gain)
+    return passed, (np.abs(passed) ** 2).sum(axis=0)
+
+
+def by_bands(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Sums over the first axis from edge to edge."""
+    return np.diff(np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])[edges], axis=0)
+
+
+def components(count: int) -> np.ndarray:
+    """Components of the lines of a real spectrum: two, and one at zero and at half the sample rate."""
+    found = np.full(count // 2 + 1, 2.0)
+    found[0] = 1.0
+    if count % 2 == 0:
+        found[-1] = 1.0
+    return found
+
+
+def line_spectra(values: np.ndarray) -> np.ndarray:
+    """Spectra as those of `spectra_of`, along the last axis."""
+    count = values.shape[-1]
+    found = np.fft.rfft(values)
+    found *= np.sqrt(components(count) / count)
+    return found
+
+
+def in_time(spectra: np.ndarray, count: int) -> np.ndarray:
+    """Weights of samples that make the same sums as those of their `spectra_of`, (samples, p)."""
+    return np.fft.irfft(spectra * np.sqrt(count / components(count))[:, None], count, axis=0)
