@@ -37,7 +37,7 @@ def build(P, L, D, configuration, slip):
     longest = P[L[pg.STEP]]
     if L[pg.SWITCHED] == 1 and L[L[pg.OPENED] + configuration] != configuration:
         longest = min(longest, P[L[pg.ON_TIME]])
-    exponentials(P, L, slot, longest)
+    exponentials(P, L, slot, configuration, longest)
     if L[LEDGER]:
         energies_of_steps(P, L, slot, configuration)  # goes on from the Taylor terms that the exponentials leave behind
     if L[pg.SIGNAL_KIND] == pg.RAMPS:

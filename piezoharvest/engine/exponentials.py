@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from piezoharvest.engine import program as pg
+from piezoharvest.engine.clamp import held_form, hold
 from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.forms import rate_of
 from piezoharvest.engine.tables import (
@@ -42,7 +43,7 @@ NODES, WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 
 
 @compiled
-def exponentials(P, L, slot, longest):
+def exponentials(P, L, slot, configuration, longest):
     """exp(A h) - 1 on the finest level by its Taylor series, then doubled up to the longest step."""
     a, rows, columns, block = L[pg.A], L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     matrix, square, powers = block + L[MATRIX], rows * columns, L[SCRATCH]
@@ -82,6 +83,8 @@ def exponentials(P, L, slot, longest):
         for k in range(ORDER, 0, -1):
             total += P[powers + k * square + j]
         P[growth + j] = total
+    held = powers + (ORDER + 2) * square
+    holds = held_form(P, L, slot, configuration, held)
     for _ in range(finest):
         coarser = growth - square
         for j in range(a):
@@ -89,6 +92,8 @@ def exponentials(P, L, slot, longest):
             grow(P, growth, rows, columns, P, growth + j * rows, coarser + j * rows)
         for j in range(square):
             P[coarser + j] = P[coarser + j] + P[growth + j] if j < a * rows else 0.0
+        if holds:
+            hold(P, L, coarser, held)
         growth = coarser
 
 
