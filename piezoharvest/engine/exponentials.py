@@ -7,7 +7,6 @@ import numpy as np
 from piezoharvest.engine import program as pg
 from piezoharvest.engine.clamp import held_form, hold
 from piezoharvest.engine.compiled import compiled
-from piezoharvest.engine.forms import rate_of
 from piezoharvest.engine.tables import (
     DEVIATION,
     FINEST_LEVEL,
@@ -33,7 +32,7 @@ from piezoharvest.engine.tables import (
     rungs_of,
     slot_of,
 )
-from piezoharvest.engine.vector import copy, dot, grow, multiply
+from piezoharvest.engine.vector import accumulate, copy, dot, grow, multiply, polynomial
 
 # |A| h on the finest level: a Taylor series over half of that is short.
 FINEST = 1.0 / 16.0
@@ -75,14 +74,10 @@ def exponentials(P, L, slot, configuration, longest):
             P[here + j] = 0.0
     for j in range(columns):
         for k in range(TERMS):
-            source, target = powers + (k + 1) * square + j * rows, block + L[POWERS] + (j * TERMS + k) * rows
-            for i in range(rows):
-                P[target + i] = P[source + i]
-    for j in range(square):
-        total = 0.0
-        for k in range(ORDER, 0, -1):
-            total += P[powers + k * square + j]
-        P[growth + j] = total
+            copy(P, powers + (k + 1) * square + j * rows, block + L[POWERS] + (j * TERMS + k) * rows, rows)
+    copy(P, powers + ORDER * square, growth, square)
+    for k in range(ORDER - 1, 0, -1):
+        accumulate(P, powers + k * square, 1.0, growth, square)
     held = powers + (ORDER + 2) * square
     holds = held_form(P, L, slot, configuration, held)
     for _ in range(finest):
@@ -90,8 +85,9 @@ def exponentials(P, L, slot, configuration, longest):
         for j in range(a):
             # (1 + G)^2 - 1 = G + (1 + G) G
             grow(P, growth, rows, columns, P, growth + j * rows, coarser + j * rows)
-        for j in range(square):
-            P[coarser + j] = P[coarser + j] + P[growth + j] if j < a * rows else 0.0
+        for j in range(a * rows, square):
+            P[coarser + j] = 0.0
+        accumulate(P, growth, 1.0, coarser, square)
         if holds:
             hold(P, L, coarser, held)
         growth = coarser
@@ -108,17 +104,15 @@ def energies_of_steps(P, L, slot, configuration):
     finest, square, powers = L[slot_of(L, slot) + FINEST_LEVEL], rows * columns, L[SCRATCH]
     energies, own = L[LEDGER], L[pg.PRODUCTS]
     gramian = block + L[GRAMIAN] + finest * energies * square
-    exponential = powers + (ORDER + 1) * square
-    first = exponential + square
+    transposed = powers + (ORDER + 1) * square
+    first = transposed + square
     second = first + rows
     for k in range(energies * square):
         P[gramian + k] = 0.0
+    for order in range(ORDER + 1):
+        _transpose(P, L, powers + order * square)
     for q in range(len(NODES)):
-        for k in range(square):
-            total = 0.0
-            for order in range(ORDER, -1, -1):
-                total = total * NODES[q] + P[powers + order * square + k]
-            P[exponential + k] = total
+        polynomial(P, powers, square, ORDER, NODES[q], transposed)
         for p in range(own + L[pg.H]):
             category, weight = pg.HYSTERESIS, WEIGHTS[q] * P[block + L[STEPS] + finest]
             if p < own:
@@ -126,39 +120,44 @@ def energies_of_steps(P, L, slot, configuration):
                 weight *= P[L[pg.PRODUCT_COEFFICIENT] + configuration * own + p]
             if category < 0 or weight == 0.0:
                 continue
-            rate_of(P, L, block + L[PRODUCTS] + 2 * p * a, first, exponential)
-            rate_of(P, L, block + L[PRODUCTS] + (2 * p + 1) * a, second, exponential)
-            form = gramian + category * square
+            product = block + L[PRODUCTS] + 2 * p * rows
+            multiply(P, transposed, rows, columns, P, product, first)
+            multiply(P, transposed, rows, columns, P, product + rows, second)
             for j in range(a):
-                factor = weight * P[second + j]
-                for i in range(a):
-                    P[form + j * rows + i] += factor * P[first + i]
+                accumulate(P, first, weight * P[second + j], gramian + category * square + j * rows, rows)
     for level in range(finest, 0, -1):
         gramian = block + L[GRAMIAN] + level * energies * square
         coarser = gramian - energies * square
         growth = block + L[GROWTH] + level * square
+        copy(P, growth, transposed, square)
+        _transpose(P, L, transposed)
         for e in range(energies):
-            _double_form(P, L, gramian + e * square, coarser + e * square, growth, exponential)
+            _double_form(P, L, gramian + e * square, coarser + e * square, growth, transposed)
 
 
 @compiled
-def _double_form(P, L, form, double, growth, scratch):
-    """Double = Q + (1 + G)' Q (1 + G) for a symmetrised form Q."""
-    a, rows, columns = L[pg.A], L[pg.ROWS], L[pg.COLUMNS]
-    for k in range(rows * columns):
-        P[double + k] = P[form + k]
-    empty = True
-    for k in range(rows * columns):
-        empty &= P[form + k] == 0.0
-    if empty:
+def _transpose(P, L, matrix):
+    """Transpose a matrix where it stands; its padding is zero."""
+    rows = L[pg.ROWS]
+    for j in range(L[pg.A]):
+        for i in range(j):
+            P[matrix + j * rows + i], P[matrix + i * rows + j] = P[matrix + i * rows + j], P[matrix + j * rows + i]
+
+
+@compiled
+def _double_form(P, L, form, double, growth, transposed):
+    """Double = Q + (1 + G)' Q (1 + G) for a form Q."""
+    rows, columns = L[pg.ROWS], L[pg.COLUMNS]
+    copy(P, form, double, rows * columns)
+    if dot(P, form, P, form, rows * columns) == 0.0:
         return
-    for j in range(a):
+    turned, out = transposed + rows * columns, transposed + rows * columns + rows
+    for j in range(L[pg.A]):
         # Q (1 + G), a column at a time
-        multiply(P, form, rows, columns, P, growth + j * rows, scratch)
-        for i in range(rows):
-            P[scratch + i] += P[form + j * rows + i]
-        for i in range(a):
-            P[double + j * rows + i] += P[scratch + i] + dot(P, growth + i * rows, P, scratch, rows)
+        multiply(P, form, rows, columns, P, growth + j * rows, turned)
+        accumulate(P, form + j * rows, 1.0, turned, rows)
+        grow(P, transposed, rows, columns, P, turned, out)
+        accumulate(P, out, 1.0, double + j * rows, rows)
 
 
 @compiled

@@ -129,26 +129,17 @@ def _full_step(P, L, S, D, slot, level):
 @compiled
 def _collect_short(P, L, S, D, slot, tau):
     """Energies of a step shorter than the finest level, by Gauss-Legendre quadrature of its Taylor series."""
-    block, z, a, own = block_of(L, slot), vector(L, D, SAMPLE), L[pg.A], L[pg.PRODUCTS]
+    block, z, rows, own = block_of(L, slot), vector(L, D, SAMPLE), L[pg.ROWS], L[pg.PRODUCTS]
     short, configuration = P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]], D[st.CONFIGURATION]
-    copy(S, 0, vector(L, D, SERIES), L[pg.ROWS])
+    copy(S, 0, vector(L, D, SERIES), rows)
     expand(P, L, S, D, slot)
     for q in range(len(NODES)):
-        polynomial(S, vector(L, D, SERIES), L[pg.ROWS], tb.TERMS, NODES[q] * tau / short, z)
+        polynomial(S, vector(L, D, SERIES), rows, tb.TERMS, NODES[q] * tau / short, z)
         for p in range(own + L[pg.H]):
             category, weight = pg.HYSTERESIS, tau * WEIGHTS[q]
             if p < own:
                 category = L[L[pg.PRODUCT_CATEGORY] + configuration * own + p]
                 weight *= P[L[pg.PRODUCT_COEFFICIENT] + configuration * own + p]
             if category >= 0:
-                S[D[st.ENERGY] + category] += weight * _form_product(P, L, block + L[tb.PRODUCTS] + 2 * p * a, S, z)
-
-
-@compiled
-def _form_product(P, L, product, S, z):
-    """Product of two linear forms that stand one after the other."""
-    a, first, second = L[pg.A], 0.0, 0.0
-    for j in range(a):
-        first += P[product + j] * S[z + j]
-        second += P[product + a + j] * S[z + j]
-    return first * second
+                product = block + L[tb.PRODUCTS] + 2 * p * rows
+                S[D[st.ENERGY] + category] += weight * dot(P, product, S, z, rows) * dot(P, product + rows, S, z, rows)
