@@ -1,8 +1,6 @@
-"""Matrix exponentials of a mode on dyadic steps, and what a step means for its energies and its guards."""
+"""Matrix exponentials of a mode on dyadic steps, and what a step means for its guards."""
 
 from __future__ import annotations
-
-import numpy as np
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine.clamp import held_form, hold
@@ -13,17 +11,14 @@ from piezoharvest.engine.tables import (
     FORMS,
     GLIDE,
     GLIDE_ROWS,
-    GRAMIAN,
     GROWTH,
     LADDERS,
-    LEDGER,
     LEVELS,
     MATRIX,
     ORDER,
     OUTPUT_ROWS,
     OUTPUTS,
     POWERS,
-    PRODUCTS,
     SCRATCH,
     STEPS,
     TERMS,
@@ -32,13 +27,11 @@ from piezoharvest.engine.tables import (
     rungs_of,
     slot_of,
 )
-from piezoharvest.engine.vector import accumulate, copy, dot, grow, multiply, polynomial
+from piezoharvest.engine.vector import accumulate, copy, grow, multiply
 
 # |A| h on the finest level: a Taylor series over half of that is short.
 FINEST = 1.0 / 16.0
 BOLD = 5  # levels above the finest on which a motion begins: |A| h is 2, and every motion of the mode is followed
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-NODES, WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 
 
 @compiled
@@ -91,73 +84,6 @@ def exponentials(P, L, slot, configuration, longest):
         if holds:
             hold(P, L, coarser, held)
         growth = coarser
-
-
-@compiled
-def energies_of_steps(P, L, slot, configuration):
-    """Energies of a step as quadratic forms of the state at its beginning, on every level.
-
-    On the finest level by Gauss-Legendre quadrature of polynomials, exact to rounding; then doubled:
-    the form of a double step is Q + (1 + G)' Q (1 + G).
-    """
-    a, rows, columns, block = L[pg.A], L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
-    finest, square, powers = L[slot_of(L, slot) + FINEST_LEVEL], rows * columns, L[SCRATCH]
-    energies, own = L[LEDGER], L[pg.PRODUCTS]
-    gramian = block + L[GRAMIAN] + finest * energies * square
-    transposed = powers + (ORDER + 1) * square
-    first = transposed + square
-    second = first + rows
-    for k in range(energies * square):
-        P[gramian + k] = 0.0
-    for order in range(ORDER + 1):
-        _transpose(P, L, powers + order * square)
-    for q in range(len(NODES)):
-        polynomial(P, powers, square, ORDER, NODES[q], transposed)
-        for p in range(own + L[pg.H]):
-            category, weight = pg.HYSTERESIS, WEIGHTS[q] * P[block + L[STEPS] + finest]
-            if p < own:
-                category = L[L[pg.PRODUCT_CATEGORY] + configuration * own + p]
-                weight *= P[L[pg.PRODUCT_COEFFICIENT] + configuration * own + p]
-            if category < 0 or weight == 0.0:
-                continue
-            product = block + L[PRODUCTS] + 2 * p * rows
-            multiply(P, transposed, rows, columns, P, product, first)
-            multiply(P, transposed, rows, columns, P, product + rows, second)
-            for j in range(a):
-                accumulate(P, first, weight * P[second + j], gramian + category * square + j * rows, rows)
-    for level in range(finest, 0, -1):
-        gramian = block + L[GRAMIAN] + level * energies * square
-        coarser = gramian - energies * square
-        growth = block + L[GROWTH] + level * square
-        copy(P, growth, transposed, square)
-        _transpose(P, L, transposed)
-        for e in range(energies):
-            _double_form(P, L, gramian + e * square, coarser + e * square, growth, transposed)
-
-
-@compiled
-def _transpose(P, L, matrix):
-    """Transpose a matrix where it stands; its padding is zero."""
-    rows = L[pg.ROWS]
-    for j in range(L[pg.A]):
-        for i in range(j):
-            P[matrix + j * rows + i], P[matrix + i * rows + j] = P[matrix + i * rows + j], P[matrix + j * rows + i]
-
-
-@compiled
-def _double_form(P, L, form, double, growth, transposed):
-    """Double = Q + (1 + G)' Q (1 + G) for a form Q."""
-    rows, columns = L[pg.ROWS], L[pg.COLUMNS]
-    copy(P, form, double, rows * columns)
-    if dot(P, form, P, form, rows * columns) == 0.0:
-        return
-    turned, out = transposed + rows * columns, transposed + rows * columns + rows
-    for j in range(L[pg.A]):
-        # Q (1 + G), a column at a time
-        multiply(P, form, rows, columns, P, growth + j * rows, turned)
-        accumulate(P, form + j * rows, 1.0, turned, rows)
-        grow(P, transposed, rows, columns, P, turned, out)
-        accumulate(P, out, 1.0, double + j * rows, rows)
 
 
 @compiled

@@ -7,7 +7,7 @@ from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.crossing import NONE
-from piezoharvest.engine.exponentials import NODES, WEIGHTS
+from piezoharvest.engine.gramians import NODES, WEIGHTS, energies_of_steps
 from piezoharvest.engine.motion import FLOW, KEPT, SAMPLE, SERIES, drift, exact, expand
 from piezoharvest.engine.state import dot_column, vector
 from piezoharvest.engine.tables import block_of, slot_of
@@ -80,6 +80,9 @@ def account(P, L, S, D, slot, tau, level):
 
     `level` is the level of a full step, or NONE for any tau.
     """
+    if D[st.ENERGIES] and not L[slot_of(L, slot) + tb.ACCOUNTED]:
+        energies_of_steps(P, L, slot, D[st.CONFIGURATION])
+        L[slot_of(L, slot) + tb.ACCOUNTED] = 1
     if level != NONE:
         _full_step(P, L, S, D, slot, level)
         return

@@ -29,8 +29,9 @@ OUTPUT_ROWS = padded(len(pg.OUTPUTS))
     STEPS, MATRIX, POWERS, GUARDS, LINES, VALUES, DEVIATION, LADDERS, GLIDE, SIZES, OUTPUTS, PRODUCTS, GROWTH,
     GRAMIAN, GLIDE_ROWS,
 ) = range(pg.CONTENTS, pg.CONTENTS + 27)  # fmt: skip
-# and within its block of integers: key, finest level, number of guards, then for every guard what it is and its row.
-KEY, FINEST_LEVEL, GUARD_COUNT, FIRST_GUARD = range(4)
+# and within its block of integers: key, finest level, whether its energies are there, number of guards, then for every
+# guard what it is and its row.
+KEY, FINEST_LEVEL, ACCOUNTED, GUARD_COUNT, FIRST_GUARD = range(5)
 
 
 def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
