@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine.compiled import compiled, inlined
-from piezoharvest.engine.exponentials import deviations, energies_of_steps, exponentials, glides
+from piezoharvest.engine.exponentials import deviations, exponentials, glides
 from piezoharvest.engine.forms import forms_of_mode
 from piezoharvest.engine.tables import (
+    ACCOUNTED,
     HELD,
     KEY,
-    LEDGER,
     MAP,
     MAPPED,
     MATRIX,
@@ -29,7 +29,7 @@ def build(P, L, D, configuration, slip):
     slot = L[HELD]
     L[HELD] += 1
     key = mode_key(L, D, configuration, slip)
-    L[slot_of(L, slot) + KEY] = key
+    L[slot_of(L, slot) + KEY], L[slot_of(L, slot) + ACCOUNTED] = key, 0
     L[L[MAP] + key % L[MAPPED]] = slot
     _motion(P, L, D, slot, configuration, slip)
     forms_of_mode(P, L, D, slot, configuration, slip)
@@ -37,9 +37,7 @@ def build(P, L, D, configuration, slip):
     longest = P[L[pg.STEP]]
     if L[pg.SWITCHED] == 1 and L[L[pg.OPENED] + configuration] != configuration:
         longest = min(longest, P[L[pg.ON_TIME]])
-    exponentials(P, L, slot, longest)
-    if L[LEDGER]:
-        energies_of_steps(P, L, slot, configuration)  # goes on from the Taylor terms that the exponentials leave behind
+    exponentials(P, L, slot, configuration, longest)
     if L[pg.SIGNAL_KIND] == pg.RAMPS:
         deviations(P, L, slot)
         glides(P, L, slot)

@@ -12,23 +12,18 @@ where it is inlined.
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from llvmlite.binding import Linkage
-from numba import njit
+from llvmlite.binding import Linkage, create_pass_builder, create_pipeline_tuning_options
+from numba import njit, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.compiler_machinery import AnalysisPass, PassManager, register_pass
-from numba.core.typed_passes import (
-    IRLegalization,
-    NativeLowering,
-    NoPythonBackend,
-    NopythonTypeInference,
-    PreLowerStripPhis,
-)
-from numba.core.untyped_passes import FixupArgs, GenericRewrites, IRProcessing, ReconstructSSA, TranslateByteCode
+from numba.core.typed_passes import NativeLowering, NoPythonBackend, NopythonTypeInference, PreLowerStripPhis
+from numba.core.untyped_passes import FixupArgs, GenericRewrites, ReconstructSSA, TranslateByteCode
 
 # A product and a sum may be rounded once ("contract"): half the time of a polynomial, whose steps wait for each other.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "fastmath": {"contract"}}
@@ -61,8 +56,12 @@ class _EntryLibrary(JITCodeLibrary):
         pass
 
     def _optimize_final_module(self) -> None:
-        passes, builder = self._codegen._module_pass_manager()
-        passes.run(self._final_module, builder)
+        # Loops here are over a handful of numbers, or laid out for vectors by hand (`vector`).
+        options = create_pipeline_tuning_options(speed_level=3)
+        options.loop_unrolling = options.loop_interleaving = False
+        options.loop_vectorization = True
+        builder = create_pass_builder(self._codegen._tm, options)
+        builder.getModulePassManager().run(self._final_module, builder)
 
 
 class _Begin(AnalysisPass):
@@ -127,12 +126,31 @@ class _Part(Compiler):
         passes = PassManager("part")
         passes._ENFORCING = False
         for each in (
-            TranslateByteCode, FixupArgs, IRProcessing, GenericRewrites, ReconstructSSA, NopythonTypeInference,
-            _BeginPart, PreLowerStripPhis, IRLegalization, NativeLowering, _End, NoPythonBackend,
+            TranslateByteCode, FixupArgs, GenericRewrites, ReconstructSSA, NopythonTypeInference,
+            _BeginPart, PreLowerStripPhis, NativeLowering, _End, NoPythonBackend,
         ):  # fmt: skip
             passes.add_pass(each, each.__name__)
         passes.finalize()
         return [passes]
+
+
+@contextmanager
+def _types_remembered(typing: Any) -> Iterator[None]:
+    """Look up once what an operation on given types results in: there are few, and each is met thousands of times."""
+    find, known = typing.resolve_function_type, {}
+
+    def resolve(function: Any, args: tuple, keywords: dict) -> Any:
+        if keywords or not isinstance(function, types.Function):
+            return find(function, args, keywords)
+        if (function, args) not in known:
+            known[function, args] = find(function, args, keywords)
+        return known[function, args]
+
+    typing.resolve_function_type = resolve
+    try:
+        yield
+    finally:
+        del typing.resolve_function_type
 
 
 class _Entry(Compiler):
@@ -143,7 +161,8 @@ class _Entry(Compiler):
         collecting = gc.isenabled()
         gc.disable()
         try:
-            return super().compile_extra(func)
+            with _types_remembered(self.state.typingctx):
+                return super().compile_extra(func)
         finally:
             if collecting:
                 gc.enable()
@@ -156,14 +175,22 @@ class _Entry(Compiler):
         return pipelines
 
 
+def _part(function: Callable, **options: Any) -> Any:
+    """A part, compiled once for whole numbers and not again for every constant that a caller gives it."""
+    dispatcher: Any = njit(pipeline_class=_Part, **_OPTIONS, **options)(function)
+    find = dispatcher.get_call_template
+    dispatcher.get_call_template = lambda args, kws: find(tuple(map(types.unliteral, args)), kws)
+    return dispatcher
+
+
 def compiled(function: Callable) -> Any:
     """Compile a function that only compiled code calls: it becomes part of every entry that uses it."""
-    return njit(pipeline_class=_Part, **_OPTIONS)(function)
+    return _part(function)
 
 
 def inlined(function: Callable) -> Any:
     """Compile a function of a line or two, a part whose callers are bound to take it in."""
-    return njit(pipeline_class=_Part, forceinline=True, **_OPTIONS)(function)
+    return _part(function, forceinline=True)
 
 
 def entry(function: Callable) -> Any:

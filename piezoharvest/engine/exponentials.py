@@ -1,29 +1,24 @@
-"""Matrix exponentials of a mode on dyadic steps, and what a step means for its energies and its guards."""
+"""Matrix exponentials of a mode on dyadic steps, and what a step means for its guards."""
 
 from __future__ import annotations
 
-import numpy as np
-
 from piezoharvest.engine import program as pg
+from piezoharvest.engine.clamp import held_form, hold
 from piezoharvest.engine.compiled import compiled
-from piezoharvest.engine.forms import rate_of
 from piezoharvest.engine.tables import (
     DEVIATION,
     FINEST_LEVEL,
     FORMS,
     GLIDE,
     GLIDE_ROWS,
-    GRAMIAN,
     GROWTH,
     LADDERS,
-    LEDGER,
     LEVELS,
     MATRIX,
     ORDER,
     OUTPUT_ROWS,
     OUTPUTS,
     POWERS,
-    PRODUCTS,
     SCRATCH,
     STEPS,
     TERMS,
@@ -32,17 +27,15 @@ from piezoharvest.engine.tables import (
     rungs_of,
     slot_of,
 )
-from piezoharvest.engine.vector import copy, dot, grow, multiply
+from piezoharvest.engine.vector import accumulate, copy, grow, multiply
 
 # |A| h on the finest level: a Taylor series over half of that is short.
 FINEST = 1.0 / 16.0
 BOLD = 5  # levels above the finest on which a motion begins: |A| h is 2, and every motion of the mode is followed
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-NODES, WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 
 
 @compiled
-def exponentials(P, L, slot, longest):
+def exponentials(P, L, slot, configuration, longest):
     """exp(A h) - 1 on the finest level by its Taylor series, then doubled up to the longest step."""
     a, rows, columns, block = L[pg.A], L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     matrix, square, powers = block + L[MATRIX], rows * columns, L[SCRATCH]
@@ -74,86 +67,23 @@ def exponentials(P, L, slot, longest):
             P[here + j] = 0.0
     for j in range(columns):
         for k in range(TERMS):
-            source, target = powers + (k + 1) * square + j * rows, block + L[POWERS] + (j * TERMS + k) * rows
-            for i in range(rows):
-                P[target + i] = P[source + i]
-    for j in range(square):
-        total = 0.0
-        for k in range(ORDER, 0, -1):
-            total += P[powers + k * square + j]
-        P[growth + j] = total
+            copy(P, powers + (k + 1) * square + j * rows, block + L[POWERS] + (j * TERMS + k) * rows, rows)
+    copy(P, powers + ORDER * square, growth, square)
+    for k in range(ORDER - 1, 0, -1):
+        accumulate(P, powers + k * square, 1.0, growth, square)
+    held = powers + (ORDER + 2) * square
+    holds = held_form(P, L, slot, configuration, held)
     for _ in range(finest):
         coarser = growth - square
         for j in range(a):
             # (1 + G)^2 - 1 = G + (1 + G) G
             grow(P, growth, rows, columns, P, growth + j * rows, coarser + j * rows)
-        for j in range(square):
-            P[coarser + j] = P[coarser + j] + P[growth + j] if j < a * rows else 0.0
+        for j in range(a * rows, square):
+            P[coarser + j] = 0.0
+        accumulate(P, growth, 1.0, coarser, square)
+        if holds:
+            hold(P, L, coarser, held)
         growth = coarser
-
-
-@compiled
-def energies_of_steps(P, L, slot, configuration):
-    """Energies of a step as quadratic forms of the state at its beginning, on every level.
-
-    On the finest level by Gauss-Legendre quadrature of polynomials, exact to rounding; then doubled:
-    the form of a double step is Q + (1 + G)' Q (1 + G).
-    """
-    a, rows, columns, block = L[pg.A], L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
-    finest, square, powers = L[slot_of(L, slot) + FINEST_LEVEL], rows * columns, L[SCRATCH]
-    energies, own = L[LEDGER], L[pg.PRODUCTS]
-    gramian = block + L[GRAMIAN] + finest * energies * square
-    exponential = powers + (ORDER + 1) * square
-    first = exponential + square
-    second = first + rows
-    for k in range(energies * square):
-        P[gramian + k] = 0.0
-    for q in range(len(NODES)):
-        for k in range(square):
-            total = 0.0
-            for order in range(ORDER, -1, -1):
-                total = total * NODES[q] + P[powers + order * square + k]
-            P[exponential + k] = total
-        for p in range(own + L[pg.H]):
-            category, weight = pg.HYSTERESIS, WEIGHTS[q] * P[block + L[STEPS] + finest]
-            if p < own:
-                category = L[L[pg.PRODUCT_CATEGORY] + configuration * own + p]
-                weight *= P[L[pg.PRODUCT_COEFFICIENT] + configuration * own + p]
-            if category < 0 or weight == 0.0:
-                continue
-            rate_of(P, L, block + L[PRODUCTS] + 2 * p * a, first, exponential)
-            rate_of(P, L, block + L[PRODUCTS] + (2 * p + 1) * a, second, exponential)
-            form = gramian + category * square
-            for j in range(a):
-                factor = weight * P[second + j]
-                for i in range(a):
-                    P[form + j * rows + i] += factor * P[first + i]
-    for level in range(finest, 0, -1):
-        gramian = block + L[GRAMIAN] + level * energies * square
-        coarser = gramian - energies * square
-        growth = block + L[GROWTH] + level * square
-        for e in range(energies):
-            _double_form(P, L, gramian + e * square, coarser + e * square, growth, exponential)
-
-
-@compiled
-def _double_form(P, L, form, double, growth, scratch):
-    """Double = Q + (1 + G)' Q (1 + G) for a symmetrised form Q."""
-    a, rows, columns = L[pg.A], L[pg.ROWS], L[pg.COLUMNS]
-    for k in range(rows * columns):
-        P[double + k] = P[form + k]
-    empty = True
-    for k in range(rows * columns):
-        empty &= P[form + k] == 0.0
-    if empty:
-        return
-    for j in range(a):
-        # Q (1 + G), a column at a time
-        multiply(P, form, rows, columns, P, growth + j * rows, scratch)
-        for i in range(rows):
-            P[scratch + i] += P[form + j * rows + i]
-        for i in range(a):
-            P[double + j * rows + i] += P[scratch + i] + dot(P, growth + i * rows, P, scratch, rows)
 
 
 @compiled

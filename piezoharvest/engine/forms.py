@@ -150,15 +150,15 @@ def _outputs(P, L, slot, configuration, matrix, line, row):
 @compiled
 def _products(P, L, D, slot, configuration, slip, matrix):
     """Factors of the powers over the state; a slipping stop dissipates its output times the rate of its input."""
-    n, a, count = L[pg.N], L[pg.A], L[pg.PRODUCTS]
+    n, a, count, rows = L[pg.N], L[pg.A], L[pg.PRODUCTS], L[pg.ROWS]
     out = block_of(L, slot) + L[PRODUCTS]
+    for k in range(2 * (count + L[pg.H]) * rows):
+        P[out + k] = 0.0
     for k in range(2 * count):
         form = configuration * 2 * count + k
-        _over_state(P, L, out + k * a, L[pg.PRODUCT_Z] + form * a, L[pg.PRODUCT_D] + form * n, matrix)
+        _over_state(P, L, out + k * rows, L[pg.PRODUCT_Z] + form * a, L[pg.PRODUCT_D] + form * n, matrix)
     for j in range(L[pg.H]):
-        here = out + 2 * (count + j) * a
-        for k in range(2 * a):
-            P[here + k] = 0.0
+        here = out + 2 * (count + j) * rows
         if D[slip + j] != 0:
             P[here + L[L[pg.STOP_STATE] + j]] = P[L[pg.STOP_WEIGHT] + j]
-            _over_state(P, L, here + a, -1, L[pg.STOP_INPUT] + j * n, matrix)
+            _over_state(P, L, here + rows, -1, L[pg.STOP_INPUT] + j * n, matrix)

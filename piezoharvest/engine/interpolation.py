@@ -55,10 +55,11 @@ def crossing(c, noise, rising, falls):
         value = at(c, x) if k < 8 else end
         if value > noise:
             if k == 1 and before > -noise:
-                # It starts at zero: either it rises at once, or it first dips below.
+                # It starts at zero: either it rises at once, or it first dips below, be it by less than the noise.
+                deep = 0.0 if c[1] < 0.0 else -noise
                 for _ in range(20):
                     inner = 0.5 * x
-                    if at(c, inner) < -noise:
+                    if at(c, inner) < deep:
                         return inner, x, root(c, inner, x)
                     x = inner
                 return 0.0, 0.0, 0.0

@@ -7,7 +7,7 @@ from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.crossing import NONE
-from piezoharvest.engine.exponentials import NODES, WEIGHTS
+from piezoharvest.engine.gramians import NODES, WEIGHTS, energies_of_steps
 from piezoharvest.engine.motion import FLOW, KEPT, SAMPLE, SERIES, drift, exact, expand
 from piezoharvest.engine.state import dot_column, vector
 from piezoharvest.engine.tables import block_of, slot_of
@@ -80,6 +80,9 @@ def account(P, L, S, D, slot, tau, level):
 
     `level` is the level of a full step, or NONE for any tau.
     """
+    if D[st.ENERGIES] and not L[slot_of(L, slot) + tb.ACCOUNTED]:
+        energies_of_steps(P, L, slot, D[st.CONFIGURATION])
+        L[slot_of(L, slot) + tb.ACCOUNTED] = 1
     if level != NONE:
         _full_step(P, L, S, D, slot, level)
         return
@@ -129,26 +132,17 @@ def _full_step(P, L, S, D, slot, level):
 @compiled
 def _collect_short(P, L, S, D, slot, tau):
     """Energies of a step shorter than the finest level, by Gauss-Legendre quadrature of its Taylor series."""
-    block, z, a, own = block_of(L, slot), vector(L, D, SAMPLE), L[pg.A], L[pg.PRODUCTS]
+    block, z, rows, own = block_of(L, slot), vector(L, D, SAMPLE), L[pg.ROWS], L[pg.PRODUCTS]
     short, configuration = P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]], D[st.CONFIGURATION]
-    copy(S, 0, vector(L, D, SERIES), L[pg.ROWS])
+    copy(S, 0, vector(L, D, SERIES), rows)
     expand(P, L, S, D, slot)
     for q in range(len(NODES)):
-        polynomial(S, vector(L, D, SERIES), L[pg.ROWS], tb.TERMS, NODES[q] * tau / short, z)
+        polynomial(S, vector(L, D, SERIES), rows, tb.TERMS, NODES[q] * tau / short, z)
         for p in range(own + L[pg.H]):
             category, weight = pg.HYSTERESIS, tau * WEIGHTS[q]
             if p < own:
                 category = L[L[pg.PRODUCT_CATEGORY] + configuration * own + p]
                 weight *= P[L[pg.PRODUCT_COEFFICIENT] + configuration * own + p]
             if category >= 0:
-                S[D[st.ENERGY] + category] += weight * _form_product(P, L, block + L[tb.PRODUCTS] + 2 * p * a, S, z)
-
-
-@compiled
-def _form_product(P, L, product, S, z):
-    """Product of two linear forms that stand one after the other."""
-    a, first, second = L[pg.A], 0.0, 0.0
-    for j in range(a):
-        first += P[product + j] * S[z + j]
-        second += P[product + a + j] * S[z + j]
-    return first * second
+                product = block + L[tb.PRODUCTS] + 2 * p * rows
+                S[D[st.ENERGY] + category] += weight * dot(P, product, S, z, rows) * dot(P, product + rows, S, z, rows)

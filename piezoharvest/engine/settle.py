@@ -29,7 +29,7 @@ def settle(P, L, S, D):
             slot = L[tb.HELD] - 1
         orient(P, L, S, D, slot)
         read_guards(P, L, S, D, slot, 0, D[st.NOW_GUARDS])
-        if D[st.DIRECTION] == 0:
+        if L[pg.SWITCHED] and D[st.DIRECTION] == 0:
             leave_rest(P, L, S, D, slot)
         guard = overdue(P, L, S, D, slot)
         if guard == NONE:

@@ -29,15 +29,16 @@ OUTPUT_ROWS = padded(len(pg.OUTPUTS))
     STEPS, MATRIX, POWERS, GUARDS, LINES, VALUES, DEVIATION, LADDERS, GLIDE, SIZES, OUTPUTS, PRODUCTS, GROWTH,
     GRAMIAN, GLIDE_ROWS,
 ) = range(pg.CONTENTS, pg.CONTENTS + 27)  # fmt: skip
-# and within its block of integers: key, finest level, number of guards, then for every guard what it is and its row.
-KEY, FINEST_LEVEL, GUARD_COUNT, FIRST_GUARD = range(4)
+# and within its block of integers: key, finest level, whether its energies are there, number of guards, then for every
+# guard what it is and its row.
+KEY, FINEST_LEVEL, ACCOUNTED, GUARD_COUNT, FIRST_GUARD = range(5)
 
 
 def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
     """Complete the table of contents by the tables; returns it with the numbers that P has to hold."""
     head = integers.copy()
     c, g, h = head[pg.C], head[pg.G], head[pg.H]
-    rows, columns, a = head[pg.ROWS], head[pg.COLUMNS], head[pg.A]
+    rows, columns = head[pg.ROWS], head[pg.COLUMNS]
     square = columns * rows
     forms = padded(int(g + 1 + h + pg.WATCHED))  # distinct rows of guards
     sampled = head[pg.SIGNAL_KIND] == pg.RAMPS
@@ -49,7 +50,7 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
         DEVIATION: forms * columns if sampled else 0,
         LADDERS: forms * padded(LEVELS) * columns if sampled else 0, GLIDE: glide_rows * columns if sampled else 0,
         SIZES: 3 * forms, OUTPUTS: OUTPUT_ROWS * columns,
-        PRODUCTS: products * 2 * a, GROWTH: LEVELS * square, GRAMIAN: LEVELS * energies * square,
+        PRODUCTS: products * 2 * rows, GROWTH: LEVELS * square, GRAMIAN: LEVELS * energies * square,
     }  # fmt: skip
     offset = 0
     for place, size in sizes.items():

@@ -150,6 +150,23 @@ def copy(typing_context: Any, v, x, y, rows):
 
 
 @intrinsic
+def accumulate(typing_context: Any, v, x, factor, y, rows):
+    """V[y:] = V[y:] + factor V[x:], for a padded number of rows."""
+    signature = types.void(v, types.intp, types.float64, types.intp, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        v, x, factor, y, rows = arguments
+        vector, factors = _Memory(builder, v), spread(builder, factor)
+        with _blocks(builder, rows) as (i, _):
+            here = builder.add(y, i)
+            term = builder.fmul(vector.load(builder.add(x, i)), factors, flags=_FUSED)
+            vector.store(builder.fadd(vector.load(here), term, flags=_FUSED), here)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
 def dot(typing_context: Any, m, at, v, x, rows):
     """Sum of M[at:] times V[x:], for a padded number of rows."""
     signature = types.float64(m, types.intp, v, types.intp, types.intp)

@@ -61,9 +61,10 @@ def test_few_periods_for_every_capacitor_and_load(kind, hysteresis):
     assert not wrong, "\n".join(wrong)
 
 
-def against_waiting(study, relative=1e-6):
-    """The steady state is that which the oracle's own long run ends in."""
-    found, wanted = solve(study), steady(study, 0, tol=1e-10, max_periods=400, samples_per_period=0)
+def against_waiting(study, relative=1e-6, **options):
+    """The steady state is that which the oracle's own long run ends in; `options` as in the oracle."""
+    options = {"tol": 1e-10, "max_periods": 400, "samples_per_period": 0, **options}
+    found, wanted = solve(study), steady(study, 0, **options)
     assert wanted.converged and found.converged, found.message
     size = abs(wanted.mechanical_power)
     assert abs(found.harvested_power - wanted.harvested_power) <= relative * max(wanted.harvested_power, 1e-3 * size)
@@ -125,6 +126,36 @@ def test_discontinuous_conduction_against_the_oracle(kind, capacitance):
     shunt = {"kind": kind, "smoothing_capacitance": capacitance, "load_resistance": 1e5, **loop}
     found, wanted = against_waiting(bench(shunt))
     assert found.waveforms.event_names.count("diodes conduct") == wanted.count("bridge_conducts")
+
+
+# A piezoelectric stack, linear: 24 kHz beside a drive at 1 Hz.
+STACK = {"mass": 0.0158, "damping": 1250.0, "stiffness": 3.607e8, "coupling": 11.436, "capacitance": 1.85e-6}
+CYCLE = {"kind": "sine_force", "amplitude": 500.0, "offset": 625.0, "frequency": 1.0}
+COIL = {"inductance": 47e-3, "quality": 6.0}
+BEHIND = [
+    {"dc_voltage": 1.0}, {"dc_voltage": 5.0}, {"dc_voltage": 3.0, "diode_drop": 0.3},
+    {"smoothing_capacitance": 1e-5, "load_resistance": 1e6},
+]  # fmt: skip
+
+
+def on_stack(kind, behind):
+    return {"transducer": STACK, "excitation": CYCLE, "shunts": [{"kind": kind, **COIL, **behind}]}
+
+
+@pytest.mark.parametrize("behind", BEHIND, ids=str)
+@pytest.mark.parametrize("kind", ["parallel_sshi", "series_sshi"])
+def test_slow_drive_of_a_stiff_stack(kind, behind):
+    """Events where the velocity all but vanishes, and a voltage that the bridge holds for millions of fast periods."""
+    found = solve(on_stack(kind, behind), samples=8)
+    assert found.converged, found.message
+    assert found.energy["closure"] < 1e-9
+    assert found.waveforms.event_names.count("switch closes") == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "voltage"), [("parallel_sshi", 20.0), ("series_sshi", 5.0)])
+def test_slow_drive_of_a_stiff_stack_against_the_oracle(kind, voltage):
+    against_waiting(on_stack(kind, {"dc_voltage": voltage}), 1e-8, tol=1e-7, max_periods=12, method="Radau", rtol=1e-9)
 
 
 def test_bridge_blocks_and_switch_closes_at_one_instant():
