@@ -166,6 +166,8 @@ def _responses(problem: Problem, found: Fit) -> list[Leftover]:
             continue
         record, value = data.record, data.response(replace(found.model, parameters=()))[0]
         residual = (record.response - value) / (relative_error(record) * np.abs(record.response))
+        # A few lines that are far off, at a sharp resonance, must not count for all.
+        residual /= np.maximum(np.abs(residual), 3.0 * np.median(np.abs(residual)))
         alike = np.real(np.vdot(residual[:-APART], residual[APART:])) / np.sum(np.abs(residual) ** 2)
         squares = 2.0 * len(data) * max(alike, 0.0) ** 2
         channel = "impedance" if record.kind == "impedance" else record.output

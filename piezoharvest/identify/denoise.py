@@ -6,8 +6,12 @@ and fro. So a model is driven by the drive without what is noise for certain; th
 
 from __future__ import annotations
 
-import numpy as np
+from itertools import pairwise
 
+import numpy as np
+from scipy.fft import dct, idct
+
+from piezoharvest.predict.drive import jumps_of
 from piezoharvest.records.finding import runs
 
 WIDTH = 4.0  # half width of a confidence interval in standard deviations
@@ -16,12 +20,17 @@ SPARE = (
     2  # levels: averages are over a quarter of the samples that agree, which makes their bias far less than the noise
 )
 HELD = 4.0  # standard deviations of the averages within which a drive counts as held at one value
+LOUD = 1.5  # times the noise: a drive whose highest frequencies are stronger has them all
+SHORT = 32  # lines that are always kept
+EXACT = 1e-6  # of its range: a drive with less noise is known exactly
+OCTAVE = 0.5  # of the lines: the highest octave has to be noise for a floor to be seen
 LEAST = 5  # level from which on an average is taken; what moves faster stays as it is
 
 
 def denoised(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Drive averaged where it is held or moves steadily.
+    """Drive without the frequencies at which it is noise alone, and averaged where it is held or moves steadily.
 
+    Between jumps nothing is kept above the frequency from which on its cosine transform is level and as small as noise.
     Around every sample a window grows as long as the confidence intervals of all averages have a point in common
     (intersection of confidence intervals: Goldenshluger & Nemirovski, Mathematical Methods of Statistics 6(2), 135-170,
     1997; Katkovnik, IEEE Transactions on Signal Processing 47(9), 2567-2571, 1999).
@@ -38,7 +47,9 @@ def denoised(values: np.ndarray, sigma: float) -> np.ndarray:
     """
     sums = np.concatenate([[0.0], np.cumsum(values - values[0])])
     levels = _agreeing(values, sums, sigma) - SPARE
-    found = values.copy()
+    found = np.empty(len(values))
+    for begin, end in pairwise([0, *(jumps_of(values) + 1), len(values)]):
+        found[begin:end] = _slow(values[begin:end], sigma)
     for level in range(LEAST, LEVELS - SPARE + 1):
         places = np.flatnonzero(levels == level)
         found[places] = _average(sums, places, level) + values[0]
@@ -48,6 +59,41 @@ def denoised(values: np.ndarray, sigma: float) -> np.ndarray:
         if np.abs(off).max() < HELD * sigma:
             found[part] = values[part].mean()
     return found
+
+
+def noise_floor(values: np.ndarray) -> tuple[float, int] | None:
+    """Standard deviation of the white noise that the highest frequencies show, and how many lines of it there are.
+
+    None where a signal fills them, or a jump.
+    """
+    if len(jumps_of(values)) or len(values) < 2 * SHORT:
+        return None
+    power = np.asarray(dct(values, norm="ortho")) ** 2
+    begin = _signal_end(power)
+    sigma = float(np.sqrt(power[begin:].mean())) if begin <= OCTAVE * len(values) else 0.0
+    return (sigma, len(values) - begin) if sigma > EXACT * np.ptp(values) else None
+
+
+def _slow(values: np.ndarray, sigma: float) -> np.ndarray:
+    """Values without what is noise alone at high frequencies."""
+    spectrum = np.asarray(dct(values, norm="ortho"))
+    end = _signal_end(spectrum**2)
+    if end == len(values) or np.sqrt(np.mean(spectrum[end:] ** 2)) > LOUD * sigma:
+        return values
+    spectrum[end:] = 0.0
+    return np.asarray(idct(spectrum, norm="ortho"))
+
+
+def _signal_end(power: np.ndarray) -> int:
+    """Line from which on a spectrum is level, as white noise is; looked for half an octave at a time."""
+    end, level = len(power), power[int(OCTAVE * len(power)) :].mean()
+    while end > SHORT:
+        begin = int(end * np.sqrt(0.5))
+        part, count = power[begin:end], end - begin
+        if part.sum() > level * (count + WIDTH * np.sqrt(2.0 * count)) or part.max() > level * (2 * np.log(count) + 20):
+            break
+        end = begin
+    return end
 
 
 def _average(sums: np.ndarray, places: np.ndarray, level: int) -> np.ndarray:

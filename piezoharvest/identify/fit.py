@@ -10,13 +10,14 @@ import itertools
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from scipy.optimize import lsq_linear
 from threadpoolctl import ThreadpoolController
 
 from piezoharvest.identify.data import Data
+from piezoharvest.identify.denoise import noise_floor
 from piezoharvest.identify.gain import gain_of
 from piezoharvest.identify.noise import Noise, estimate, first_guess
 from piezoharvest.identify.responses import FIRST_ERROR, FrequencyData, ResponseWeights
@@ -101,12 +102,23 @@ class Problem:
                 guess = first_guess(data.record[channel])
                 floor = 1e-6 * float(np.ptp(data.record[channel])) + 1e-300
                 found.setdefault(channel, []).append(data.sigma.get(channel, max(guess, floor)))
-        return Noise({channel: float(np.median(values)) for channel, values in found.items()})
+        return Noise({**{channel: float(np.median(values)) for channel, values in found.items()}, **self.known})
 
-    @property
+    @cached_property
     def known(self) -> dict[str, float]:
-        """Standard deviations that the campaign gives."""
-        return {channel: sigma for data in self.data for channel, sigma in data.sigma.items()}
+        """Standard deviations that the campaign gives, and those of drives that show theirs by themselves.
+
+        What residuals tell of a drive's noise depends on how the model passes it on, which may be wrong.
+        """
+        floors: dict[str, list[tuple[float, int]]] = {}
+        for data in self.data:
+            if isinstance(data, Data) and (floor := noise_floor(data.record[data.drive])) is not None:
+                floors.setdefault(data.drive, []).append(floor)
+        shown = {
+            name: float(np.sqrt(np.average([sigma**2 for sigma, _ in some], weights=[count for _, count in some])))
+            for name, some in floors.items()
+        }
+        return {**shown, **{channel: sigma for data in self.data for channel, sigma in data.sigma.items()}}
 
     def start(self, model: Model) -> tuple[np.ndarray, ...]:
         """Own numbers of the records before a fit: all zero."""

@@ -35,7 +35,7 @@ def drive_of(values: np.ndarray) -> Drive:
     A spline, not straight lines: these lose (w h)^2/12 of a sine of angular frequency w between samples h apart, which
     a record of ten thousand samples shows. At a jump the spline is broken, for it would ring.
     """
-    jumps = _jumps(values)
+    jumps = jumps_of(values)
     coefficients = np.zeros((len(values) - 1, 4))
     coefficients[:, 0], coefficients[:, 1] = values[:-1], np.diff(values)
     # After a jump, whose instant is a number of the record's own, the drive is at its new value: at rest, not on a
@@ -50,7 +50,7 @@ def drive_of(values: np.ndarray) -> Drive:
     return Drive(coefficients, jumps)
 
 
-def _jumps(values: np.ndarray) -> np.ndarray:
+def jumps_of(values: np.ndarray) -> np.ndarray:
     """Steps over which the drive jumps while it is calm on at least one side."""
     steps = np.abs(np.diff(values))
     if len(steps) < 4:

@@ -1,4 +1,7 @@
-"""Which trials there are: all of them follow from their seeds, so that a stopped run goes on where it was."""
+"""Which trials there are: all of them follow from their seeds, so that a stopped run goes on where it was.
+
+Kinds are mixed, the weak ones for the power curves last, so that a run that was stopped shows something of all.
+"""
 
 from __future__ import annotations
 
@@ -16,23 +19,26 @@ def plan(*, small: bool) -> list[Trial]:
     """All trials; a small plan is the first part of the large one."""
     singles, healthy, pairs, withheld, weak = (1, 5, 5, 5, 0) if small else (10, 100, 100, 45, 20)
     names = list(DRAWS)
-    trials = [
-        Trial("single", (name,), _size(1000 * k + n), 1000 * k + n)
-        for k in range(singles)
-        for n, name in enumerate(names)
+    kinds = [
+        [
+            Trial("single", (name,), _size(1000 * k + n), 1000 * k + n)
+            for k in range(singles)
+            for n, name in enumerate(names)
+        ],
+        [Trial("healthy", (), 0.0, 50_000 + k) for k in range(healthy)],
+        [Trial("pair", pair, 30.0, 60_000 + k) for k, pair in enumerate(_pairs(names)[:pairs])],
+        [Trial("withheld", (names[(4 * k) % len(names)],), 40.0, 70_000 + k) for k in range(withheld)],
     ]
-    trials += [Trial("healthy", (), 0.0, 50_000 + k) for k in range(healthy)]
-    trials += [Trial("pair", pair, 30.0, 60_000 + k) for k, pair in enumerate(_pairs(names)[:pairs])]
-    trials += [Trial("withheld", (names[(4 * k) % len(names)],), 40.0, 70_000 + k) for k in range(withheld)]
     # Clipping has no size in sigma that could be small: half a sample over the limit is either seen or not.
     smooth = [name for name in names if name != "clipping"]
-    trials += [
+    faint = [
         Trial("weak", (name,), sigma, 80_000 + 100 * n + k)
         for k in range(weak)
         for n, name in enumerate(smooth)
         for sigma in WEAK
     ]
-    return trials
+    shares = [(k / len(trials), trial) for trials in kinds for k, trial in enumerate(trials)]
+    return [trial for _, trial in sorted(shares, key=lambda pair: pair[0])] + faint
 
 
 def _size(seed: int) -> float:

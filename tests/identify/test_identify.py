@@ -9,7 +9,7 @@ import pytest
 from identify.identify_runs import STACK, campaign_file
 
 from piezoharvest.identify import identify
-from piezoharvest.identify.denoise import denoised
+from piezoharvest.identify.denoise import denoised, noise_floor
 from piezoharvest.identify.noise import rounding
 from piezoharvest.identify.sums import spectra_of
 from piezoharvest.output import write_table
@@ -155,16 +155,43 @@ def test_a_shunt_that_is_no_linear_circuit_is_an_error(tmp_path):
         identify(load_campaign(path))
 
 
-def test_a_held_drive_is_freed_of_its_noise_and_a_moving_one_is_left_alone():
+def test_a_held_drive_is_freed_of_its_noise():
     rng, time = np.random.default_rng(0), np.arange(4000) / 1000.0
     held = np.where(time < 2, 1000.0, 100.0)
-    noise = 0.5 * rng.standard_normal(4000)
-    clean = denoised(held + noise, 0.5)
+    clean = denoised(held + 0.5 * rng.standard_normal(4000), 0.5)
     calm = (np.abs(time - 2) > 0.2) & (time > 0.2) & (time < 3.8)
     assert np.abs(clean - held)[calm].max() < 0.06
-    sine = 450 * np.sin(2 * np.pi * 2 * time)
-    assert np.mean(denoised(sine + noise, 0.5) != sine + noise) < 0.05
-    assert np.array_equal(denoised(sine, 0.0), sine)
+
+
+@pytest.mark.parametrize(("lines", "share"), [([2.0], 0.4), ([0.7, 3.1, 47.3], 0.9)])
+def test_a_moving_drive_loses_the_noise_of_frequencies_at_which_it_does_not_move(lines, share):
+    """A record that does not end as it began has its motion at higher frequencies than its lines, too."""
+    rng, time = np.random.default_rng(0), np.arange(10000) / 1000.0
+    clean = sum(200.0 * np.sin(2 * np.pi * line * time + line) for line in lines)
+    noise = 0.5 * rng.standard_normal(10000)
+    left = denoised(clean + noise, 0.5) - clean
+    assert np.std(left) < share * 0.5
+    # What is taken is noise alone: nothing of the lines, but for the noise at their own frequencies.
+    for line in lines:
+        wave = np.exp(-2j * np.pi * line * time)
+        assert abs(np.mean((left - noise) * wave)) < 1.5e-3
+    assert np.array_equal(denoised(clean, 0.0), clean)
+
+
+def test_the_noise_of_a_slow_drive_is_read_off_its_highest_frequencies():
+    rng, time = np.random.default_rng(2), np.arange(10000) / 1000.0
+    sigma, count = noise_floor(450.0 * np.sin(2 * np.pi * 2 * time) + 0.5 * rng.standard_normal(10000))
+    assert count > 9000
+    assert abs(sigma / 0.5 - 1.0) < 4.0 / np.sqrt(2.0 * count)
+
+
+def test_a_drive_that_fills_the_band_or_jumps_shows_no_noise():
+    rng, time = np.random.default_rng(1), np.arange(10000) / 1000.0
+    assert noise_floor(np.cumsum(rng.standard_normal(10000))) is None
+    assert noise_floor(np.where(time < 5, 0.0, 100.0) + 0.5 * rng.standard_normal(10000)) is None
+    assert noise_floor(np.sin(2 * np.pi * 2.0 * time)) is None
+    broad = 30.0 * rng.standard_normal(10000)
+    assert np.abs(denoised(broad, 0.5) - broad).max() == 0.0
 
 
 def test_the_step_of_a_sensor_is_read_off_its_values():
