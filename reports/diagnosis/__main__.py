@@ -1,4 +1,4 @@
-"""Run the trials that are not done yet, and make the page: `python -m reports.diagnosis [--small | --page]`."""
+"""Run the trials that are not done yet, and make the page: `python -m reports.diagnosis [--small | --page] [--workers N]`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from reports.diagnosis.trials import Trial, attempt
 
 HERE = Path(__file__).parent
 FILE = HERE / "trials.jsonl"
-PROCESSES = 2
 
 
 def results() -> list[dict[str, Any]]:
@@ -27,8 +26,8 @@ def results() -> list[dict[str, Any]]:
     return [json.loads(line) for line in FILE.read_text().splitlines()] if FILE.exists() else []
 
 
-def _run(trials: list[Trial]) -> Iterator[dict[str, Any]]:
-    with ProcessPoolExecutor(PROCESSES, mp_context=get_context("spawn")) as pool:
+def _run(trials: list[Trial], workers: int) -> Iterator[dict[str, Any]]:
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         for job in as_completed([pool.submit(attempt, trial) for trial in trials]):
             yield job.result()
 
@@ -38,12 +37,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m reports.diagnosis", description=__doc__)
     parser.add_argument("--small", action="store_true", help="a few trials of each kind")
     parser.add_argument("--page", action="store_true", help="only make the page of what is done")
+    parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
     console = Console(stderr=True)
     done = {result["key"] for result in results()}
     todo = [] if options.page else [trial for trial in plan(small=options.small) if trial.key not in done]
     with FILE.open("a") as file:
-        for result in track(_run(todo), "diagnosing", total=len(todo), console=console) if todo else ():
+        for result in track(_run(todo, options.workers), "diagnosing", total=len(todo), console=console) if todo else ():
             file.write(json.dumps(result, allow_nan=False, default=float) + "\n")
             file.flush()
     from reports.diagnosis.page import write_page
