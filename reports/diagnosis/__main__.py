@@ -1,4 +1,4 @@
-"""Run the trials that are not done yet, and make the page: `python -m reports.diagnosis [--small | --page] [--workers N]`."""
+"""Run the trials that are not done yet, and make the page: `python -m reports.diagnosis [--small | --page]`."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ def main() -> int:
     done = {result["key"] for result in results()}
     todo = [] if options.page else [trial for trial in plan(small=options.small) if trial.key not in done]
     with FILE.open("a") as file:
-        for result in track(_run(todo, options.workers), "diagnosing", total=len(todo), console=console) if todo else ():
+        runs = _run(todo, options.workers) if todo else ()
+        for result in track(runs, "diagnosing", total=len(todo), console=console):
             file.write(json.dumps(result, allow_nan=False, default=float) + "\n")
             file.flush()
     from reports.diagnosis.page import write_page
