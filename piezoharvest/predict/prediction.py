@@ -170,6 +170,7 @@ class Prediction:
         self.local = np.zeros((len(matrices.kinds), 2))
 
     @cached_property
+    @np.errstate(over="ignore")  # as in `step_of`
     def slopes(self) -> Step:
         """Derivatives of the step to the parameters, then to the record's own numbers, by a complex step."""
         found, count = self._lowered.steps, len(self.own_names)

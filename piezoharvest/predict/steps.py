@@ -37,6 +37,8 @@ class Step(NamedTuple):
     limits: np.ndarray
 
 
+# A model that a fit tries may be so far off that nothing of it is finite: the march says so.
+@np.errstate(over="ignore", invalid="ignore")
 def step_of(matrices: Matrices, sample_time: float, share: float) -> Step:
     """Discretise.
 

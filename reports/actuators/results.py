@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from reports.actuators import mirror, mirror_hysteresis, mirror_search, stack
+from reports.actuators import diagnosed, mirror, mirror_hysteresis, mirror_search, stack
 from reports.actuators.data import LEVELS
 
 
@@ -66,6 +66,7 @@ def stack_results() -> dict[str, Any]:
         "breakdown": [step._asdict() for step in stack.breakdown()],
         "noise_um": {"cycle to cycle": stack.repeat_noise(), "white": stack.white_noise()},
         "creep_um": {"of the cycles' means": drift, "rms": drift_rms},
+        "diagnosis": [one._asdict() for one in diagnosed.of_stack()],
     }  # fmt: skip
 
 
@@ -85,6 +86,7 @@ def mirror_results() -> dict[str, Any]:
             {**mode._asdict(), "shift_of_the_P-I_model": shift}
             for mode, shift in zip(mirror.level_changes(), hysteretic_shifts(), strict=True)
         ],
+        "diagnosis": [one._asdict() for one in diagnosed.of_mirror()],
         "hysteresis": {"modes": len(model.modes.poles), "thresholds_V": model.thresholds, "weights": model.weights},
     }
 
