@@ -23,20 +23,38 @@ _SCRIPT = """
 import sys, time
 from pathlib import Path
 from piezoharvest.identify import identify
+from piezoharvest.predict.parameters import value_at
 from piezoharvest.records import load_campaign
+from piezoharvest.study import build_transducer
 found = identify(load_campaign(sys.argv[1]))
 status = dict(line.split(":") for line in Path("/proc/self/status").read_text().splitlines())
-print(int(status["VmHWM"].split()[0]) * 1024, time.process_time(), found.converged, len(found.campaign.records[0]))
+truth = build_transducer({"catalogue": "NAC2125-H10"})
+off = [abs(e.value - value_at(truth, e.parameter.path)) / e.std for e in found.estimates if e.identifiable and e.std]
+peak = int(status["VmHWM"].split()[0]) * 1024
+print(peak, time.process_time(), found.converged, len(found.campaign.records[0]), max(off))
 """
 
 
 class Peak(NamedTuple):
-    """Largest memory of the process (bytes), its CPU time (s), whether the fit converged, and samples."""
+    """What a fit took, and what it gave.
+
+    Attributes
+    ----------
+    memory : int
+        The largest of the process, bytes.
+    cpu : float
+        s.
+    converged : bool
+    samples : int
+    off : float
+        Largest error of a parameter, in its standard errors.
+    """
 
     memory: int
     cpu: float
     converged: bool
     samples: int
+    off: float
 
 
 def write_long_record(folder: Path, samples: int = SAMPLES, ending: str = "parquet") -> Path:
@@ -71,4 +89,4 @@ def peak_of(campaign: Path) -> Peak:
     """Identify a campaign in a process of its own."""
     command = [sys.executable, "-c", _SCRIPT, str(campaign)]
     words = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
-    return Peak(int(words[0]), float(words[1]), words[2] == "True", int(words[3]))
+    return Peak(int(words[0]), float(words[1]), words[2] == "True", int(words[3]), float(words[4]))
