@@ -77,7 +77,7 @@ def _page(result: dict) -> str:
         text = f"A record of {long['samples']:,} samples, four channels, is read, checked and fitted"
         lines.append(
             f"{text} in {long['memory'] / 2**30:.2f} GiB of memory and {long['cpu']:.0f} s of CPU time, "
-            f"ten minutes at 10 kHz; the largest error of a parameter is {long['off']:.1f} standard errors. Measured by "
+            f"ten minutes at 10 kHz; no parameter is more than {long['off']:.1f} standard errors off. Measured by "
             "`python -m reports.identification --long`.\n"
         )
     return "\n".join(lines)
