@@ -27,6 +27,7 @@ LAYERS = [
     {"report"},
     {"demo"},
     {"cli"},
+    {"__main__"},
 ]
 RANK = {name: rank for rank, layer in enumerate(LAYERS) for name in layer}
 # Packages that only these parts may use, wherever in a file the import stands.

@@ -395,7 +395,7 @@ class TestProgram:
 
     @staticmethod
     def start(*arguments: str, **options) -> subprocess.Popen:
-        command = [sys.executable, "-m", "piezoharvest.cli", *arguments]
+        command = [sys.executable, "-m", "piezoharvest", *arguments]
         return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
     def test_help_loads_nothing_heavy(self):

@@ -270,7 +270,7 @@ def test_a_failed_run_leaves_what_was_there(tmp_path, monkeypatch):
 def test_a_killed_run_leaves_nothing_half_written(tmp_path, when):
     """There is no campaign, or the whole one."""
     (tmp_path / "study.toml").write_text(tomli_w.dumps(tables(duration=8.0, records=[{}] * 6)))
-    command = [sys.executable, "-m", "piezoharvest.cli", "measure", "study.toml", "--out", "out"]
+    command = [sys.executable, "-m", "piezoharvest", "measure", "study.toml", "--out", "out"]
     process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
     last = "record 3" if when == "it integrates" else "record 6"

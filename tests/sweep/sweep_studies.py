@@ -94,7 +94,7 @@ def study_of(folder, *texts):
 
 def start(folder, *arguments):
     """The command line as a process of its own."""
-    command = [sys.executable, "-m", "piezoharvest.cli", "sweep", *map(str, arguments)]
+    command = [sys.executable, "-m", "piezoharvest", "sweep", *map(str, arguments)]
     return subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
