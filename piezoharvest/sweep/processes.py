@@ -42,7 +42,7 @@ def in_processes(study: Study, chunks: Iterable[Chunk], workers: int) -> Done:
     context = multiprocessing.get_context(_method())
     lifeline, held = context.Pipe(duplex=False)
     with _single_threaded():
-        pool = ProcessPoolExecutor(workers, context, _begin, (lifeline,))
+        pool = ProcessPoolExecutor(workers, context, begin_worker, (lifeline,))
         try:
             yield from stream(pool, partial(evaluate, study), chunks, _AHEAD * workers)
         except BrokenExecutor:
@@ -56,8 +56,14 @@ def _method() -> str:
     return "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
 
 
-def _begin(lifeline: Connection) -> None:
-    """Begin a worker: it leaves interrupts to the parent, and ends at once when the parent lets go or is killed."""
+def begin_worker(lifeline: Connection) -> None:
+    """Begin a worker process: it leaves interrupts to its parent, and ends when that lets go of the pipe or is killed.
+
+    Parameters
+    ----------
+    lifeline : Connection
+        The end that receives, of a pipe whose other end only the parent holds.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
 

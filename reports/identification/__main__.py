@@ -4,26 +4,18 @@ What is done stands in specimens.jsonl beside this file, a line for each specime
 """
 
 import argparse
-import json
 import os
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
 from pathlib import Path
+
+from reports.kept import rows_of, run
 
 HERE = Path(__file__).parent
 KEPT = HERE / "specimens.jsonl"
 
 
 def kept() -> dict[int, dict]:
-    """Specimens that are done, by seed; the last line may have been cut off."""
-    found = {}
-    for line in KEPT.read_text().splitlines() if KEPT.exists() else ():
-        try:
-            row = json.loads(line)
-        except ValueError:
-            continue
-        found[row["seed"]] = row
-    return found
+    """Specimens that are done, by seed."""
+    return {row["seed"]: row for row in rows_of(KEPT)}
 
 
 def main() -> None:
@@ -37,10 +29,8 @@ def main() -> None:
     from reports.identification.specimens import identified
 
     wanted = [seed for seed in range(options.specimens) if seed not in kept()]
-    with ProcessPoolExecutor(options.workers, mp_context=get_context("spawn")) as pool, KEPT.open("a") as out:
-        for job in as_completed([pool.submit(identified, seed) for seed in wanted]):
-            out.write(json.dumps(job.result()) + "\n")
-            out.flush()
+    for _ in run(KEPT, identified, wanted, options.workers) if wanted else ():
+        pass
     rows = [row for seed, row in sorted(kept().items()) if seed < options.specimens]
     write(rows, HERE, _long() if options.long else None)
 
