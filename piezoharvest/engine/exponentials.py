@@ -12,7 +12,6 @@ from piezoharvest.engine.tables import (
     GLIDE,
     GLIDE_ROWS,
     GROWTH,
-    LADDERS,
     LEVELS,
     MATRIX,
     ORDER,
@@ -24,7 +23,6 @@ from piezoharvest.engine.tables import (
     TERMS,
     VALUES,
     block_of,
-    rungs_of,
     slot_of,
 )
 from piezoharvest.engine.vector import accumulate, copy, grow, multiply
@@ -88,34 +86,46 @@ def exponentials(P, L, slot, configuration, longest):
 
 @compiled
 def deviations(P, L, slot):
-    """How far within a longest step a guard may be from the straight line between its ends.
+    """How far within a longest step a guard may be from the straight line between its ends, for a unit of each bend.
 
-    As forms of the state at the ends of all dyadic steps, a ladder for each guard, and as bounds for a unit of each
-    state: twice what the ladder shows, for a transient may be higher between two of its rungs.
+    The bends are z'' = A^2 z: within a step h, z leaves the line by (B(t) - t/h B(h)) A^2 z, where B(t) is
+    t^2/2 + A t^3/6 + ... So what moves along a line is known to, be it a displacement beside a large force that holds
+    it there. Looked at the ends of all dyadic steps, and taken twice: a transient may be higher between two of them.
     """
-    a, forms, rows, columns = L[pg.A], L[FORMS], L[pg.ROWS], L[pg.COLUMNS]
-    block, square, finest = block_of(L, slot), rows * columns, L[slot_of(L, slot) + FINEST_LEVEL]
-    values, deviation, growth = block + L[VALUES], block + L[DEVIATION], block + L[GROWTH]
-    scratch, rungs = L[SCRATCH], rungs_of(finest)
-    for k in range(forms * columns):
-        P[deviation + k] = 0.0
-    for k in range(forms * rungs * columns):
-        P[block + L[LADDERS] + k] = 0.0
-    for level in range(1, finest + 1):
-        share = P[block + L[STEPS] + level] / P[block + L[STEPS]]
-        for j in range(a):
-            for k in range(rows):
-                P[scratch + k] = P[growth + level * square + j * rows + k] - share * P[growth + j * rows + k]
-            multiply(P, values, forms, columns, P, scratch, scratch + rows)
-            for r in range(forms):
-                off = P[scratch + rows + r]
-                P[block + L[LADDERS] + (r * columns + j) * rungs + level - 1] = off
-                P[deviation + j * forms + r] = max(P[deviation + j * forms + r], 2.0 * abs(off))
+    forms, rows, columns, block = L[FORMS], L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
+    square, size, finest = rows * columns, forms * columns, L[slot_of(L, slot) + FINEST_LEVEL]
+    powers, h = L[SCRATCH], P[block + L[STEPS] + finest]
+    first = powers + (ORDER + 1) * square  # (exp(A t) - 1) / A
+    second = first + square  # B(t)
+    product = second + square
+    rungs = product + square
+    for k in range(first, product):
+        P[k] = 0.0
+    for k in range(ORDER + 1):
+        accumulate(P, powers + k * square, h / (k + 1), first, square)
+        accumulate(P, powers + k * square, h * h / ((k + 1) * (k + 2)), second, square)
+    for level in range(finest, -1, -1):
+        for j in range(columns):
+            multiply(P, block + L[VALUES], forms, columns, P, second + j * rows, rungs + level * size + j * forms)
+        for j in range(columns):
+            multiply(P, first, rows, columns, P, first + j * rows, product + j * rows)
+        accumulate(P, second, 1.0, second, square)
+        accumulate(P, product, 1.0, second, square)
+        for j in range(columns):
+            multiply(P, first, rows, columns, P, block + L[GROWTH] + level * square + j * rows, product + j * rows)
+        accumulate(P, first, 1.0, first, square)
+        accumulate(P, product, 1.0, first, square)
+    for k in range(size):
+        largest = 0.0
+        for level in range(1, finest + 1):
+            share = P[block + L[STEPS] + level] / P[block + L[STEPS]]
+            largest = max(largest, abs(P[rungs + level * size + k] - share * P[rungs + k]))
+        P[block + L[DEVIATION] + k] = 2.0 * largest
 
 
 @compiled
 def glides(P, L, slot):
-    """What a longest step leads to, as one matrix over the state: growth, guards before and after, outputs after."""
+    """What a longest step leads to, as one matrix: growth, guards before and after, outputs after, bends before."""
     a, rows, columns, forms, block = L[pg.A], L[pg.ROWS], L[pg.COLUMNS], L[FORMS], block_of(L, slot)
     growth, values, outputs, height = block + L[GROWTH], block + L[VALUES], block + L[OUTPUTS], L[GLIDE_ROWS]
     for j in range(columns):
@@ -131,3 +141,5 @@ def glides(P, L, slot):
         for r in range(OUTPUT_ROWS):
             after = now + 2 * forms + r
             P[after] = P[outputs + j * OUTPUT_ROWS + r] + P[after] if j < a else 0.0
+        matrix = block + L[MATRIX]
+        multiply(P, matrix, rows, columns, P, matrix + j * rows, now + 2 * forms + OUTPUT_ROWS)

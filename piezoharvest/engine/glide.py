@@ -2,38 +2,81 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
-from piezoharvest.engine.compiled import compiled
+from piezoharvest.engine.compiled import compiled, inlined
 from piezoharvest.engine.motion import ARRIVED, TRIAL
 from piezoharvest.engine.recording import SAME_TIME, account, observe
-from piezoharvest.engine.state import vector
+from piezoharvest.engine.state import set_ramp, vector
 from piezoharvest.engine.tables import block_of, slot_of
-from piezoharvest.engine.vector import copy, multiply
+from piezoharvest.engine.vector import between, copy, multiply, sizes
 
 
 @compiled
-def glide(P, L, S, D, slot):
-    """Make one longest step if no guard comes near zero on it; returns whether it was made.
+def glide(P, L, S, D, ramps, piece, t_end):
+    """Make longest steps for as long as no guard comes near zero on them, and return the piece that holds then.
 
-    This is what most samples of a record are: one product of a matrix with the state for where it leads, for the guards
-    at both ends and for the outputs, so that nothing waits for the state that is arrived at; and no look at rates.
+    One product of a matrix with the state gives where a step leads, the guards at both its ends, the outputs and how
+    much everything bends, so that nothing waits for the state that is arrived at; and there is no look at rates.
     """
-    rows, forms, glided, clock = L[pg.ROWS], L[tb.FORMS], D[st.GLIDED], D[st.CLOCK]
-    multiply(P, block_of(L, slot) + L[tb.GLIDE], L[tb.GLIDE_ROWS], L[pg.COLUMNS], S, 0, glided)
-    now = glided + rows
-    if not _far(P, L, S, D, slot, now, now + forms):
-        return False
-    step = P[block_of(L, slot) + L[tb.STEPS]]
-    if D[st.TRACKED] > 0 or D[st.ENERGIES] > 0 or D[st.SENSITIVITIES] > 0:
-        _record(P, L, S, D, slot, step)
-    elif D[st.SAMPLED] < D[st.SAMPLES_WANTED]:
-        _sample(P, L, S, D, slot, step)
-    for i in range(rows):
-        S[i] += S[glided + i]
-    S[clock] += step
-    return True
+    slot, glided, clock = D[st.MODE], D[st.GLIDED], D[st.CLOCK]
+    rows, columns, forms, height = L[pg.ROWS], L[pg.COLUMNS], L[tb.FORMS], L[tb.GLIDE_ROWS]
+    block, now, size, bound = block_of(L, slot), glided + rows, vector(L, D, TRIAL), D[st.THERE_GUARDS]
+    step, bends = P[block + L[tb.STEPS]], now + 2 * forms + tb.OUTPUT_ROWS
+    full = D[st.TRACKED] > 0 or D[st.ENERGIES] > 0 or D[st.SENSITIVITIES] > 0
+    times, last, first = ramps[0], len(ramps[1]), piece
+    while piece < last:
+        ends = times[piece + 1]
+        if ends > t_end or not abs(ends - S[clock] - step) <= 1e-9 * step:
+            break
+        hold_ramp(P, L, S, D, ramps, piece)
+        multiply(P, block + L[tb.GLIDE], height, columns, S, 0, glided)
+        if piece == first:
+            _fence(P, L, S, D, slot, now)
+        sizes(S, bends, size, rows)
+        multiply(P, block + L[tb.DEVIATION], forms, columns, S, size, bound)
+        if not between(S, now, now + forms, bound, D[st.LOWER], D[st.UPPER], forms):
+            break
+        if full:
+            _record(P, L, S, D, slot, step)
+        elif D[st.SAMPLED] < D[st.SAMPLES_WANTED]:
+            _sample(P, L, S, D, slot, step)
+        for i in range(rows):
+            S[i] += S[glided + i]
+        S[clock] = ends
+        piece += 1
+    return piece
+
+
+@inlined
+def hold_ramp(P, L, S, D, ramps, piece):
+    """Set the signal to a piece of ramps, or beyond the last to where that ends."""
+    times, starts, slopes = ramps
+    if piece < len(starts):
+        since = S[D[st.CLOCK]] - times[piece]
+        set_ramp(P, L, S, starts[piece] + slopes[piece] * since, slopes[piece])
+    else:
+        set_ramp(P, L, S, starts[piece - 1] + slopes[piece - 1] * (times[piece] - times[piece - 1]), 0.0)
+
+
+@compiled
+def _fence(P, L, S, D, slot, now):
+    """Limits of every form that a guard reads; of what is watched, whose value stands at `now`, the sign stays."""
+    at, lower, upper = slot_of(L, slot), D[st.LOWER], D[st.UPPER]
+    for r in range(L[tb.FORMS]):
+        S[lower + r], S[upper + r] = -np.inf, np.inf
+    count = L[at + tb.GUARD_COUNT]
+    for g in range(count if D[st.TRACKED] else count - pg.WATCHED):
+        row, sign, limit = L[at + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g], -S[D[st.OFFSET] + g]
+        if g >= count - pg.WATCHED:
+            sign, limit = -1.0 if S[now + row] > 0.0 else 1.0, 0.0
+        if sign < 0.0:
+            S[lower + row] = -limit
+        else:
+            S[upper + row] = limit if sign > 0.0 else -np.inf
 
 
 @compiled
@@ -59,46 +102,3 @@ def _record(P, L, S, D, slot, step):
         S[arrived + i] = S[i] + S[D[st.GLIDED] + i]
     observe(P, L, S, D, slot, step, S[D[st.CLOCK]] + step, arrived)
     account(P, L, S, D, slot, step, 0)
-
-
-@compiled
-def _far(P, L, S, D, slot, now, then):
-    """Whether no guard can have come near zero within a longest step, by the bounds of its deviation from a line.
-
-    The values at both ends stand at `now` and `then`.
-    """
-    at, forms, rows = slot_of(L, slot), L[tb.FORMS], L[pg.ROWS]
-    size, bound = vector(L, D, TRIAL), D[st.THERE_GUARDS]
-    for i in range(rows):
-        S[size + i] = abs(S[i])
-    multiply(P, block_of(L, slot) + L[tb.DEVIATION], forms, L[pg.COLUMNS], S, size, bound)
-    count, signs, offsets = L[at + tb.GUARD_COUNT], D[st.SIGN], D[st.OFFSET]
-    for g in range(count - pg.WATCHED):
-        row, sign = L[at + tb.FIRST_GUARD + 2 * g + 1], S[signs + g]
-        highest = max(sign * S[now + row], sign * S[then + row]) + S[offsets + g]
-        if not highest + S[bound + row] < 0.0 and not highest + _deviation(P, L, S, D, slot, row) < 0.0:
-            return False
-    if D[st.TRACKED]:
-        for g in range(count - pg.WATCHED, count):
-            row = L[at + tb.FIRST_GUARD + 2 * g + 1]
-            f0, f1 = S[now + row], S[then + row]
-            if not f0 * f1 > 0.0:
-                return False
-            nearest = min(abs(f0), abs(f1))
-            if not nearest > S[bound + row] and not nearest > _deviation(P, L, S, D, slot, row):
-                return False
-    return True
-
-
-@compiled
-def _deviation(P, L, S, D, slot, row):
-    """How far a guard goes from the straight line between its ends within a longest step from the state now.
-
-    Sharper than the bound, in which a displacement and the force that holds it there do not cancel.
-    """
-    rungs, columns, ladder = tb.rungs_of(L[slot_of(L, slot) + tb.FINEST_LEVEL]), L[pg.COLUMNS], D[st.LADDER]
-    multiply(P, block_of(L, slot) + L[tb.LADDERS] + row * columns * rungs, rungs, columns, S, 0, ladder)
-    largest = 0.0
-    for k in range(rungs):
-        largest = max(largest, abs(S[ladder + k]))
-    return 2.0 * largest

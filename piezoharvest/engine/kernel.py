@@ -2,55 +2,46 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.advance import DONE, advance
 from piezoharvest.engine.compiled import compiled, entry
-from piezoharvest.engine.glide import glide
+from piezoharvest.engine.glide import glide, hold_ramp
 from piezoharvest.engine.many import steady_states
 from piezoharvest.engine.shooting import find
-from piezoharvest.engine.state import set_ramp, set_tones
-from piezoharvest.engine.tables import block_of, seek
+from piezoharvest.engine.state import set_tones
+from piezoharvest.engine.tables import seek
 from piezoharvest.engine.vector import pointer
 
 RUN, FIND, MANY = range(3)
 
 
 @compiled
-def _whole_step(P, L, S, D, length):
-    """Whether a longest step of the mode last moved in has this length, with nothing scheduled or left half done."""
+def _unhurried(L, D):
+    """Whether nothing is scheduled or left half done, and the mode last moved in still holds."""
     if L[tb.HELD] == 0 or D[st.WAITING] or D[st.CLOSED] or D[st.BETWEEN] or (L[pg.SWITCHED] and D[st.DIRECTION] == 0):
         return False
-    if seek(L, D, D[st.CONFIGURATION], D[st.SLIP]) != D[st.MODE]:
-        return False
-    return abs(P[block_of(L, D[st.MODE]) + L[tb.STEPS]] - length) <= 1e-9 * length
+    return seek(L, D, D[st.CONFIGURATION], D[st.SLIP]) == D[st.MODE]
 
 
 @compiled
-def through_ramps(P, L, S, D, times, starts, slopes, piece, t_end):
+def through_ramps(P, L, S, D, ramps, piece, t_end):
     """Run through straight pieces of signal, from the `piece` that holds now; returns the status.
 
     Beyond the last piece its end value is held.
     """
-    count, clock = len(starts), D[st.CLOCK]
-    for k in range(piece, count + 1):
-        begins, ends = times[k], times[k + 1] if k < count else np.inf
-        if begins >= t_end:
+    times, last = ramps[0], len(ramps[1])
+    while True:
+        if _unhurried(L, D):
+            piece = glide(P, L, S, D, ramps, piece, t_end)
+        if piece > last or times[piece] >= t_end:
             return DONE
-        if k < count:
-            set_ramp(P, L, S, starts[k] + slopes[k] * (S[clock] - begins), slopes[k])
-        else:
-            set_ramp(P, L, S, starts[k - 1] + slopes[k - 1] * (begins - times[k - 1]), 0.0)
-        if ends <= t_end and _whole_step(P, L, S, D, ends - S[clock]) and glide(P, L, S, D, D[st.MODE]):
-            S[clock] = ends
-            continue
-        status = advance(P, L, S, D, min(ends, t_end))
+        hold_ramp(P, L, S, D, ramps, piece)
+        status = advance(P, L, S, D, min(times[piece + 1], t_end) if piece < last else t_end)
         if status != DONE:
             return status
-    return DONE
+        piece += 1
 
 
 @entry
@@ -90,4 +81,4 @@ def engine(task, machine, state, ramps, piece, t_end, shooting, followed, mirror
     if L[pg.SIGNAL_KIND] == pg.TONES:
         set_tones(P, L, S, S[D[st.CLOCK]])
         return advance(P, L, S, D, t_end)
-    return through_ramps(P, L, S, D, ramps[0], ramps[1], ramps[2], piece, t_end)
+    return through_ramps(P, L, S, D, ramps, piece, t_end)

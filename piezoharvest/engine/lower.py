@@ -59,7 +59,7 @@ def lower(system: System, excitation: Excitation) -> Lowered:
         outputs = (physics.drive, motion.displacement, motion.velocity, port.v, port.i, layout.z["q"], physics.v_h, dc)
         tables.outputs.append(_rows(outputs, layout.width))
     switch = shunt.switch(capacitance, excitation.period)
-    program = _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
+    program = _lean(_assemble(layout, physics, tables, names, shunt, switch, signal, excitation))
     categories = (*pg.CATEGORIES, *layout.effects, pg.MEAN_DC)
     return Lowered(program, tuple(layout.names), names, categories, signal, terms.unfelt)
 
@@ -69,7 +69,9 @@ def symmetric(lowered: Lowered, excitation: Excitation) -> bool:
     program = lowered.program
     if not excitation.antisymmetric:
         return False
-    signs = np.concatenate([program.odd, -np.ones(program.rate.shape[-1] - len(program.odd) - 1), [1.0]])
+    signs = np.concatenate([program.odd, -np.ones(program.exosystem.shape[-1])])
+    if len(signs) > len(program.odd) + 2 * len(program.phase):
+        signs[-1] = 1.0  # the constant
     image, mirror = program.odd[:, None] * program.rate * signs, np.take(program.rate, program.mirror, axis=-3)
     return bool(np.allclose(image, mirror, rtol=1e-12, atol=0))
 
@@ -164,6 +166,21 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
         "step": _largest_step(excitation, signal),
     }
     return pg.Program(**{name: _plain(value) for name, value in fields.items()})
+
+
+def _lean(program: pg.Program) -> pg.Program:
+    """Leave the constant out where nothing is: it may be what fills one more register in every row.
+
+    A power counts if neither of its factors vanishes.
+    """
+    rows = (program.rate, program.guard_z, program.output_z, program.voltage_row, program.trigger_row)
+    alive = np.any(program.product_z, axis=-1) | np.any(program.product_d, axis=-1)
+    powers = program.product_z * np.all(alive, axis=-1)[..., None, None]
+    if any(np.any(row[..., -1]) for row in (*rows, powers)):
+        return program
+    forms = ("rate", "guard_z", "output_z", "voltage_row", "trigger_row", "product_z", "exo_scale")
+    changes = {name: np.ascontiguousarray(getattr(program, name)[..., :-1]) for name in forms}
+    return program._replace(**changes, exosystem=np.ascontiguousarray(program.exosystem[..., :-1, :-1]))
 
 
 def _plain(value: Any) -> Any:

@@ -10,12 +10,13 @@ from piezoharvest.engine.crossing import NONE, earliest, noise_of
 from piezoharvest.engine.exponentials import BOLD
 from piezoharvest.engine.interpolation import doubt, peaks
 from piezoharvest.engine.motion import ARRIVED, FOUND, exact
-from piezoharvest.engine.recording import account, observe
+from piezoharvest.engine.recording import SAME_TIME, account, observe
 from piezoharvest.engine.state import vector
 from piezoharvest.engine.tables import block_of, slot_of
 from piezoharvest.engine.vector import copy, grow, multiply
 
-BELIEVED, SMOOTH = 0.05, 0.005  # doubt of a guard, relative, with which a step is taken and the next one doubled
+# Doubt of a guard, relative, with which a step is taken, and with which the next is twice or four times as long.
+BELIEVED, SMOOTH, CALM = 0.05, 0.005, 1e-4
 
 
 @compiled
@@ -26,11 +27,11 @@ def read_guards(P, L, S, D, slot, z, out):
 
 @compiled
 def _look(L, S, D, slot, now, then, step):
-    """Whether a guard may rise within a step, whether the step is too long to tell, whether it may be doubled."""
+    """Whether a guard may rise within a step, whether that is too long to tell, how many times it may be doubled."""
     at, forms, sign_at, offset_at, floor_at = slot_of(L, slot), L[tb.FORMS], D[st.SIGN], D[st.OFFSET], D[st.FLOOR]
     count = L[at + tb.GUARD_COUNT]
     events = count - pg.WATCHED
-    rises, too_long, doubling = False, False, True
+    rises, too_long, longer = False, False, 2
     for g in range(count if D[st.TRACKED] else events):
         row, sign, offset, floor = L[at + tb.FIRST_GUARD + 2 * g + 1], S[sign_at + g], S[offset_at + g], S[floor_at + g]
         f0, f1 = sign * S[now + row] + offset, sign * S[then + row] + offset
@@ -46,8 +47,9 @@ def _look(L, S, D, slot, now, then, step):
         else:
             size += 1e4 * floor
         too_long |= doubtful > BELIEVED * size
-        doubling &= doubtful <= SMOOTH * size
-    return rises, too_long, doubling
+        if doubtful > CALM * size:
+            longer = min(longer, 1 if doubtful <= SMOOTH * size else 0)
+    return rises, too_long, longer
 
 
 @compiled
@@ -68,14 +70,14 @@ def march(P, L, S, D, slot, t_stop):
         if left <= 0.0:
             return NONE
         step = P[steps + level]
-        full = step <= left * (1 + 1e-12)
+        full = step <= left * (1 + SAME_TIME)
         if full:
             grow(P, growth + level * rows * columns, rows, columns, S, 0, arrived)
         else:
             step = left
             exact(P, L, S, D, slot, 0, step, arrived)
         read_guards(P, L, S, D, slot, arrived, then)
-        rises, too_long, doubling = _look(L, S, D, slot, now, then, step)
+        rises, too_long, longer = _look(L, S, D, slot, now, then, step)
         if too_long and level < finest:
             level += 1
             while level < finest and P[steps + level] >= left:
@@ -99,5 +101,4 @@ def march(P, L, S, D, slot, t_stop):
         if guard != NONE or S[clock] >= t_stop:
             return guard
         now, then = then, now
-        if doubling and level > 0:
-            level -= 1
+        level = max(level - longer, 0)

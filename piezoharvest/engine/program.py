@@ -2,7 +2,7 @@
 
 Everything is in energy-scaled coordinates (1/2 z^2 is an energy for every state that stores one), so that the matrices
 of nF and uF, of Hz and kHz, have entries of the size of the system's frequencies, and one tolerance serves all.
-The augmented state is [states | exogenous states]; the last exogenous state is the constant 1.
+The augmented state is [states | exogenous states]; the last exogenous state is the constant 1, if anything is constant.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ NUMBERS = Program._fields[: PERIOD - _SIZES + 1]
 PLAIN = Program._fields[SIGNAL_KIND - _SIZES : CATEGORY_COUNT - _SIZES + 1]
 LISTS = Program._fields[ODD - _SIZES :]
 CONTENTS = _SIZES + len(Program._fields)  # entries; those of the tables follow
-ROOM = 27
+ROOM = 26
 
 
 def integers(program: Program) -> np.ndarray:

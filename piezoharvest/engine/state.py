@@ -10,7 +10,6 @@ import numpy as np
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.compiled import compiled, inlined
-from piezoharvest.engine.vector import padded
 
 QUEUE_LENGTH = 4  # actions of the switch that may be waiting at one time
 VECTORS = 16  # of scratch
@@ -23,9 +22,9 @@ VECTORS = 16  # of scratch
     # where lists begin in D,
     SLIP, POLARITY, LOG_CODE, TAPE_KIND,
     # and where in S.
-    CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, FLOOR, LOW, HIGH, GUESS, THERE_GUARDS, LADDER, GLIDED, WORK,
-    EXTREMES, ENERGY, PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME, SAMPLES, TAPE, END,
-) = range(45)  # fmt: skip
+    CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, FLOOR, LOW, HIGH, GUESS, THERE_GUARDS, LOWER, UPPER, GLIDED,
+    WORK, EXTREMES, ENERGY, PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME, SAMPLES, TAPE, END,
+) = range(46)  # fmt: skip
 # Places from CLOCK on in S: time now, when the switch opens, when it last acted, all in s.
 NOW, OPENS, ACTED = range(3)
 
@@ -57,7 +56,8 @@ class State:
         places = {
             CLOCK: 3, QUEUE: QUEUE_LENGTH, SIGN: guards, OFFSET: guards, NOW_GUARDS: contents[tb.GUARD_ROWS],
             THEN_GUARDS: contents[tb.GUARD_ROWS], FLOOR: guards, LOW: guards, HIGH: guards, GUESS: guards,
-            THERE_GUARDS: contents[tb.FORMS], LADDER: padded(tb.LEVELS), GLIDED: contents[tb.GLIDE_ROWS],
+            THERE_GUARDS: contents[tb.FORMS], LOWER: contents[tb.FORMS], UPPER: contents[tb.FORMS],
+            GLIDED: contents[tb.GLIDE_ROWS],
             WORK: VECTORS * rows,
             EXTREMES: 4, ENERGY: energies, PHI: sensitivities * rows, QUEUE_PHI: QUEUE_LENGTH * sensitivities,
             OPENS_PHI: sensitivities, EVENT_PHI: sensitivities, LOG_TIME: log, SAMPLE_TIME: len(times),
@@ -130,6 +130,14 @@ def stored(P, L, S):
     return total
 
 
+@inlined
+def set_one(P, L, S, before):
+    """The constant, if the model has one, behind so many exogenous states."""
+    n = L[pg.N]
+    if L[pg.A] - n > before:
+        S[n + before] = 1.0 / P[L[pg.EXO_SCALE] + before]
+
+
 @compiled
 def set_tones(P, L, S, t):
     """Exogenous states of a sum of tones, from the phase itself so that nothing drifts."""
@@ -138,7 +146,7 @@ def set_tones(P, L, S, t):
         angle = P[L[pg.OMEGA] + k] * t + P[L[pg.PHASE] + k]
         S[n + 2 * k] = np.sin(angle) / P[scale + 2 * k]
         S[n + 2 * k + 1] = np.cos(angle) / P[scale + 2 * k + 1]
-    S[L[pg.A] - 1] = 1.0 / P[scale + L[pg.A] - n - 1]
+    set_one(P, L, S, 2 * L[pg.TONE_COUNT])
 
 
 @compiled
@@ -147,4 +155,4 @@ def set_ramp(P, L, S, value, slope):
     n, scale = L[pg.N], L[pg.EXO_SCALE]
     S[n] = value / P[scale]
     S[n + 1] = slope / P[scale + 1]
-    S[n + 2] = 1.0 / P[scale + 2]
+    set_one(P, L, S, 2)

@@ -13,7 +13,7 @@ import numpy as np
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine.compiled import compiled, inlined
-from piezoharvest.engine.vector import LANES, padded
+from piezoharvest.engine.vector import padded
 
 MODES = 64  # kept at once; met again after that, they are built anew
 LEVELS = 56
@@ -26,9 +26,9 @@ OUTPUT_ROWS = padded(len(pg.OUTPUTS))
 (
     TABLES, BLOCK, SLOTS, SLOT, HELD, ROOM, MAP, MAPPED, FORMS, GUARD_ROWS, LEDGER, SCRATCH,
     # places within a mode's block of numbers,
-    STEPS, MATRIX, POWERS, GUARDS, LINES, VALUES, DEVIATION, LADDERS, GLIDE, SIZES, OUTPUTS, PRODUCTS, GROWTH,
+    STEPS, MATRIX, POWERS, GUARDS, LINES, VALUES, DEVIATION, GLIDE, SIZES, OUTPUTS, PRODUCTS, GROWTH,
     GRAMIAN, GLIDE_ROWS,
-) = range(pg.CONTENTS, pg.CONTENTS + 27)  # fmt: skip
+) = range(pg.CONTENTS, pg.CONTENTS + 26)  # fmt: skip
 # and within its block of integers: key, finest level, whether its energies are there, number of guards, then for every
 # guard what it is and its row.
 KEY, FINEST_LEVEL, ACCOUNTED, GUARD_COUNT, FIRST_GUARD = range(5)
@@ -42,13 +42,13 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
     square = columns * rows
     forms = padded(int(g + 1 + h + pg.WATCHED))  # distinct rows of guards
     sampled = head[pg.SIGNAL_KIND] == pg.RAMPS
-    glide_rows = rows + 2 * forms + OUTPUT_ROWS
+    glide_rows = 2 * rows + 2 * forms + OUTPUT_ROWS
     products, energies = head[pg.PRODUCTS] + h, head[pg.CATEGORY_COUNT] if ledger else 0
     sizes = {
         STEPS: LEVELS, MATRIX: square, POWERS: TERMS * square, GUARDS: 3 * forms * columns, LINES: 2 * forms * rows,
         VALUES: forms * columns,
         DEVIATION: forms * columns if sampled else 0,
-        LADDERS: forms * padded(LEVELS) * columns if sampled else 0, GLIDE: glide_rows * columns if sampled else 0,
+        GLIDE: glide_rows * columns if sampled else 0,
         SIZES: 3 * forms, OUTPUTS: OUTPUT_ROWS * columns,
         PRODUCTS: products * 2 * rows, GROWTH: LEVELS * square, GRAMIAN: LEVELS * energies * square,
     }  # fmt: skip
@@ -57,7 +57,7 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
         head[place] = offset
         offset += int(size)
     modes = int(min(MODES, c * 2 ** min(h, 10)))
-    scratch = int((ORDER + 4) * square + 3 * forms * columns)
+    scratch = int((ORDER + 4) * square + (LEVELS if sampled else 3) * forms * columns)
     slot = FIRST_GUARD + 2 * int(g + 1 + 2 * h + pg.WATCHED)
     head[[BLOCK, SLOT, ROOM, FORMS, LEDGER]] = offset, slot, modes, forms, energies
     head[GUARD_ROWS], head[GLIDE_ROWS] = 3 * forms, glide_rows
@@ -97,9 +97,3 @@ def mode_key(L, D, configuration, slip):
     for j in range(L[pg.H]):
         key = 2 * key + (1 if D[slip + j] != 0 else 0)
     return key
-
-
-@inlined
-def rungs_of(finest):
-    """Padded number of rungs of a ladder."""
-    return (finest + LANES - 1) // LANES * LANES

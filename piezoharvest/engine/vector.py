@@ -250,3 +250,41 @@ def polynomial(typing_context: Any, v, x, rows, order, factor, y):
         return context.get_dummy_value()
 
     return signature, generate
+
+
+@intrinsic
+def sizes(typing_context: Any, v, x, y, rows):
+    """V[y:] = |V[x:]|, for a padded number of rows."""
+    signature = types.void(v, types.intp, types.intp, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        v, x, y, rows = arguments
+        vector = _Memory(builder, v)
+        with _blocks(builder, rows) as (i, _):
+            value = vector.load(builder.add(x, i))
+            positive = builder.fcmp_ordered(">", value, ir.Constant(_VECTOR, [0.0] * LANES))
+            vector.store(builder.select(positive, value, builder.fneg(value)), builder.add(y, i))
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def between(typing_context: Any, v, x, y, margin, lower, upper, rows):
+    """Whether V[x:] and V[y:] both stay between two limits by more than a margin, for a padded number of rows."""
+    signature = types.boolean(v, types.intp, types.intp, types.intp, types.intp, types.intp, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        v, *places, rows = arguments
+        vector, mask = _Memory(builder, v), ir.VectorType(ir.IntType(1), LANES)
+        inside = cgutils.alloca_once_value(builder, ir.Constant(mask, [1] * LANES))
+        with _blocks(builder, rows) as (i, _):
+            x, y, margin, lower, upper = (vector.load(builder.add(place, i)) for place in places)
+            upper, lower = builder.fsub(upper, margin), builder.fadd(lower, margin)
+            for value in (x, y):
+                for test in (builder.fcmp_ordered("<", value, upper), builder.fcmp_ordered(">", value, lower)):
+                    builder.store(builder.and_(builder.load(inside), test), inside)
+        lanes = builder.bitcast(builder.load(inside), ir.IntType(LANES))
+        return builder.icmp_unsigned("==", lanes, ir.Constant(ir.IntType(LANES), 2**LANES - 1))
+
+    return signature, generate

@@ -1,15 +1,20 @@
 """Sampled drives: straight pieces between samples, in which a stiff stack rings many times."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles import reference_device, reference_engine
 from oracles.reference import simulate as reference
+from scipy.linalg import expm
 from studies import LOOP, STOPS, bench, distance, objects
 
 from piezoharvest import Hysteresis, Record, Resistor, System, Transducer, simulate
+from piezoharvest.effects import BiasCurrent
 from piezoharvest.engine import program as pg
+from piezoharvest.engine import tables as tb
 from piezoharvest.engine.lower import lower
 from piezoharvest.engine.steady import check
 from piezoharvest.engine.transient import Machine
@@ -203,3 +208,53 @@ def test_a_record_that_is_constant_keeps_the_equilibrium(tmp_path):
     static = 500.0 / STACK["stiffness"]
     assert distance(found.waveforms.displacement, np.full(len(found.waveforms.time), static)) < 1e-12
     assert np.abs(found.waveforms.voltage).max() < 1e-12 * STACK["coupling"] * static / STACK["capacitance"]
+
+
+def tables_of(machine, slot):
+    """Matrix, guards and bounds of the deviation of a mode, and its longest step, as the engine holds them."""
+    L, P = machine.L, machine.P
+    rows, columns, forms, block = L[pg.ROWS], L[pg.COLUMNS], L[tb.FORMS], L[tb.TABLES] + slot * L[tb.BLOCK]
+
+    def matrix(place, height):
+        return P[block + L[place] :][: height * columns].reshape(columns, height).T
+
+    return matrix(tb.MATRIX, rows), matrix(tb.VALUES, forms), matrix(tb.DEVIATION, forms), P[block + L[tb.STEPS]]
+
+
+@pytest.mark.parametrize("load", LOADS)
+def test_bound_of_the_deviation_within_a_step(load, tmp_path):
+    """Between two samples a guard stays as close to a line as the bound says, ringing or held by a large force."""
+    machine = Machine(lower(stack(load), record_of(rough(3), tmp_path)))
+    state = machine.state()
+    check(machine.run(state, 13 / RATE))
+    rng, a = np.random.default_rng(1), machine.L[pg.A]
+    assert machine.L[tb.HELD] > 2
+    for slot in range(machine.L[tb.HELD]):
+        matrix, values, deviation, step = tables_of(machine, slot)
+        shares = np.linspace(0, 1, 401)
+        flow = expm(matrix * step / 400)
+        ringing = rng.normal(size=(20, len(matrix))) * (np.arange(len(matrix)) < a)
+        # Of a motion that the structure only follows, what rings is taken away.
+        calm = [vector - np.linalg.pinv(matrix @ matrix, rcond=1e-9) @ matrix @ matrix @ vector for vector in ringing]
+        for z in (*ringing, *calm):
+            states = [z]
+            for _ in shares[1:]:
+                states.append(flow @ states[-1])
+            waves = np.array(states) @ values.T
+            line = waves[0] + shares[:, None] * (waves[-1] - waves[0])
+            rounding = 1e-11 * np.abs(values) @ np.abs(states).max(axis=0)
+            assert np.all(np.abs(waves - line).max(axis=0) <= deviation @ np.abs(matrix @ matrix @ z) + rounding)
+
+
+def test_constant_is_carried_only_where_something_is_constant(tmp_path):
+    """And a constant too small to matter gives what the smaller matrices give."""
+    record, bare = record_of(rough(0), tmp_path), stack(100.0)
+    biased = replace(bare, transducer=replace(bare.transducer, effects=(BiasCurrent(current=1e-18),)))
+    without, carried = (lower(system, record).program.rate for system in (bare, biased))
+    assert without.shape[-1] == without.shape[-2] + 2
+    assert carried.shape[-1] == carried.shape[-2] + 3
+    first, second = (simulate(system, record) for system in (bare, biased))
+    assert first.events_per_period == second.events_per_period
+    for name in WAVES:
+        found, wanted = getattr(first.waveforms, name), getattr(second.waveforms, name)
+        assert np.abs(found - wanted).max() <= 1e-9 * np.abs(wanted).max()

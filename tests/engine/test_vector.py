@@ -9,7 +9,7 @@ from piezoharvest.engine import vector as vc
 from piezoharvest.engine.algebra import radius, solve_conserving
 from piezoharvest.engine.compiled import entry
 
-MULTIPLY, GROW, POLYNOMIAL, COPY, DOT = range(5)
+MULTIPLY, GROW, POLYNOMIAL, COPY, DOT, SIZES, BETWEEN = range(7)
 EDGE = 7.25  # what stands around a result and must stay
 
 
@@ -25,6 +25,11 @@ def operate(task, matrix, at, rows, columns, factor, order, vectors, x, y):
         vc.polynomial(v, x, rows, order, factor, y)
     elif task == COPY:
         vc.copy(v, x, y, rows)
+    elif task == SIZES:
+        vc.sizes(v, x, y, rows)
+    elif task == BETWEEN:
+        step = y - x
+        return 1.0 if vc.between(v, x, y, x + 2 * step, x + 3 * step, x + 4 * step, rows) else 0.0
     else:
         return vc.dot(m, at, v, x, rows)
     return 0.0
@@ -117,6 +122,33 @@ def test_copy_is_exact(seed, rows, columns, gap):
     memory.run(COPY)
     assert np.array_equal(memory.vector(memory.y, memory.vectors), memory.vector(memory.x))
     memory.check({memory.y: memory.vector(memory.x)})
+
+
+@settings(max_examples=50, deadline=None)
+@given(**sizes)
+def test_sizes(seed, rows, columns, gap):
+    memory = Memory(seed, rows, columns, gap)
+    memory.run(SIZES)
+    memory.check({memory.y: np.abs(memory.vector(memory.x))})
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=st.integers(0, 10**6), blocks=st.integers(1, 6), crossed=st.booleans())
+def test_between(seed, blocks, crossed):
+    rng, rows = np.random.default_rng(seed), blocks * vc.LANES
+    x, y, margin = rng.uniform(-1, 1, rows), rng.uniform(-1, 1, rows), rng.uniform(0, 1, rows)
+    lower, upper = np.minimum(x, y) - 1.001 * margin - 1e-9, np.maximum(x, y) + 1.001 * margin + 1e-9
+    lower[rng.random(rows) < 0.3], upper[rng.random(rows) < 0.3] = -np.inf, np.inf
+    if crossed:
+        k, side = rng.integers(rows), rng.integers(4)
+        if side % 2:
+            upper[k] = (x, y)[side // 2][k] + 0.999 * margin[k]
+        else:
+            lower[k] = (x, y)[side // 2][k] - 0.999 * margin[k]
+    vectors = np.concatenate([x, y, margin, lower, upper])
+    before = vectors.copy()
+    assert operate(BETWEEN, np.zeros(4), 0, rows, 4, 0.0, 0, vectors, 0, rows) == (0.0 if crossed else 1.0)
+    assert np.array_equal(vectors, before)
 
 
 @settings(max_examples=50, deadline=None)
