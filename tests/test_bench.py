@@ -91,7 +91,8 @@ class TestResults:
         write(results, tmp_path)
         found = json.loads((tmp_path / "speed.json").read_text())
         assert set(found) == {
-            "machine", "sshi", "sshi_stops", "record", "scaling", "steady", "gradient", "sweep", "startup", "goals",
+            "machine", "sshi", "sshi_stops", "record", "campaign", "scaling", "steady", "gradient", "sweep", "startup",
+            "goals",
         }  # fmt: skip
         for key in ("sshi", "sshi_stops", "record"):
             names = {row["alternative"] for row in found[key]["rows"]}

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from piezoharvest.output import atomic
-from reports.speed import gradient, pages, plots, startup, steady, studies, sweep, transient
+from reports.speed import campaign, gradient, pages, plots, startup, steady, studies, sweep, transient
 from reports.speed.goals import goals
 from reports.speed.timing import machine, once
 
@@ -35,6 +35,7 @@ def measure(extent: Extent, say: Callable[[str], None] = lambda text: None) -> d
         "sshi": lambda: transient.periodic(plain, extent.runs),
         "sshi_stops": lambda: transient.periodic(stops, extent.runs),
         "record": lambda: transient.recorded(extent.runs),
+        "campaign": lambda: campaign.measure(extent.runs),
         "scaling": lambda: transient.scaling(plain, extent.runs),
         "steady": lambda: steady.measure(extent.capacitors, extent.repeats),
         "gradient": lambda: gradient.measure(extent.repeats),

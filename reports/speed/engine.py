@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from piezoharvest.engine import state as st
 from piezoharvest.engine.lower import lower
 from piezoharvest.engine.transient import Machine
 from reports.speed.studies import Case, energy_coordinates
@@ -60,6 +61,13 @@ def states(case: Case, times: np.ndarray) -> np.ndarray:
         simulation.run(time)
         rows.append(simulation.reading())
     return np.array(rows)
+
+
+def events(case: Case, t_end: float) -> int:
+    """Number of events in a run from rest."""
+    simulation = Simulation(case)
+    simulation.run(t_end)
+    return int(simulation.state.D[st.LOGGED])
 
 
 def time_run(case: Case, t_end: float, repeats: int, share: float) -> tuple[Seconds, float]:

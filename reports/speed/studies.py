@@ -62,11 +62,16 @@ def record(folder: Path, samples: int) -> Case:
     spectrum[inside] = rng.normal(size=inside.sum()) + 1j * rng.normal(size=inside.sum())
     force = np.fft.irfft(spectrum, samples)
     force = 0.1 * (force - force[0]) / np.std(force)  # N rms; it begins at rest
+    device = {**TRANSDUCER, "hysteresis": STOPS}
+    table = {"transducer": device, "excitation": written(force, folder), "shunts": [LOAD]}
+    return Case("record", "record of noise, resistor, three P-I operators", table)
+
+
+def written(force: np.ndarray, folder: Path) -> dict:
+    """A force as the table of a record, whose file is written."""
     path = folder / "force.csv"
     np.savetxt(path, force, fmt="%.17g", header="force_N", comments="")
-    excitation = {"kind": "record", "file": str(path), "column": "force_N", "sample_rate": SAMPLE_RATE}
-    table = {"transducer": {**TRANSDUCER, "hysteresis": STOPS}, "excitation": excitation, "shunts": [LOAD]}
-    return Case("record", "record, resistor, three P-I operators", table)
+    return {"kind": "record", "file": str(path), "column": "force_N", "sample_rate": SAMPLE_RATE}
 
 
 def energy_coordinates(case: Case, x, u, v_t, v_h, dc) -> np.ndarray:

@@ -22,7 +22,11 @@ def summary(results: dict) -> str:
     for key, words, count in (
         ("sshi", "a period of parallel SSHI, 8 events", 1),
         ("sshi_stops", "with three P-I operators, 20 events", 1),
-        ("record", f"a record of {results['record']['samples']:,} samples", results["record"]["samples"]),
+        (
+            "record",
+            f"a record of noise, {results['record']['samples']:,} samples, {results['record']['events']:,} events",
+            results["record"]["samples"],
+        ),
     ):
         section, mine = results[key], own(results[key])
         cells = [f"**{seconds(mine['seconds'] * count)}**, {error(mine['error'])}"]

@@ -75,7 +75,7 @@ def recorded(sizes: Sizes) -> dict:
         truth = reference.record(case, force, SAMPLE_RATE, times)
         whole = (sizes.samples - 1) / SAMPLE_RATE
         seconds, set_up = engine.time_run(case, whole, 3 * sizes.repeats, 1 / sizes.samples)
-        error = studies.distance(engine.states(case, times), truth.states)
+        error, events = studies.distance(engine.states(case, times), truth.states), engine.events(case, whole)
         rows = [Row("piezoharvest", "no step, no tolerance", seconds.median, error)]
         model = Loaded(case.table, Straight(force, SAMPLE_RATE))
         rows += _by_hand(model, times, truth.states, sizes.compared_samples)
@@ -84,7 +84,7 @@ def recorded(sizes: Sizes) -> dict:
         last = slice(every - 1, None, every)
         note, found = _ngspice(case, times[last], truth.states[last], sizes.compared_samples, finest)
     return {
-        **_heading(case, truth), "unit": "sample", "samples": sizes.samples,
+        **_heading(case, truth), "unit": "sample", "samples": sizes.samples, "events": events,
         "compared_samples": sizes.compared_samples, "least_seconds": seconds.least, "set_up_seconds": set_up,
         "ngspice": note, "rows": _plain([*rows, *found]),
     }  # fmt: skip
