@@ -231,7 +231,7 @@ def whiteners(
     return tuple(
         ResponseWeights(noise.sigma[data.name], data)
         if isinstance(data, FrequencyData)
-        else Whitener(model.prediction(data), noise, data, rough=rough)
+        else Whitener(model.prediction(data), noise, data, rough=rough and data.drive not in problem.known)
         for data in problem.data
     )
 
@@ -256,13 +256,16 @@ def sums_of(
     PredictionError
         The model cannot follow a record.
     """
-    # Records side by side; threads within products of small matrices would wait for each other most of the time.
-    with _threads().limit(limits=1), ThreadPoolExecutor(WORKERS) as pool:
+    # Threads within products of small matrices would wait for each other most of the time.
+    with _threads().limit(limits=1):
+        if len(white) == 1:  # what a thread has had of memory is kept for the next one: with a long record that adds up
+            return (white[0].sums(model, own[0], scatter),)
         for data in problem.data:
             if isinstance(data, Data):
                 model.lowered(data)
-        jobs = [pool.submit(each.sums, model, mine, scatter) for each, mine in zip(white, own, strict=True)]
-        return tuple(job.result() for job in jobs)
+        with ThreadPoolExecutor(WORKERS) as pool:
+            jobs = [pool.submit(each.sums, model, mine, scatter) for each, mine in zip(white, own, strict=True)]
+            return tuple(job.result() for job in jobs)
 
 
 def _whole(model: Model, own: Sequence[np.ndarray], sums: Sequence[Sums]) -> tuple[np.ndarray, np.ndarray, float]:
@@ -295,8 +298,9 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
     for iteration in range(1, MOST + 1):
         total = information + np.diag(precision) + bend
         slope = gradient - precision * (values - mean)
+        shown = _shown(information, precision, sums, len(model.parameters))
         step, promise = _step(
-            total, slope, damping, np.maximum(lower - values, -most), np.minimum(upper - values, most)
+            total, slope, damping, np.maximum(lower - values, -most), np.minimum(upper - values, most), shown
         )
         limit = max(1.0, ROUGH * squares) if loose else enough
         if promise < limit:
@@ -340,6 +344,17 @@ def _descend(problem, model, own, noise, tell, *, loose: bool, enough: float) ->
     return Fit(model, tuple(own), noise, cost, sums, information, np.diag(precision), converged, iteration, message)
 
 
+def _shown(information: np.ndarray, precision: np.ndarray, sums: Sequence[Sums], p: int) -> np.ndarray:
+    """Whether the records show a parameter better than its prior does, each for itself.
+
+    What the noise of the drive adds to the products of the derivatives says nothing about a parameter, but scatters the
+    slope: pushed by that, one that nothing else tells would run away.
+    """
+    own, noisy = np.diag(information).copy(), np.zeros(len(precision))
+    noisy[:p] = sum(np.diag(part.noisy.sum(axis=0))[:p] for part in sums)
+    return (own != 0.0) & ((own > 0.0) & (own**2 >= precision * (own + noisy)) | (noisy == 0.0))
+
+
 def _bent(bend: np.ndarray, information: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
     """What the curvature of the cost has beyond the information, as the change of the slope over a step shows it.
 
@@ -357,9 +372,8 @@ def _split(values: np.ndarray, model: Model, own: Sequence[np.ndarray]) -> tuple
     return tuple(values[begin:end] for begin, end in itertools.pairwise(ends))
 
 
-def _step(information, slope, damping, lower, upper) -> tuple[np.ndarray, float]:
-    """Step within bounds, and by how much it should lower the cost; what has no effect yet stays as it is."""
-    alive = np.diag(information) != 0.0
+def _step(information, slope, damping, lower, upper, alive) -> tuple[np.ndarray, float]:
+    """Step within bounds, and by how much it should lower the cost; what is not `alive` stays as it is."""
     step = np.zeros(len(slope))
     step[alive], promise = _bounded_step(
         information[np.ix_(alive, alive)], slope[alive], damping, lower[alive], upper[alive]

@@ -24,6 +24,7 @@ from piezoharvest.records.record import FrequencyRecord, Record
 from piezoharvest.transducer import Transducer
 
 Tell = Callable[[str], None]
+LONG = 1 << 19  # samples of a record that a fit begins with
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,7 @@ def identify(
     problem = Problem(data, campaign.transducer, tuple(offsets))
     parameters = parameters_of(campaign.transducer, {r.drive for r in campaign.records if isinstance(r, Record)})
     model = Model(campaign.transducer, tuple(parameters), tuple(offsets))
-    first = started(problem, model, tell)
+    first = _first_fit(problem, model, tell)
     fixed = undetermined(first)
     kept = [p for k, p in enumerate(parameters) if k not in fixed]
     nominal = _with_nominal(first.model.transducer, campaign.transducer, [parameters[k] for k in fixed])
@@ -172,6 +173,26 @@ def identify(
         together([r for r in shown if r.role == "fit"]), together([r for r in shown if r.role == "validate"]),
         tuple(shown), last.noise, last.converged, last.message, last, tuple(offsets),
     )  # fmt: skip
+
+
+def _first_fit(problem: Problem, model: Model, tell: Tell) -> Fit:
+    """Fit of all parameters; of long records the beginning is fitted first, from where the rest takes little."""
+    data = [
+        data_of(each.record.beginning(LONG), problem.nominal) if isinstance(each, Data) and len(each) > LONG else each
+        for each in problem.data
+    ]
+    if all(each is whole for each, whole in zip(data, problem.data, strict=True)):
+        return started(problem, model, tell)
+    part = Problem(data, problem.nominal, problem.offset_channels)
+    near = started(part, model, tell)
+    known = [
+        dict(zip(part.own_names(near.model, each), own, strict=True)) for each, own in zip(data, near.own, strict=True)
+    ]
+    own = [
+        np.array([values.get(name, 0.0) for name in problem.own_names(near.model, each)])
+        for each, values in zip(problem.data, known, strict=True)
+    ]
+    return fit(problem, near.model, own, near.noise, tell=tell, rounds=2)
 
 
 def _with_nominal(transducer: Transducer, nominal: Transducer, parameters: Sequence[Parameter]) -> Transducer:

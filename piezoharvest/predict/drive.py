@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,8 @@ from scipy.interpolate import CubicSpline
 
 JUMP = 0.1  # of the range: more than this from one sample to the next is a jump where the rest is slower
 CALM = 8.0  # times as far as the samples beside it go
-
+PIECE = 1 << 18  # samples whose spline is made at a time: making that of millions takes several times its memory
+FORGETS = 32  # samples further on, a spline has forgotten a value: (2 - sqrt 3)^32 of it is left
 
 BUMP = np.array([3.0, -6.0, 3.0, 0.0])  # 3 (1 - s)^2: of unit area, with neither value nor slope at the end of the step
 
@@ -45,8 +47,10 @@ def drive_of(values: np.ndarray) -> Drive:
     )
     for begin, end in zip([0, *(jumps + 1)], [*jumps, len(values) - 1], strict=True):
         if end - begin >= 3:
-            spline = CubicSpline(np.arange(end - begin + 1.0), values[begin : end + 1])
-            coefficients[begin:end] = spline.c[::-1].T
+            for a, b in pairwise([begin, *range(begin + PIECE, end - PIECE // 2, PIECE), end]):
+                first, last = max(a - FORGETS, begin), min(b + FORGETS, end)
+                spline = CubicSpline(np.arange(last - first + 1.0), values[first : last + 1])
+                coefficients[a:b] = spline.c[::-1, a - first : b - first].T
     return Drive(coefficients, jumps)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -75,6 +75,15 @@ class Record:
 
     def __len__(self) -> int:
         return len(self.time.values)
+
+    def beginning(self, count: int) -> Record:
+        """Its first samples, without copying."""
+
+        def cut(signal: Signal) -> Signal:
+            return replace(signal, values=signal.values[:count])
+
+        signals = {channel: cut(signal) for channel, signal in self.signals.items()}
+        return replace(self, time=cut(self.time), signals=signals)
 
     @property
     def responses(self) -> tuple[str, ...]:
