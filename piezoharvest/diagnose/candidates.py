@@ -193,15 +193,22 @@ def _columns(problem, model: Model, starts, strengths, base: int, first: int) ->
 
 
 def _tried(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[Candidate]:
-    """Effects that begin with a jump: the cost with each as it stands, nothing fitted."""
+    """Effects that begin with a jump: the cost with each as it stands, one step of all that was fitted taken.
+
+    Without that step parameters that have taken the place of the effect would speak against it.
+    """
+    if not starts:
+        return []
     candidates = []
+    _, before, cost = linearised(problem, found.model, found.own, found)
     for start in starts:
-        model = extended(replace(found.model, parameters=()), [start], [])
+        model = extended(found.model, [start], [])
         own = carried(problem, found.model, found.own, model)
-        _, _, squares = linearised(problem, model, own, found)
-        lowered = sum(float(part.squares.sum()) for part in found.sums) - squares
-        if lowered > 0:
-            candidates.append(Candidate(start, lowered, 1, np.zeros(0), -1))
+        information, gradient, squares = linearised(problem, model, own, found)
+        slope = gradient - before
+        score = cost - squares + float(slope @ inverse(information + found.prior) @ slope)
+        if score > 0:
+            candidates.append(Candidate(start, score, 1, np.zeros(0), -1))
     return candidates
 
 

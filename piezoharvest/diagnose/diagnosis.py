@@ -10,7 +10,7 @@ import numpy as np
 from piezoharvest.diagnose.candidates import effect_line
 from piezoharvest.diagnose.leftover import Leftover, share_above_noise, structure
 from piezoharvest.diagnose.scene import scene_of
-from piezoharvest.diagnose.search import Search, Searcher
+from piezoharvest.diagnose.search import Search, Searcher, Step
 from piezoharvest.effects import Effect
 from piezoharvest.identify.fit import Fit, Problem, covariance, fit
 from piezoharvest.identify.identification import Estimate, Identification, Quality, identify, judged, prepared, together
@@ -19,7 +19,9 @@ from piezoharvest.predict.parameters import value_at
 from piezoharvest.records.campaign import Campaign
 
 LITTLE = 9.0  # of the sum of squares: less above the noise is not shared out, it may be chance
-SPOILED = 20.0  # of the sum of squares: so much worse no effect that is there makes records that were not fitted
+# Of the sum of squares: an effect that is there makes records that were not fitted no worse than that, and than this
+# share of what it gains on those that were.
+SPOILED, SHARE = 20.0, 0.1
 
 
 @dataclass(frozen=True)
@@ -116,11 +118,16 @@ def diagnose(
     problem = Problem(prepared(campaign, "fit"), campaign.transducer, before.offsets)
     scene = scene_of(problem.data, before.found)
     tell("scoring the effects")
-    search = Searcher(problem, scene, library, tell).run(before.found)
+    searcher = Searcher(problem, scene, library, tell)
+    search = searcher.run(before.found)
     final = search.final
     unseen, checks = validated(campaign, before, [before.found, *search.nested])
     squares = [share_above_noise(unseen, each) for each in checks]
-    named = tuple(_named(problem, search, n, squares) for n in range(len(search.order)))
+    told = (_named(problem, search, n, squares) for n in range(len(search.order)))
+    named = tuple(
+        replace(each, spoils=each.spoils and not _needed(campaign, before, searcher, search, n))
+        for n, each in enumerate(told)
+    )
     alternatives = tuple(step.effects for step, _ in search.alternatives)
     after = squares[-1]
     verdict = _verdict(bool(search.left) or any(each.spoils for each in named), named, alternatives)
@@ -159,6 +166,26 @@ def validated(campaign: Campaign, before: Identification, found: Sequence[Fit]) 
     return problem, [fit(problem, model, None, noise, estimate_noise=False) for model in held]
 
 
+def _needed(campaign: Campaign, before: Identification, searcher: Searcher, search: Search, n: int) -> bool:
+    """Whether records that were not fitted would be worse without an effect that seemed to spoil them.
+
+    The first of several may have done so for as long as it stood in for the others, too.
+    """
+    if n == len(search.order) - 1:
+        return False
+    less = searcher.without(Step(search.final, tuple(effect.name for effect in search.order)), n)
+    if less is None:
+        return True
+    unseen, checks = validated(campaign, before, [less.found, search.final])
+    without, full = (share_above_noise(unseen, each)[0] for each in checks)
+    return not _spoils(without, full, less.cost - search.final.cost)
+
+
+def _spoils(before: float, after: float, gain: float) -> bool:
+    """Whether records that were not fitted become worse by an effect that gains so much on those that were."""
+    return after > before + max(SPOILED, SHARE * gain)
+
+
 def _named(problem: Problem, search: Search, n: int, squares: Sequence[tuple[float, float]]) -> Named:
     """The n-th effect with its gain and its parameters."""
     final, (before, _), (after, _) = search.final, squares[n], squares[n + 1]
@@ -174,7 +201,8 @@ def _named(problem: Problem, search: Search, n: int, squares: Sequence[tuple[flo
     effect = search.order[n]
     if effect_line(effect):
         values["amplitude"] = (_amplitude(problem, final, effect), None, "")
-    spoils = after > before + SPOILED
+    costs = [search.base.cost, *(each.cost for each in search.nested)]
+    spoils = _spoils(before, after, costs[n] - costs[n + 1])
     return Named(effect, search.p_values[n], float(np.clip(gain, -1.0, 1.0)), values, spoils)
 
 

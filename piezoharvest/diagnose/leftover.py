@@ -13,6 +13,7 @@ from piezoharvest.identify.data import Data
 from piezoharvest.identify.fit import Fit, Problem, whiteners
 from piezoharvest.identify.noise import first_guess, rounding
 from piezoharvest.identify.responses import FrequencyData, relative_error
+from piezoharvest.identify.spectra import in_time
 from piezoharvest.identify.sums import Whitener, residual_blocks, spectra_of
 
 STRUCTURE = 1e-5  # level at which residuals are more than noise
@@ -24,6 +25,7 @@ HELD = 1e-5  # of the drive's range, that it moves from sample to sample
 OFTEN = 0.3  # share of the samples
 ROUNDED = 0.01  # of the noise, that rounding may be off
 BANDS = np.array([0.0, 0.25, 0.6, 1.5, 4.0, 10.0, 25.0, 60.0, 150.0])  # Hz
+BURST = 8  # samples
 UPPER = 0.5  # share of the band from which on a record shows its noise alone
 
 
@@ -84,7 +86,7 @@ def _level(spectrum: np.ndarray) -> np.ndarray:
 def leftovers(problem: Problem, found: Fit) -> list[Leftover]:
     """All comparisons, the least likely first."""
     spectra = _levelled(problem, found)
-    places = [*_bands(spectra), *_harmonics(spectra), *_responses(problem, found)]
+    places = [*_bands(spectra), *_harmonics(spectra), *_lines(spectra), *_bursts(spectra), *_responses(problem, found)]
     return sorted(places, key=lambda place: (place.p_value, -place.excess))
 
 
@@ -156,6 +158,51 @@ def _harmonics(spectra) -> list[Leftover]:
         where, channel = key.split("|")
         found.append(Leftover(where, "all", channel, squares, count))
     return found
+
+
+def _lines(spectra) -> list[Leftover]:
+    """The strongest line of each channel over all records of a kind, in the squares of a single one as unlikely."""
+    kinds: dict[tuple[int, float, str], list[np.ndarray]] = {}
+    for data, frequencies, spectrum in spectra:
+        power = np.abs(spectrum[1:-1]) ** 2
+        power[frequencies[1:-1] < SLOW] = 0.0  # bands tell of these
+        line = fundamental(data)
+        if line is not None:
+            multiple = frequencies[1:-1] / line
+            power[np.abs(multiple - np.round(multiple)) * line < 1.5 * frequencies[1]] = 0.0  # harmonics
+        for c, channel in enumerate(data.channels):
+            kinds.setdefault((len(frequencies), float(frequencies[1]), channel), []).append(power[:, c])
+    found = []
+    for (_, step, channel), powers in kinds.items():
+        together = np.sum(powers, axis=0)
+        peak, count = int(np.argmax(together)), 2 * len(powers)
+        chance = _chance(len(together), together[peak], count)
+        found.append(Leftover(f"{(peak + 1) * step:.4g} Hz", "all", channel, float(chi2.isf(chance, count)), count))
+    return found
+
+
+def _bursts(spectra) -> list[Leftover]:
+    """Where a channel is off for a few samples: the worst of each record, in squares of one window as unlikely.
+
+    The largest sample of a window is left out, so that a spike alone is none.
+    """
+    found = []
+    for data, frequencies, spectrum in spectra:
+        step = data.setting.sample_time
+        count = round(1.0 / (frequencies[1] * step))
+        squares = np.lib.stride_tricks.sliding_window_view(in_time(spectrum, count) ** 2, BURST, axis=0)
+        rest = squares.sum(axis=-1) - squares.max(axis=-1)
+        for c, channel in enumerate(data.channels):
+            worst = int(np.argmax(rest[:, c]))
+            chance = _chance(len(rest), rest[worst, c], BURST)
+            where = f"for {BURST} samples at {worst * step:.4g} s"
+            found.append(Leftover(where, data.name, channel, float(chi2.isf(chance, BURST)), BURST))
+    return found
+
+
+def _chance(places: int, squares: float, count: int) -> float:
+    """Probability that the largest of many such sums is so large; never so small that it has no squares."""
+    return float(np.clip(places * chi2.sf(squares, count), 1e-300, 1.0))
 
 
 def _responses(problem: Problem, found: Fit) -> list[Leftover]:

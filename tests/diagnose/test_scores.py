@@ -4,12 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from diagnose_runs import campaign, fitted
+from diagnose_runs import SIGMA, campaign, fitted
 from scipy.stats import kstest
 
-from piezoharvest.diagnose.candidates import carried, cosine, effect_parameters, extended, scores
+from piezoharvest.diagnose.candidates import _tried, carried, cosine, effect_parameters, extended, scores
+from piezoharvest.diagnose.diagnosis import _spoils
 from piezoharvest.diagnose.leftover import leftovers, structure
-from piezoharvest.effects import BiasCurrent, DielectricRelaxation, Leakage, LoadError, Stiffening, registered
+from piezoharvest.effects import BiasCurrent, Clipping, DielectricRelaxation, Leakage, LoadError, Stiffening, registered
 from piezoharvest.identify.fit import fit
 from piezoharvest.identify.identification import prepared
 from piezoharvest.predict.prediction import Prediction
@@ -98,6 +99,48 @@ def test_leftovers_find_what_is_not_in_the_model(records):
     left = structure(problem, found)
     assert left
     assert left[0].p_value < 1e-12
+
+
+def disturbed(records, seed, wave):
+    """Fit of records whose voltage has something added, in units of its noise, that no effect of the library is."""
+    problem, found, _ = fitted(*records, seed=seed)
+    for data in problem.data:
+        time = np.arange(len(data)) * data.setting.sample_time
+        data.values[:, data.channels.index("voltage")] += SIGMA["voltage"] * wave(time)
+    return problem, fit(problem, found.model, found.own, found.noise, estimate_noise=False)
+
+
+def test_leftovers_find_a_line_at_any_frequency(records):
+    left = structure(*disturbed(records, 7, lambda time: 0.4 * np.sin(2 * np.pi * 181.3 * time)))
+    assert left[0].where in ("181 Hz", "181.5 Hz")
+    assert left[0].record == "all"
+    assert np.isfinite(left[0].squares)
+
+
+def test_leftovers_find_a_few_samples_but_not_a_spike(records):
+    few = structure(*disturbed(records, 8, lambda time: 9.0 * ((time > 0.7) & (time < 0.7045))))
+    assert few[0].where.startswith("for 8 samples at 0.69") or few[0].where.startswith("for 8 samples at 0.7")
+    assert not structure(*disturbed(records, 8, lambda time: 9.0 * (np.arange(len(time)) == 700)))
+
+
+def test_parameters_that_stand_in_for_clipping_do_not_hide_it(records):
+    """The largest voltages are cut off: the score is near what a full fit gains, not what one at rest would."""
+    problem, found, _ = fitted(*records, seed=9)
+    voltages = [data.values[:, data.channels.index("voltage")] for data in problem.data]
+    clip = Clipping(limit=0.998 * max(np.abs(values).max() for values in voltages), channel="voltage")
+    for values in voltages:
+        np.clip(values, -clip.limit, clip.limit, out=values)
+    found = fit(problem, found.model, found.own, found.noise, estimate_noise=False)
+    score = _tried(problem, found, [clip])[0].score
+    assert score > 20.0
+    assert score == pytest.approx(likelihood_ratio(problem, found, clip), rel=0.3)
+
+
+def test_what_an_effect_costs_unseen_records_is_weighed_against_its_gain():
+    assert not _spoils(1000.0, 1019.0, 50.0)
+    assert _spoils(1000.0, 1021.0, 50.0)
+    assert not _spoils(1000.0, 1021.0, 400.0)
+    assert _spoils(1000.0, 1041.0, 400.0)
 
 
 @pytest.mark.parametrize("name", registered())
