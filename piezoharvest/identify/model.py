@@ -142,7 +142,7 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
             if slopes is not None:
                 slopes[:, :, : passed_slopes.shape[2]] += passed_slopes
         jumps = data.setting.motion.jumps - block.begin
-        predicted, slopes = sensed(effects, model.parameters, data.channels, h, predicted, slopes, jumps)
+        predicted, slopes = sensed(effects, model.parameters, data.scatter, h, predicted, slopes, jumps)
         for k, (sample, c) in enumerate(first):
             if block.begin <= sample < end:
                 predicted[sample - block.begin, c] += read[k]
