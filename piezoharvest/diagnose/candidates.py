@@ -15,9 +15,11 @@ from scipy.stats import chi2
 
 from piezoharvest.diagnose.scene import Scene
 from piezoharvest.effects import Effect, registered
-from piezoharvest.identify.fit import Fit, Problem, inverse, linearised
+from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.fit import inverse, linearised
+from piezoharvest.identify.model import Model
+from piezoharvest.identify.problem import Problem
 from piezoharvest.identify.responses import FrequencyData
-from piezoharvest.identify.sums import Model
 from piezoharvest.predict.parameters import Parameter, parameter_of, put
 
 

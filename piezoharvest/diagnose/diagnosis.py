@@ -12,9 +12,11 @@ from piezoharvest.diagnose.leftover import Leftover, share_above_noise, structur
 from piezoharvest.diagnose.scene import scene_of
 from piezoharvest.diagnose.search import Search, Searcher, Step
 from piezoharvest.effects import Effect
-from piezoharvest.identify.fit import Fit, Problem, covariance, fit
+from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.fit import covariance, fit
 from piezoharvest.identify.identification import Estimate, Identification, Quality, identify, judged, prepared, together
 from piezoharvest.identify.noise import Noise
+from piezoharvest.identify.problem import Problem
 from piezoharvest.predict.parameters import value_at
 from piezoharvest.records.campaign import Campaign
 

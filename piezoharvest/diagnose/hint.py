@@ -11,9 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from piezoharvest.identify.fit import Fit, Problem, inverse, whiteners
+from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.evaluation import whiteners
+from piezoharvest.identify.fit import inverse
+from piezoharvest.identify.model import residual_blocks
+from piezoharvest.identify.problem import Problem
 from piezoharvest.identify.responses import FrequencyData
-from piezoharvest.identify.sums import residual_blocks, spectra_of
+from piezoharvest.identify.sums import spectra_of
 
 TERMS = 3  # at most
 SMALL = 0.05  # of what the first term explains: less is not worth telling

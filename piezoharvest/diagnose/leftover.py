@@ -10,11 +10,14 @@ import numpy as np
 from scipy.stats import chi2
 
 from piezoharvest.identify.data import Data
-from piezoharvest.identify.fit import Fit, Problem, whiteners
+from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.evaluation import whiteners
+from piezoharvest.identify.model import residual_blocks
 from piezoharvest.identify.noise import first_guess, rounding
+from piezoharvest.identify.problem import Problem
 from piezoharvest.identify.responses import FrequencyData, relative_error
 from piezoharvest.identify.spectra import in_time
-from piezoharvest.identify.sums import Whitener, residual_blocks, spectra_of
+from piezoharvest.identify.sums import Whitener, spectra_of
 
 STRUCTURE = 1e-5  # level at which residuals are more than noise
 HARMONICS = 12

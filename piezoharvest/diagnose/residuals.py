@@ -11,8 +11,9 @@ import numpy as np
 from piezoharvest.diagnose.diagnosis import Diagnosis, validated
 from piezoharvest.diagnose.leftover import whitened
 from piezoharvest.identify.data import Data
-from piezoharvest.identify.fit import Fit, Problem
+from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.identification import judged, prepared
+from piezoharvest.identify.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezoharvest.identify.data import Data
-from piezoharvest.identify.fit import Fit
+from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.model import residual_blocks
 from piezoharvest.identify.responses import FrequencyData
-from piezoharvest.identify.sums import residual_blocks
 from piezoharvest.shunts.resistor import Resistor
 
 TIMES = 6  # time constants over the plausible range

@@ -12,8 +12,10 @@ from piezoharvest.diagnose.candidates import Candidate, carried, effect_paramete
 from piezoharvest.diagnose.leftover import Leftover, structure
 from piezoharvest.diagnose.scene import Scene
 from piezoharvest.effects import Effect
-from piezoharvest.identify.fit import Fit, Problem, fit
-from piezoharvest.identify.sums import Model
+from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.fit import fit
+from piezoharvest.identify.model import Model
+from piezoharvest.identify.problem import Problem
 from piezoharvest.predict.parameters import Parameter, put, value_at
 from piezoharvest.predict.prediction import PredictionError
 

@@ -35,6 +35,8 @@ class Data:
         Responses that a model predicts.
     sigma : mapping of str to float
         Known standard deviations.
+    scatter : mapping of str to float
+        Standard deviations of the responses, in the order of `channels`: those known, or what the samples show.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Data:
     rest: np.ndarray
     channels: tuple[str, ...]
     sigma: Mapping[str, float]
+    scatter: Mapping[str, float]
 
     @property
     def drive(self) -> str:
@@ -88,4 +91,5 @@ def data_of(record: Record, transducer: Transducer) -> Data:
     drive = record[record.drive]
     clean = denoised(drive, sigma.get(record.drive, first_guess(drive)))
     setting = setting_of(record.drive, record.shunt, step, clean, transducer)
-    return Data(record.name, record.role, record, setting, drive - clean, channels, sigma)
+    scatter = {c: sigma.get(c, first_guess(record[c])) for c in channels}
+    return Data(record.name, record.role, record, setting, drive - clean, channels, sigma, scatter)

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from piezoharvest.identify.fit import WEAK, Fit, inverse
+from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.fit import inverse
+from piezoharvest.identify.problem import WEAK
 from piezoharvest.predict.parameters import Parameter
 
 UNKNOWN = 0.5  # standard deviation of a logarithm from which on a parameter counts as not determined

@@ -8,13 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezoharvest.identify.data import Data, data_of
-from piezoharvest.identify.fit import Fit, Problem, covariance, fit
+from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.fit import covariance, fit
 from piezoharvest.identify.gain import gain_of
 from piezoharvest.identify.identifiable import combination, experiment, undetermined
+from piezoharvest.identify.model import Model, residual_blocks
 from piezoharvest.identify.noise import Noise
+from piezoharvest.identify.problem import Problem
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.identify.starts import started
-from piezoharvest.identify.sums import Model, residual_blocks
 from piezoharvest.parameters import ParameterError
 from piezoharvest.predict.parameters import Parameter, parameters_of, value_at
 from piezoharvest.predict.prediction import Prediction

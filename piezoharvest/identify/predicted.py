@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from piezoharvest.identify.identification import Identification, RecordQuality, prepared
+from piezoharvest.identify.model import residual_blocks
 from piezoharvest.identify.responses import FrequencyData
-from piezoharvest.identify.sums import residual_blocks
 from piezoharvest.records.finding import Finding
 from piezoharvest.records.record import FrequencyRecord, Record
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from piezoharvest.identify.sums import Model, Sums
+from piezoharvest.identify.model import Model
+from piezoharvest.identify.sums import Sums
 from piezoharvest.predict.parameters import STEP, stepped, value_at
 from piezoharvest.predict.specimen import STOP, Matrices, Specimen
 from piezoharvest.records.record import FrequencyRecord

@@ -7,9 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.evaluation import sums_of, whiteners
 from piezoharvest.identify.first_values import first_values
-from piezoharvest.identify.fit import Fit, Problem, fit, sums_of, whiteners
-from piezoharvest.identify.sums import Model
+from piezoharvest.identify.fit import fit
+from piezoharvest.identify.model import Model
+from piezoharvest.identify.problem import Problem
 from piezoharvest.predict.parameters import put, value_at
 from piezoharvest.predict.prediction import PredictionError
 

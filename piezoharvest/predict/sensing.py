@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
+from scipy.special import ndtr
 
 from piezoharvest.effects.base import Effect
 from piezoharvest.predict.parameters import Parameter
+
+FAR = 8.0  # standard deviations from the end of a range, where it is not felt
+LEAST = 1e-12  # of the range, that a noise is at least
 
 Sensed = tuple[np.ndarray, np.ndarray | None]
 
 
 def sensed(
-    effects: Sequence[Effect], parameters: Sequence[Parameter], channels: Sequence[str], sample_time: float,
+    effects: Sequence[Effect], parameters: Sequence[Parameter], noise: Mapping[str, float], sample_time: float,
     values: np.ndarray, slopes: np.ndarray | None, jumps: Sequence[int] | np.ndarray = (),
 ) -> Sensed:  # fmt: skip
     """Values of channels as they are read, with the derivatives to all parameters.
@@ -26,7 +30,8 @@ def sensed(
         In the order of the transducer.
     parameters : sequence of Parameter
         Of the derivatives, which may be more.
-    channels : sequence of str
+    noise : mapping of str to float
+        Of every channel, in their order, what scatters it before it comes to the end of its range.
     sample_time : float
         s.
     values : (samples, channels) array
@@ -36,13 +41,13 @@ def sensed(
     """
     bounds = [0, *(jump + 1 for jump in jumps if 0 <= jump < len(values) - 1), len(values)]
     for n, effect in enumerate(effects):
-        for c, channel in enumerate(channels):
+        for c, (channel, scatter) in enumerate(noise.items()):
             delay, span = effect.late(channel), effect.span(channel)
             place = _place(parameters, n, "delay")
             if delay or place is not None:
                 _delay(values, slopes, c, delay / sample_time, sample_time, place, bounds)
             if np.isfinite(span):
-                _clip(values, slopes, c, span, _place(parameters, n, "limit"))
+                _clip(values, slopes, c, span, scatter, _place(parameters, n, "limit"))
     return values, slopes
 
 
@@ -76,12 +81,21 @@ def _spline(values: np.ndarray, begin: int) -> BSpline:
     return make_interp_spline(begin + np.arange(len(values)), values, k=min(3, len(values) - 1))
 
 
-def _clip(values, slopes, c: int, limit: float, place: int | None) -> None:
-    """Hold a channel within its range."""
-    over = np.abs(values[:, c]) > limit
-    side = np.sign(values[over, c])
-    values[over, c] = side * limit
+def _clip(values, slopes, c: int, limit: float, noise: float, place: int | None) -> None:
+    """Mean reading of a channel that ends at +-limit: noise takes it there before its mean comes so far."""
+    noise = max(noise, LEAST * limit)
+    near = np.abs(values[:, c]) > limit - FAR * noise
+    x = values[near, c]
+    upper, lower = (limit - x) / noise, (-limit - x) / noise
+    over, under = ndtr(-upper), ndtr(lower)
+    inside = 1.0 - over - under
+    values[near, c] = x * inside + noise * (_density(lower) - _density(upper)) + limit * (over - under)
     if slopes is not None:
-        slopes[over, c] = 0.0
+        slopes[near, c] *= inside[:, None]
         if place is not None:  # varied is 1/limit
-            slopes[over, c, place] = -side * limit**2
+            slopes[near, c, place] = -(over - under) * limit**2
+
+
+def _density(x: np.ndarray) -> np.ndarray:
+    """Of the normal distribution."""
+    return np.exp(-0.5 * x**2) / np.sqrt(2 * np.pi)

@@ -14,8 +14,8 @@ from piezoharvest.diagnose.hint import hints
 from piezoharvest.diagnose.leftover import Leftover, leftovers
 from piezoharvest.diagnose.residuals import Residuals, residuals
 from piezoharvest.effects import registered
-from piezoharvest.identify.fit import Problem
 from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.problem import Problem
 from piezoharvest.output import check_directory, write_text
 from piezoharvest.report.figures import diagnosed
 from piezoharvest.report.pages import NAME, page_template

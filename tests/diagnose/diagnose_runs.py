@@ -7,9 +7,10 @@ import numpy as np
 
 from piezoharvest.diagnose.scene import scene_of
 from piezoharvest.identify.data import Data
-from piezoharvest.identify.fit import Problem, fit
+from piezoharvest.identify.fit import fit
+from piezoharvest.identify.model import Model
 from piezoharvest.identify.noise import Noise
-from piezoharvest.identify.sums import Model
+from piezoharvest.identify.problem import Problem
 from piezoharvest.predict.parameters import parameters_of
 from piezoharvest.predict.prediction import Prediction
 from piezoharvest.records import load_campaign

@@ -11,8 +11,8 @@ from piezoharvest.cli import main
 from piezoharvest.diagnose import diagnose
 from piezoharvest.diagnose.hint import hints
 from piezoharvest.effects import BiasCurrent, registered
-from piezoharvest.identify.fit import Problem
 from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.problem import Problem
 from piezoharvest.report import write_diagnosis
 
 KEYS = {

@@ -177,5 +177,6 @@ def values(transducer, data, effects):
 
     prediction = Prediction(dataclasses.replace(transducer, effects=tuple(effects)), data.setting)
     found = np.concatenate([block.values for block in prediction.blocks(False)])
-    found, _ = sensed(effects, (), prediction.channels, data.setting.sample_time, found.copy(), None)
+    noise = dict.fromkeys(prediction.channels, 0.0)
+    found, _ = sensed(effects, (), noise, data.setting.sample_time, found.copy(), None)
     return np.abs(found).max(axis=0)

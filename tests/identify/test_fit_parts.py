@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from piezoharvest.identify.fit import _bent
+from piezoharvest.identify.descent import _bent
 from piezoharvest.identify.gain import _resolvent
 from piezoharvest.identify.spectra import gram, whitened
 

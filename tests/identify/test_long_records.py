@@ -11,7 +11,7 @@ from identify.test_identify import within
 from scipy.interpolate import CubicSpline
 
 from piezoharvest.identify import identification, identify
-from piezoharvest.identify.fit import _shown
+from piezoharvest.identify.descent import _shown
 from piezoharvest.identify.sums import Sums
 from piezoharvest.predict import drive
 from piezoharvest.records import load_campaign

@@ -206,7 +206,7 @@ def test_a_late_channel_jumps_without_ringing(delay):
     values = np.where(time < 0.1 - 0.5 * h, before, after)[:, None]
     parameters = (Parameter(("effects", 0, "delay"), "s", "linear", 0.0, np.inf),)
     slopes = np.zeros((200, 1, 1))
-    found, slopes = sensed([ChannelSkew(delay=delay)], parameters, ["voltage"], h, values.copy(), slopes, [99])
+    found, slopes = sensed([ChannelSkew(delay=delay)], parameters, {"voltage": 0.0}, h, values.copy(), slopes, [99])
     late = time - delay
     wanted = np.where(late < 0.1 - 0.5 * h, np.sin(20.0 * late), 3.0 + np.cos(15.0 * late))
     rate = np.where(late < 0.1 - 0.5 * h, 20.0 * np.cos(20.0 * late), -15.0 * np.sin(15.0 * late))

@@ -1,0 +1,77 @@
+"""All records of a problem evaluated for a model, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+import numpy as np
+from threadpoolctl import ThreadpoolController
+
+from piezoharvest.identify.data import Data
+from piezoharvest.identify.model import Model
+from piezoharvest.identify.noise import Noise
+from piezoharvest.identify.problem import Problem
+from piezoharvest.identify.responses import FrequencyData, ResponseWeights
+from piezoharvest.identify.sums import Sums, Whitener
+
+WORKERS = 2
+
+
+def whiteners(
+    problem: Problem, model: Model, noise: Noise, *, rough: bool = False
+) -> tuple[Whitener | ResponseWeights, ...]:
+    """Whiteners of all records, by a model that need not be the best."""
+    return tuple(
+        ResponseWeights(noise.sigma[data.name], data)
+        if isinstance(data, FrequencyData)
+        else Whitener(model.prediction(data), noise, data, rough=rough and data.drive not in problem.known)
+        for data in problem.data
+    )
+
+
+def sums_of(
+    problem: Problem,
+    model: Model,
+    own: Sequence[np.ndarray],
+    white: Sequence[Whitener | ResponseWeights],
+    scatter: bool = False,
+) -> tuple[Sums, ...]:
+    """Sums of all records.
+
+    Raises
+    ------
+    PredictionError
+        The model cannot follow a record.
+    """
+    # Threads within products of small matrices would wait for each other most of the time.
+    with _threads().limit(limits=1):
+        if len(white) == 1:  # what a thread has had of memory is kept for the next one: with a long record that adds up
+            return (white[0].sums(model, own[0], scatter),)
+        for data in problem.data:
+            if isinstance(data, Data):
+                model.lowered(data)
+        with ThreadPoolExecutor(WORKERS) as pool:
+            jobs = [pool.submit(each.sums, model, mine, scatter) for each, mine in zip(white, own, strict=True)]
+            return tuple(job.result() for job in jobs)
+
+
+@cache
+def _threads() -> ThreadpoolController:
+    """The libraries whose threads are limited; to find them takes as long as to fit a record."""
+    return ThreadpoolController()
+
+
+def whole(model: Model, own: Sequence[np.ndarray], sums: Sequence[Sums]) -> tuple[np.ndarray, np.ndarray, float]:
+    """Information, gradient and sum of squares of all records."""
+    p, sizes = len(model.parameters), [len(mine) for mine in own]
+    total = p + sum(sizes)
+    information, gradient, squares, at = np.zeros((total, total)), np.zeros(total), 0.0, p
+    for size, part in zip(sizes, sums, strict=True):
+        places = np.concatenate([np.arange(p), np.arange(at, at + size)])
+        information[np.ix_(places, places)] += part.information.sum(axis=0)
+        gradient[places] += part.gradient.sum(axis=0)
+        squares += float(part.squares.sum())
+        at += size
+    return information, gradient, squares

@@ -1,0 +1,175 @@
+"""A model as a fit has it: what varies of a transducer, each record's own numbers, and the residuals they leave."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from piezoharvest.identify.data import Data
+from piezoharvest.identify.gain import small_response, specimen_gain
+from piezoharvest.predict.parameters import Parameter, put, value_at
+from piezoharvest.predict.prediction import Lowered, Prediction
+from piezoharvest.predict.sensing import sensed
+from piezoharvest.transducer import Transducer
+
+
+@dataclass(frozen=True)
+class Model:
+    """A transducer with what varies of it, and for each record its own numbers.
+
+    Attributes
+    ----------
+    transducer : Transducer
+    parameters : tuple of Parameter
+        What is varied for all records.
+    offset_channels : tuple of str
+        Channels whose offset is free in every record.
+    """
+
+    transducer: Transducer
+    parameters: tuple[Parameter, ...]
+    offset_channels: tuple[str, ...]
+    _lowered: dict = field(init=False, repr=False, compare=False, default_factory=dict)
+
+    def prediction(self, data: Data, own: np.ndarray | None = None) -> Prediction:
+        """Prediction of a record; `own` are its states at the start and jumps."""
+        return Prediction(self.transducer, data.setting, self.parameters, own, self.lowered(data))
+
+    def lowered(self, data: Data) -> Lowered:
+        """Equations for a record, which others share."""
+        key = Lowered.key(data.setting)
+        if key not in self._lowered:
+            self._lowered[key] = Lowered(self.transducer, data.setting, self.parameters)
+        return self._lowered[key]
+
+
+def inner_values(model: Model) -> np.ndarray:
+    """What varies, on the scales on which it is fitted."""
+    return np.array([p.inner(value_at(model.transducer, p.path)) for p in model.parameters])
+
+
+def moved(model: Model, values: np.ndarray) -> Model:
+    """Model with other values of what is varied."""
+    transducer = model.transducer
+    for parameter, value in zip(model.parameters, values, strict=True):
+        transducer = put(transducer, parameter.path, float(np.real(parameter.outer(float(value)))))
+    return replace(model, transducer=transducer)
+
+
+class Extra(NamedTuple):
+    """An offset or a line in a record, whose size is one of the record's own numbers.
+
+    Attributes
+    ----------
+    name : str
+    gains : (channels,) complex array
+        In which channels, and by how much.
+    frequency : float
+        Hz.
+    effect : int or None
+        The effect that it belongs to.
+    """
+
+    name: str
+    gains: np.ndarray
+    frequency: float
+    effect: int | None
+
+    def columns(self, time: np.ndarray) -> np.ndarray:
+        """What a unit adds to the channels, (samples, channels), complex."""
+        if self.frequency == 0.0:
+            return np.broadcast_to(self.gains, (len(time), len(self.gains)))
+        return np.exp(2j * np.pi * self.frequency * time)[:, None] * self.gains
+
+
+def extras(model: Model, data: Data, prediction: Prediction) -> list[Extra]:
+    """Offsets and lines of a record; a line has two, for its two phases."""
+    eye = np.eye(len(data.channels))
+    free = [c for c in data.channels if c in model.offset_channels]
+    found = [Extra(f"{c} offset", eye[data.channels.index(c)], 0.0, None) for c in free]
+    for n, effect in enumerate(model.transducer.effects):
+        for channel in (*data.channels, data.drive):
+            frequency = effect.line(channel)
+            if frequency is None:
+                continue
+            # A line on the measured drive is not in the real one: the prediction has it in all channels.
+            at = np.array([frequency])
+            gains = (
+                -specimen_gain(prediction, data.channels, at)[0]
+                if channel == data.drive
+                else eye[data.channels.index(channel)]
+            )
+            found += [
+                Extra(f"{effect.name} {channel} {part}", gains * phase, frequency, n)
+                for part, phase in (("cos", 1), ("sin", -1j))
+            ]
+    return found
+
+
+def first_samples(data: Data) -> list[tuple[int, int]]:
+    """Samples (and channels) after a jump: what a sensor reads there, between before and after, stands by itself."""
+    return [(int(jump) + 1, c) for jump in data.setting.motion.jumps for c in range(len(data.channels))]
+
+
+def own_names(model: Model, data: Data) -> tuple[str, ...]:
+    """Names of a record's own numbers: states at the start, jumps, first samples after these, offsets, lines."""
+    prediction = model.prediction(data)
+    first = (f"{data.channels[c]} sample{sample}" for sample, c in first_samples(data))
+    return (*prediction.own_names, *first, *(extra.name for extra in extras(model, data, prediction)))
+
+
+def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool):
+    """Blocks (prediction, begin, residuals, derivatives) of a record; `own` as `own_names` names it."""
+    first, more = first_samples(data), extras(model, data, model.prediction(data))
+    states, read, added = np.split(own, [len(own) - len(first) - len(more), len(own) - len(more)])
+    prediction = model.prediction(data, states)
+    places = [prediction.channels.index(c) for c in data.channels]
+    h, effects = data.setting.sample_time, model.transducer.effects
+    for block in prediction.blocks(derivatives):
+        end = block.begin + len(block.values)
+        time = (np.arange(block.begin, end) - 0.5 * len(data)) * h
+        predicted, slopes = block.values[:, places], None
+        if derivatives:
+            slopes = _widened(block.derivatives[:, places], len(model.parameters) + len(own))
+        _add(model, more, added, time, predicted, slopes)
+        rest = data.rest[block.begin : end]
+        if np.any(rest):
+            passed, passed_slopes = small_response(prediction, data.channels, rest, derivatives)
+            predicted += passed
+            if slopes is not None:
+                slopes[:, :, : passed_slopes.shape[2]] += passed_slopes
+        jumps = data.setting.motion.jumps - block.begin
+        predicted, slopes = sensed(effects, model.parameters, data.scatter, h, predicted, slopes, jumps)
+        for k, (sample, c) in enumerate(first):
+            if block.begin <= sample < end:
+                predicted[sample - block.begin, c] += read[k]
+                if slopes is not None:
+                    slopes[sample - block.begin, c, k - len(first) - len(more)] = 1.0
+        yield prediction, block.begin, data.part(block.begin, end) - predicted, slopes
+
+
+def _widened(derivatives: np.ndarray, count: int) -> np.ndarray:
+    """Derivatives (samples, channels, p) with further columns of zeros.
+
+    The samples lie together in memory, as their spectra want them.
+    """
+    samples, channels, p = derivatives.shape
+    found = np.zeros((channels, count, samples)).transpose(2, 0, 1)
+    found[:, :, :p] = derivatives
+    return found
+
+
+def _add(model: Model, more: Sequence[Extra], sizes: np.ndarray, time, predicted, slopes) -> None:
+    """Add offsets and lines, and their derivatives in the last columns."""
+    for k, (extra, size) in enumerate(zip(more, sizes, strict=True)):
+        column = extra.columns(time)
+        predicted += size * np.real(column)
+        if slopes is None:
+            continue
+        slopes[:, :, k - len(more)] = np.real(column)
+        for p, parameter in enumerate(model.parameters):
+            if extra.effect is not None and parameter.path == ("effects", extra.effect, "frequency"):
+                slopes[:, :, p] += size * np.real(2j * np.pi * time[:, None] * column)

@@ -1,0 +1,90 @@
+"""Records to be fitted with a model: what is known of their noise, and of the parameters before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from piezoharvest.identify.data import Data
+from piezoharvest.identify.denoise import noise_floor
+from piezoharvest.identify.model import Model, own_names
+from piezoharvest.identify.noise import Noise, first_guess
+from piezoharvest.identify.responses import FIRST_ERROR, FrequencyData
+from piezoharvest.predict.parameters import value_at
+from piezoharvest.transducer import Transducer
+
+PRIOR = 1.0  # standard deviation of the logarithm of a parameter about its nominal value, where nothing else is known
+WEAK = 10.0  # the same for a linear one, in units of its own size
+
+
+class Problem:
+    """Records to be fitted with a model.
+
+    Parameters
+    ----------
+    data : sequence of Data
+    nominal : Transducer
+        Mean of the prior.
+    offset_channels : tuple of str
+    """
+
+    def __init__(
+        self, data: Sequence[Data | FrequencyData], nominal: Transducer, offset_channels: tuple[str, ...]
+    ) -> None:
+        self.data, self.nominal, self.offset_channels = tuple(data), nominal, offset_channels
+
+    def noise(self) -> Noise:
+        """Guess of the noise from the records themselves."""
+        found: dict[str, list[float]] = {}
+        for data in self.data:
+            if isinstance(data, FrequencyData):
+                found[data.name] = [FIRST_ERROR]
+                continue
+            for channel in (*data.channels, data.drive):
+                guess = first_guess(data.record[channel])
+                floor = 1e-6 * float(np.ptp(data.record[channel])) + 1e-300
+                found.setdefault(channel, []).append(data.sigma.get(channel, max(guess, floor)))
+        return Noise({**{channel: float(np.median(values)) for channel, values in found.items()}, **self.known})
+
+    @cached_property
+    def known(self) -> dict[str, float]:
+        """Standard deviations that the campaign gives, and those of drives that show theirs by themselves.
+
+        What residuals tell of a drive's noise depends on how the model passes it on, which may be wrong.
+        """
+        floors: dict[str, list[tuple[float, int]]] = {}
+        for data in self.data:
+            if isinstance(data, Data) and (floor := noise_floor(data.record[data.drive])) is not None:
+                floors.setdefault(data.drive, []).append(floor)
+        shown = {
+            name: float(np.sqrt(np.average([sigma**2 for sigma, _ in some], weights=[count for _, count in some])))
+            for name, some in floors.items()
+        }
+        return {**shown, **{channel: sigma for data in self.data for channel, sigma in data.sigma.items()}}
+
+    def start(self, model: Model) -> tuple[np.ndarray, ...]:
+        """Own numbers of the records before a fit: all zero."""
+        return tuple(np.zeros(len(self.own_names(model, data))) for data in self.data)
+
+    def own_names(self, model: Model, data: Data | FrequencyData) -> tuple[str, ...]:
+        """Names of a record's own numbers."""
+        return () if isinstance(data, FrequencyData) else own_names(model, data)
+
+
+def prior_of(problem: Problem, model: Model, own: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Means and inverse variances of all parameters."""
+    means, precision = [], []
+    for parameter in model.parameters:
+        if parameter.path[0] == "effects":
+            means.append(0.0)
+            precision.append(0.0)
+            continue
+        nominal = parameter.inner(value_at(problem.nominal, parameter.path))
+        means.append(nominal)
+        size = PRIOR if parameter.scaling == "log" else WEAK * (abs(nominal) or 1.0)
+        precision.append(size**-2)
+    return np.concatenate([means, np.zeros(sum(map(len, own)))]), np.concatenate(
+        [precision, np.zeros(sum(map(len, own)))]
+    )
