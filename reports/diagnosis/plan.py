@@ -17,7 +17,7 @@ LEAST, MOST = 12.0, 80.0  # sigma of what has to be named
 
 def plan(*, small: bool) -> list[Trial]:
     """All trials; a small plan is the first part of the large one."""
-    singles, healthy, pairs, withheld, weak = (1, 5, 5, 5, 0) if small else (10, 100, 100, 45, 20)
+    singles, healthy, pairs, withheld, weak = (1, 5, 5, 5, 0) if small else (10, 100, 100, 45, 10)
     names = list(DRAWS)
     kinds = [
         [
