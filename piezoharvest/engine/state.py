@@ -10,6 +10,7 @@ import numpy as np
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.compiled import compiled, inlined
+from piezoharvest.engine.vector import lined_up, whole_lines
 
 QUEUE_LENGTH = 4  # actions of the switch that may be waiting at one time
 VECTORS = 16  # of scratch
@@ -64,15 +65,12 @@ class State:
             SAMPLES: len(times) * outputs, TAPE: tape * (2 + int(contents[pg.A])),
         }  # fmt: skip
         lists = {SLIP: h, POLARITY: QUEUE_LENGTH, LOG_CODE: log, TAPE_KIND: tape * (3 + int(h))}
-        self.D = np.zeros(END + 1 + int(sum(lists.values())), np.int64)
-        for place, offset in zip(lists, _offsets(lists, END + 1), strict=True):
-            self.D[place] = offset
-        for place, offset in zip(places, _offsets(places, rows), strict=True):
-            self.D[place] = offset
-        self.D[END] = rows + sum(places.values())
+        in_d, in_s = _offsets(lists, END + 1), _offsets(places, rows)
+        self.D = np.zeros(in_d[-1], np.int64)
+        self.D[[*lists, *places, END]] = [*in_d[:-1], *in_s]
         self.D[[SENSITIVITIES, ENERGIES, TRACKED]] = sensitivities, energies, track
         self.D[[LOG_ROOM, SAMPLES_WANTED, TAPE_ROOM]] = log, len(times), tape
-        self.S = np.zeros(int(self.D[END]))
+        self.S = lined_up(int(self.D[END]))
         self._place, self._lists = places, lists
         self.z = self.S[: contents[pg.A]]
         self.clock, self.energy = self[CLOCK], self[ENERGY]
@@ -101,8 +99,8 @@ class State:
 
 
 def _offsets(sizes: dict[int, int], begin: int) -> np.ndarray:
-    """Where blocks of these sizes begin, one after the other."""
-    return begin + np.cumsum([0, *sizes.values()])[:-1]
+    """Where blocks of these sizes begin, one after the other from whole cache lines, and where the last ends."""
+    return np.cumsum([whole_lines(begin), *map(whole_lines, sizes.values())])
 
 
 @inlined

@@ -13,7 +13,7 @@ import numpy as np
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine.compiled import compiled, inlined
-from piezoharvest.engine.vector import padded
+from piezoharvest.engine.vector import padded, whole_lines
 
 MODES = 64  # kept at once; met again after that, they are built anew
 LEVELS = 56
@@ -55,14 +55,14 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
     offset = 0
     for place, size in sizes.items():
         head[place] = offset
-        offset += int(size)
+        offset += whole_lines(int(size))
     modes = int(min(MODES, c * 2 ** min(h, 10)))
     scratch = int((ORDER + 4) * square + (LEVELS if sampled else 3) * forms * columns)
     slot = FIRST_GUARD + 2 * int(g + 1 + 2 * h + pg.WATCHED)
     head[[BLOCK, SLOT, ROOM, FORMS, LEDGER]] = offset, slot, modes, forms, energies
     head[GUARD_ROWS], head[GLIDE_ROWS] = 3 * forms, glide_rows
-    head[SCRATCH] = head[pg.LENGTH]
-    head[TABLES] = head[SCRATCH] + scratch
+    head[SCRATCH] = whole_lines(head[pg.LENGTH])
+    head[TABLES] = head[SCRATCH] + whole_lines(scratch)
     head[SLOTS] = len(head)
     head[HELD] = 0
     head[MAP], head[MAPPED] = len(head) + modes * slot, min(c * 2**h, MOST_MAPPED)

@@ -10,6 +10,7 @@ from piezoharvest.engine import tables as tb
 from piezoharvest.engine.kernel import FIND, MANY, RUN, engine
 from piezoharvest.engine.lower import Lowered
 from piezoharvest.engine.state import State
+from piezoharvest.engine.vector import lined_up
 from piezoharvest.excitation import Ramps
 
 NONE = np.zeros(0), np.zeros(0, np.int64)
@@ -31,7 +32,7 @@ class Machine:
         self.lowered = lowered
         self.ledger = ledger
         self.L, length = tb.contents(pg.integers(lowered.program), ledger)
-        self.P = np.empty(length)
+        self.P = lined_up(length)
         self.P[: self.L[pg.LENGTH]] = pg.numbers(pg.part(lowered.program, 0))  # of a batch, the first
 
     def state(self, **recorded) -> State:

@@ -12,12 +12,14 @@ from __future__ import annotations
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic as _intrinsic
 
 LANES = 4  # numbers in a register. Longer ones are no faster on most machines, and pad matrices with more zeros
+LINE = 8  # numbers in a cache line
 COLUMNS = 4  # columns that are added up side by side
 BLOCKS = 3  # registers of the result that are formed side by side, at most
 
@@ -32,6 +34,18 @@ _FUSED = ("contract",)  # a product and a sum may be rounded once
 def padded(length: int) -> int:
     """The length rounded up to whole registers."""
     return -(-length // LANES) * LANES
+
+
+def whole_lines(length: int) -> int:
+    """The length rounded up to whole cache lines."""
+    return -(-length // LINE) * LINE
+
+
+def lined_up(length: int) -> np.ndarray:
+    """Zeros that begin at a cache line: a register that lies across two takes twice as long to load."""
+    room = np.zeros(length + LINE)
+    begin = -(room.ctypes.data // room.itemsize) % LINE
+    return room[begin : begin + length]
 
 
 class _Memory:

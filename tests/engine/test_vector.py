@@ -215,3 +215,13 @@ def test_radius_of_special_matrices(matrix, wanted):
 def test_radius_without_bound():
     numbers = np.concatenate([[np.inf], np.zeros(2)])
     assert spectral_radius(numbers, 0, 1, 1) == np.inf
+
+
+@given(length=st.integers(0, 1000))
+def test_memory_begins_at_a_cache_line(length):
+    memory = vc.lined_up(length)
+    assert len(memory) == length
+    assert memory.ctypes.data % (8 * vc.LINE) == 0
+    assert not memory.any()
+    assert length <= vc.whole_lines(length) < length + vc.LINE
+    assert vc.whole_lines(length) % vc.LINE == 0
