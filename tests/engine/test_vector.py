@@ -217,7 +217,7 @@ def test_radius_without_bound():
     assert spectral_radius(numbers, 0, 1, 1) == np.inf
 
 
-@given(length=st.integers(0, 1000))
+@given(length=st.integers(1, 1000))
 def test_memory_begins_at_a_cache_line(length):
     memory = vc.lined_up(length)
     assert len(memory) == length
