@@ -145,12 +145,12 @@ def _smooth(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[Cand
     information, gradient, _ = linearised(problem, model, own, found)
     columns = _columns(problem, model, starts, strengths, base, first)
     tested = sorted({k for some in columns for k in some})
-    rest = [k for k in range(len(information)) if k not in set(tested)]
+    whole = information.copy()
+    whole[:base, :base] += found.prior[:base, :base]
+    # A range that no value comes to, say, has no information at all.
+    rest = [k for k in range(len(information)) if k not in set(tested) and whole[k, k] > 0.0]
     # Parameters of the fit projected out.
-    prior = found.prior[:base, :base]
-    plain = information[np.ix_(rest, rest)]
-    plain[:base, :base] += prior
-    gain = inverse(plain) @ information[np.ix_(rest, tested)]
+    gain = inverse(whole[np.ix_(rest, rest)]) @ information[np.ix_(rest, tested)]
     projected = information[np.ix_(tested, tested)] - information[np.ix_(tested, rest)] @ gain
     slope = gradient[tested] - gain.T @ gradient[rest]
     place = {k: n for n, k in enumerate(tested)}
@@ -207,8 +207,9 @@ def _tried(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[Candi
         model = extended(found.model, [start], [])
         own = carried(problem, found.model, found.own, model)
         information, gradient, squares = linearised(problem, model, own, found)
-        slope = gradient - before
-        score = cost - squares + float(slope @ inverse(information + found.prior) @ slope)
+        slope, whole = gradient - before, information + found.prior
+        felt = np.diag(whole) > 0.0
+        score = cost - squares + float(slope[felt] @ inverse(whole[np.ix_(felt, felt)]) @ slope[felt])
         if score > 0:
             candidates.append(Candidate(start, score, 1, np.zeros(0), -1))
     return candidates
