@@ -16,6 +16,7 @@ from scipy.stats import chi2
 from piezoharvest.diagnose.scene import Scene
 from piezoharvest.effects import Effect, registered
 from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.evaluation import whole
 from piezoharvest.identify.fit import inverse, linearised
 from piezoharvest.identify.model import Model
 from piezoharvest.identify.problem import Problem
@@ -145,12 +146,12 @@ def _smooth(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[Cand
     information, gradient, _ = linearised(problem, model, own, found)
     columns = _columns(problem, model, starts, strengths, base, first)
     tested = sorted({k for some in columns for k in some})
-    whole = information.copy()
-    whole[:base, :base] += found.prior[:base, :base]
+    weight = information.copy()
+    weight[:base, :base] += found.prior[:base, :base]
     # A range that no value comes to, say, has no information at all.
-    rest = [k for k in range(len(information)) if k not in set(tested) and whole[k, k] > 0.0]
+    rest = [k for k in range(len(information)) if k not in set(tested) and weight[k, k] > 0.0]
     # Parameters of the fit projected out.
-    gain = inverse(whole[np.ix_(rest, rest)]) @ information[np.ix_(rest, tested)]
+    gain = inverse(weight[np.ix_(rest, rest)]) @ information[np.ix_(rest, tested)]
     projected = information[np.ix_(tested, tested)] - information[np.ix_(tested, rest)] @ gain
     slope = gradient[tested] - gain.T @ gradient[rest]
     place = {k: n for n, k in enumerate(tested)}
@@ -199,17 +200,15 @@ def _tried(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[Candi
 
     Without that step parameters that have taken the place of the effect would speak against it.
     """
-    if not starts:
-        return []
     candidates = []
-    _, before, cost = linearised(problem, found.model, found.own, found)
+    _, before, cost = whole(found.model, found.own, found.sums)
     for start in starts:
         model = extended(found.model, [start], [])
         own = carried(problem, found.model, found.own, model)
         information, gradient, squares = linearised(problem, model, own, found)
-        slope, whole = gradient - before, information + found.prior
-        felt = np.diag(whole) > 0.0
-        score = cost - squares + float(slope[felt] @ inverse(whole[np.ix_(felt, felt)]) @ slope[felt])
+        slope, weight = gradient - before, information + found.prior
+        felt = np.diag(weight) > 0.0
+        score = cost - squares + float(slope[felt] @ inverse(weight[np.ix_(felt, felt)]) @ slope[felt])
         if score > 0:
             candidates.append(Candidate(start, score, 1, np.zeros(0), -1))
     return candidates

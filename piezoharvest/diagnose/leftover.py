@@ -167,6 +167,8 @@ def _lines(spectra) -> list[Leftover]:
     """The strongest line of each channel over all records of a kind, in the squares of a single one as unlikely."""
     kinds: dict[tuple[int, float, str], list[np.ndarray]] = {}
     for data, frequencies, spectrum in spectra:
+        if len(frequencies) < LEAST:
+            continue
         power = np.abs(spectrum[1:-1]) ** 2
         power[frequencies[1:-1] < SLOW] = 0.0  # bands tell of these
         line = fundamental(data)
@@ -190,15 +192,20 @@ def _bursts(spectra) -> list[Leftover]:
     The largest sample of a window is left out, so that a spike alone is none.
     """
     found = []
+    begins: dict[str, int] = {}  # of the next block of a record
     for data, frequencies, spectrum in spectra:
+        if len(frequencies) < LEAST:
+            continue
         step = data.setting.sample_time
         count = round(1.0 / (frequencies[1] * step))
+        begin = begins.get(data.name, 0)
+        begins[data.name] = begin + count
         squares = np.lib.stride_tricks.sliding_window_view(in_time(spectrum, count) ** 2, BURST, axis=0)
         rest = squares.sum(axis=-1) - squares.max(axis=-1)
         for c, channel in enumerate(data.channels):
             worst = int(np.argmax(rest[:, c]))
             chance = _chance(len(rest), rest[worst, c], BURST)
-            where = f"for {BURST} samples at {worst * step:.4g} s"
+            where = f"for {BURST} samples at {(begin + worst) * step:.6g} s"
             found.append(Leftover(where, data.name, channel, float(chi2.isf(chance, BURST)), BURST))
     return found
 

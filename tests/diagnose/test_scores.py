@@ -1,6 +1,7 @@
 """Score tests, cosines and what is left, on records whose noise is white and whose effects are known."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,10 +10,11 @@ from scipy.stats import kstest
 
 from piezoharvest.diagnose.candidates import _tried, carried, cosine, effect_parameters, extended, scores
 from piezoharvest.diagnose.diagnosis import _spoils
-from piezoharvest.diagnose.leftover import leftovers, structure
+from piezoharvest.diagnose.leftover import _bursts, leftovers, structure
 from piezoharvest.effects import BiasCurrent, Clipping, DielectricRelaxation, Leakage, LoadError, Stiffening, registered
 from piezoharvest.identify.fit import fit
 from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.sums import spectra_of
 from piezoharvest.predict.prediction import Prediction
 
 
@@ -121,6 +123,30 @@ def test_leftovers_find_a_few_samples_but_not_a_spike(records):
     few = structure(*disturbed(records, 8, lambda time: 9.0 * ((time > 0.7) & (time < 0.7045))))
     assert few[0].where.startswith("for 8 samples at 0.69") or few[0].where.startswith("for 8 samples at 0.7")
     assert not structure(*disturbed(records, 8, lambda time: 9.0 * (np.arange(len(time)) == 700)))
+
+
+def test_a_burst_is_told_at_its_time_in_a_record_of_several_blocks():
+    data = SimpleNamespace(name="long", channels=("voltage",), setting=SimpleNamespace(sample_time=1e-3))
+    rng = np.random.default_rng(4)
+    blocks = [rng.standard_normal((1000, 1)) for _ in range(2)] + [rng.standard_normal((9, 1))]
+    blocks[1][300:306] += 9.0
+    spectra = [(data, np.fft.rfftfreq(len(block), 1e-3), spectra_of(block)) for block in blocks]
+    places = sorted(_bursts(spectra), key=lambda place: place.p_value)
+    assert len(places) == 2  # nine samples are too few to tell
+    assert places[0].p_value < 1e-20 < places[1].p_value
+    assert 1.297 <= float(places[0].where.split()[-2]) <= 1.301
+
+
+def test_a_range_that_no_value_comes_to_leaves_the_other_scores_as_they_are(records):
+    """It is a parameter without any information."""
+    problem, found, scene = fitted(*records, [BiasCurrent(current=2e-9)], seed=1)
+    clip = Clipping(limit=1e3, channel="voltage")
+    model = extended(found.model, [clip], effect_parameters([clip]))
+    own = carried(problem, found.model, found.own, model)
+    idle = fit(problem, model, own, found.noise, estimate_noise=False)
+    scored = [scores(problem, each, scene, [BiasCurrent, Leakage])[0] for each in (found, idle)]
+    assert scored[1].name == scored[0].name
+    assert scored[1].score == pytest.approx(scored[0].score, rel=1e-3)
 
 
 def test_parameters_that_stand_in_for_clipping_do_not_hide_it(records):
