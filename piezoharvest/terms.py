@@ -11,13 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from piezoharvest.circuit import Product, Row, State
+from piezoharvest.circuit import Product, Row, State, Switch
 from piezoharvest.effects.base import Effect
 from piezoharvest.parameters import ParameterError
+from piezoharvest.shunts.base import Shunt
 from piezoharvest.transducer import Transducer
 
 WIDTH = 128  # columns at most
 UNITS = np.eye(WIDTH)
+PRODUCT, TIMED = 0, 1
 Rows = Mapping[str, Row]
 
 
@@ -34,6 +36,23 @@ class Stop(NamedTuple):
     threshold: float
 
 
+class Element(NamedTuple):
+    """Smooth element that an effect adds: a power of its first input, or a product of its inputs.
+
+    Attributes
+    ----------
+    name : str
+    first, second : Row
+    power : int
+        From 2 on the power; `PRODUCT` of both inputs; `TIMED`, time as share of the record times the inputs' one row.
+    """
+
+    name: str
+    first: Row
+    second: Row
+    power: int
+
+
 class Terms:
     """Terms of all effects of a transducer, those at their null value left out.
 
@@ -42,7 +61,9 @@ class Terms:
     transducer : Transducer
     drive : "force" or "base_acceleration"
     linearised : bool
-        Take small motions about rest, in which what is nonlinear has no part; else it is refused.
+        Take small motions about rest, in which smooth elements have no part.
+    passes : bool
+        Whether time passes from the beginning of a record to its end, for effects that go on through it.
 
     Attributes
     ----------
@@ -51,6 +72,8 @@ class Terms:
     states : list of State
         That effects add.
     stops : list of Stop
+    elements : list of Element
+        Those that act on the specimen.
     pushes : list of Row
         Further force on each mode, N.
     charges, drawn : Row
@@ -59,21 +82,25 @@ class Terms:
     stored : list of Product
         Energy beside that of the lumped model, J.
     losses : list of (str, Product)
-        Power that effects take and do not give back, W, with their names.
+        Power that effects take and do not give back, W, with their names; what a smooth element stores is in it too.
     unfelt : tuple of str
-        Effects that act on what sensors read, and on nothing else.
+        Effects that move nothing here: they act on what sensors read, or go on through a record.
 
     Raises
     ------
     ParameterError
-        An effect is neither linear nor made of stop operators.
+        An effect takes a power that is no whole number, or time by itself.
     """
 
-    def __init__(self, transducer: Transducer, drive: str = "force", *, linearised: bool = False) -> None:
-        self.transducer, self.drive_name, self._linearised = transducer, drive, linearised
+    def __init__(
+        self, transducer: Transducer, drive: str = "force", *, linearised: bool = False, passes: bool = False
+    ) -> None:
+        self.transducer, self.drive_name = transducer, drive
+        self._linearised, self._passes = linearised, passes
         self.columns: dict[str, int] = {}
         self.states: list[State] = []
         self.stops: list[Stop] = []
+        self.elements: list[Element] = []
         self.equations: list[Row] = []
         self._effect, self._prefix, self._felt = "", "", 0
         self.nothing = np.zeros(WIDTH)
@@ -83,11 +110,12 @@ class Terms:
         self.v, self.x, self.u = rows["v_t"] + rows["v_h"], rows["x1"], rows["u1"]
         modes = enumerate(transducer.all_modes, 1)
         self.strain_charge = sum((mode.coupling * rows[f"x{n}"] for n, mode in modes), self.nothing)
-        self.time = self._nonlinear()
+        self.time = self._column("time")
         self.pushes, self.charges, self.drawn = [self.nothing] * len(transducer.all_modes), self.nothing, self.nothing
         self.stored: list[Product] = []
         self.losses: list[tuple[str, Product]] = []
         self.unfelt = tuple(effect.name for n, effect in enumerate(transducer.effects, 1) if not self._take(effect, n))
+        self.elements = self._that_act()
 
     def _take(self, effect: Effect, n: int) -> bool:
         """Let an effect act; whether the specimen feels it."""
@@ -122,24 +150,36 @@ class Terms:
         return z, dz
 
     def product(self, first: Row, second: Row) -> Row:
-        """Product of two rows."""
-        return self._nonlinear()
+        """Product of two rows; the first of them may be time."""
+        if first is not self.time:
+            return self._element(first, second, PRODUCT)
+        return self._element(second, second, TIMED) if self._passes else self.nothing
 
     def power(self, row: Row, exponent: float, *, positive: bool = False) -> Row:
         """Power of a row; with `positive` that of its positive part."""
-        return self._nonlinear()
+        whole = not positive and float(exponent).is_integer() and exponent >= 2
+        return self._element(row, row, int(exponent)) if whole else self._unknown
 
     def charge(self, row: Row) -> None:
         """Add a charge on the electrodes beside C v_t and sum T_i x_i, C."""
         self.charges = self.charges + self._checked(row)
+        smooth = self._smooth(row, "'")
+        if np.any(smooth):
+            self.losses.append((self._effect, Product(1.0, self.v_t, smooth)))
 
     def draw(self, row: Row) -> None:
         """Add a current that leaves the node beside the load, A."""
         self.drawn = self.drawn + self._checked(row)
+        smooth = self._smooth(row)
+        if np.any(smooth):
+            self.losses.append((self._effect, Product(1.0, self.v, smooth)))
 
     def push(self, row: Row, mode: int = 0) -> None:
         """Add a force on a mode, N."""
         self.pushes[mode] = self.pushes[mode] + self._checked(row)
+        smooth = self._smooth(row)
+        if np.any(smooth):
+            self.losses.append((self._effect, Product(-1.0, smooth, UNITS[self.columns[f"u{mode + 1}"]])))
 
     def read(self, row: Row) -> None:
         """What a sensor sees beside the specimen moves nothing."""
@@ -155,22 +195,62 @@ class Terms:
         self.columns[name] = len(self.columns)
         return UNITS[self.columns[name]]
 
-    def _nonlinear(self) -> Row:
-        """What is no row: nothing to small motions, else not a number."""
+    @property
+    def _unknown(self) -> Row:
+        """What is no row here: nothing to small motions, else not a number."""
         return np.zeros(WIDTH) if self._linearised else np.full(WIDTH, np.nan)
 
+    def _element(self, first: Row, second: Row, power: int) -> Row:
+        """Column of a smooth element's output; that of its rate stands behind it."""
+        if self._linearised:
+            return self.nothing
+        name = f"smooth{len(self.elements) + 1}"
+        column = self._column(name)
+        self._column(name + "'")
+        self.elements.append(Element(name, first, second, power))
+        return column
+
+    def _that_act(self) -> list[Element]:
+        """Elements whose output moves anything, directly or through another one."""
+        rows, found = [*self.pushes, self.charges, self.drawn, *self.equations], []
+        for element in reversed(self.elements):
+            if any(np.any(row[..., self.columns[element.name]]) for row in rows):
+                rows += [element.first, element.second]
+                found.insert(0, element)
+        return found
+
+    def _smooth(self, row: Row, rate: str = "") -> Row:
+        """The part of a row that is made of smooth elements, or its rate."""
+        parts = ((e, row[..., self.columns[e.name], None]) for e in self.elements)
+        return sum((share * UNITS[self.columns[e.name + rate]] for e, share in parts), self.nothing)
+
     def _checked(self, row: Row) -> Row:
-        self._felt += 1
-        if np.any(np.isnan(row)):
-            found = "found an effect that varies smoothly with amplitude or time"
-            allowed = "allowed in exact simulation are linear ones and friction (measure, identify, diagnose take all)"
+        self._felt += bool(np.any(row))
+        if np.any(np.isnan(row)) or np.any(row[..., self.columns["time"]]):
+            found = "found time by itself, or a power that is no whole number"
+            allowed = "allowed are sums, products and whole powers of what moves, and time as a factor of these"
             raise ParameterError(f"transducer.effects.{self._effect}", f"{found}, {allowed}")
         return row
 
+    def check(self, shunt: Shunt, switch: Switch | None) -> None:
+        """Raise where a smooth element makes a charge of the voltage, and the shunt's switch takes charge at once.
+
+        How the charge goes then would be another curve for every element.
+
+        Raises
+        ------
+        ParameterError
+        """
+        acting = [e for e in self.elements if np.any(self.charges[..., self.columns[e.name]])]
+        bent = any(np.any(row[..., self.columns["v_t"]]) for e in acting for row in (e.first, e.second))
+        if bent and switch is not None and np.all(np.asarray(switch.on_time) == 0):
+            found = f"found a charge that depends on the voltage beside {shunt.kind}, which takes charge at once"
+            raise ParameterError("transducer.effects", f"{found}, allowed are shunts that switch through an inductance")
+
     def over(self, row: Row, states: Rows) -> Row:
-        """A row that is a combination of states alone, from the rows that these, or their rates, have in a view."""
-        used = self.used(row)
-        others = used.keys() - {*state_names(self.transducer), *(state.name for state in self.states)}
+        """A row that is a combination of states and smooth elements, from the rows that they, or their rates, have."""
+        used, own = self.used(row), (*self.states, *self.elements)
+        others = used.keys() - {*state_names(self.transducer), *(each.name for each in own)}
         if others:
             found = f"found a charge, or the input of a stop, of {', '.join(sorted(others))}"
             raise ParameterError("transducer.effects", f"{found}, allowed are states")

@@ -13,6 +13,7 @@ from piezoharvest.engine.events import clock_event, clock_happens, happen
 from piezoharvest.engine.march import march
 from piezoharvest.engine.saltation import enter_event, leave_event
 from piezoharvest.engine.settle import AT_ONCE, settle
+from piezoharvest.engine.smooth import follow, settle_smooth
 from piezoharvest.engine.state import set_tones
 from piezoharvest.engine.tables import slot_of
 from piezoharvest.engine.tape import begin_tape, end_tape
@@ -27,7 +28,7 @@ def advance(P, L, S, D, t_end):
     clock = D[st.CLOCK]
     busy, last = 0, S[clock]
     while True:
-        slot = settle(P, L, S, D)
+        slot = settle_smooth(P, L, S, D) if L[pg.ELEMENTS] else settle(P, L, S, D)
         if slot == NONE:
             return CHATTER
         if D[st.BETWEEN]:
@@ -37,7 +38,10 @@ def advance(P, L, S, D, t_end):
         due, kind = clock_event(S, D)
         if D[st.TAPED] < D[st.TAPE_ROOM]:
             begin_tape(L, S, D)
-        guard = march(P, L, S, D, slot, min(due, t_end))
+        if L[pg.ELEMENTS]:
+            guard = follow(P, L, S, D, slot, min(due, t_end))
+        else:
+            guard = march(P, L, S, D, slot, min(due, t_end))
         if D[st.TAPED] < D[st.TAPE_ROOM]:
             end_tape(L, S, D, slot, guard, due, kind)
         if not np.isfinite(S[0]):

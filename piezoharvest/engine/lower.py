@@ -12,9 +12,12 @@ from piezoharvest.engine import program as pg
 from piezoharvest.engine.physics import Layout, Physics, joined, scalar, stack
 from piezoharvest.equations import connected, gains, own_rows
 from piezoharvest.excitation import Excitation, Ramps, Tones
+from piezoharvest.parameters import ParameterError
 from piezoharvest.shunts.base import Shunt
 from piezoharvest.system import System
-from piezoharvest.terms import Terms
+from piezoharvest.terms import PRODUCT, TIMED, Element, Terms
+
+IDLE = 1e30  # scale of a smooth element that moves nothing
 
 
 class Lowered(NamedTuple):
@@ -28,18 +31,26 @@ class Lowered(NamedTuple):
     unfelt: tuple[str, ...]
 
 
-def lower(system: System, excitation: Excitation) -> Lowered:
+def lower(system: System, excitation: Excitation, record: float | None = None) -> Lowered:
     """Matrices of all modes of a system under an excitation.
 
     Components with array-valued fields of shape (designs, 1) give arrays with the designs as leading axis.
 
+    Parameters
+    ----------
+    system : System
+    excitation : Excitation
+    record : float, optional
+        Length in s of what is run, for effects that go on through a record; without it they stay where they begin.
+
     Raises
     ------
     ParameterError
-        An effect is neither linear nor made of stop operators.
+        An effect takes a power that is no whole number, or acts on a shunt with which it cannot be simulated.
     """
     signal, system = excitation.signal(), connected(system)
-    terms = Terms(system.transducer, "base_acceleration" if excitation.base else "force")
+    drive = "base_acceleration" if excitation.base else "force"
+    terms = Terms(system.transducer, drive, passes=record is not None)
     layout = Layout(system, terms, signal)
     physics = Physics(system, excitation, layout, signal)
     shunt, capacitance = system.shunt, system.transducer.capacitance
@@ -59,7 +70,8 @@ def lower(system: System, excitation: Excitation) -> Lowered:
         outputs = (physics.drive, motion.displacement, motion.velocity, port.v, port.i, layout.z["q"], physics.v_h, dc)
         tables.outputs.append(_rows(outputs, layout.width))
     switch = shunt.switch(capacitance, excitation.period)
-    program = _lean(_assemble(layout, physics, tables, names, shunt, switch, signal, excitation))
+    terms.check(shunt, switch)
+    program = _lean(_assemble(layout, physics, tables, names, shunt, switch, signal, excitation, record))
     categories = (*pg.CATEGORIES, *layout.effects, pg.MEAN_DC)
     return Lowered(program, tuple(layout.names), names, categories, signal, terms.unfelt)
 
@@ -70,10 +82,13 @@ def symmetric(lowered: Lowered, excitation: Excitation) -> bool:
     if not excitation.antisymmetric:
         return False
     signs = np.concatenate([program.odd, -np.ones(program.exosystem.shape[-1])])
-    if len(signs) > len(program.odd) + 2 * len(program.phase):
-        signs[-1] = 1.0  # the constant
+    begin = len(program.odd) + 2 * len(program.phase)
+    signs[begin:] = 1.0  # the constant, and elements that are even
+    for k in np.flatnonzero(program.element_power % 2):
+        signs[begin + pg.DERIVATIVES * k :][: pg.DERIVATIVES] = -1.0
     image, mirror = program.odd[:, None] * program.rate * signs, np.take(program.rate, program.mirror, axis=-3)
-    return bool(np.allclose(image, mirror, rtol=1e-12, atol=0))
+    inputs = np.allclose(program.element_z * signs, -program.element_z, rtol=1e-12, atol=0)
+    return bool(inputs and np.allclose(image, mirror, rtol=1e-12, atol=0))
 
 
 def _equilibrium(layout: Layout, physics: Physics, excitation: Excitation, scale: np.ndarray) -> np.ndarray:
@@ -83,15 +98,56 @@ def _equilibrium(layout: Layout, physics: Physics, excitation: Excitation, scale
         return rest
     count, device = 2 * len(layout.modes), physics.device
     own = np.delete(np.arange(layout.n - len(layout.shunt_states)), layout.stop_states)
-    rows = _rows([*physics.motion.equations, device.placing.v_t, *device.equations], layout.width)[..., own]
-    rows = rows * scale[..., None, own]
+    forms = _rows([*physics.motion.equations, device.placing.v_t, *device.equations], layout.width)
+    rows = forms[..., own] * scale[..., None, own]
     forces = [0.0] * len(own)
     forces[1:count:2] = [gain * excitation.rest for gain in gains(physics.transducer, excitation.base)]
     size = np.max(np.abs(np.real(rows)), axis=-1, keepdims=True)
     found = np.linalg.solve(rows / size, stack(forces)[..., None] / size)[..., 0]
+    if layout.smooth:
+        smooth = [np.argmax(row) for row in layout.smooth.values()]
+        inputs = _inputs(layout, physics)
+        follows = np.linalg.solve(rows / size, -forms[..., smooth] / size)
+        found = _bent(
+            layout.terms.elements, found, follows, inputs[..., own] * scale[..., None, own], inputs[..., smooth]
+        )
     rest = np.zeros((*found.shape[:-1], layout.n), found.dtype)
     rest[..., own] = found
     return rest
+
+
+def _inputs(layout: Layout, physics: Physics) -> np.ndarray:
+    """Rows of the inputs of the smooth elements, two for each."""
+    place = physics.device.placing.row
+    return _rows([place(row) for e in layout.terms.elements for row in (e.first, e.second)], layout.width)
+
+
+def _bent(elements: list[Element], rest, follows, by_state, by_output) -> np.ndarray:
+    """Equilibrium z = rest + follows w of every design, w being the outputs of smooth elements with these inputs."""
+    batch, found = np.broadcast_shapes(rest.shape[:-1], follows.shape[:-2], by_state.shape[:-2]), []
+    parts = ((rest, 1), (follows, 2), (by_state @ follows + by_output, 2), ((by_state @ rest[..., None])[..., 0], 1))
+    spread = (np.broadcast_to(part, batch + part.shape[-rank:]) for part, rank in parts)
+    for z, bend, inputs, at_rest in zip(*(part.reshape(-1, *part.shape[len(batch) :]) for part in spread), strict=True):
+        found.append(z + bend @ _balance(elements, inputs, at_rest))
+    return np.reshape(found, batch + rest.shape[-1:])
+
+
+def _balance(elements: list[Element], inputs: np.ndarray, at_rest: np.ndarray) -> np.ndarray:
+    """Outputs w of smooth elements whose inputs are inputs w + at_rest; time, which some of them take, is zero."""
+    from scipy.optimize import root
+
+    def outputs(w: np.ndarray) -> np.ndarray:
+        pairs = zip(elements, (inputs @ w + at_rest).reshape(-1, 2), strict=True)
+        return np.array(
+            [a * b if e.power == PRODUCT else 0.0 if e.power == TIMED else a**e.power for e, (a, b) in pairs]
+        )
+
+    size = np.abs(outputs(np.zeros(len(elements))))
+    size[size == 0.0] = 1.0
+    solved = root(lambda w: outputs(w * size) / size - w, np.ones(len(elements)), tol=1e-13)
+    if not np.max(np.abs(solved.fun)) < 1e-9:
+        raise ParameterError("excitation.offset", "found a preload without equilibrium, allowed is a smaller one")
+    return solved.x * size
 
 
 def _rows(rows, width: int) -> np.ndarray:
@@ -132,11 +188,11 @@ class _Columns:
         return np.concatenate([rows[..., :n], rows[..., 2 * n :]], axis=-1), rows[..., n : 2 * n]
 
 
-def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation) -> pg.Program:
+def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation, record) -> pg.Program:
     storage, scale = physics.storage()
     equations = joined(tables.equations, -3)
     exo_scale = _exo_scale(layout, equations, scale, signal, physics.transducer)
-    columns = _Columns(layout.n, scale, exo_scale)
+    columns, sizes = _Columns(layout.n, scale, exo_scale), _join(scale, exo_scale)
     outputs = columns.split(joined(tables.outputs, -3), 2)
     harmonic = isinstance(signal, Tones)
     omega = 2 * np.pi * np.asarray(signal.frequencies) if isinstance(signal, Tones) else np.zeros(0)
@@ -156,7 +212,7 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
         "exo_scale": exo_scale,
         "scale": scale,
         "odd": _parity(layout),
-        "storage": storage * scale[..., :, None] * scale[..., None, :],
+        "storage": storage * sizes[..., :, None] * sizes[..., None, :],
         "charge": layout.charge,
         "voltage_row": columns.split(physics.port.v, 0)[0],
         "trigger_row": columns.split(physics.motion.strain_current, 0)[0],
@@ -164,6 +220,7 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation)
         "output_d": outputs[1],
         "categories": len(pg.CATEGORIES) + len(layout.effects) + 1,
         "step": _largest_step(excitation, signal),
+        **_elements(layout, physics, columns, record),
     }
     return pg.Program(**{name: _plain(value) for name, value in fields.items()})
 
@@ -173,14 +230,19 @@ def _lean(program: pg.Program) -> pg.Program:
 
     A power counts if neither of its factors vanishes.
     """
-    rows = (program.rate, program.guard_z, program.output_z, program.voltage_row, program.trigger_row)
+    rows = (
+        program.rate, program.guard_z, program.output_z, program.voltage_row, program.trigger_row, program.element_z,
+        program.storage,
+    )  # fmt: skip
     alive = np.any(program.product_z, axis=-1) | np.any(program.product_d, axis=-1)
     powers = program.product_z * np.all(alive, axis=-1)[..., None, None]
     if any(np.any(row[..., -1]) for row in (*rows, powers)):
         return program
-    forms = ("rate", "guard_z", "output_z", "voltage_row", "trigger_row", "product_z", "exo_scale")
+    forms = ("rate", "guard_z", "output_z", "voltage_row", "trigger_row", "product_z", "exo_scale", "element_z")
     changes = {name: np.ascontiguousarray(getattr(program, name)[..., :-1]) for name in forms}
-    return program._replace(**changes, exosystem=np.ascontiguousarray(program.exosystem[..., :-1, :-1]))
+    for name in ("exosystem", "storage"):
+        changes[name] = np.ascontiguousarray(getattr(program, name)[..., :-1, :-1])
+    return program._replace(**changes)
 
 
 def _plain(value: Any) -> Any:
@@ -264,6 +326,19 @@ def _products(layout: Layout, products, columns: _Columns) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _elements(layout: Layout, physics: Physics, columns: _Columns, record: float | None) -> dict[str, Any]:
+    """The smooth elements: their inputs over the state, and what each makes of them."""
+    powers = [element.power for element in layout.terms.elements]
+    over_state, over_rate = columns.split(_inputs(layout, physics), 1)
+    if np.any(over_rate):
+        raise ParameterError("transducer.effects", "found a power of a current, allowed are powers of states and v_t")
+    shape = (*over_state.shape[:-2], len(powers), 2, over_state.shape[-1])
+    return {
+        "element_z": over_state.reshape(shape), "element_power": np.array(powers, int),
+        "drift": 1.0 / record if record else 0.0,
+    }  # fmt: skip
+
+
 def _integers(guards: list[list[Guard]], count: int, read) -> np.ndarray:
     table = np.full((len(guards), count), -1)
     for c, own in enumerate(guards):
@@ -284,6 +359,9 @@ def _exosystem(layout: Layout, omega: np.ndarray, exo_scale: np.ndarray) -> np.n
     matrix = np.zeros((*omega.shape[:-1], layout.exogenous, layout.exogenous), np.result_type(omega, float))
     if not omega.size:
         matrix[..., 0, 1] = 1.0
+    for k in range(layout.first_element, layout.exogenous - 1):
+        if (k + 1 - layout.first_element) % pg.DERIVATIVES:
+            matrix[..., k, k + 1] = 1.0
     for k in range(omega.shape[-1]):
         matrix[..., 2 * k, 2 * k + 1], matrix[..., 2 * k + 1, 2 * k] = omega[..., k], -omega[..., k]
     return matrix * exo_scale[..., None, :] / exo_scale[..., :, None]
@@ -307,6 +385,11 @@ def _exo_scale(layout, equations, scale, signal, tr) -> np.ndarray:
             found[..., 2 * k + 1] = found[..., 2 * k]
     else:
         found[..., 1] = found[..., 0] * resonance[..., 0]
+    for k in range(layout.first_element, layout.exogenous - 1, pg.DERIVATIVES):
+        # An element may act by its rate alone; one that does not act in this design must not hide what does.
+        largest = np.maximum(size[..., k], size[..., k + 1] * resonance[..., 0])
+        value = np.where(largest > 0, resonance[..., 0] / np.where(largest > 0, largest, 1.0), IDLE)
+        found[..., k : k + pg.DERIVATIVES] = value[..., None] * resonance ** np.arange(pg.DERIVATIVES)
     return found
 
 

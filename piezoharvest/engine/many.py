@@ -45,6 +45,9 @@ def _record(P, L, S, D, W, V, out, at, mirrored):
     """Run the orbit that was found through one span and keep what belongs to a period."""
     reset(P, L, S, D)
     sc.load(P, L, S, D, W, V, sc.BEST, W[sc.TIME], 0)
+    # Smooth elements take their outputs from the state where a run begins.
+    if sh.move(P, L, S, D, W, V, W[sc.TIME]) != DONE:
+        return
     before, periods = stored(P, L, S), 2.0 if mirrored else 1.0
     if sh.move(P, L, S, D, W, V, W[sc.TIME] + W[sc.SPAN]) != DONE:
         return

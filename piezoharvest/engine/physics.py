@@ -56,12 +56,16 @@ class Layout:
         self.names += [state.name for state in terms.states]
         self.names += [state.name for state in self.shunt_states]
         self.n = len(self.names)
-        self.exogenous = 2 * signal.frequencies.shape[-1] + 1 if isinstance(signal, Tones) else 3
+        self.first_element = 2 * signal.frequencies.shape[-1] if isinstance(signal, Tones) else 2
+        self.exogenous = self.first_element + pg.DERIVATIVES * len(terms.elements) + 1
         self.width = 2 * self.n + self.exogenous
         eye = np.eye(self.width)
         self.z = dict(zip(self.names, eye[: self.n], strict=True))
         self.dz = dict(zip(self.names, eye[self.n : 2 * self.n], strict=True))
         self.exo, self.one = eye[2 * self.n :], eye[-1]
+        own = self.exo[self.first_element :: pg.DERIVATIVES], self.exo[self.first_element + 1 :: pg.DERIVATIVES]
+        names = [element.name for element in terms.elements]
+        self.smooth, self.smooth_rates = (dict(zip(names, rows, strict=False)) for rows in own)
 
     @property
     def added_states(self) -> list[State]:
@@ -83,7 +87,8 @@ class Physics:
         z, dz = layout.z, layout.dz
         self.drive = _drive(layout, signal)
         self.v_h, dv_h = self._hysteresis(z), self._hysteresis(dz)
-        self.device = device(layout.terms, z, dz, self.drive, layout.one, (self.v_h, dv_h), excitation.base)
+        rows, rates = {**z, **layout.smooth}, {**dz, **layout.smooth_rates}
+        self.device = device(layout.terms, rows, rates, self.drive, layout.one, (self.v_h, dv_h), excitation.base)
         self.motion, self.port = self.device.motion, self.device.port
 
     def _hysteresis(self, rows: Rows) -> Row:
@@ -107,7 +112,7 @@ class Physics:
         return powers
 
     def storage(self) -> tuple[np.ndarray, np.ndarray]:
-        """Stored energy as a matrix over the states (J = z storage z / 2), and the scale of every state."""
+        """Stored energy as a matrix over the augmented state (J = z storage z / 2), and the scale of every state."""
         lay, capacitance = self.layout, self.transducer.capacitance
         diagonal, scale = [], []
         for mode in lay.modes:
@@ -123,14 +128,16 @@ class Physics:
             scale.append(np.max(np.abs(np.real(into[..., : lay.n] * own)), axis=-1, keepdims=True))
         scale += added
         placing = self.device.placing
-        matrix = stack(diagonal)[..., None] * np.eye(lay.n)
+        diagonal += [0.0] * lay.exogenous
+        matrix = stack(diagonal)[..., None] * np.eye(lay.n + lay.exogenous)
         matrix = matrix + 0.5 * self._energy(Product(capacitance, placing.v_t, placing.v_t))
         matrix = sum((self._energy(placing.product(product)) for product in lay.terms.stored), matrix)
         return matrix, stack(scale)
 
     def _energy(self, product: Product) -> np.ndarray:
         """Matrix S of z S z/2 = coefficient * first * second."""
-        first, second = (row[..., : self.layout.n] for row in (product.first, product.second))
+        states = np.delete(np.arange(self.layout.width), np.arange(self.layout.n, 2 * self.layout.n))
+        first, second = (row[..., states] for row in (product.first, product.second))
         outer = first[..., :, None] * second[..., None, :]
         return scalar(product.coefficient)[..., None, None] * (outer + outer.swapaxes(-1, -2))
 

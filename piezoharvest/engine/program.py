@@ -2,7 +2,8 @@
 
 Everything is in energy-scaled coordinates (1/2 z^2 is an energy for every state that stores one), so that the matrices
 of nF and uF, of Hz and kHz, have entries of the size of the system's frequencies, and one tolerance serves all.
-The augmented state is [states | exogenous states]; the last exogenous state is the constant 1, if anything is constant.
+The augmented state is [states | exogenous states]: those of the signal, those of the smooth elements, and last the
+constant 1, if anything is constant.
 """
 
 from __future__ import annotations
@@ -15,6 +16,9 @@ from piezoharvest.engine.vector import COLUMNS as COLUMNS_AT_ONCE
 from piezoharvest.engine.vector import padded
 
 TONES, RAMPS = 0, 1
+
+# The output of a smooth element is a cubic of time: so many exogenous states, its value and three derivatives.
+DERIVATIVES = 4
 
 # Codes of events, in the order of their names in results.
 CLOSE, OPEN, CONDUCT, BLOCK, EXTRACT, SLIP, STICK = range(7)
@@ -42,8 +46,9 @@ MECHANICAL_IN, DAMPING, HYSTERESIS, HARVESTED, SHUNT_LOSS, SOURCE = range(6)
 
 
 class Program(NamedTuple):
-    """One design. n states, w exogenous states, a = n + w, c configurations, h stops, g guards, p products, k tones.
+    """One design.
 
+    n states, w exogenous states, a = n + w, c configurations, h stops, g guards, p products, k tones, e elements.
     A linear form has a part over the augmented state (`*_z`, length a) and one over the derivative (`*_d`, length n).
     A batch of designs has them as leading axis of the arrays of numbers, as far as these differ.
     """
@@ -55,7 +60,7 @@ class Program(NamedTuple):
     phase: np.ndarray  # (k,)
     exo_scale: np.ndarray  # (w,) physical = scale * scaled
     scale: np.ndarray  # (n,)
-    storage: np.ndarray  # (n, n) stored energy z' storage z / 2
+    storage: np.ndarray  # (a, a) stored energy z' storage z / 2
     stop_input: np.ndarray  # (h, n) derivative of the stop's input as a form over z'
     stop_limit: np.ndarray  # (h,)
     stop_weight: np.ndarray  # (h,) scaled so that weight * s * input' is a power
@@ -69,12 +74,14 @@ class Program(NamedTuple):
     output_z: np.ndarray  # (c, outputs, a)
     output_d: np.ndarray  # (c, outputs, n)
     equilibrium: np.ndarray  # (n,) where the static part of the excitation leaves the structure, electrodes relaxed
+    element_z: np.ndarray  # (e, 2, a) inputs of the smooth elements
     lag: float
     on_time: float
     hold_off: float
     efficiency: float
     early: float  # 1 where the lag is counted from the extremum before
     step: float  # largest step, s
+    drift: float  # 1/s: time as share of a record is drift * t
     period: float  # of the excitation, s; infinite where there is none
 
     signal_kind: int  # TONES or RAMPS
@@ -91,18 +98,20 @@ class Program(NamedTuple):
     opened: np.ndarray  # (c,)
     mirror: np.ndarray  # (c,)
     product_category: np.ndarray  # (c, p), -1 where there is none
+    element_power: np.ndarray  # (e,) as in `terms.Element`
 
 
 # The table of contents `L`: first the sizes,
-(A, N, C, H, G, PRODUCTS, TONE_COUNT, ROWS, COLUMNS, LENGTH) = range(10)
-_SIZES = 10
+(A, N, C, H, G, PRODUCTS, TONE_COUNT, ROWS, COLUMNS, LENGTH, ELEMENTS, FIRST_ELEMENT) = range(12)
+_SIZES = 12
 # then for every field of `Program` where it begins, in P (numbers) or in L itself (integers; plain ones are the entry).
 (
     RATE, STOP_RESPONSE, EXOSYSTEM, OMEGA, PHASE, EXO_SCALE, SCALE, STORAGE, STOP_INPUT, STOP_LIMIT, STOP_WEIGHT,
     VOLTAGE_ROW, GUARD_Z, GUARD_D, TRIGGER_ROW, PRODUCT_COEFFICIENT, PRODUCT_Z, PRODUCT_D, OUTPUT_Z, OUTPUT_D,
-    EQUILIBRIUM, LAG, ON_TIME, HOLD_OFF, EFFICIENCY, EARLY, STEP, PERIOD,
+    EQUILIBRIUM, ELEMENT_Z, LAG, ON_TIME, HOLD_OFF, EFFICIENCY, EARLY, STEP, DRIFT, PERIOD,
     SIGNAL_KIND, CHARGE, SWITCHED, CUT, CATEGORY_COUNT,
     ODD, STOP_STATE, GUARD_TARGET, GUARD_CUT, GUARD_CODE, CLOSED, OPENED, MIRROR, PRODUCT_CATEGORY,
+    ELEMENT_POWER,
 ) = range(_SIZES, _SIZES + len(Program._fields))  # fmt: skip
 NUMBERS = Program._fields[: PERIOD - _SIZES + 1]
 PLAIN = Program._fields[SIGNAL_KIND - _SIZES : CATEGORY_COUNT - _SIZES + 1]
@@ -120,7 +129,8 @@ def integers(program: Program) -> np.ndarray:
     columns = -(-a // COLUMNS_AT_ONCE) * COLUMNS_AT_ONCE
     shapes = _shapes(program)
     length = int(sum(np.prod(shape, dtype=int) for shape in shapes.values()))
-    header[:_SIZES] = a, n, c, len(program.stop_state), guards, products, len(program.phase), rows, columns, length
+    header[:LENGTH] = a, n, c, len(program.stop_state), guards, products, len(program.phase), rows, columns
+    header[LENGTH : FIRST_ELEMENT + 1] = length, len(program.element_power), n + (2 * len(program.phase) or 2)
     offset = 0
     for k, name in enumerate(NUMBERS, RATE):
         header[k] = offset
@@ -160,10 +170,10 @@ def part(program: Program, which: int | slice) -> Program:
 def _shapes(program: Program) -> dict[str, tuple[int, ...]]:
     """Shape of every array of numbers in one design."""
     c, n, a = program.rate.shape[-3:]
-    h, w, k, o = len(program.stop_state), a - n, len(program.phase), len(OUTPUTS)
+    h, w, k, o, e = len(program.stop_state), a - n, len(program.phase), len(OUTPUTS), len(program.element_power)
     g, p = program.guard_target.shape[1], program.product_category.shape[1]
     shapes = (
-        (c, n, a), (c, n, h), (w, w), (k,), (k,), (w,), (n,), (n, n), (h, n), (h,), (h,), (a,), (c, g, a), (c, g, n),
-        (a,), (c, p), (c, p, 2, a), (c, p, 2, n), (c, o, a), (c, o, n), (n,), (), (), (), (), (), (), (),
+        (c, n, a), (c, n, h), (w, w), (k,), (k,), (w,), (n,), (a, a), (h, n), (h,), (h,), (a,), (c, g, a), (c, g, n),
+        (a,), (c, p), (c, p, 2, a), (c, p, 2, n), (c, o, a), (c, o, n), (n,), (e, 2, a), (), (), (), (), (), (), (), (),
     )  # fmt: skip
     return dict(zip(NUMBERS, shapes, strict=True))

@@ -26,6 +26,7 @@ from piezoharvest.engine.variation import Variation
 from piezoharvest.excitation import Excitation
 from piezoharvest.parameters import COMPLEX_STEP, Component
 from piezoharvest.system import System
+from piezoharvest.terms import Terms
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,8 @@ def gradient(system: System, excitation: Excitation) -> Gradient:
     """
     if excitation.period is None:
         raise NoGradientError(f"{excitation.kind} has no period")
+    if Terms(system.transducer).elements:
+        raise NoGradientError("the transducer has effects that are nonlinear between events")
     batch = lower(*stepped(system, excitation))
     # One lowering serves both: what the complex steps begin from is the design itself.
     lowered = batch._replace(program=nominal(batch.program))

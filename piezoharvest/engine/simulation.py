@@ -54,16 +54,18 @@ def simulate(system: System, excitation: Excitation, *, transient: float | None 
     Piecewise linear models are propagated by matrix exponentials, so there is no time step to choose: events are
     located to 1e-12 s and energy closes to 1e-10.
     """
-    lowered = lower(system, excitation)
+    periodic = transient is None and excitation.period is not None
+    length = None if periodic else _length(excitation, transient)
+    lowered = lower(system, excitation, length)
     try:
-        if transient is None and excitation.period is not None:
+        if length is None:
             response = _steady(lowered, excitation, samples, system.shunt.kind)
         else:
-            response = _transient(lowered, excitation, transient, samples, system.shunt.kind)
+            response = _transient(lowered, excitation, length, samples, system.shunt.kind)
     except EngineError as error:
         return _failed(system.shunt.kind, str(error))
     if lowered.unfelt:
-        told = f"{', '.join(lowered.unfelt)}: only in measured records, no part of this simulation"
+        told = f"{', '.join(lowered.unfelt)}: no part of this simulation, only of measured records"
         response = _with(response, message="; ".join(filter(None, (response.message, told))))
     if isinstance(system.shunt, Short):
         return response
@@ -96,12 +98,12 @@ def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str) -
     order = np.argsort(offset, kind="stable")
     shooting = Shooting(Machine(lowered, ledger=True), period, mirrored)
     state = shooting.load(orbit, track=True, log=LONGEST_LOG, sample_time=begin + offset[order])
-    before = _stored(lowered, state)
+    before = _stored(shooting.machine, state)
     check(shooting.machine.run(state, begin + period))
     if not shooting.repeats(orbit, state):
         return _unsettled(lowered, excitation, samples, kind, replace(orbit, residual=np.inf), evaluations)
     # What a large smoothing capacitor gains or loses within the tolerance of the search is no energy unaccounted for.
-    change = _stored(lowered, state) - before
+    change = _stored(shooting.machine, state) - before
     response = _response(lowered, state, kind, period, begin, change)
     response.energy.pop("stored", None)
     response = _with(response, waveforms=_from_phase_zero(response.waveforms, grid, order, begin, period))
@@ -153,16 +155,22 @@ def _from_phase_zero(w: Waveforms | None, grid, order, begin: float, period: flo
     return Waveforms(grid, **signals, event_times=events[sequence], event_names=names)
 
 
-def _stored(lowered: Lowered, state: State) -> float:
+def _stored(machine: Machine, state: State) -> float:
     """Stored energy, J."""
-    z = state.z[: len(lowered.states)]
-    return 0.5 * float(z @ lowered.program.storage @ z)
+    # Outputs of smooth elements are those of the state once it has begun to move.
+    check(machine.run(state, state.clock[st.NOW]))
+    return 0.5 * float(state.z @ machine.lowered.program.storage @ state.z)
 
 
-def _transient(lowered, excitation: Excitation, length: float | None, samples: int, kind: str) -> Response:
-    t_end = length if length is not None else excitation.length
-    if t_end is None:
+def _length(excitation: Excitation, transient: float | None) -> float:
+    """Length of a transient, s."""
+    length = transient if transient is not None else excitation.length
+    if length is None:
         raise ValueError(f"{excitation.kind} has no length, a transient needs one")
+    return length
+
+
+def _transient(lowered, excitation: Excitation, t_end: float, samples: int, kind: str) -> Response:
     if excitation.period is not None:
         step = max(excitation.period / samples, t_end / MOST_SAMPLES)
         times = np.arange(int(np.floor(t_end / step * (1 + 1e-12))) + 1) * step
@@ -173,9 +181,9 @@ def _transient(lowered, excitation: Excitation, length: float | None, samples: i
             times = np.union1d(times, inside) if len(inside) < len(times) else inside
     machine = Machine(lowered, ledger=True)
     state = machine.state(track=True, log=LONGEST_LOG, sample_time=times)
-    before = _stored(lowered, state)
+    before = _stored(machine, state)
     check(machine.run(state, t_end))
-    change = _stored(lowered, state) - before
+    change = _stored(machine, state) - before
     return _finish(_response(lowered, state, kind, t_end, 0.0, change), "", np.nan)
 
 
@@ -189,9 +197,9 @@ def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evalu
     times = begin + np.arange(samples * UNSETTLED_PERIODS) * period / samples
     recorder = machine.state(track=True, log=LONGEST_LOG, sample_time=times)
     recorder.follow(state)
-    before = _stored(lowered, recorder)
+    before = _stored(machine, recorder)
     check(machine.run(recorder, begin + window))
-    change = _stored(lowered, recorder) - before
+    change = _stored(machine, recorder) - before
     response = _response(lowered, recorder, kind, window, begin, change)
     energy = {key: value / UNSETTLED_PERIODS if key != "closure" else value for key, value in response.energy.items()}
     if orbit.converged:

@@ -21,11 +21,12 @@ VECTORS = 16  # of scratch
     # what is recorded,
     SENSITIVITIES, ENERGIES, TRACKED, LOG_ROOM, SAMPLES_WANTED, TAPE_ROOM, TAPED,
     # where lists begin in D,
-    SLIP, POLARITY, LOG_CODE, TAPE_KIND,
+    SLIP, POLARITY, LOG_CODE, TAPE_KIND, PIVOTS,
     # and where in S.
     CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, FLOOR, LOW, HIGH, GUESS, THERE_GUARDS, LOWER, UPPER, GLIDED,
-    WORK, EXTREMES, ENERGY, PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME, SAMPLES, TAPE, END,
-) = range(46)  # fmt: skip
+    CURVE, CURVE_PHI, WORK, EXTREMES, ENERGY, PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME, SAMPLES,
+    TAPE, END,
+) = range(49)  # fmt: skip
 # Places from CLOCK on in S: time now, when the switch opens, when it last acted, all in s.
 NOW, OPENS, ACTED = range(3)
 
@@ -53,18 +54,19 @@ class State:
         times = np.zeros(0) if sample_time is None else np.asarray(sample_time, float)
         rows, h, outputs = contents[pg.ROWS], contents[pg.H], len(pg.OUTPUTS)
         guards = contents[tb.SLOT]  # more than any mode has
-        energies = contents[pg.CATEGORY_COUNT] if ledger else 0
+        energies, elements = contents[pg.CATEGORY_COUNT] if ledger else 0, contents[pg.ELEMENTS]
+        curve = 2 + 4 * rows + elements * (elements + 2) if elements else 0
         places = {
             CLOCK: 3, QUEUE: QUEUE_LENGTH, SIGN: guards, OFFSET: guards, NOW_GUARDS: contents[tb.GUARD_ROWS],
             THEN_GUARDS: contents[tb.GUARD_ROWS], FLOOR: guards, LOW: guards, HIGH: guards, GUESS: guards,
             THERE_GUARDS: contents[tb.FORMS], LOWER: contents[tb.FORMS], UPPER: contents[tb.FORMS],
-            GLIDED: contents[tb.GLIDE_ROWS],
+            GLIDED: contents[tb.GLIDE_ROWS], CURVE: curve, CURVE_PHI: sensitivities * rows if elements else 0,
             WORK: VECTORS * rows,
             EXTREMES: 4, ENERGY: energies, PHI: sensitivities * rows, QUEUE_PHI: QUEUE_LENGTH * sensitivities,
             OPENS_PHI: sensitivities, EVENT_PHI: sensitivities, LOG_TIME: log, SAMPLE_TIME: len(times),
             SAMPLES: len(times) * outputs, TAPE: tape * (2 + int(contents[pg.A])),
         }  # fmt: skip
-        lists = {SLIP: h, POLARITY: QUEUE_LENGTH, LOG_CODE: log, TAPE_KIND: tape * (3 + int(h))}
+        lists = {SLIP: h, POLARITY: QUEUE_LENGTH, LOG_CODE: log, TAPE_KIND: tape * (3 + int(h)), PIVOTS: elements}
         in_d, in_s = _offsets(lists, END + 1), _offsets(places, rows)
         self.D = np.zeros(in_d[-1], np.int64)
         self.D[[*lists, *places, END]] = [*in_d[:-1], *in_s]
@@ -121,19 +123,19 @@ def dot_column(P, at, stride, S, z, count):
 @compiled
 def stored(P, L, S):
     """Stored energy, J."""
-    n, total = L[pg.N], 0.0
-    for i in range(n):
-        for j in range(n):
-            total += 0.5 * S[i] * P[L[pg.STORAGE] + i * n + j] * S[j]
+    a, total = L[pg.A], 0.0
+    for i in range(a):
+        for j in range(a):
+            total += 0.5 * S[i] * P[L[pg.STORAGE] + i * a + j] * S[j]
     return total
 
 
 @inlined
-def set_one(P, L, S, before):
-    """The constant, if the model has one, behind so many exogenous states."""
-    n = L[pg.N]
-    if L[pg.A] - n > before:
-        S[n + before] = 1.0 / P[L[pg.EXO_SCALE] + before]
+def set_one(P, L, S):
+    """The constant, if the model has one, behind all other exogenous states."""
+    last = L[pg.A] - 1
+    if last == L[pg.FIRST_ELEMENT] + pg.DERIVATIVES * L[pg.ELEMENTS]:
+        S[last] = 1.0 / P[L[pg.EXO_SCALE] + last - L[pg.N]]
 
 
 @compiled
@@ -144,7 +146,7 @@ def set_tones(P, L, S, t):
         angle = P[L[pg.OMEGA] + k] * t + P[L[pg.PHASE] + k]
         S[n + 2 * k] = np.sin(angle) / P[scale + 2 * k]
         S[n + 2 * k + 1] = np.cos(angle) / P[scale + 2 * k + 1]
-    set_one(P, L, S, 2 * L[pg.TONE_COUNT])
+    set_one(P, L, S)
 
 
 @compiled
@@ -153,4 +155,4 @@ def set_ramp(P, L, S, value, slope):
     n, scale = L[pg.N], L[pg.EXO_SCALE]
     S[n] = value / P[scale]
     S[n + 1] = slope / P[scale + 1]
-    set_one(P, L, S, 2)
+    set_one(P, L, S)

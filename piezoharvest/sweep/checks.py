@@ -68,7 +68,8 @@ def _refusal(study: Study, plan: Plan, shunt: int, design: int) -> ParameterErro
     values = plan.points(range(design, design + 1))[0].tolist()
     try:
         system, excitation = place(study, shunt, paths(study), values)
-        Terms(system.transducer)
+        switch = system.shunt.switch(system.transducer.capacitance, excitation.period)
+        Terms(system.transducer).check(system.shunt, switch)
         shunts = (system.shunt,)
         check_systems(dataclasses.replace(study, transducer=system.transducer, excitation=excitation, shunts=shunts))
     except ParameterError as error:

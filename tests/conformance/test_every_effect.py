@@ -15,7 +15,7 @@ from studies import bench as bench_study
 from piezoharvest import effects, shunts
 from piezoharvest.cli import main
 from piezoharvest.engine import simulate, simulate_many
-from piezoharvest.engine.sensitivity import gradient
+from piezoharvest.engine.sensitivity import NoGradientError, gradient
 from piezoharvest.excitation import SineForce
 from piezoharvest.hysteresis import Hysteresis
 from piezoharvest.linear import TwoPort, check_stability, frequency_response
@@ -40,18 +40,20 @@ SHUNTS = {
 REGISTERED = effects.registered()
 # Sensors feel these, the specimen does not.
 UNFELT = {"channel_skew", "clipping", "contact_compliance", "displacement_lag", "mains_hum"}
-# These vary smoothly with amplitude or time, which no piecewise linear simulation follows.
-SMOOTH = {"voltage_dependent_capacitance", "stiffening", "nonlinear_coupling", "coupling_drift"}
+# These bend with the amplitude and give back what they take, or go on through a record.
+BENDING, DRIFTING = {"voltage_dependent_capacitance", "stiffening", "nonlinear_coupling"}, {"coupling_drift"}
+SMOOTH = BENDING | DRIFTING
 # These give power, or change the load.
 SOURCES, OF_THE_LOAD, SLIPPING = {"bias_current"}, {"load_error"}, {"friction"}
 EXAMPLES = {name: plain_examples(cls, {})[0] for name, cls in REGISTERED.items()}
-FELT = [name for name in REGISTERED if name not in UNFELT | SMOOTH]
-PASSIVE = [name for name in FELT if name not in SOURCES | OF_THE_LOAD]
+FELT = [name for name in REGISTERED if name not in UNFELT | DRIFTING]
+PASSIVE = [name for name in FELT if name not in SOURCES | OF_THE_LOAD | SMOOTH]
 each_effect = pytest.mark.parametrize("name", REGISTERED)
 each_felt = pytest.mark.parametrize("name", FELT)
 each_passive = pytest.mark.parametrize("name", PASSIVE)
 each_unfelt = pytest.mark.parametrize("name", sorted(UNFELT))
 each_smooth = pytest.mark.parametrize("name", sorted(SMOOTH))
+each_bending = pytest.mark.parametrize("name", sorted(BENDING))
 each_shunt = pytest.mark.parametrize("shunt", SHUNTS)
 
 
@@ -77,6 +79,12 @@ def settles(name, shunt):
     return name not in SOURCES or shunt != "open"
 
 
+def skip_what_is_refused(name, shunt):
+    """How a capacitance that depends on the voltage gives up its charge at once is not followed."""
+    if name == "voltage_dependent_capacitance" and shunt == "sece":
+        pytest.skip("charge that depends on the voltage is not taken at once")
+
+
 def test_all_of_the_vocabulary_are_there():
     assert len(REGISTERED) >= 15
     passive = {"leakage", "creep", "dielectric_relaxation"} | SLIPPING
@@ -99,6 +107,7 @@ def test_names_its_source_its_units_and_its_null(name):
 @each_shunt
 @each_felt
 def test_absent_at_its_null_value(name, shunt):
+    skip_what_is_refused(name, shunt)
     found, wanted = run(shunt, near_null(name)), run(shunt)
     assert found.displacement_amplitude == pytest.approx(wanted.displacement_amplitude, rel=1e-9)
     assert found.harvested_power == pytest.approx(wanted.harvested_power, rel=1e-9, abs=1e-18)
@@ -108,7 +117,6 @@ def test_absent_at_its_null_value(name, shunt):
 
 @each_effect
 def test_absent_at_exactly_its_null_value(name):
-    """Smooth ones too: at the null there is nothing to refuse."""
     cls, null = REGISTERED[name], {}
     for field in dataclasses.fields(cls):
         value = field.metadata.get("null")
@@ -175,7 +183,7 @@ def test_load_error_is_another_load():
 
 @each_shunt
 def test_order_changes_nothing(shunt):
-    present = [EXAMPLES[name] for name in FELT if settles(name, shunt)]
+    present = [EXAMPLES[name] for name in FELT if settles(name, shunt) and name not in SMOOTH]
     orders = itertools.islice(itertools.permutations(present), 0, 5000, 1250)
     first, *others = [run(shunt, *order) for order in orders]
     for other in others:
@@ -191,14 +199,84 @@ def test_what_sensors_feel_leaves_the_specimen_alone(name):
     found, without = run("parallel_sshi", EXAMPLES[name]), run("parallel_sshi")
     assert found.displacement_amplitude == without.displacement_amplitude
     assert np.array_equal(found.waveforms.voltage, without.waveforms.voltage)
-    assert found.message == f"{name}: only in measured records, no part of this simulation"
+    assert found.message == f"{name}: no part of this simulation, only of measured records"
 
 
-@each_smooth
-def test_what_varies_smoothly_is_refused(name):
-    system = System(dataclasses.replace(PLAIN, effects=(EXAMPLES[name],)), SHUNTS["resistor"])
-    with pytest.raises(ParameterError, match=f"transducer.effects.{name}: found .*, allowed in exact simulation"):
+# --- What bends with the amplitude, or goes on through a record ------------------------------------------------------
+
+
+@each_shunt
+@each_bending
+def test_what_bends_gives_back_what_it_takes(name, shunt):
+    skip_what_is_refused(name, shunt)
+    found, without = run(shunt, EXAMPLES[name]), run(shunt)
+    assert abs(found.displacement_amplitude / without.displacement_amplitude - 1) > 1e-6
+    assert found.energy["closure"] < 1e-11
+    assert abs(found.energy[name]) < 1e-9 * found.energy["mechanical_in"]
+
+
+@pytest.mark.parametrize("shunt", ["rectifier", "parallel_sshi"])
+@each_bending
+def test_steady_state_is_where_a_long_transient_ends(name, shunt):
+    damped = dataclasses.replace(HYSTERETIC, damping=1.0, effects=(EXAMPLES[name],))
+    system = System(damped, dataclasses.replace(SHUNTS[shunt]))
+    found, period = simulate(system, DRIVE, samples=64), 1 / DRIVE.frequency
+    long = simulate(system, DRIVE, transient=80 * period, samples=64)
+    assert found.converged, found.message
+    for signal in ("displacement", "voltage"):
+        last = getattr(long.waveforms, signal)[-65:-1]
+        assert distance(getattr(found.waveforms, signal), last) < 1e-6
+
+
+def test_what_drifts_has_no_steady_state():
+    """It goes on through a record; a steady state is that of its beginning, and says so."""
+    found, without = run("rectifier", EXAMPLES["coupling_drift"]), run("rectifier")
+    assert found.harvested_power == without.harvested_power
+    assert found.message == "coupling_drift: no part of this simulation, only of measured records"
+    system = System(dataclasses.replace(HYSTERETIC, effects=(EXAMPLES["coupling_drift"],)), SHUNTS["rectifier"])
+    drifted, still = (simulate(s, DRIVE, transient=0.5) for s in (system, System(HYSTERETIC, SHUNTS["rectifier"])))
+    assert drifted.message == ""
+    assert drifted.energy["closure"] < 1e-12
+    assert abs(drifted.harvested_power / still.harvested_power - 1) > 1e-3
+
+
+@each_bending
+def test_what_bends_has_no_gradient(name):
+    system = System(dataclasses.replace(HYSTERETIC, effects=(EXAMPLES[name],)), SHUNTS["resistor"])
+    with pytest.raises(NoGradientError, match="nonlinear between events"):
+        gradient(system, DRIVE)
+
+
+@pytest.mark.parametrize("shunt", [shunts.SECE(), shunts.SSDS()], ids=lambda shunt: shunt.kind)
+def test_charge_that_depends_on_the_voltage_is_not_taken_at_once(shunt):
+    system = System(dataclasses.replace(PLAIN, effects=(EXAMPLES["voltage_dependent_capacitance"],)), shunt)
+    with pytest.raises(ParameterError, match=r"transducer\.effects: found a charge .*, allowed are shunts that switch"):
         simulate(system, DRIVE)
+
+
+class Rooted(effects.Stiffening):
+    """A spring force that is no whole power."""
+
+    name = "rooted"
+
+    def act(self, specimen):
+        specimen.push(-self.cubic_stiffness * specimen.power(specimen.x, 2.5))
+
+
+class Ageing(effects.Stiffening):
+    """A force that grows by itself."""
+
+    name = "ageing"
+
+    def act(self, specimen):
+        specimen.push(self.cubic_stiffness * specimen.time)
+
+
+@pytest.mark.parametrize("cls", [Rooted, Ageing])
+def test_what_no_simulation_follows_is_refused(cls):
+    system = System(dataclasses.replace(PLAIN, effects=(cls(cubic_stiffness=1e6),)), SHUNTS["resistor"])
+    with pytest.raises(ParameterError, match=f"transducer.effects.{cls.name}: found .*, allowed are sums, products"):
+        simulate(system, DRIVE, transient=0.1)
 
 
 # --- The linear view ------------------------------------------------------------------------------------------------
@@ -268,6 +346,10 @@ ORACLE = {
     "bias_current": {"current": 1e-6},
     "friction": {"stiffness": 50.0, "threshold": 2e-5},
     "load_error": {"relative_error": 0.1},
+    "voltage_dependent_capacitance": {"beta": 3e-3},
+    "stiffening": {"cubic_stiffness": 2e9},
+    "nonlinear_coupling": {"quadratic_coupling": 0.5},
+    "coupling_drift": {"relative_drift": 0.2},
 }
 CASES = [*([name] for name in ORACLE), list(ORACLE)]
 LOADS = [
@@ -275,6 +357,7 @@ LOADS = [
     {"kind": "open"},
     {"kind": "rectifier", "smoothing_capacitance": 1e-6, "load_resistance": 1e5, "diode_drop": 0.1},
 ]
+LENGTH = 0.12
 PRELOADED = {**DRIVE_TABLE, "offset": 0.03}
 STEP = {"kind": "step_force", "amplitude": 0.05, "duration": 0.03, "rise_time": 1e-3}
 
@@ -287,7 +370,7 @@ def solved_by_the_bench(names, load, excitation, times):
         shunt = effect.connect(shunt)
     model = Model(build_transducer({**BENCH, "hysteresis": STOPS}), CIRCUITS[shunt.kind](shunt), base=False)
     for effect in present:
-        effect.act(model, float(times[-1]))
+        effect.act(model, LENGTH)
     return integrate(model, excitation, times)
 
 
@@ -297,13 +380,15 @@ def solved_by_the_bench(names, load, excitation, times):
 def test_agrees_with_the_virtual_bench(names, load, table):
     """From rest under the preload, with hysteresis, through conduction and slip."""
     study = bench_study(load, table, hysteresis=STOPS, effects={name: ORACLE[name] for name in names})
-    found = simulate(*objects(study), transient=0.12, samples=200)  # the bench's own error is 1e-10 at this step
+    found = simulate(*objects(study), transient=LENGTH, samples=200)  # the bench's own error is 1e-10 at this step
     waves = found.waveforms
     wanted = solved_by_the_bench(names, load, build_excitation(table, Path()), waves.time)
     assert found.energy["closure"] < 1e-12
-    assert distance(waves.displacement, wanted.displacement) < 1e-9
-    assert distance(waves.voltage, wanted.voltage) < 1e-9
-    assert np.abs(waves.current - wanted.current).max() < 1e-9 * max(np.abs(wanted.current).max(), 1e-9)
+    # Of what bends the engine promises 1e-8; the slope of a cubic is known to one order less than the cubic.
+    precision, of_slopes = (1e-9, 1e-9) if SMOOTH.isdisjoint(names) else (1e-8, 3e-8)
+    assert distance(waves.displacement, wanted.displacement) < precision
+    assert distance(waves.voltage, wanted.voltage) < precision
+    assert np.abs(waves.current - wanted.current).max() < of_slopes * max(np.abs(wanted.current).max(), 1e-9)
 
 
 def test_agrees_with_the_virtual_bench_on_a_moving_base():
@@ -312,14 +397,14 @@ def test_agrees_with_the_virtual_bench_on_a_moving_base():
     keys = {"hysteresis": STOPS, "modes": [SECOND], "effective_mass": 0.013}
     names = [name for name in ORACLE if name not in OF_THE_LOAD]
     study = bench_study(LOADS[0], table, **keys, effects={name: ORACLE[name] for name in names})
-    found = simulate(*objects(study), transient=0.12, samples=200)
+    found = simulate(*objects(study), transient=LENGTH, samples=200)
     model = Model(build_transducer({**BENCH, **keys}), CIRCUITS["resistor"](build_shunt(LOADS[0])), base=True)
     for name in names:
-        build(bench_effects.registered()[name], ORACLE[name], name).act(model, 0.12)
+        build(bench_effects.registered()[name], ORACLE[name], name).act(model, LENGTH)
     wanted = integrate(model, build_excitation(table, Path()), found.waveforms.time)
     assert found.energy["closure"] < 1e-12
-    assert distance(found.waveforms.displacement, wanted.displacement) < 1e-9
-    assert distance(found.waveforms.voltage, wanted.voltage) < 1e-9
+    assert distance(found.waveforms.displacement, wanted.displacement) < 1e-8
+    assert distance(found.waveforms.voltage, wanted.voltage) < 1e-8
 
 
 # --- Many designs, and gradients ------------------------------------------------------------------------------------
@@ -331,6 +416,7 @@ KINDS = ["resistor", "parallel_sshi", "sece"]
 @each_felt
 def test_many_designs_are_those_of_one(name, shunt):
     """The strength from its null to twice the example's, where the null is within the bounds."""
+    skip_what_is_refused(name, shunt)
     field, shares = REGISTERED[name].strength(), np.array([[0.0], [0.5], [1.0], [2.0]])
     null, usual = field.metadata["null"], getattr(EXAMPLES[name], field.name)
     if not math.isfinite(null) or field.metadata.get("above") == null:
@@ -342,8 +428,9 @@ def test_many_designs_are_those_of_one(name, shunt):
         assert found["converged"][n]
         assert found["displacement_amplitude"][n] == pytest.approx(one.displacement_amplitude, rel=1e-10)
         assert found["harvested_power"][n] == pytest.approx(one.harvested_power, rel=1e-9)
+        nothing = 1e-13 if name not in SMOOTH else 1e-9  # what bends takes nothing in a period, to its precision
         assert found[f"energy.{name}"][n] == pytest.approx(
-            one.energy[name], rel=1e-8, abs=1e-13 * one.energy["mechanical_in"]
+            one.energy[name], rel=1e-8, abs=nothing * one.energy["mechanical_in"]
         )
 
 
@@ -439,20 +526,21 @@ def refused(capsys, *arguments):
 @each_effect
 def test_in_a_study(name, tmp_path, capsys):
     path = write_study(tmp_path / "study.toml", name, of_study(name))
-    if name in SMOOTH:
-        told = refused(capsys, "simulate", path)
-        assert f"study.toml: shunts.0 (resistor): transducer.effects.{name}: found" in told and "allowed" in told
-        return
     assert main(["simulate", path, "--json"]) == 0
     assert f'"{name}"' in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("command", ["simulate", "design", "export"])
+@pytest.mark.parametrize("command", ["simulate", "sweep"])
 def test_commands_refuse_what_they_cannot_do(command, tmp_path, capsys):
-    options = ["--format", "spice", "--out", str(tmp_path / "t.cir")] if command == "export" else []
-    path = write_study(tmp_path / "study.toml", "stiffening", {"cubic_stiffness": 1e9})
-    told = refused(capsys, command, path, *options)
-    assert "transducer.effects.stiffening: found" in told and "allowed" in told
+    """A charge that depends on the voltage, taken at once."""
+    options = ["--out", str(tmp_path / "t.csv")] if command == "sweep" else []
+    path = Path(write_study(tmp_path / "study.toml", "voltage_dependent_capacitance", {"beta": 1e-3}))
+    text = path.read_text().replace('kind = "resistor"\nresistance = 8e4', 'kind = "sece"\nefficiency = 0.9')
+    path.write_text(
+        text.replace("shunts.0.resistance", "shunts.0.efficiency").replace("1e4, to = 1e5", "0.5, to = 0.9")
+    )
+    told = refused(capsys, command, str(path), *options)
+    assert "transducer.effects: found a charge that depends on the voltage" in told and "allowed" in told
     assert sorted(p.name for p in tmp_path.iterdir()) == ["study.toml"]
 
 
