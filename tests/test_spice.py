@@ -7,6 +7,7 @@ import pytest
 from oracles.ngspice import NgspiceError, needs_ngspice, run_netlist
 from studies import BENCH, SECOND, STOPS, bench, inversion, objects, solve
 
+from piezoharvest.effects import Stiffening
 from piezoharvest.excitation import RandomBase, Record, StepForce
 from piezoharvest.linear import frequency_response
 from piezoharvest.parameters import ParameterError
@@ -24,7 +25,17 @@ LOAD = {"load_resistance": 1.6e5, "smoothing_capacitance": 2 * PERIOD / 1.6e5}
 LOOP = {"flip_time": PERIOD / 50, "quality": 5.0}
 NETWORK = "L1 1 2 150\nC1 2 0 30n\nR1 2 3 20k\nC2 3 0 100n\nR2 3 0 200k load\nR3 3 1 1meg load"
 LOOPS = "C1 1 0 10n\nC2 1 2 20n\nC3 2 0 30n\nR1 2 0 90k load\nL1 2 3 20\nL2 3 4 30\nR2 4 0 50k\nL3 3 0 500"
-EFFECTS = {"leakage": {"resistance": 4e5}, "dielectric_relaxation": {"capacitance": 15e-9, "time_constant": 5e-3}}
+EFFECTS = {
+    "leakage": {"resistance": 4e5},
+    "dielectric_relaxation": {"capacitance": 15e-9, "time_constant": 5e-3},
+    "voltage_dependent_capacitance": {"beta": 0.02},
+    "creep": {"compliance_ratio": 0.1, "time_constant": 5e-3},
+    "stiffening": {"cubic_stiffness": 1e10},
+    "friction": {"stiffness": 80.0, "threshold": 2e-5},
+    "nonlinear_coupling": {"quadratic_coupling": 2.0},
+    "bias_current": {"current": 2e-6},
+    "load_error": {"relative_error": 0.3},
+}
 
 LINEAR = {
     "open": {"kind": "open"},
@@ -122,7 +133,8 @@ class TestAgainstPhasors:
 
     def test_modes_base_excitation_and_effects(self):
         drive = {"kind": "sine_base", "amplitude": 2.0, "frequency": 48.0}
-        keys = {**DAMPED, "modes": [SECOND], "effective_mass": 0.013, "effects": EFFECTS}
+        linear = {name: EFFECTS[name] for name in ("leakage", "dielectric_relaxation", "creep", "load_error")}
+        keys = {**DAMPED, "modes": [SECOND], "effective_mass": 0.013, "effects": linear}
         self.compare(bench(LINEAR["resistor"], drive, **keys))
 
     @staticmethod
@@ -194,6 +206,23 @@ class TestAgainstEngine:
         study = bench({**LINEAR, **SWITCHED}[kind], DRIVE, **DAMPED, hysteresis=stops)
         compare_with_engine(study, 5e-3)
 
+    @pytest.mark.parametrize("kind", ["resistor", "rectifier", "parallel_sshi"])
+    @pytest.mark.parametrize("effect", [*EFFECTS, "all"])
+    def test_effects(self, effect, kind):
+        effects = EFFECTS if effect == "all" else {effect: EFFECTS[effect]}
+        drive = {**DRIVE, "offset": 0.01} if kind == "rectifier" else DRIVE
+        study = bench({**LINEAR, **SWITCHED}[kind], drive, **DAMPED, effects=effects)
+        compare_with_engine(study, 5e-3)
+
+    def test_drift_over_a_record(self):
+        drive = {"kind": "step_force", "amplitude": 0.5, "duration": 0.2, "rise_time": 0.01}
+        study = bench(LINEAR["resistor"], drive, **DAMPED, effects={"coupling_drift": {"relative_drift": 0.5}})
+        response, still = solve(study), solve(bench(LINEAR["resistor"], drive, **DAMPED))
+        assert abs(response.harvested_power / still.harvested_power - 1) > 0.1
+        found = run_netlist(netlist(study))
+        assert found["harvested_power"] == pytest.approx(response.harvested_power, rel=3e-3)
+        assert found["displacement_pp"] == pytest.approx(2 * response.displacement_amplitude, rel=1e-3)
+
     @pytest.mark.parametrize("kind", ["rectifier", "sece"])
     def test_step(self, kind):
         drive = {"kind": "step_force", "amplitude": 0.5, "duration": 0.2, "rise_time": 0.01, "offset": 0.1}
@@ -210,8 +239,9 @@ class TestText:
 
     @pytest.mark.parametrize("kind", [*LINEAR, *SWITCHED])
     def test_only_what_both_simulators_read(self, kind):
-        study = bench({**LINEAR, **SWITCHED}[kind], DRIVE, hysteresis=STOPS, modes=[SECOND], effects=EFFECTS)
-        text = netlist(study)
+        at_once = {"voltage_dependent_capacitance"} if kind in ("sece", "ssds") else set()
+        effects = {name: EFFECTS[name] for name in EFFECTS if name not in at_once}
+        text = netlist(bench({**LINEAR, **SWITCHED}[kind], DRIVE, hysteresis=STOPS, modes=[SECOND], effects=effects))
         joined = text.replace("\n+ ", " ").splitlines()
         for line in joined:
             if line.startswith("*"):
@@ -249,11 +279,15 @@ class TestText:
         with pytest.raises(ParameterError, match=r"found kind 'mine' .* allowed are .*network, open"):
             export_spice(system.transducer, shunt, excitation)
 
-    def test_unknown_effect(self):
-        system, excitation = objects(bench({"kind": "open"}, DRIVE, effects=EFFECTS))
-        object.__setattr__(system.transducer.effects[0], "name", "mine")
-        with pytest.raises(ParameterError, match=r"effects\.mine: found .* allowed are leakage"):
+    def test_what_an_effect_may_not_use(self, monkeypatch):
+        monkeypatch.setattr(Stiffening, "act", lambda self, specimen: specimen.push(specimen.q))
+        system, excitation = objects(bench({"kind": "open"}, DRIVE, effects={"stiffening": EFFECTS["stiffening"]}))
+        with pytest.raises(ParameterError, match=r"effects: found terms of q .* allowed are one, drive, v_t"):
             export_spice(*_parts(system), excitation)
+
+    def test_what_sensors_make_of_it_is_not_there(self):
+        study = bench({"kind": "open"}, DRIVE, effects={"displacement_lag": {"time_constant": 1e-3}})
+        assert "displacement_lag is not in this netlist" in netlist(study)
 
     @pytest.mark.parametrize(
         ("options", "key"),

@@ -6,14 +6,11 @@ import math
 
 import numpy as np
 
-from piezoharvest.effects.base import Effect
 from piezoharvest.excitation import Ramps
-from piezoharvest.parameters import ParameterError
 from piezoharvest.spice.deck import Deck, number, total
+from piezoharvest.spice.effects import write_effects
 from piezoharvest.spice.scene import Scene
-
-# A stop operator leaves its slope over this share of its threshold; its loop area is wrong by about the square of it.
-KNEE = 0.02
+from piezoharvest.spice.stop import KNEE, write_stop
 
 
 def write_drive(deck: Deck, scene: Scene) -> None:
@@ -63,7 +60,7 @@ def write_mechanics(deck: Deck, scene: Scene) -> None:
             deck.add(f"Rdamping{n} u{n} 0", 1 / mode.damping)
         deck.add(f"Gdrive{n} 0 u{n} drive 0", gain)
         deck.add(f"Gspring{n} u{n} 0 f{n} 0 1")
-        deck.add(f"Cspring{n} f{n} 0", 1 / mode.stiffness, f"IC={number(gain * scene.excitation.rest)}")
+        deck.add(f"Cspring{n} f{n} 0", 1 / mode.stiffness, f"IC={number(mode.stiffness * scene.rest[f'x{n}'])}")
         deck.add(f"Grate{n} 0 f{n} u{n} 0 1")
         deck.add(f"Gcoupling{n} 0 u{n} t 0", mode.coupling)
 
@@ -79,6 +76,8 @@ def coupled_acceleration(scene: Scene) -> str:
     terms = []
     for n, (mode, gain) in enumerate(zip(scene.transducer.all_modes, gains(scene), strict=True), 1):
         forces = [(gain, "V(drive)"), (mode.coupling, "V(t)"), (-mode.damping, f"V(u{n})"), (-1.0, f"V(f{n})")]
+        if scene.terms.pushes[n - 1].any():
+            forces.append((1.0, f"V(push{n})"))
         terms += [(mode.coupling / mode.mass * factor, signal) for factor, signal in forces]
     return total(terms)
 
@@ -94,7 +93,7 @@ def mechanical_power(scene: Scene) -> str:
 
 
 def write_transducer(deck: Deck, scene: Scene) -> None:
-    """Electrode node `p`, clamped node `t`, hysteresis between them, and the effects across the electrodes."""
+    """Electrode node `p`, clamped node `t`, hysteresis between them, and what effects add."""
     transducer = scene.transducer
     deck.section("transducer: V(p) electrode voltage v_p, V(t) voltage v_t of the clamped capacitance")
     deck.comment("I(Vport) is i_p, into the transducer's positive lead.")
@@ -105,8 +104,7 @@ def write_transducer(deck: Deck, scene: Scene) -> None:
         deck.add(f"Gstrain{n} t 0 u{n} 0", mode.coupling)
     if transducer.hysteresis:
         _write_hysteresis(deck, scene)
-    for n, effect in enumerate(transducer.effects, 1):
-        _write_effect(deck, effect, n)
+    write_effects(deck, scene)
 
 
 def _write_hysteresis(deck: Deck, scene: Scene) -> None:
@@ -119,31 +117,8 @@ def _write_hysteresis(deck: Deck, scene: Scene) -> None:
         f"until {KNEE:g} before the threshold, then approach it exponentially: the area of a loop is wrong by about "
         f"{KNEE**2:.0e} of that of the square of side 2 r."
     )
-    # Unit of current and of time for these nodes, so that all that is solved for is of order one.
-    deck.add("Hcurrent ip 0 Vport", 1 / scene.current)
     voltages = []
     for n, (r, w) in enumerate(zip(hysteresis.thresholds, hysteresis.weights, strict=True), 1):
-        rate = number(scene.current / (scene.omega * r))
-        deck.add(f"Cstop{n} s{n} 0", 1 / scene.omega, "IC=0")
-        slip_up = f"min(1, max(0, (1-V(s{n}))*{number(1 / KNEE)}))"
-        slip_down = f"min(1, max(0, (1+V(s{n}))*{number(1 / KNEE)}))"
-        deck.add(f"Bstop{n} 0 s{n} I={rate}*(max(V(ip), 0)*{slip_up} + min(V(ip), 0)*{slip_down})")
+        write_stop(deck, scene, f"s{n}", "I(Vport)", r)
         voltages.append((w * r, f"V(s{n})"))
     deck.add("Bhysteresis h t V=" + total(voltages))
-
-
-def _write_effect(deck: Deck, effect: Effect, n: int) -> None:
-    """Elements of one effect across the electrodes."""
-    values = vars(effect)
-    if effect.name == "leakage":
-        deck.section("effect: leakage across the electrodes")
-        deck.add(f"Rleakage{n} p 0", values["resistance"])
-    elif effect.name == "dielectric_relaxation":
-        deck.section("effect: slow polarisation beside the clamped capacitance")
-        deck.add(f"Rrelaxation{n} t relaxation{n}", values["time_constant"] / values["capacitance"])
-        deck.add(f"Crelaxation{n} relaxation{n} 0", values["capacitance"], "IC=0")
-    else:
-        raise ParameterError(
-            f"transducer.effects.{effect.name}",
-            "found in a system to be exported to SPICE, allowed are leakage and dielectric_relaxation",
-        )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from piezoharvest.equations import connected
 from piezoharvest.excitation import Excitation, Tones
 from piezoharvest.parameters import ParameterError
 from piezoharvest.shunts.base import Shunt
@@ -11,6 +12,7 @@ from piezoharvest.spice.circuits import write_shunt
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.device import displacement, mechanical_power, write_drive, write_mechanics, write_transducer
 from piezoharvest.spice.scene import Circuit, Scene, make_scene
+from piezoharvest.system import System
 from piezoharvest.transducer import Transducer
 
 # Default run: this many of the longest time constant, within these numbers of periods; steps in the shortest pulse.
@@ -71,9 +73,12 @@ def export_spice(
     Raises
     ------
     ParameterError
-        A shunt or an effect is of a kind that is not known here, or a count of periods or steps is not positive.
+        A shunt is of a kind that is not known here, an effect has terms that a netlist cannot hold or acts on a shunt
+        with which it cannot be simulated, or a count of periods or steps is not positive.
     """
+    shunt = connected(System(transducer, shunt)).shunt
     scene = make_scene(transducer, excitation, dc_start)
+    scene.terms.check(shunt, shunt.switch(transducer.capacitance, excitation.period))
     deck = Deck(title or f"piezoharvest: {shunt.kind}")
     _write_introduction(deck)
     write_drive(deck, scene)

@@ -6,7 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from piezoharvest.engine.lower import lower
 from piezoharvest.excitation import Excitation, Ramps, Tones
+from piezoharvest.shunts import Open
+from piezoharvest.system import System
+from piezoharvest.terms import Terms
 from piezoharvest.transducer import Transducer
 
 
@@ -25,6 +29,10 @@ class Scene(NamedTuple):
         Electrode voltage to expect, V: right within a factor of about ten.
     dc_start : float
         Voltage of the smoothing capacitor at the beginning, V.
+    terms : Terms
+        What the effects add.
+    rest : dict of str to float
+        States at the beginning, by name, SI.
     """
 
     transducer: Transducer
@@ -33,6 +41,14 @@ class Scene(NamedTuple):
     omega: float
     voltage: float
     dc_start: float
+    terms: Terms
+    rest: dict[str, float]
+
+    @property
+    def length(self) -> float:
+        """Length of the excitation in s; there is none where it is periodic."""
+        assert self.excitation.length is not None
+        return self.excitation.length
 
     @property
     def current(self) -> float:
@@ -76,7 +92,17 @@ def make_scene(transducer: Transducer, excitation: Excitation, dc_start: float) 
         # A sudden load moves a mode twice as far as a slow one.
         omega, tones = own, [(0.0, 2 * float(np.max(np.abs(signal.starts))))]
     voltage = sum(_voltage(transducer, excitation.base, w, a) for w, a in tones)
-    return Scene(transducer, excitation, signal, omega, max(voltage, dc_start) or 1.0, dc_start)
+    passes = excitation.period is None
+    terms = Terms(transducer, "base_acceleration" if excitation.base else "force", passes=passes)
+    rest = _rest(transducer, excitation)
+    return Scene(transducer, excitation, signal, omega, max(voltage, dc_start) or 1.0, dc_start, terms, rest)
+
+
+def _rest(transducer: Transducer, excitation: Excitation) -> dict[str, float]:
+    """States in the equilibrium under the static part of the excitation, the electrodes relaxed."""
+    lowered = lower(System(transducer, Open()), excitation)
+    values = lowered.program.equilibrium * lowered.program.scale
+    return dict(zip(lowered.states, map(float, values), strict=True))
 
 
 def _voltage(transducer: Transducer, base: bool, omega: float, amplitude: float) -> float:

@@ -68,10 +68,10 @@ def _refusal(study: Study, plan: Plan, shunt: int, design: int) -> ParameterErro
     values = plan.points(range(design, design + 1))[0].tolist()
     try:
         system, excitation = place(study, shunt, paths(study), values)
-        switch = system.shunt.switch(system.transducer.capacitance, excitation.period)
-        Terms(system.transducer).check(system.shunt, switch)
         shunts = (system.shunt,)
         check_systems(dataclasses.replace(study, transducer=system.transducer, excitation=excitation, shunts=shunts))
+        switch = system.shunt.switch(system.transducer.capacitance, excitation.period)
+        Terms(system.transducer).check(system.shunt, switch)
     except ParameterError as error:
         found = ", ".join(f"{path} = {value:g}" for path, value in zip(paths(study), values, strict=True))
         return ParameterError("sweep.parameters", f"found {found}, which is refused ({error})")
