@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
+from piezoharvest.diagnose.hint import along_squares
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.evaluation import whiteners
@@ -39,7 +40,7 @@ class Leftover:
     Attributes
     ----------
     where : str
-        "0.6 to 1.5 Hz", "harmonic 3 of the drive", "alike over frequency".
+        "0.6 to 1.5 Hz", "harmonic 3 of the drive", "along x²", "alike over frequency".
     record, channel : str
         The record, or "all"; the channel as whitened (each less what those before it tell), or "all".
     squares, count : float
@@ -90,6 +91,8 @@ def leftovers(problem: Problem, found: Fit) -> list[Leftover]:
     """All comparisons, the least likely first."""
     spectra = _levelled(problem, found)
     places = [*_bands(spectra), *_harmonics(spectra), *_lines(spectra), *_bursts(spectra), *_responses(problem, found)]
+    for channel, square, squares in along_squares(problem, found):
+        places.append(Leftover(f"along {square}", "all", channel, squares, 1))
     return sorted(places, key=lambda place: (place.p_value, -place.excess))
 
 
