@@ -19,8 +19,9 @@ class Effect(Component):
 
     Subclasses give `name`, `source`, `looks` (what it looks like in the data) and `told_by` (the experiment that tells
     it from its look-alikes), and override where they act: `act` in the equations, `connect` in the load, `late`, `span`
-    and `line` in a channel. Records are predicted with all of them. `simulate` and the linear view take `act`, where it
-    is linear or has stop operators, and `connect`; `stores` and `losses` then tell where the energy goes.
+    and `line` in a channel. Records are predicted with all of them. `simulate` takes `act` and `connect`, the linear
+    view what small motions feel of these; `stores` and `losses` tell where the energy of what is linear goes, products
+    and powers account for themselves.
     """
 
     name: ClassVar[str]

@@ -1,4 +1,4 @@
-"""The event-driven engine: exact propagation of piecewise linear models."""
+"""The event-driven engine: exact propagation of piecewise linear models, and of what bends in them."""
 
 from __future__ import annotations
 

@@ -47,12 +47,16 @@ def simulate(system: System, excitation: Excitation, *, transient: float | None 
     Raises
     ------
     ParameterError
-        An effect of the transducer is neither linear nor made of stop operators.
+        An effect of the transducer takes a power that is no whole number, or acts on a shunt with which it cannot be
+        simulated.
 
     Notes
     -----
     Piecewise linear models are propagated by matrix exponentials, so there is no time step to choose: events are
-    located to 1e-12 s and energy closes to 1e-10.
+    located to 1e-12 s and energy closes to 1e-10. With effects that are nonlinear between events (a voltage-dependent
+    capacitance, stiffening, nonlinear or drifting coupling) the same holds for the motion under their outputs, which
+    are cubics of time; waveforms are then right to about 1e-8. A drift goes on over the length of a transient, and
+    stands still in a steady state.
     """
     periodic = transient is None and excitation.period is not None
     length = None if periodic else _length(excitation, transient)
