@@ -20,6 +20,7 @@ from piezoharvest.shunts.short import Short
 from piezoharvest.system import System
 
 CLOSURE = 1e-8  # energy that no entry accounts for, relative, beyond which a result is not trusted
+FREE = 1e-3  # of the energy stored at the beginning: a motion that gets or loses less is measured against that
 LONGEST_LOG = 100_000
 MOST_SAMPLES = 1_000_000  # of a transient: beyond that they are spread over it
 UNSETTLED_PERIODS = 64  # averaged over where there is no periodic steady state
@@ -108,7 +109,7 @@ def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str) -
         return _unsettled(lowered, excitation, samples, kind, replace(orbit, residual=np.inf), evaluations)
     # What a large smoothing capacitor gains or loses within the tolerance of the search is no energy unaccounted for.
     change = _stored(shooting.machine, state) - before
-    response = _response(lowered, state, kind, period, begin, change)
+    response = _response(lowered, state, kind, period, begin, change, before)
     response.energy.pop("stored", None)
     response = _with(response, waveforms=_from_phase_zero(response.waveforms, grid, order, begin, period))
     return _finish(response, message, evaluations)
@@ -188,7 +189,7 @@ def _transient(lowered, excitation: Excitation, t_end: float, samples: int, kind
     before = _stored(machine, state)
     check(machine.run(state, t_end))
     change = _stored(machine, state) - before
-    return _finish(_response(lowered, state, kind, t_end, 0.0, change), "", np.nan)
+    return _finish(_response(lowered, state, kind, t_end, 0.0, change, before), "", np.nan)
 
 
 def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evaluations: float) -> Response:
@@ -204,7 +205,7 @@ def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evalu
     before = _stored(machine, recorder)
     check(machine.run(recorder, begin + window))
     change = _stored(machine, recorder) - before
-    response = _response(lowered, recorder, kind, window, begin, change)
+    response = _response(lowered, recorder, kind, window, begin, change, before)
     energy = {key: value / UNSETTLED_PERIODS if key != "closure" else value for key, value in response.energy.items()}
     if orbit.converged:
         reason = "a periodic solution exists and is stable, but a motion from rest does not come to it"
@@ -218,8 +219,13 @@ def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evalu
     return _with(response, converged=False, message=message, periods_evaluated=evaluations + skipped)
 
 
-def _response(lowered: Lowered, state: st.State, kind: str, length: float, begin: float, change: float) -> Response:
-    """Read a response off the state at the end of a run of the given length (s) that began at `begin`."""
+def _response(
+    lowered: Lowered, state: State, kind: str, length: float, begin: float, change: float, before: float
+) -> Response:
+    """Read a response off the state at the end of a run.
+
+    The run began at `begin` (s) with the stored energy `before` (J), lasted `length` (s) and changed it by `change`.
+    """
     energy = {name: float(e) for name, e in zip(lowered.categories, state.energy, strict=True)}
     dc_time = energy.pop(pg.MEAN_DC)
     if energy["source"] == 0.0:
@@ -228,7 +234,7 @@ def _response(lowered: Lowered, state: st.State, kind: str, length: float, begin
     spent = sum(value for name, value in energy.items() if name not in ("mechanical_in", "source"))
     if change != 0.0:
         energy["stored"] = change
-    largest = max(abs(supplied), *(abs(e) for e in energy.values()))
+    largest = max(abs(supplied), FREE * before, *(abs(e) for e in energy.values()))
     energy["closure"] = abs(supplied - spent - change) / largest if largest > 0 else 0.0
     count = min(int(state.D[st.LOGGED]), len(state.log_time))
     drawn = slice(0, int(state.D[st.SAMPLED]))
