@@ -18,6 +18,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 NODES, WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 RESOLVED = 4.0  # |rate| times length of an interval of the quadrature
 GONE = 36.0  # exp(-36) is below rounding
+EXACTLY = 4 * np.finfo(float).eps  # the least that brentq takes
 SAME = 1e-9  # times that differ by less than this part of the period are the same
 
 
@@ -326,7 +327,9 @@ class Variation:
         # A rate that is zero at an event is not taken for a turn beside it.
         rates[np.abs(rates) <= SAME * np.max(np.abs(rates))] = 0.0
         for k in np.flatnonzero(rates[:-1] * rates[1:] < 0):
+            # Beside an event that moves, what an output changes by depends on where it turns to the first order.
             turn: Any = brentq(
-                lambda t: leg.flow.states(leg.motion.start, np.array([t]))[0] @ slope, times[k], times[k + 1]
-            )
+                lambda t: leg.flow.states(leg.motion.start, np.array([t]))[0] @ slope, times[k], times[k + 1],
+                xtol=EXACTLY * leg.motion.length, rtol=EXACTLY,
+            )  # fmt: skip
             yield turn

@@ -223,23 +223,16 @@ def check_units(system, excitation, relative):
 
 
 @pytest.mark.parametrize(("circuit", "device"), PAIRS)
-def test_homogeneous_in_the_units(request, circuit, device):
-    if (circuit, device) == ("s-sshi early", "plain"):
-        reason = "the sum in seconds for the voltage amplitude is off by 1.2e-8, of unknown cause"
-        request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
+def test_homogeneous_in_the_units(circuit, device):
     keys, drive = DEVICES[device]
     check_units(*objects(bench(CIRCUITS[circuit], drive, **keys)), relative=1e-8)
 
 
-@pytest.mark.xfail(reason="voltage amplitude of an SSDV study: off by 8e-6, of unknown cause", strict=True)
-def test_a_study_that_is_not_homogeneous_in_the_units():
-    check_units(*objects(random_study(494)), relative=1e-6)
-
-
-@settings(max_examples=40, deadline=None, derandomize=True)  # one in some hundred studies is like that above
+@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2000))
 @example(0)
 @example(9)
+@example(494)  # a voltage that turns within nanoseconds of the switch
 def test_random_studies_are_homogeneous_in_the_units(seed):
     system, excitation = objects(random_study(seed))
     try:
