@@ -9,7 +9,7 @@ from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.interpolation import crossing, peaks, quintic
-from piezoharvest.engine.motion import FOUND, SERIES, TRIAL, expand, reach
+from piezoharvest.engine.motion import FOUND, SERIES, TRIAL, exact, expand, reach
 from piezoharvest.engine.state import vector
 from piezoharvest.engine.tables import block_of, slot_of
 from piezoharvest.engine.vector import copy, dot, multiply, polynomial
@@ -154,12 +154,21 @@ def _rise(P, L, S, D, slot, now, then, step, g, guess, out):
     if high == 0.0:
         copy(S, 0, out, L[pg.ROWS])
         return 0.0
-    # The interpolation is not exact, but at the ends of the step the guard is known.
-    certain = sign * S[then + row] + offset > 0.0
-    if sign * S[now + row] + offset <= 0.0:
-        low = 0.0
-    if certain:
+    # The interpolation is not exact, but at the ends of the step the guard is known, and where it all but touches zero
+    # it is looked at.
+    f0, f1 = sign * S[now + row] + offset, sign * S[then + row] + offset
+    certain = f1 > 0.0
+    if low < 0.0:
+        d0, d1 = sign * S[now + L[tb.FORMS] + row], sign * S[then + L[tb.FORMS] + row]
+        exact(P, L, S, D, slot, 0, high * step, out)
+        highest = sign * dot(P, block_of(L, slot) + L[tb.LINES] + 2 * row * L[pg.ROWS], S, out, L[pg.ROWS]) + offset
+        if not highest > noise_of(f0, d0, f1, d1, step, S[D[st.FLOOR] + g]):
+            return np.inf
+        certain = True
+    elif certain:
         high = 1.0
+    if f0 <= 0.0 or low < 0.0:
+        low = 0.0
     return locate(P, L, S, D, slot, row, sign, offset, low * step, high * step, guess * step, certain, out)
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from piezoharvest.engine.compiled import compiled
 
+NEAR = 1e-3  # part of a step's rise and fall that a top may be wrong: as far as a step may go, it is right to 1e-4
+
 
 @compiled
 def quintic(f0, d0, s0, f1, d1, s1, h):
@@ -44,7 +46,8 @@ def crossing(c, noise, rising, falls):
     """Fractions (low, high) of a step between which a guard first rises through zero, and an estimate of where.
 
     low > high if it does not rise. What does not exceed `noise` is no rise. `rising` tells that the guard ends above
-    zero and rises at both ends, so that it crosses once; `falls` that it may be above zero in between (`peaks`).
+    zero and rises at both ends, so that it crosses once; `falls` that it may be above zero in between (`peaks`). Where
+    its top is too near to zero to tell, low is -1 and high is where the top is.
     """
     if c[0] < -noise and rising:
         return 0.0, 1.0, root(c, 0.0, 1.0)
@@ -67,8 +70,11 @@ def crossing(c, noise, rising, falls):
         low, before = x, value
     if falls:
         x = top(c)
-        if at(c, x) > noise:
+        highest = at(c, x)
+        if highest > noise:
             return 0.0, x, root(c, 0.0, x)
+        if highest > -NEAR * (abs(c[0]) + abs(end)):
+            return -1.0, x, x
     return 1.0, 0.0, 0.0
 
 
