@@ -82,10 +82,9 @@ def symmetric(lowered: Lowered, excitation: Excitation) -> bool:
     if not excitation.antisymmetric:
         return False
     signs = np.concatenate([program.odd, -np.ones(program.exosystem.shape[-1])])
-    begin = len(program.odd) + 2 * len(program.phase)
-    signs[begin:] = 1.0  # the constant, and elements that are even
-    for k in np.flatnonzero(program.element_power % 2):
-        signs[begin + pg.DERIVATIVES * k :][: pg.DERIVATIVES] = -1.0
+    n, end = len(program.odd), len(program.odd) + pg.DERIVATIVES * len(program.element_power)
+    signs[end + 2 * len(program.phase) :] = 1.0  # the constant
+    signs[n:end] = np.repeat(np.where(program.element_power % 2, -1.0, 1.0), pg.DERIVATIVES)
     image, mirror = program.odd[:, None] * program.rate * signs, np.take(program.rate, program.mirror, axis=-3)
     inputs = np.allclose(program.element_z * signs, -program.element_z, rtol=1e-12, atol=0)
     return bool(inputs and np.allclose(image, mirror, rtol=1e-12, atol=0))
@@ -192,7 +191,7 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation,
     storage, scale = physics.storage()
     equations = joined(tables.equations, -3)
     exo_scale = _exo_scale(layout, equations, scale, signal, physics.transducer)
-    columns, sizes = _Columns(layout.n, scale, exo_scale), _join(scale, exo_scale)
+    columns, sizes = _Columns(layout.n, scale, exo_scale), _join(scale, exo_scale[..., : layout.signal])
     outputs = columns.split(joined(tables.outputs, -3), 2)
     harmonic = isinstance(signal, Tones)
     omega = 2 * np.pi * np.asarray(signal.frequencies) if isinstance(signal, Tones) else np.zeros(0)
@@ -232,7 +231,6 @@ def _lean(program: pg.Program) -> pg.Program:
     """
     rows = (
         program.rate, program.guard_z, program.output_z, program.voltage_row, program.trigger_row, program.element_z,
-        program.storage,
     )  # fmt: skip
     alive = np.any(program.product_z, axis=-1) | np.any(program.product_d, axis=-1)
     powers = program.product_z * np.all(alive, axis=-1)[..., None, None]
@@ -240,9 +238,7 @@ def _lean(program: pg.Program) -> pg.Program:
         return program
     forms = ("rate", "guard_z", "output_z", "voltage_row", "trigger_row", "product_z", "exo_scale", "element_z")
     changes = {name: np.ascontiguousarray(getattr(program, name)[..., :-1]) for name in forms}
-    for name in ("exosystem", "storage"):
-        changes[name] = np.ascontiguousarray(getattr(program, name)[..., :-1, :-1])
-    return program._replace(**changes)
+    return program._replace(**changes, exosystem=np.ascontiguousarray(program.exosystem[..., :-1, :-1]))
 
 
 def _plain(value: Any) -> Any:
@@ -357,13 +353,15 @@ def _parity(layout: Layout) -> np.ndarray:
 def _exosystem(layout: Layout, omega: np.ndarray, exo_scale: np.ndarray) -> np.ndarray:
     """Generator of the exogenous states: pairs (sine, cosine), or (value, slope), and the constant."""
     matrix = np.zeros((*omega.shape[:-1], layout.exogenous, layout.exogenous), np.result_type(omega, float))
-    if not omega.size:
-        matrix[..., 0, 1] = 1.0
-    for k in range(layout.first_element, layout.exogenous - 1):
-        if (k + 1 - layout.first_element) % pg.DERIVATIVES:
+    at = layout.signal
+    for k in range(at):
+        if (k + 1) % pg.DERIVATIVES:
             matrix[..., k, k + 1] = 1.0
+    if not omega.size:
+        matrix[..., at, at + 1] = 1.0
     for k in range(omega.shape[-1]):
-        matrix[..., 2 * k, 2 * k + 1], matrix[..., 2 * k + 1, 2 * k] = omega[..., k], -omega[..., k]
+        sine, cosine = at + 2 * k, at + 2 * k + 1
+        matrix[..., sine, cosine], matrix[..., cosine, sine] = omega[..., k], -omega[..., k]
     return matrix * exo_scale[..., None, :] / exo_scale[..., :, None]
 
 
@@ -380,12 +378,13 @@ def _exo_scale(layout, equations, scale, signal, tr) -> np.ndarray:
     found = np.where(size > 0, resonance / np.where(size > 0, size, 1.0), 1.0)
     # The constant also stands for diode drops and limits: a tiny offset of the drive must not blow these up.
     found[..., -1] = np.minimum(found[..., -1], 1.0)
+    at = layout.signal
     if isinstance(signal, Tones):
-        for k in range(signal.frequencies.shape[-1]):
-            found[..., 2 * k + 1] = found[..., 2 * k]
+        for k in range(at, at + 2 * signal.frequencies.shape[-1], 2):
+            found[..., k + 1] = found[..., k]
     else:
-        found[..., 1] = found[..., 0] * resonance[..., 0]
-    for k in range(layout.first_element, layout.exogenous - 1, pg.DERIVATIVES):
+        found[..., at + 1] = found[..., at] * resonance[..., 0]
+    for k in range(0, at, pg.DERIVATIVES):
         # An element may act by its rate alone; one that does not act in this design must not hide what does.
         largest = np.maximum(size[..., k], size[..., k + 1] * resonance[..., 0])
         value = np.where(largest > 0, resonance[..., 0] / np.where(largest > 0, largest, 1.0), IDLE)

@@ -56,16 +56,16 @@ class Layout:
         self.names += [state.name for state in terms.states]
         self.names += [state.name for state in self.shunt_states]
         self.n = len(self.names)
-        self.first_element = 2 * signal.frequencies.shape[-1] if isinstance(signal, Tones) else 2
-        self.exogenous = self.first_element + pg.DERIVATIVES * len(terms.elements) + 1
+        self.signal = pg.DERIVATIVES * len(terms.elements)  # where it begins in the exogenous states
+        self.exogenous = self.signal + (2 * signal.frequencies.shape[-1] if isinstance(signal, Tones) else 2) + 1
         self.width = 2 * self.n + self.exogenous
         eye = np.eye(self.width)
         self.z = dict(zip(self.names, eye[: self.n], strict=True))
         self.dz = dict(zip(self.names, eye[self.n : 2 * self.n], strict=True))
         self.exo, self.one = eye[2 * self.n :], eye[-1]
-        own = self.exo[self.first_element :: pg.DERIVATIVES], self.exo[self.first_element + 1 :: pg.DERIVATIVES]
         names = [element.name for element in terms.elements]
-        self.smooth, self.smooth_rates = (dict(zip(names, rows, strict=False)) for rows in own)
+        own = (self.exo[d : self.signal : pg.DERIVATIVES] for d in range(2))
+        self.smooth, self.smooth_rates = (dict(zip(names, rows, strict=True)) for rows in own)
 
     @property
     def added_states(self) -> list[State]:
@@ -112,7 +112,7 @@ class Physics:
         return powers
 
     def storage(self) -> tuple[np.ndarray, np.ndarray]:
-        """Stored energy as a matrix over the augmented state (J = z storage z / 2), and the scale of every state."""
+        """Stored energy as a matrix over states and elements (J = z storage z / 2), and the scale of every state."""
         lay, capacitance = self.layout, self.transducer.capacitance
         diagonal, scale = [], []
         for mode in lay.modes:
@@ -128,16 +128,19 @@ class Physics:
             scale.append(np.max(np.abs(np.real(into[..., : lay.n] * own)), axis=-1, keepdims=True))
         scale += added
         placing = self.device.placing
-        diagonal += [0.0] * lay.exogenous
-        matrix = stack(diagonal)[..., None] * np.eye(lay.n + lay.exogenous)
+        diagonal += [0.0] * lay.signal
+        matrix = stack(diagonal)[..., None] * np.eye(lay.n + lay.signal)
         matrix = matrix + 0.5 * self._energy(Product(capacitance, placing.v_t, placing.v_t))
         matrix = sum((self._energy(placing.product(product)) for product in lay.terms.stored), matrix)
         return matrix, stack(scale)
 
     def _energy(self, product: Product) -> np.ndarray:
         """Matrix S of z S z/2 = coefficient * first * second."""
-        states = np.delete(np.arange(self.layout.width), np.arange(self.layout.n, 2 * self.layout.n))
-        first, second = (row[..., states] for row in (product.first, product.second))
+        n, elements = self.layout.n, slice(2 * self.layout.n, 2 * self.layout.n + self.layout.signal)
+        first, second = (
+            np.concatenate([row[..., :n], row[..., elements]], axis=-1) if self.layout.signal else row[..., :n]
+            for row in (product.first, product.second)
+        )
         outer = first[..., :, None] * second[..., None, :]
         return scalar(product.coefficient)[..., None, None] * (outer + outer.swapaxes(-1, -2))
 
@@ -145,8 +148,8 @@ class Physics:
 def _drive(layout: Layout, signal: Tones | Ramps) -> np.ndarray:
     """Row of the driving signal over the exogenous states."""
     if isinstance(signal, Ramps):
-        return layout.exo[0]
+        return layout.exo[layout.signal]
     drive = signal.offset * layout.one
     for k in range(signal.frequencies.shape[-1]):
-        drive = drive + signal.amplitudes[..., k : k + 1] * layout.exo[2 * k]
+        drive = drive + signal.amplitudes[..., k : k + 1] * layout.exo[layout.signal + 2 * k]
     return drive

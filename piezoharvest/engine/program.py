@@ -2,7 +2,7 @@
 
 Everything is in energy-scaled coordinates (1/2 z^2 is an energy for every state that stores one), so that the matrices
 of nF and uF, of Hz and kHz, have entries of the size of the system's frequencies, and one tolerance serves all.
-The augmented state is [states | exogenous states]: those of the signal, those of the smooth elements, and last the
+The augmented state is [states | exogenous states]: those of the smooth elements, those of the signal, and last the
 constant 1, if anything is constant.
 """
 
@@ -60,7 +60,7 @@ class Program(NamedTuple):
     phase: np.ndarray  # (k,)
     exo_scale: np.ndarray  # (w,) physical = scale * scaled
     scale: np.ndarray  # (n,)
-    storage: np.ndarray  # (a, a) stored energy z' storage z / 2
+    storage: np.ndarray  # (m, m) stored energy z' storage z / 2 of states and elements, m = n + 4 e
     stop_input: np.ndarray  # (h, n) derivative of the stop's input as a form over z'
     stop_limit: np.ndarray  # (h,)
     stop_weight: np.ndarray  # (h,) scaled so that weight * s * input' is a power
@@ -102,7 +102,7 @@ class Program(NamedTuple):
 
 
 # The table of contents `L`: first the sizes,
-(A, N, C, H, G, PRODUCTS, TONE_COUNT, ROWS, COLUMNS, LENGTH, ELEMENTS, FIRST_ELEMENT) = range(12)
+(A, N, C, H, G, PRODUCTS, TONE_COUNT, ROWS, COLUMNS, LENGTH, ELEMENTS, SIGNAL) = range(12)
 _SIZES = 12
 # then for every field of `Program` where it begins, in P (numbers) or in L itself (integers; plain ones are the entry).
 (
@@ -130,7 +130,8 @@ def integers(program: Program) -> np.ndarray:
     shapes = _shapes(program)
     length = int(sum(np.prod(shape, dtype=int) for shape in shapes.values()))
     header[:LENGTH] = a, n, c, len(program.stop_state), guards, products, len(program.phase), rows, columns
-    header[LENGTH : FIRST_ELEMENT + 1] = length, len(program.element_power), n + (2 * len(program.phase) or 2)
+    elements = len(program.element_power)
+    header[LENGTH : SIGNAL + 1] = length, elements, n + DERIVATIVES * elements
     offset = 0
     for k, name in enumerate(NUMBERS, RATE):
         header[k] = offset
@@ -171,9 +172,9 @@ def _shapes(program: Program) -> dict[str, tuple[int, ...]]:
     """Shape of every array of numbers in one design."""
     c, n, a = program.rate.shape[-3:]
     h, w, k, o, e = len(program.stop_state), a - n, len(program.phase), len(OUTPUTS), len(program.element_power)
-    g, p = program.guard_target.shape[1], program.product_category.shape[1]
+    g, p, m = program.guard_target.shape[1], program.product_category.shape[1], n + DERIVATIVES * e
     shapes = (
-        (c, n, a), (c, n, h), (w, w), (k,), (k,), (w,), (n,), (a, a), (h, n), (h,), (h,), (a,), (c, g, a), (c, g, n),
+        (c, n, a), (c, n, h), (w, w), (k,), (k,), (w,), (n,), (m, m), (h, n), (h,), (h,), (a,), (c, g, a), (c, g, n),
         (a,), (c, p), (c, p, 2, a), (c, p, 2, n), (c, o, a), (c, o, n), (n,), (e, 2, a), (), (), (), (), (), (), (), (),
     )  # fmt: skip
     return dict(zip(NUMBERS, shapes, strict=True))

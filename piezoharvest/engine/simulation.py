@@ -164,7 +164,9 @@ def _stored(machine: Machine, state: State) -> float:
     """Stored energy, J."""
     # Outputs of smooth elements are those of the state once it has begun to move.
     check(machine.run(state, state.clock[st.NOW]))
-    return 0.5 * float(state.z @ machine.lowered.program.storage @ state.z)
+    storage = machine.lowered.program.storage
+    z = state.z[: len(storage)]
+    return 0.5 * float(z @ storage @ z)
 
 
 def _length(excitation: Excitation, transient: float | None) -> float:

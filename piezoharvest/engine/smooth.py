@@ -41,7 +41,7 @@ def _vector(L, D, k):
 @inlined
 def _place(L, k):
     """Where the output of an element stands in the augmented state, its derivatives behind it."""
-    return L[pg.FIRST_ELEMENT] + pg.DERIVATIVES * k
+    return L[pg.N] + pg.DERIVATIVES * k
 
 
 @inlined
@@ -205,7 +205,9 @@ def settle_smooth(P, L, S, D):
 def _size(L, S, z):
     """Size of a state and of the signal."""
     total = 0.0
-    for i in range(L[pg.FIRST_ELEMENT]):
+    for i in range(L[pg.N]):
+        total += S[z + i] ** 2
+    for i in range(L[pg.SIGNAL], L[pg.SIGNAL] + 2 * max(L[pg.TONE_COUNT], 1)):
         total += S[z + i] ** 2
     return np.sqrt(total)
 

@@ -123,10 +123,10 @@ def dot_column(P, at, stride, S, z, count):
 @compiled
 def stored(P, L, S):
     """Stored energy, J."""
-    a, total = L[pg.A], 0.0
-    for i in range(a):
-        for j in range(a):
-            total += 0.5 * S[i] * P[L[pg.STORAGE] + i * a + j] * S[j]
+    m, total = L[pg.SIGNAL], 0.0
+    for i in range(m):
+        for j in range(m):
+            total += 0.5 * S[i] * P[L[pg.STORAGE] + i * m + j] * S[j]
     return total
 
 
@@ -134,25 +134,27 @@ def stored(P, L, S):
 def set_one(P, L, S):
     """The constant, if the model has one, behind all other exogenous states."""
     last = L[pg.A] - 1
-    if last == L[pg.FIRST_ELEMENT] + pg.DERIVATIVES * L[pg.ELEMENTS]:
+    if last == L[pg.SIGNAL] + 2 * max(L[pg.TONE_COUNT], 1):
         S[last] = 1.0 / P[L[pg.EXO_SCALE] + last - L[pg.N]]
 
 
 @compiled
 def set_tones(P, L, S, t):
     """Exogenous states of a sum of tones, from the phase itself so that nothing drifts."""
-    n, scale = L[pg.N], L[pg.EXO_SCALE]
+    at = L[pg.SIGNAL]
+    scale = L[pg.EXO_SCALE] + at - L[pg.N]
     for k in range(L[pg.TONE_COUNT]):
         angle = P[L[pg.OMEGA] + k] * t + P[L[pg.PHASE] + k]
-        S[n + 2 * k] = np.sin(angle) / P[scale + 2 * k]
-        S[n + 2 * k + 1] = np.cos(angle) / P[scale + 2 * k + 1]
+        S[at + 2 * k] = np.sin(angle) / P[scale + 2 * k]
+        S[at + 2 * k + 1] = np.cos(angle) / P[scale + 2 * k + 1]
     set_one(P, L, S)
 
 
 @compiled
 def set_ramp(P, L, S, value, slope):
     """Exogenous states of a straight piece of signal."""
-    n, scale = L[pg.N], L[pg.EXO_SCALE]
-    S[n] = value / P[scale]
-    S[n + 1] = slope / P[scale + 1]
+    at = L[pg.SIGNAL]
+    scale = L[pg.EXO_SCALE] + at - L[pg.N]
+    S[at] = value / P[scale]
+    S[at + 1] = slope / P[scale + 1]
     set_one(P, L, S)

@@ -232,7 +232,7 @@ class Variation:
 
     def _stored(self, state: np.ndarray, columns: np.ndarray) -> Dual:
         """Stored energy of a state."""
-        storage, z = dual(self.program.storage[..., : self.n, : self.n], 2), state[: self.n]
+        storage, z = dual(self.program.storage, 2), state[: self.n]
         own = 0.5 * np.einsum("i,pij,j->p", z, storage.change, z)
         change = columns[:, : self.n] @ (0.5 * (storage.value + storage.value.T) @ z)
         return Dual(0.5 * z @ storage.value @ z, change + self._for_columns(own))
