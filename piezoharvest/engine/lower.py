@@ -9,13 +9,14 @@ import numpy as np
 
 from piezoharvest.circuit import Guard, Product, Switch
 from piezoharvest.engine import program as pg
-from piezoharvest.engine.physics import Layout, Physics, joined, scalar, stack
-from piezoharvest.equations import connected, gains, own_rows
+from piezoharvest.engine.physics import Layout, Physics, joined, rows_of, scalar, stack
+from piezoharvest.engine.rest import equilibrium, inputs_of
+from piezoharvest.equations import connected, own_rows
 from piezoharvest.excitation import Excitation, Ramps, Tones
 from piezoharvest.parameters import ParameterError
 from piezoharvest.shunts.base import Shunt
 from piezoharvest.system import System
-from piezoharvest.terms import PRODUCT, TIMED, Element, Terms
+from piezoharvest.terms import Terms
 
 IDLE = 1e30  # scale of a smooth element that moves nothing
 
@@ -59,7 +60,7 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     tables = SimpleNamespace(equations=[], guards=[], products=[], outputs=[])
     for name in names:
         port_equation, *own = shunt.equations(name, physics.port, z, dz)
-        tables.equations.append(_rows([*physics.equations(port_equation), *own], layout.width))
+        tables.equations.append(rows_of([*physics.equations(port_equation), *own], layout.width))
         tables.guards.append(list(shunt.guards(name, physics.port, z)))
         powers = shunt.powers(name, physics.port, z)
         dc = shunt.dc_side(physics.port, z)
@@ -68,7 +69,7 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
         tables.products.append([*physics.products(), *own_powers, mean_dc])
         motion, port = physics.motion, physics.port
         outputs = (physics.drive, motion.displacement, motion.velocity, port.v, port.i, layout.z["q"], physics.v_h, dc)
-        tables.outputs.append(_rows(outputs, layout.width))
+        tables.outputs.append(rows_of(outputs, layout.width))
     switch = shunt.switch(capacitance, excitation.period)
     terms.check(shunt, switch)
     program = _lean(_assemble(layout, physics, tables, names, shunt, switch, signal, excitation, record))
@@ -88,72 +89,6 @@ def symmetric(lowered: Lowered, excitation: Excitation) -> bool:
     image, mirror = program.odd[:, None] * program.rate * signs, np.take(program.rate, program.mirror, axis=-3)
     inputs = np.allclose(program.element_z * signs, -program.element_z, rtol=1e-12, atol=0)
     return bool(inputs and np.allclose(image, mirror, rtol=1e-12, atol=0))
-
-
-def _equilibrium(layout: Layout, physics: Physics, excitation: Excitation, scale: np.ndarray) -> np.ndarray:
-    """Scaled states at rest under the static part of the excitation, the electrodes and all stops relaxed."""
-    rest = np.zeros(layout.n)
-    if not np.any(excitation.rest):
-        return rest
-    count, device = 2 * len(layout.modes), physics.device
-    own = np.delete(np.arange(layout.n - len(layout.shunt_states)), layout.stop_states)
-    forms = _rows([*physics.motion.equations, device.placing.v_t, *device.equations], layout.width)
-    rows = forms[..., own] * scale[..., None, own]
-    forces = [0.0] * len(own)
-    forces[1:count:2] = [gain * excitation.rest for gain in gains(physics.transducer, excitation.base)]
-    size = np.max(np.abs(np.real(rows)), axis=-1, keepdims=True)
-    found = np.linalg.solve(rows / size, stack(forces)[..., None] / size)[..., 0]
-    if layout.smooth:
-        smooth = [np.argmax(row) for row in layout.smooth.values()]
-        inputs = _inputs(layout, physics)
-        follows = np.linalg.solve(rows / size, -forms[..., smooth] / size)
-        found = _bent(
-            layout.terms.elements, found, follows, inputs[..., own] * scale[..., None, own], inputs[..., smooth]
-        )
-    rest = np.zeros((*found.shape[:-1], layout.n), found.dtype)
-    rest[..., own] = found
-    return rest
-
-
-def _inputs(layout: Layout, physics: Physics) -> np.ndarray:
-    """Rows of the inputs of the smooth elements, two for each."""
-    place = physics.device.placing.row
-    return _rows([place(row) for e in layout.terms.elements for row in (e.first, e.second)], layout.width)
-
-
-def _bent(elements: list[Element], rest, follows, by_state, by_output) -> np.ndarray:
-    """Equilibrium z = rest + follows w of every design, w being the outputs of smooth elements with these inputs."""
-    batch, found = np.broadcast_shapes(rest.shape[:-1], follows.shape[:-2], by_state.shape[:-2]), []
-    parts = ((rest, 1), (follows, 2), (by_state @ follows + by_output, 2), ((by_state @ rest[..., None])[..., 0], 1))
-    spread = (np.broadcast_to(part, batch + part.shape[-rank:]) for part, rank in parts)
-    for z, bend, inputs, at_rest in zip(*(part.reshape(-1, *part.shape[len(batch) :]) for part in spread), strict=True):
-        found.append(z + bend @ _balance(elements, inputs, at_rest))
-    return np.reshape(found, batch + rest.shape[-1:])
-
-
-def _balance(elements: list[Element], inputs: np.ndarray, at_rest: np.ndarray) -> np.ndarray:
-    """Outputs w of smooth elements whose inputs are inputs w + at_rest; time, which some of them take, is zero."""
-    from scipy.optimize import root
-
-    def outputs(w: np.ndarray) -> np.ndarray:
-        pairs = zip(elements, (inputs @ w + at_rest).reshape(-1, 2), strict=True)
-        return np.array(
-            [a * b if e.power == PRODUCT else 0.0 if e.power == TIMED else a**e.power for e, (a, b) in pairs]
-        )
-
-    size = np.abs(outputs(np.zeros(len(elements))))
-    size[size == 0.0] = 1.0
-    solved = root(lambda w: outputs(w * size) / size - w, np.ones(len(elements)), tol=1e-13)
-    if not np.max(np.abs(solved.fun)) < 1e-9:
-        raise ParameterError("excitation.offset", "found a preload without equilibrium, allowed is a smaller one")
-    return solved.x * size
-
-
-def _rows(rows, width: int) -> np.ndarray:
-    """Rows as the second axis from the end of one array; an empty list gives none."""
-    if not len(rows):
-        return np.zeros((0, width))
-    return joined(rows, -2)
 
 
 def _join(*parts: np.ndarray) -> np.ndarray:
@@ -203,7 +138,7 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation,
         **_switching(shunt, switch, index, layout),
         **_products(layout, tables.products, columns),
         "exosystem": _exosystem(layout, omega, exo_scale),
-        "equilibrium": _equilibrium(layout, physics, excitation, scale),
+        "equilibrium": equilibrium(layout, physics, excitation, scale),
         "period": np.inf if excitation.period is None else scalar(excitation.period),
         "signal_kind": pg.TONES if harmonic else pg.RAMPS,
         "omega": omega,
@@ -261,7 +196,7 @@ def _motion(layout: Layout, equations) -> dict[str, Any]:
 def _stops(layout: Layout, scale: np.ndarray) -> dict[str, Any]:
     """The stop operators; those of effects keep their own account of energy, as their weight is within a force."""
     count, own, added = len(layout.stop_states), scale[..., layout.stop_states], layout.terms.stops
-    inputs = _rows([into[..., : layout.n] for into in layout.stop_inputs], layout.n)
+    inputs = rows_of([into[..., : layout.n] for into in layout.stop_inputs], layout.n)
     thresholds = [*(r for r, _ in layout.operators), *(stop.threshold for stop in added)]
     weights = [*(w for _, w in layout.operators), *[0.0] * len(added)]
     return {
@@ -274,7 +209,7 @@ def _stops(layout: Layout, scale: np.ndarray) -> dict[str, Any]:
 
 def _guards(layout: Layout, guards: list[list[Guard]], index: dict[str, int], columns: _Columns) -> dict[str, Any]:
     """Guards of all configurations as padded arrays, each row of about unit size."""
-    rows = _pad([_rows([g.rises for g in own], layout.width) for own in guards], -3)
+    rows = _pad([rows_of([g.rises for g in own], layout.width) for own in guards], -3)
     guard_z, guard_d = columns.split(rows, 2)
     largest = sum(np.max(np.abs(np.real(part)), axis=-1, keepdims=True) for part in (guard_z, guard_d))
     largest = np.where(largest > 0, largest, 1.0)
@@ -307,7 +242,7 @@ def _switching(shunt: Shunt, switch: Switch | None, index: dict[str, int], layou
 
 def _products(layout: Layout, products, columns: _Columns) -> dict[str, Any]:
     """Products of all configurations as padded arrays."""
-    blocks = [_rows([row for _, p in own for row in (p.first, p.second)], layout.width) for own in products]
+    blocks = [rows_of([row for _, p in own for row in (p.first, p.second)], layout.width) for own in products]
     rows = _pad(blocks, -3)
     rows = rows.reshape(*rows.shape[:-2], rows.shape[-2] // 2, 2, layout.width)
     count = rows.shape[-3]
@@ -325,7 +260,7 @@ def _products(layout: Layout, products, columns: _Columns) -> dict[str, Any]:
 def _elements(layout: Layout, physics: Physics, columns: _Columns, record: float | None) -> dict[str, Any]:
     """The smooth elements: their inputs over the state, and what each makes of them."""
     powers = [element.power for element in layout.terms.elements]
-    over_state, over_rate = columns.split(_inputs(layout, physics), 1)
+    over_state, over_rate = columns.split(inputs_of(layout, physics), 1)
     if np.any(over_rate):
         raise ParameterError("transducer.effects", "found a power of a current, allowed are powers of states and v_t")
     shape = (*over_state.shape[:-2], len(powers), 2, over_state.shape[-1])

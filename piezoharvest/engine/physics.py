@@ -38,6 +38,13 @@ def joined(parts, axis: int) -> np.ndarray:
     return out
 
 
+def rows_of(rows, width: int) -> np.ndarray:
+    """Rows as the second axis from the end of one array; an empty list gives none."""
+    if not len(rows):
+        return np.zeros((0, width))
+    return joined(rows, -2)
+
+
 class Layout:
     """Columns of the rows: [states | derivatives | exogenous], and named access to them."""
 

@@ -12,151 +12,20 @@ import numpy as np
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
-from piezoharvest.engine.algebra import back_substitute, eliminate
-from piezoharvest.engine.compiled import compiled, inlined
+from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.crossing import NONE
+from piezoharvest.engine.elements import END, FLOW, MOVED, START, element_of, lift, scale_of, scratch
 from piezoharvest.engine.march import march, read_guards
 from piezoharvest.engine.settle import settle
-from piezoharvest.engine.state import dot_column
 from piezoharvest.engine.tables import block_of, slot_of
 from piezoharvest.engine.vector import copy, multiply
-from piezoharvest.terms import PRODUCT, TIMED
 
 TOLERANCE = 1e-11  # error of an output within a step, against the state: both are scaled to the root of energy
 AGREED = 1e-12  # of the state: what an output may differ from what the motion gives it at the end of a step
 ROUNDS = 8  # in which cubic and motion have to agree; a step in which they do not is halved
 SHORTEST = 1e-12  # of a longest step: nothing is gained by a shorter one
 NEARBY = 1e-7  # of the state: a difference that stands for a derivative
-NEWTONS = 40
 FIRST = 1.0 / 256.0  # of a longest step: what is tried first
-# Scratch behind CURVE: length of the next step and of the last one, vectors, the matrix of the outputs and its sides.
-START, FLOW, MOVED, END, MATRIX = range(5)
-
-
-@inlined
-def _vector(L, D, k):
-    return D[st.CURVE] + 2 + k * L[pg.ROWS]
-
-
-@inlined
-def _place(L, k):
-    """Where the output of an element stands in the augmented state, its derivatives behind it."""
-    return L[pg.N] + pg.DERIVATIVES * k
-
-
-@inlined
-def _scale(P, L, place):
-    """What an exogenous state is to be multiplied by to be in its unit."""
-    return P[L[pg.EXO_SCALE] + place - L[pg.N]]
-
-
-@compiled
-def _input(P, L, S, z, k, second):
-    return dot_column(P, L[pg.ELEMENT_Z] + (2 * k + second) * L[pg.A], 1, S, z, L[pg.A])
-
-
-@compiled
-def _output(P, L, S, z, k, time):
-    """Output of an element at a state."""
-    power, first = L[L[pg.ELEMENT_POWER] + k], _input(P, L, S, z, k, 0)
-    if power == TIMED:
-        return P[L[pg.DRIFT]] * time * first
-    if power == PRODUCT:
-        return first * _input(P, L, S, z, k, 1)
-    return first**power
-
-
-@compiled
-def _slope(P, L, S, z, k, time, second):
-    """Derivative of the output of an element by one of its inputs."""
-    power = L[L[pg.ELEMENT_POWER] + k]
-    if power == PRODUCT:
-        return _input(P, L, S, z, k, 1 - second)
-    if second:
-        return 0.0
-    return P[L[pg.DRIFT]] * time if power == TIMED else power * _input(P, L, S, z, k, 0) ** (power - 1)
-
-
-@compiled
-def _solve(L, S, D):
-    """Solve the equations of the outputs; the solution takes the place of the right side."""
-    count = L[pg.ELEMENTS]
-    matrix = _vector(L, D, MATRIX)
-    right = matrix + count * count
-    rank = eliminate(S, D, matrix, right, count, 1, D[st.PIVOTS])
-    out = right + count
-    for k in range(count):
-        S[out + k] = 0.0
-    back_substitute(S, D, matrix, right, count, 1, D[st.PIVOTS], rank, out)
-    for k in range(count):
-        S[right + k] = S[out + k]
-
-
-@compiled
-def outputs(P, L, S, D, z, time):
-    """Set the outputs to what the rest of a state makes of them, by Newton's method: the voltage depends on them."""
-    count, matrix = L[pg.ELEMENTS], _vector(L, D, MATRIX)
-    right = matrix + count * count
-    last = np.inf
-    for _ in range(NEWTONS):
-        largest, change = 0.0, 0.0
-        for k in range(count):
-            own = z + _place(L, k)
-            S[right + k] = _output(P, L, S, z, k, time) / _scale(P, L, _place(L, k)) - S[own]
-            for m in range(count):
-                slope = 0.0
-                for second in range(2):
-                    row = L[pg.ELEMENT_Z] + (2 * k + second) * L[pg.A]
-                    slope += _slope(P, L, S, z, k, time, second) * P[row + _place(L, m)]
-                S[matrix + k * count + m] = (1.0 if k == m else 0.0) - slope / _scale(P, L, _place(L, k))
-        _solve(L, S, D)
-        for k in range(count):
-            S[z + _place(L, k)] += S[right + k]
-            change, largest = max(change, abs(S[right + k])), max(largest, abs(S[z + _place(L, k)]))
-        # At the level of rounding it no longer gets better.
-        if change <= 1e-15 * largest or (change <= 1e-12 * largest and not change < 0.5 * last):
-            break
-        last = change
-
-
-@compiled
-def _rates(P, L, S, D, slot, z, time, right):
-    """What the rates of a state, with the slopes of the outputs that it holds, make of these slopes."""
-    flow = _vector(L, D, FLOW)
-    multiply(P, block_of(L, slot) + L[tb.MATRIX], L[pg.ROWS], L[pg.COLUMNS], S, z, flow)
-    for k in range(L[pg.ELEMENTS]):
-        total = 0.0
-        for second in range(2):
-            total += _slope(P, L, S, z, k, time, second) * _input(P, L, S, flow, k, second)
-        if L[L[pg.ELEMENT_POWER] + k] == TIMED:
-            total += P[L[pg.DRIFT]] * _input(P, L, S, z, k, 0)
-        S[right + k] = total / _scale(P, L, _place(L, k) + 1)
-
-
-@compiled
-def lift(P, L, S, D, slot, z, time):
-    """Set the outputs and their slopes to what the rest of a state makes of them.
-
-    The equations of the slopes are linear; their columns are what a slope of one makes of all others.
-    """
-    outputs(P, L, S, D, z, time)
-    count, matrix = L[pg.ELEMENTS], _vector(L, D, MATRIX)
-    right = matrix + count * count
-    for k in range(count):
-        S[z + _place(L, k) + 1] = 0.0
-    for m in range(count):
-        S[z + _place(L, m) + 1] = 1.0
-        _rates(P, L, S, D, slot, z, time, right)
-        S[z + _place(L, m) + 1] = 0.0
-        for k in range(count):
-            S[matrix + k * count + m] = S[right + k]
-    _rates(P, L, S, D, slot, z, time, right)
-    for k in range(count):
-        for m in range(count):
-            S[matrix + k * count + m] = (1.0 if k == m else 0.0) - (S[matrix + k * count + m] - S[right + k])
-    _solve(L, S, D)
-    for k in range(count):
-        S[z + _place(L, k) + 1] = S[right + k]
 
 
 @compiled
@@ -166,15 +35,15 @@ def begin(P, L, S, D, slot):
     Outputs that agree with the state already stay as they are: diodes that conduct hold a voltage that is made of them.
     The bend is the change of the slope a moment later: the motion is carried on along its own rate.
     """
-    now, moved, rows = S[D[st.CLOCK]], _vector(L, D, MOVED), L[pg.ROWS]
+    now, moved, rows = S[D[st.CLOCK]], scratch(L, D, MOVED), L[pg.ROWS]
     copy(S, 0, moved, rows)
     lift(P, L, S, D, slot, 0, now)
     for k in range(L[pg.ELEMENTS]):
-        place = _place(L, k)
+        place = element_of(L, k)
         if abs(S[place] - S[moved + place]) <= 10.0 * AGREED * _size(L, S, 0):
             S[place] = S[moved + place]
         S[place + 2] = S[place + 3] = 0.0
-    flow = _vector(L, D, FLOW)
+    flow = scratch(L, D, FLOW)
     multiply(P, block_of(L, slot) + L[tb.MATRIX], rows, L[pg.COLUMNS], S, 0, flow)
     # Small beside the fastest motion of the mode.
     moment = 1e-5 * P[block_of(L, slot) + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
@@ -182,8 +51,8 @@ def begin(P, L, S, D, slot):
         S[moved + i] = S[i] + moment * S[flow + i]
     lift(P, L, S, D, slot, moved, now + moment)
     for k in range(L[pg.ELEMENTS]):
-        place = _place(L, k)
-        share = _scale(P, L, place + 1) / _scale(P, L, place + 2)
+        place = element_of(L, k)
+        share = scale_of(P, L, place + 1) / scale_of(P, L, place + 2)
         S[place + 2] = (S[moved + place + 1] - S[place + 1]) / moment * share
 
 
@@ -216,12 +85,12 @@ def _size(L, S, z):
 def _bend(P, L, S, z, end, length):
     """Give the cubics from a state on the values and slopes that they have at the end."""
     for k in range(L[pg.ELEMENTS]):
-        place = _place(L, k)
-        scale, of_slope = _scale(P, L, place), _scale(P, L, place + 1)
+        place = element_of(L, k)
+        scale, of_slope = scale_of(P, L, place), scale_of(P, L, place + 1)
         slope, last = of_slope * S[z + place + 1], of_slope * S[end + place + 1]
         rise, turn = scale * (S[end + place] - S[z + place]) - slope * length, (last - slope) * length
-        S[z + place + 2] = (6.0 * rise - 2.0 * turn) / length**2 / _scale(P, L, place + 2)
-        S[z + place + 3] = (6.0 * turn - 12.0 * rise) / length**3 / _scale(P, L, place + 3)
+        S[z + place + 2] = (6.0 * rise - 2.0 * turn) / length**2 / scale_of(P, L, place + 2)
+        S[z + place + 3] = (6.0 * turn - 12.0 * rise) / length**3 / scale_of(P, L, place + 3)
 
 
 @compiled
@@ -232,8 +101,8 @@ def _error(P, L, S, z, known, length):
     """
     error = 0.0
     for k in range(L[pg.ELEMENTS]):
-        place = _place(L, k)
-        bend = (S[z + place + 2] - S[known + place + 2]) * _scale(P, L, place + 2) / _scale(P, L, place)
+        place = element_of(L, k)
+        bend = (S[z + place + 2] - S[known + place + 2]) * scale_of(P, L, place + 2) / scale_of(P, L, place)
         error = max(error, abs(bend) * length**2 / 32.0)
     return error
 
@@ -243,8 +112,8 @@ def _gap(P, L, S, z, end, length):
     """Difference of the outputs of a state from those that belong to it, that of the slopes times the step."""
     gap = 0.0
     for k in range(L[pg.ELEMENTS]):
-        place = _place(L, k)
-        ratio = _scale(P, L, place + 1) / _scale(P, L, place)
+        place = element_of(L, k)
+        ratio = scale_of(P, L, place + 1) / scale_of(P, L, place)
         slopes = abs(S[end + place + 1] - S[z + place + 1]) * ratio * length
         gap = max(gap, slopes, abs(S[end + place] - S[z + place]))
     return gap
@@ -274,7 +143,12 @@ def _agree(P, L, S, D, slot, step, left):
 
     Returns the guard that ended the step, and the error of the outputs, infinite where no cubic agrees.
     """
-    clock, start, end, known = D[st.CLOCK], _vector(L, D, START), _vector(L, D, END), _vector(L, D, MOVED)
+    clock, start, end, known = (
+        D[st.CLOCK],
+        scratch(L, D, START),
+        scratch(L, D, END),
+        scratch(L, D, MOVED),
+    )
     now, rows, guard, error = S[clock], L[pg.ROWS], NONE, np.inf
     for _ in range(ROUNDS):
         copy(S, start, 0, rows)
@@ -303,7 +177,7 @@ def _longer(error):
 def _step(P, L, S, D, slot, t_stop):
     """Move a step on, as long as the error of the outputs allows, nothing recorded; returns the guard that ended it."""
     clock, length_at, rows, longest = D[st.CLOCK], D[st.CURVE], L[pg.ROWS], P[L[pg.STEP]]
-    start, known = _vector(L, D, START), _vector(L, D, MOVED)
+    start, known = scratch(L, D, START), scratch(L, D, MOVED)
     now, left = S[clock], t_stop - S[clock]
     step = S[length_at] if S[length_at] > 0.0 else FIRST * longest
     copy(S, 0, known, rows)
@@ -329,7 +203,12 @@ def _tangents(P, L, S, D, slot, now):
     and from where these lead with cubics.
     """
     rows, count, phi, kept = L[pg.ROWS], D[st.SENSITIVITIES], D[st.PHI], D[st.CURVE_PHI]
-    start, moved, end, then = _vector(L, D, START), _vector(L, D, MOVED), _vector(L, D, END), S[D[st.CLOCK]]
+    start, moved, end, then = (
+        scratch(L, D, START),
+        scratch(L, D, MOVED),
+        scratch(L, D, END),
+        S[D[st.CLOCK]],
+    )
     copy(S, start, end, rows)
     lift(P, L, S, D, slot, end, now)
     for s in range(count):
@@ -357,7 +236,7 @@ def _differ(P, L, S, D, slot, z, phi, moved, time):
         S[moved + i] = S[z + i] + (share * S[phi + i] if i < L[pg.N] else 0.0)
     lift(P, L, S, D, slot, moved, time)
     for k in range(L[pg.ELEMENTS]):
-        place = _place(L, k)
+        place = element_of(L, k)
         for d in range(2):
             change = S[moved + place + d] - S[z + place + d]
             S[phi + place + d] = change / share if share > 0.0 else 0.0
@@ -370,7 +249,7 @@ def follow(P, L, S, D, slot, t_stop):
 
     A step is made without a record until its cubics agree, and then once more with it.
     """
-    clock, rows, start = D[st.CLOCK], L[pg.ROWS], _vector(L, D, START)
+    clock, rows, start = D[st.CLOCK], L[pg.ROWS], scratch(L, D, START)
     while S[clock] < t_stop:
         now, left = S[clock], t_stop - S[clock]
         guard = _step(P, L, S, D, slot, t_stop)
