@@ -76,7 +76,8 @@ class _Program:
                 break
             p, _ = self._split(found.x)
             answer = p, "SLSQP on the engine's gradient"
-            if np.all(np.abs(p - start) < _REACH):
+            # On the edge of its reach is within it as often as not, by rounding.
+            if np.all(np.abs(p - start) < _REACH - _ACCURACY):
                 break
             start = p
         return answer
