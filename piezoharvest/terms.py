@@ -52,6 +52,12 @@ class Element(NamedTuple):
     second: Row
     power: int
 
+    def at_start(self, first: float, second: float) -> float:
+        """Output for these inputs at time zero."""
+        if self.power == TIMED:
+            return 0.0
+        return first * second if self.power == PRODUCT else first**self.power
+
 
 class Terms:
     """Terms of all effects of a transducer, those at their null value left out.

@@ -20,14 +20,8 @@ RUN, FIND, MANY = range(3)
 @compiled
 def _unhurried(L, D):
     """Whether nothing is scheduled or left half done, and the mode last moved in still holds."""
-    if (
-        L[pg.ELEMENTS]
-        or L[tb.HELD] == 0
-        or D[st.WAITING]
-        or D[st.CLOSED]
-        or D[st.BETWEEN]
-        or (L[pg.SWITCHED] and D[st.DIRECTION] == 0)
-    ):
+    unfinished = D[st.WAITING] or D[st.CLOSED] or D[st.BETWEEN] or (L[pg.SWITCHED] and D[st.DIRECTION] == 0)
+    if unfinished or L[pg.ELEMENTS] or L[tb.HELD] == 0:
         return False
     return seek(L, D, D[st.CONFIGURATION], D[st.SLIP]) == D[st.MODE]
 

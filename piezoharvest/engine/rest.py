@@ -8,7 +8,7 @@ from piezoharvest.engine.physics import Layout, Physics, rows_of, stack
 from piezoharvest.equations import gains
 from piezoharvest.excitation import Excitation
 from piezoharvest.parameters import ParameterError
-from piezoharvest.terms import PRODUCT, TIMED, Element
+from piezoharvest.terms import Element
 
 
 def equilibrium(layout: Layout, physics: Physics, excitation: Excitation, scale: np.ndarray) -> np.ndarray:
@@ -58,9 +58,7 @@ def _balance(elements: list[Element], inputs: np.ndarray, at_rest: np.ndarray) -
 
     def outputs(w: np.ndarray) -> np.ndarray:
         pairs = zip(elements, (inputs @ w + at_rest).reshape(-1, 2), strict=True)
-        return np.array(
-            [a * b if e.power == PRODUCT else 0.0 if e.power == TIMED else a**e.power for e, (a, b) in pairs]
-        )
+        return np.array([element.at_start(first, second) for element, (first, second) in pairs])
 
     size = np.abs(outputs(np.zeros(len(elements))))
     size[size == 0.0] = 1.0

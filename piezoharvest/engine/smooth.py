@@ -23,7 +23,7 @@ from piezoharvest.engine.vector import copy, multiply
 TOLERANCE = 1e-11  # error of an output within a step, against the state: both are scaled to the root of energy
 AGREED = 1e-12  # of the state: what an output may differ from what the motion gives it at the end of a step
 ROUNDS = 8  # in which cubic and motion have to agree; a step in which they do not is halved
-SHORTEST = 1e-12  # of a longest step: nothing is gained by a shorter one
+SHORTEST = 1e-9  # of a longest step: where the outputs cannot be followed in this, they have no solution
 NEARBY = 1e-7  # of the state: a difference that stands for a derivative
 FIRST = 1.0 / 256.0  # of a longest step: what is tried first
 
@@ -143,13 +143,9 @@ def _agree(P, L, S, D, slot, step, left):
 
     Returns the guard that ended the step, and the error of the outputs, infinite where no cubic agrees.
     """
-    clock, start, end, known = (
-        D[st.CLOCK],
-        scratch(L, D, START),
-        scratch(L, D, END),
-        scratch(L, D, MOVED),
-    )
-    now, rows, guard, error = S[clock], L[pg.ROWS], NONE, np.inf
+    start, end, known = scratch(L, D, START), scratch(L, D, END), scratch(L, D, MOVED)
+    clock, rows, guard, error = D[st.CLOCK], L[pg.ROWS], NONE, np.inf
+    now = S[clock]
     for _ in range(ROUNDS):
         copy(S, start, 0, rows)
         S[clock] = now
@@ -186,8 +182,12 @@ def _step(P, L, S, D, slot, t_stop):
         S[length_at + 1] = step
         copy(S, known, start, rows)
         guard, error = _agree(P, L, S, D, slot, step, left)
-        if error <= TOLERANCE or step <= SHORTEST * longest:
+        if error <= TOLERANCE:
             break
+        if step <= SHORTEST * longest:
+            # The motion runs away, or a charge folds back on itself: there is no way on.
+            S[0] = np.nan
+            return NONE
         S[clock] = now
         step *= min(0.5, max(0.1, _longer(error))) if error < np.inf else 0.25
     if (guard == NONE and step < left) or _longer(error) < 1.0:
@@ -203,12 +203,8 @@ def _tangents(P, L, S, D, slot, now):
     and from where these lead with cubics.
     """
     rows, count, phi, kept = L[pg.ROWS], D[st.SENSITIVITIES], D[st.PHI], D[st.CURVE_PHI]
-    start, moved, end, then = (
-        scratch(L, D, START),
-        scratch(L, D, MOVED),
-        scratch(L, D, END),
-        S[D[st.CLOCK]],
-    )
+    start, moved, end = scratch(L, D, START), scratch(L, D, MOVED), scratch(L, D, END)
+    then = S[D[st.CLOCK]]
     copy(S, start, end, rows)
     lift(P, L, S, D, slot, end, now)
     for s in range(count):

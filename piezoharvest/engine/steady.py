@@ -145,7 +145,7 @@ class Shooting:
 
 
 class EngineError(ArithmeticError):
-    """The simulation cannot go on: the model chatters, or its state overflows."""
+    """The simulation cannot go on: the model chatters, its state overflows, or its equations have no solution."""
 
 
 def check(status: int) -> None:
@@ -154,10 +154,13 @@ def check(status: int) -> None:
     Raises
     ------
     EngineError
-        The model chatters, or its state overflows.
+        The model chatters, its state overflows, or its equations have no solution.
     """
     if status != DONE:
-        reasons = {1: "events follow each other without time passing", 2: "the state grows without bound"}
+        reasons = {
+            1: "events follow each other without time passing",
+            2: "the state grows without bound, or has no solution",
+        }
         raise EngineError(reasons[status])
 
 

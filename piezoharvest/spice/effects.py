@@ -94,9 +94,7 @@ class _Values:
         rest = self.scene.rest
         for element in self.scene.terms.elements:
             first, second = (self._numeric(part, rest) for part in (element.first, element.second))
-            power = element.power
-            output = first * second if power == PRODUCT else 0.0 if power == TIMED else first**power
-            rest = {**rest, element.name: output}
+            rest = {**rest, element.name: element.at_start(first, second)}
         return self._numeric(row, rest)
 
     def _numeric(self, row: Row, values: Mapping[str, float]) -> float:

@@ -191,3 +191,18 @@ def test_motion_that_never_repeats_is_not_passed_off_as_steady(shunt):
     found = solve(bench(shunt))
     assert not found.converged
     assert found.message
+
+
+@pytest.mark.parametrize("transient", [0.5, None])
+@pytest.mark.parametrize(
+    "effects",
+    [{"voltage_dependent_capacitance": {"beta": -0.1}}, {"stiffening": {"cubic_stiffness": -1e10}}],
+    ids=lambda effects: next(iter(effects)),
+)
+def test_no_solution_is_said(effects, transient):
+    """A charge C v (1 + beta v^2) that folds back at 1.8 V, a spring that pushes away beyond 0.31 mm."""
+    drive = {**DRIVE, "amplitude": 0.2}
+    found = solve(bench({"kind": "resistor", "resistance": 1e5}, drive, effects=effects), transient=transient)
+    assert not found.converged
+    assert found.message == "simulation failed: the state grows without bound, or has no solution"
+    assert np.isfinite([found.displacement_amplitude, found.voltage_amplitude, found.harvested_power]).all()
