@@ -26,6 +26,7 @@ FITS = 4  # full fits a stage
 STAND_INS = 2  # of these against a model whose strayed parameters are held
 STRAYED = 0.4  # of a logarithm: a parameter that is so far from its nominal value may stand in for an effect
 ROUGHLY = 0.5  # of -2 ln L that a trial fit may still promise
+COARSELY = 10.0  # the same, of a fit that only serves for scores
 CLOSE = 6.0  # of -2 ln L: odds of twenty to one
 
 
@@ -104,14 +105,14 @@ class Searcher:
     ):
         self.problem, self.scene, self.library, self.tell = problem, scene, library, tell
         self.fits: list[tuple[str, float]] = []
+        self._scored: dict[int, tuple[Step, list[Candidate]]] = {}
+        self._known: dict[tuple[str, ...], Step] = {}
 
     def run(self, base: Fit) -> Search:
         """Find the effects that a model without any misses."""
         self.base = base
-        now = Step(base, ())
-        first = self._scores(now)
-        stage = [*((candidate, now) for candidate in first), *self._strayed(base)]
-        candidates = first
+        now, stage = self._surveyed(Step(base, ()))
+        first = candidates = self._scores(now)
         levels: list[float] = []
         alternatives: list[Step] = []
         while len(now.effects) < MOST:
@@ -127,8 +128,8 @@ class Searcher:
             now = best
             self.tell(f"found {', '.join(now.effects)}")
             now, levels = self._revised(now, levels)
+            now, stage = self._surveyed(now)
             candidates = self._scores(now)
-            stage = [*((candidate, now) for candidate in candidates), *self._strayed(now.found)]
         now = self._polished(now)
         left = structure(self.problem, now.found)
         close = () if left else self._alternatives(now, alternatives)
@@ -137,63 +138,90 @@ class Searcher:
         return Search(base, nested, effects, tuple(levels), tuple(first), left, close, tuple(self.fits))
 
     def _scores(self, now: Step) -> list[Candidate]:
-        return scores(self.problem, now.found, self.scene, self.library)
+        if id(now) not in self._scored:
+            self._scored[id(now)] = now, scores(self.problem, now.found, self.scene, self.library)
+        return self._scored[id(now)][1]
 
-    def _strayed(self, found: Fit) -> list[tuple[Candidate, Step]]:
-        """Scores against a model whose strayed parameters are at their nominal values.
+    def _surveyed(self, now: Step) -> tuple[Step, list[tuple[Candidate, Step]]]:
+        """A step, and the scores against it and against the model whose strayed parameters are at their nominal values.
 
         Damping delays displacement and voltage as a skew delays the voltage: once it has taken the place of one, no
         small step leads from the one to the other.
         """
-        nominal, model = self.problem.nominal, found.model
+        held = self._held(now)
+        if held is not None and now.effects and held.cost < now.cost - CLOSE:
+            # With fewer parameters it fits better: they had strayed into a minimum that is not the lowest.
+            model = replace(held.found.model, parameters=now.found.model.parameters)
+            freed = self._remember(self._fit(model, held.found.own, now.found))
+            if freed is not None and freed.cost < now.cost - CLOSE:
+                return self._surveyed(freed)
+        steps = [now] if held is None else [now, held]
+        return now, [(candidate, step) for step in steps for candidate in self._scores(step)]
+
+    def _held(self, now: Step) -> Step | None:
+        """Full fit with the parameters that have strayed at their nominal values; None where none has."""
+        nominal, model = self.problem.nominal, now.found.model
         strayed = [
             p for p in model.parameters
             if p.scaling == "log" and p.path[0] != "effects"
             and abs(p.inner(value_at(model.transducer, p.path)) - p.inner(value_at(nominal, p.path))) > STRAYED
         ]  # fmt: skip
         if not strayed:
-            return []
+            return None
         transducer = model.transducer
         for parameter in strayed:
             transducer = put(transducer, parameter.path, value_at(nominal, parameter.path))
         kept = tuple(p for p in model.parameters if p not in strayed)
-        origin = self._fit(replace(model, transducer=transducer, parameters=kept), found.own, found)
-        return [] if origin is None else [(candidate, origin) for candidate in self._scores(origin)]
+        return self._fit(
+            replace(model, transducer=transducer, parameters=kept), now.found.own, now.found, enough=COARSELY
+        )
 
     def _stage(self, now: Step, stage: Sequence[tuple[Candidate, Step]]) -> list[Step]:
         """Full fits of the promising effects, the best first."""
         if not stage or min(c.p_value for c, _ in stage) * len(stage) > LEVEL:
             return []
-        tried = []
+        tried: list[Step] = []
         for origin in dict.fromkeys(id(step) for _, step in stage):
             mine = [(candidate, step) for candidate, step in stage if id(step) == origin]
             chosen: dict[str, tuple[Candidate, Step]] = {}
             for candidate, step in mine:
                 promising = candidate.score > PROMISING * mine[0][0].score and candidate.p_value * len(mine) < LEVEL
-                if promising and _key(candidate) not in chosen:
-                    chosen[_key(candidate)] = candidate, step
-            tried += [
-                self.fitted(step, c.effect, now.found.model.parameters)
-                for c, step in list(chosen.values())[: FITS if origin == id(now) else STAND_INS]
-            ]
-        return sorted((step for step in tried if step is not None), key=_fair_cost)
+                if promising and _key(candidate.effect) not in chosen:
+                    chosen[_key(candidate.effect)] = candidate, step
+            for c, step in list(chosen.values())[: FITS if origin == id(now) else STAND_INS]:
+                aim = min((_fair_cost(other) for other in tried), default=np.inf)
+                fitted = self.fitted(step, c.effect, aim + CLOSE, now.found.model.parameters)
+                tried += [] if fitted is None else [fitted]
+        return sorted(tried, key=_fair_cost)
 
-    def fitted(self, now: Step, effect: Effect, varied: Sequence[Parameter] | None = None) -> Step | None:
-        """Full fit with one effect more, and what else varies; None where the model then has no solution."""
+    def fitted(self, now: Step, effect: Effect, aim: float, varied: Sequence[Parameter] | None = None) -> Step | None:
+        """Full fit with one effect more, and what else varies; None where the model then has no solution.
+
+        It is given up where it will not come to this -2 ln L.
+        """
         first = len(now.found.model.transducer.effects)
         base = now.found.model if varied is None else replace(now.found.model, parameters=tuple(varied))
         model = extended(base, [effect], effect_parameters([effect], first))
-        return self._fit(model, carried(self.problem, now.found.model, now.found.own, model), now.found)
+        own = carried(self.problem, now.found.model, now.found.own, model)
+        step = self._fit(model, own, now.found, aim=aim)
+        return self._remember(step) if step is not None and step.found.converged else step
 
-    def _fit(self, model: Model, own, before: Fit) -> Step | None:
+    def _fit(self, model: Model, own, before: Fit, *, aim: float = np.inf, enough: float = ROUGHLY) -> Step | None:
         names = tuple(effect.name for effect in model.transducer.effects)
         try:
-            found = fit(self.problem, model, own, before.noise, estimate_noise=False, enough=ROUGHLY)
+            found = fit(self.problem, model, own, before.noise, estimate_noise=False, enough=enough, aim=aim)
         except (PredictionError, np.linalg.LinAlgError):
             return None
         self.fits.append((" + ".join(names), found.cost - self.base.cost))
         self.tell(f"tried {' + '.join(names)}: -2 ln L {found.cost - self.base.cost:+.1f}")
         return Step(found, names)
+
+    def _remember(self, step: Step | None) -> Step | None:
+        """The step; the best with its effects is known from now on."""
+        if step is not None:
+            key = _keys(step.found.model)
+            self._known[key] = min(step, self._known.get(key, step), key=lambda each: each.cost)
+        return step
 
     def _polished(self, now: Step) -> Step:
         """The same fit to the end."""
@@ -231,7 +259,15 @@ class Searcher:
         return own + lines
 
     def without(self, now: Step, n: int) -> Step | None:
-        """Full fit without the n-th effect."""
+        """The best that is known without the n-th effect."""
+        keys = _keys(now.found.model)
+        keys = keys[:n] + keys[n + 1 :]
+        if keys not in self._known:
+            self._less(now, n)
+        return self._known.get(keys)
+
+    def _less(self, now: Step, n: int) -> None:
+        """Make a full fit from here without the n-th effect."""
         model = now.found.model
         effects = model.transducer.effects
         kept = [k for k in range(len(effects)) if k != n]
@@ -248,12 +284,13 @@ class Searcher:
             transducer=put(model.transducer, ("effects",), tuple(effects[k] for k in kept)),
             parameters=tuple(parameters),
         )
-        return self._fit(less, carried(self.problem, model, now.found.own, less), now.found)
+        self._remember(self._fit(less, carried(self.problem, model, now.found.own, less), now.found))
 
     def _revised(self, now: Step, levels: list[float]) -> tuple[Step, list[float]]:
         """Throw out what is no longer needed, and exchange what another effect explains better."""
         n = 0
         while len(now.effects) > 1 and n < len(now.effects) - 1:
+            self._less(now, n)  # another start than that of its stage
             less = self.without(now, n)
             if less is None:
                 n += 1
@@ -277,7 +314,7 @@ class Searcher:
         for candidate in candidates[:3]:
             if candidate.name == now.effects[n] or candidate.score < 0.8 * (less.cost - now.cost):
                 continue
-            other = self.fitted(less, candidate.effect)
+            other = self.fitted(less, candidate.effect, _fair_cost(now))
             if other is not None and _fair_cost(other) < _fair_cost(now) - 1.0:
                 self.tell(f"{candidate.name} instead of {now.effects[n]}")
                 return other
@@ -294,7 +331,7 @@ class Searcher:
                     continue
                 for candidate in self._scores(less)[:4]:
                     if candidate.name not in now.effects and candidate.score > less.cost - now.cost - 3 * CLOSE:
-                        other = self.fitted(less, candidate.effect)
+                        other = self.fitted(less, candidate.effect, _fair_cost(now) + CLOSE)
                         pool += [other] if other is not None else []
         for step in pool:
             more = _fair_cost(step) - _fair_cost(now)
@@ -305,9 +342,13 @@ class Searcher:
         return tuple(sorted(found.values(), key=lambda pair: pair[1]))
 
 
-def _key(candidate: Candidate) -> str:
+def _keys(model: Model) -> tuple[str, ...]:
+    """Which effects a model has."""
+    return tuple(_key(effect) for effect in model.transducer.effects)
+
+
+def _key(effect: Effect) -> str:
     """What is fitted once: an effect, for each channel or label."""
-    effect = candidate.effect
     own = [field.name for field in fields(effect) if field.default is None or "unit" not in field.metadata]
     return " ".join([effect.name, *(str(getattr(effect, name)) for name in own)])
 

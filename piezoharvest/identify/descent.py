@@ -20,8 +20,9 @@ from piezoharvest.predict.prediction import PredictionError
 MOST = 60  # iterations
 ROUGH = 1e-3  # of the cost, that an iteration of a rough descent may still promise at its end
 QUIET = 2  # iterations in a row that gain less than is enough, after which no more is hoped for
-HELD = 0.9  # share of what it promised that a step holds; with less the curvature is looked at
+HELD = 0.9  # share of what it promised that a step holds; with less, or as much more, the curvature is looked at
 RIPPLE = 10.0  # times what is enough, which a step may promise in vain
+PACE, AHEAD = 8, 10  # iterations that tell the pace of a descent, and for how many more it is trusted
 LEAP = 0.5  # of a logarithm in one iteration: what the data hardly shows must not run away meanwhile
 FAR, NEAR = 1e-4, 1e-6  # damping at first, of a rough fit and of one that goes on from there
 LEAST = 1e-12  # relative eigenvalue of an information matrix
@@ -62,7 +63,7 @@ class Fit:
 
 def descend(
     problem: Problem, model: Model, own: Sequence[np.ndarray], noise: Noise, tell: Callable[[str], None],
-    *, loose: bool, enough: float,
+    *, loose: bool, enough: float, aim: float,
 ) -> Fit:  # fmt: skip
     """Levenberg-Marquardt with bounds, from a model and the records' own numbers.
 
@@ -79,6 +80,8 @@ def descend(
         A rough descent: the noise of a drive that is not known is passed on by a model that is not fitted yet.
     enough : float
         Of -2 ln L that an iteration may still promise at the end of any other.
+    aim : float
+        Of -2 ln L: a descent that at its pace will not come to this is given up.
     """
     lower = np.concatenate([[p.lower for p in model.parameters], np.full(sum(map(len, own)), -np.inf)])
     upper = np.concatenate([[p.upper for p in model.parameters], np.full(sum(map(len, own)), np.inf)])
@@ -91,6 +94,7 @@ def descend(
     cost = squares + float(precision @ (values - mean) ** 2)
     damping, converged, message = FAR if loose else NEAR, False, "too many iterations"
     iteration, quiet, first, bend = 0, 0, model, np.zeros_like(information)
+    costs, rejected = [cost], False
     for iteration in range(1, MOST + 1):
         total = information + np.diag(precision) + bend
         slope = gradient - precision * (values - mean)
@@ -118,18 +122,27 @@ def descend(
             if gained < HELD:
                 change = slope - (gradient - precision * (values - mean))
                 bend = _bent(bend, information + np.diag(precision), step, change)
-            damping = max(damping * (0.1 if gained > 0.5 else 1.0 if gained > 0.1 else 4.0), 1e-12)
+            elif gained > 1.0 / HELD:
+                bend = np.zeros_like(information)  # of a place that is left behind: it only makes steps too short here
+            # What was too little damping a moment ago is so still.
+            relief = 1.0 if rejected else 0.1
+            damping = max(damping * (relief if gained > 0.5 else 1.0 if gained > 0.1 else 4.0), 1e-12)
+            rejected = False
             tell(f"iteration {iteration}: {cost:.6g}")
         else:
             # Corners of the operators leave ripples in the cost, below which no step keeps what it promises.
             quiet = quiet + 1 if promise < RIPPLE * limit else 0
-            damping = max(10.0 * damping, 1e-6)
+            damping, rejected = max((100.0 if rejected else 10.0) * damping, 1e-6), True
             if damping > 1e10:
                 message = "no step improves the fit"
                 converged = promise < 1.0
                 break
         if quiet == QUIET:
             converged, message = True, "converged"
+            break
+        costs.append(cost)
+        if len(costs) > PACE and cost - AHEAD * (costs[-1 - PACE] - cost) / PACE > aim:
+            message = "given up: it would not come to what others have reached"
             break
     if not loose and model is not first:
         # Models pass on the noise of the drive in their own ways: each is judged by residuals that its own way makes

@@ -32,6 +32,7 @@ def fit(
     estimate_noise: bool = True,
     rounds: int = ROUNDS,
     enough: float = ENOUGH,
+    aim: float = np.inf,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Fit:
     """Fit a model to the records of a problem.
@@ -50,6 +51,8 @@ def fit(
         How often.
     enough : float
         Of -2 ln L that an iteration may still promise at the end.
+    aim : float
+        Of -2 ln L: a fit that at its pace will not come to this is given up.
     tell : callable
         Told about every iteration.
     """
@@ -58,7 +61,7 @@ def fit(
     found: Fit | None = None
     rounds = rounds if estimate_noise else 1
     for n in range(rounds):
-        found = descend(problem, model, own, noise, tell, loose=n < rounds - 1, enough=enough)
+        found = descend(problem, model, own, noise, tell, loose=n < rounds - 1, enough=enough, aim=aim)
         model, own = found.model, found.own
         if n < rounds - 1:
             noise = reestimated(problem, found)
