@@ -151,7 +151,9 @@ def _agree(P, L, S, D, slot, step, left):
         S[clock] = now
         guard = _quietly(P, L, S, D, slot, now + step if step < left else now + left, 0)
         length = S[clock] - now
-        if length <= 0.0 or not np.isfinite(S[0]):
+        if not np.isfinite(S[0]):
+            return guard, np.inf
+        if length <= 0.0:
             return guard, 0.0
         copy(S, 0, end, rows)
         lift(P, L, S, D, slot, end, S[clock])
