@@ -6,11 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.stats import norm
 
 from piezoharvest.report import style
-from reports.diagnosis.summary import Results, confusion, coverage, power
-
-THEORY = 4.6  # sigma found with 90 % power at 1 % false alarms over twelve candidates
+from reports.diagnosis.summary import THEORY, Results, confusion, coverage, power, smallest
 
 
 def _words(name: str) -> str:
@@ -44,24 +43,28 @@ def confusion_figure(results: Results, names: Sequence[str]) -> Figure:
 
 @style.styled
 def power_figure(results: Results, names: Sequence[str]) -> Figure | None:
-    """Draw the share of trials in which an effect is named over its size; None without such trials."""
-    drawn = [(name, curve) for name in names if (curve := power(results, name))]
+    """Draw in which trials an effect is named over its size, and its power; None without such trials."""
+    drawn = [(name, *trials) for name in names if len((trials := power(results, name))[0])]
     if not drawn:
         return None
     columns = 4
     rows = -(-len(drawn) // columns)
     figure, axes = style.grid_of_axes(rows, columns, height=1.35 * rows + 0.6, sharex=True, sharey=True, squeeze=False)
-    for one, (name, curve) in zip(axes.flat, drawn, strict=False):
-        sizes, shares, _ = zip(*curve, strict=True)
-        one.plot(sizes, shares, marker="o", markersize=4, color=style.PALETTE[0])
+    grid = np.linspace(0.0, 12.0, 121)
+    for one, (name, sizes, named) in zip(axes.flat, drawn, strict=False):
+        one.plot(sizes, named, linestyle="none", marker="|", markersize=7, color=style.PALETTE[0])
+        found = smallest(sizes, named)
+        if found:
+            one.plot(grid, norm.cdf(grid - found[0] + norm.ppf(0.9)), color=style.PALETTE[0])
         one.axvline(THEORY, color=style.MUTED, linewidth=0.8)
         one.axvline(1.5 * THEORY, color=style.LIMIT, linewidth=0.8)
         one.axhline(0.9, color=style.MUTED, linewidth=0.8, linestyle=":")
         one.set_title(_words(name), fontsize=7.5)
+        one.set_xlim(0.0, 12.0)
     for one in list(axes.flat)[len(drawn) :]:
         one.set_visible(False)
     figure.supxlabel("size in σ", fontsize=9)
-    figure.supylabel("share named", fontsize=9)
+    figure.supylabel("named", fontsize=9)
     return figure
 
 

@@ -17,7 +17,7 @@ import piezoharvest
 from piezoharvest.output import write_text
 from piezoharvest.report import style
 from reports.diagnosis.figures import confusion_figure, coverage_figure, power_figure, time_figure
-from reports.diagnosis.summary import STRONG, Results, coverage, of_kind, power, share, size
+from reports.diagnosis.summary import STRONG, THEORY, Results, coverage, of_kind, power, share, size, smallest
 from reports.diagnosis.trials import DRAWS
 
 NAMES = list(DRAWS)
@@ -73,11 +73,19 @@ def summary(results: Results) -> dict[str, Any]:
             "effects that are not in the library": share(of_kind(results, "withheld")),
         },
         "alarms": sum(not result["right"] for result in of_kind(results, "healthy")),
-        "power": {name: curve for name in NAMES if (curve := power(results, name))},
+        "power": {name: one for name in NAMES if (one := _power(results, name))},
+        "theory": THEORY,
         "coverage": {name: list(value) for name, value in sorted(covered.items())},
         "covered": inside / max(1, sum(count for _, count in covered.values())),
         "cpu_median": float(np.median(times)), "cpu_most": float(max(times)), "campaigns": len(results),
     }  # fmt: skip
+
+
+def _power(results: Results, name: str) -> dict[str, Any] | None:
+    """The smallest size of an effect that is named with 90 % power, from how many trials."""
+    sizes, named = power(results, name)
+    found = smallest(sizes, named) if len(sizes) else None
+    return found and {"smallest": found[0], "std": found[1], "trials": len(sizes)}
 
 
 def _wrong(results: Results) -> Iterator[dict[str, Any]]:

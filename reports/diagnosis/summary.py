@@ -7,10 +7,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import beta
+from scipy.optimize import minimize_scalar
+from scipy.stats import beta, norm
 
 Results = Sequence[dict[str, Any]]
 OUTCOMES = ("adequate", "unexplained", "failed")
+CLEAR = 5.0  # sigma, from which what a fit reaches is hardly more than the effect
+THEORY = 4.6  # sigma found with 90 % power at 1 % false alarms over twelve candidates
 STRONG = 10.0  # sigma, from which an effect has to be named
 
 
@@ -50,15 +53,42 @@ def confusion(results: Results, names: Sequence[str]) -> tuple[list[str], np.nda
     return columns, table
 
 
-def power(results: Results, name: str) -> list[tuple[float, float, int]]:
-    """Size aimed at in sigma, share of the trials in which the effect was named, and their number."""
+def power(results: Results, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Size in sigma of every weak trial of an effect, and whether the effect was named.
+
+    What a fit reaches is the size give or take one. Trials of one seed are of one specimen with one noise, so that what
+    they reach grows by the sizes alone: the slope over the sizes aimed at tells what a unit of these really is.
+    """
+    sizes, named = [], []
     mine = [result for result in of_kind(results, "weak") if result["names"] == [name]]
-    sizes = sorted({result["sigma"] for result in mine})
-    groups = [[result for result in mine if result["sigma"] == sigma] for sigma in sizes]
-    return [
-        (s, float(np.mean([name in r["found"] for r in group])), len(group))
-        for s, group in zip(sizes, groups, strict=True)
-    ]
+    for seed in sorted({result["seed"] for result in mine}):
+        one = [result for result in mine if result["seed"] == seed]
+        clear = [(result["sigma"], result["reached"]) for result in one if result["sigma"] >= CLEAR]
+        if len({sigma for sigma, _ in clear}) < 2:
+            continue
+        unit = float(np.polyfit(*zip(*clear, strict=True), 1)[0])
+        sizes += [unit * result["sigma"] for result in one]
+        # Right is also an effect among those that the records cannot tell.
+        named += [result["right"] or (name in result["found"] and result["verdict"] != "unexplained") for result in one]
+    return np.array(sizes), np.array(named, bool)
+
+
+def smallest(sizes: np.ndarray, named: np.ndarray) -> tuple[float, float] | None:
+    """Size in sigma that is named with 90 % power, and its standard error; None where the trials do not bound it.
+
+    What is reached scatters by one (Wilks), so that the power is a normal distribution of that width about a threshold,
+    which is fitted by maximum likelihood.
+    """
+    if named.all() or not named.any():
+        return None
+
+    def surprise(threshold: float) -> float:
+        return -float(np.sum(norm.logcdf(np.where(named, sizes - threshold, threshold - sizes))))
+
+    threshold = float(minimize_scalar(surprise, bounds=(float(min(sizes)) - 5, float(max(sizes)) + 5)).x)
+    share = norm.cdf(sizes - threshold)
+    information = np.sum(norm.pdf(sizes - threshold) ** 2 / np.maximum(share * (1 - share), 1e-12))
+    return threshold + float(norm.ppf(0.9)), float(information**-0.5)
 
 
 def coverage(results: Results) -> dict[str, tuple[float, int]]:

@@ -7,14 +7,15 @@ import pytest
 
 from reports.diagnosis.page import NAMES, summary, write_page
 from reports.diagnosis.plan import WEAK, plan
-from reports.diagnosis.summary import confusion, coverage, power
+from reports.diagnosis.summary import confusion, coverage, power, smallest
 from reports.diagnosis.trials import DRAWS, Trial, effects_of
 
 
-def made_up(kind, names, sigma, found, verdict, right, value=1.0):
+def made_up(kind, names, sigma, found, verdict, right, value=1.0, seed=1):
     return {
-        "key": f"{kind} {names} {sigma}", "kind": kind, "names": list(names), "sigma": sigma, "seed": 1, "found": found,
-        "verdict": verdict, "right": right, "alternatives": [], "reached": sigma or None, "cpu": 12.0, "wall": 20.0,
+        "key": f"{kind} {names} {sigma} {seed}", "kind": kind, "names": list(names), "sigma": sigma, "seed": seed,
+        "found": found, "verdict": verdict, "right": right, "alternatives": [], "reached": sigma or None,
+        "cpu": 12.0, "wall": 20.0,
         "truth": {name: {"size": 1.0} for name in names}, "values": [{"size": [value, 0.1, "V"]} for _ in found],
         "parameters": {"stiffness": [1.0, 1.02, 0.01]}, "left": [["0 to 0.25 Hz", "a.csv", "voltage", 1e-9]],
     }  # fmt: skip
@@ -27,7 +28,8 @@ RESULTS = [
     made_up("single", ("friction",), 50.0, [], "unexplained", False),
     made_up("healthy", (), 0.0, [], "adequate", True),
     made_up("withheld", ("creep",), 40.0, [], "unexplained", True),
-    *(made_up("weak", ("creep",), 5.0, ["creep"] * (k > 0), "effect", k > 0, value=1.5) for k in range(4)),
+    made_up("weak", ("creep",), 3.5, [], "adequate", False),
+    *(made_up("weak", ("creep",), sigma, ["creep"], "effect", True, value=1.5) for sigma in (5.0, 7.0, 9.0)),
 ]
 
 
@@ -37,11 +39,29 @@ def test_counts():
     assert row[columns.index("creep")] == row[columns.index("leakage")] == 1
     assert table[NAMES.index("friction"), columns.index("unexplained")] == 1
     assert table.sum() == 3
-    assert power(RESULTS, "creep") == [(5.0, 0.75, 4)]
     assert coverage(RESULTS)["creep: size"] == (pytest.approx(1 / 4), 4)  # three of four are five errors off
     numbers = summary(RESULTS)
     assert numbers["alarms"] == 0
     assert numbers["shares"]["single effects of 10 σ or more"]["right"] == 1
+
+
+def test_power_is_told_by_the_sizes_without_the_noise():
+    """A specimen on which a unit is worth 1.5 sigma, and a noise that adds one to whatever is reached."""
+    rng, threshold, trials = np.random.default_rng(3), 5.0, []
+    for seed in range(40):
+        unit, noise = rng.uniform(0.7, 1.5), rng.standard_normal()
+        for sigma in WEAK:
+            reached = abs(unit * sigma + noise)
+            found = ["creep"] * bool(reached > threshold)
+            trial = made_up("weak", ("creep",), sigma, found, "effect" if found else "adequate", bool(found), seed=seed)
+            trials.append({**trial, "reached": reached, "unit": unit})
+    sizes, named = power(trials, "creep")
+    truth = [trial["unit"] * trial["sigma"] for trial in trials]
+    assert np.allclose(sizes, truth, rtol=1e-9)
+    size, std = smallest(sizes, named)
+    assert 0.05 < std < 0.3
+    assert size == pytest.approx(threshold + 1.2816, abs=3 * std)
+    assert smallest(sizes[named], named[named]) is None
 
 
 def test_page(tmp_path):
