@@ -122,24 +122,38 @@ def diagnose(
     tell("scoring the effects")
     searcher = Searcher(problem, scene, library, tell)
     search = searcher.run(before.found)
-    final = search.final
     unseen, checks = validated(campaign, before, [before.found, *search.nested])
     squares = [share_above_noise(unseen, each) for each in checks]
-    told = (_named(problem, search, n, squares) for n in range(len(search.order)))
-    named = tuple(
-        replace(each, spoils=each.spoils and not _needed(campaign, before, searcher, search, n))
-        for n, each in enumerate(told)
-    )
+    named = _all_named(campaign, before, searcher, search, squares)
+    while named and named[-1].spoils and not structure(problem, search.before_last):
+        tell(f"{search.order[-1].name} was chance: unseen records are worse with it, nothing is left without it")
+        search, checks, squares = search.without_last(), checks[:-1], squares[:-1]
+        named = _all_named(campaign, before, searcher, search, squares)
     alternatives = tuple(step.effects for step, _ in search.alternatives)
     after = squares[-1]
     verdict = _verdict(bool(search.left) or any(each.spoils for each in named), named, alternatives)
     return Diagnosis(
         campaign, verdict, named, alternatives if verdict == "ambiguous" else (),
-        tuple(_estimates(before, final)), before,
+        tuple(_estimates(before, search.final)), before,
         together(judged(unseen.data, checks[0])), together(judged(unseen.data, checks[-1])),
         max(0.0, (after[0] - after[1]) / after[0]),
         _experiment(search) if verdict == "ambiguous" else None, structure(problem, before.found), search,
     )  # fmt: skip
+
+
+def _all_named(
+    campaign: Campaign,
+    before: Identification,
+    searcher: Searcher,
+    search: Search,
+    squares: Sequence[tuple[float, float]],
+) -> tuple[Named, ...]:
+    """All effects of a search; of those that seem to spoil records that were not fitted, none that these need."""
+    told = (_named(searcher.problem, search, n, squares) for n in range(len(search.order)))
+    return tuple(
+        replace(each, spoils=each.spoils and not _needed(campaign, before, searcher, search, n))
+        for n, each in enumerate(told)
+    )
 
 
 def _verdict(missing: bool, named: Sequence[Named], alternatives: Sequence) -> str:

@@ -88,6 +88,18 @@ class Search:
         """With all effects that are there."""
         return self.nested[-1] if self.nested else self.base
 
+    @property
+    def before_last(self) -> Fit:
+        """Without the last effect."""
+        return self.nested[-2] if len(self.nested) > 1 else self.base
+
+    def without_last(self) -> Search:
+        """The same with the last effect taken for chance: nothing is left where it is not."""
+        return replace(
+            self, nested=self.nested[:-1], order=self.before_last.model.transducer.effects,
+            p_values=self.p_values[:-1], left=(), alternatives=(),
+        )  # fmt: skip
+
 
 class Searcher:
     """Search for effects in a campaign.

@@ -5,8 +5,10 @@ from dataclasses import replace
 import pytest
 from diagnose_runs import campaign, fitted
 
+from piezoharvest.diagnose import diagnose
+from piezoharvest.diagnose.candidates import extended
 from piezoharvest.diagnose.search import Searcher, Step
-from piezoharvest.effects import BiasCurrent, Leakage
+from piezoharvest.effects import BiasCurrent, Clipping, Leakage
 from piezoharvest.identify import descent
 from piezoharvest.identify.fit import fit
 from piezoharvest.identify.identification import prepared
@@ -69,3 +71,29 @@ def test_a_search_comes_back_from_a_false_minimum(searched):
     back, stage = searcher._surveyed(Step(strayed, now.effects))
     assert back.cost == pytest.approx(now.cost, abs=1.0)
     assert all(step is back for _, step in stage)
+
+
+@pytest.mark.parametrize("hidden", [{}, {"bias_current": {"current": 1e-6}}], ids=["healthy", "another effect"])
+def test_an_effect_that_spoils_unseen_records_is_chance_where_nothing_is_left_without_it(tmp_path, monkeypatch, hidden):
+    """A search that ends with a range too small for the record that was not fitted."""
+    told, run = [], Searcher.run
+
+    def misled(searcher, base):
+        found = run(searcher, base)
+        unseen = max(abs(record["displacement"]).max() for record in measured.of_role("validate"))
+        cut = extended(base.model, [Clipping(limit=0.98 * unseen, channel="displacement")], [])
+        return replace(found, nested=(replace(base, model=cut),), order=cut.transducer.effects, p_values=(1e-9,))
+
+    monkeypatch.setattr(Searcher, "run", misled)
+    measured = campaign(tmp_path, hidden)
+    found = diagnose(measured, told.append, library=[Leakage])
+    chance = [text for text in told if text.startswith("clipping was chance")]
+    if hidden:
+        assert found.verdict == "unexplained"
+        assert [named.effect.name for named in found.effects] == ["clipping"]
+        assert not chance
+    else:
+        assert found.verdict == "adequate"
+        assert found.effects == ()
+        assert found.validation_after.rms == found.validation_before.rms
+        assert len(chance) == 1
