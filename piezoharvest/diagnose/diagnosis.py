@@ -125,7 +125,7 @@ def diagnose(
     unseen, checks = validated(campaign, before, [before.found, *search.nested])
     squares = [share_above_noise(unseen, each) for each in checks]
     named = _all_named(campaign, before, searcher, search, squares)
-    while named and named[-1].spoils and not structure(problem, search.before_last):
+    while _chance(problem, search, named):
         tell(f"{search.order[-1].name} was chance: unseen records are worse with it, nothing is left without it")
         search, checks, squares = search.without_last(), checks[:-1], squares[:-1]
         named = _all_named(campaign, before, searcher, search, squares)
@@ -154,6 +154,15 @@ def _all_named(
         replace(each, spoils=each.spoils and not _needed(campaign, before, searcher, search, n))
         for n, each in enumerate(told)
     )
+
+
+def _chance(problem: Problem, search: Search, named: Sequence[Named]) -> bool:
+    """Whether unseen records are worse with the last effect, and nothing is left without it."""
+    if not named or not named[-1].spoils:
+        return False
+    without = search.before_last
+    # A model that has no solution without the effect has the next larger one in its place.
+    return len(without.model.transducer.effects) < len(named) and not structure(problem, without)
 
 
 def _verdict(missing: bool, named: Sequence[Named], alternatives: Sequence) -> str:
