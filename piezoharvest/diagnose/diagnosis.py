@@ -10,7 +10,8 @@ import numpy as np
 from piezoharvest.diagnose.candidates import effect_line
 from piezoharvest.diagnose.leftover import Leftover, share_above_noise, structure
 from piezoharvest.diagnose.scene import scene_of
-from piezoharvest.diagnose.search import Search, Searcher, Step
+from piezoharvest.diagnose.search import Search, Searcher
+from piezoharvest.diagnose.trials import Step, Trials
 from piezoharvest.effects import Effect
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.fit import covariance, fit
@@ -120,15 +121,15 @@ def diagnose(
     problem = Problem(prepared(campaign, "fit"), campaign.transducer, before.offsets)
     scene = scene_of(problem.data, before.found)
     tell("scoring the effects")
-    searcher = Searcher(problem, scene, library, tell)
-    search = searcher.run(before.found)
+    trials = Trials(problem, before.found, scene, library, tell)
+    search = Searcher(trials).run()
     unseen, checks = validated(campaign, before, [before.found, *search.nested])
     squares = [share_above_noise(unseen, each) for each in checks]
-    named = _all_named(campaign, before, searcher, search, squares)
+    named = _all_named(campaign, before, trials, search, squares)
     while _chance(problem, search, named):
         tell(f"{search.order[-1].name} was chance: unseen records are worse with it, nothing is left without it")
         search, checks, squares = search.without_last(), checks[:-1], squares[:-1]
-        named = _all_named(campaign, before, searcher, search, squares)
+        named = _all_named(campaign, before, trials, search, squares)
     alternatives = tuple(step.effects for step, _ in search.alternatives)
     after = squares[-1]
     verdict = _verdict(bool(search.left) or any(each.spoils for each in named), named, alternatives)
@@ -137,21 +138,22 @@ def diagnose(
         tuple(_estimates(before, search.final)), before,
         together(judged(unseen.data, checks[0])), together(judged(unseen.data, checks[-1])),
         max(0.0, (after[0] - after[1]) / after[0]),
-        _experiment(search) if verdict == "ambiguous" else None, structure(problem, before.found), search,
+        _experiment(search) if verdict == "ambiguous" else None,
+        structure(problem, before.found) if search.nested else search.left, search,
     )  # fmt: skip
 
 
 def _all_named(
     campaign: Campaign,
     before: Identification,
-    searcher: Searcher,
+    trials: Trials,
     search: Search,
     squares: Sequence[tuple[float, float]],
 ) -> tuple[Named, ...]:
     """All effects of a search; of those that seem to spoil records that were not fitted, none that these need."""
-    told = (_named(searcher.problem, search, n, squares) for n in range(len(search.order)))
+    told = (_named(trials.problem, search, n, squares) for n in range(len(search.order)))
     return tuple(
-        replace(each, spoils=each.spoils and not _needed(campaign, before, searcher, search, n))
+        replace(each, spoils=each.spoils and not _needed(campaign, before, trials, search, n))
         for n, each in enumerate(told)
     )
 
@@ -191,14 +193,14 @@ def validated(campaign: Campaign, before: Identification, found: Sequence[Fit]) 
     return problem, [fit(problem, model, None, noise, estimate_noise=False) for model in held]
 
 
-def _needed(campaign: Campaign, before: Identification, searcher: Searcher, search: Search, n: int) -> bool:
+def _needed(campaign: Campaign, before: Identification, trials: Trials, search: Search, n: int) -> bool:
     """Whether records that were not fitted would be worse without an effect that seemed to spoil them.
 
     The first of several may have done so for as long as it stood in for the others, too.
     """
     if n == len(search.order) - 1:
         return False
-    less = searcher.without(Step(search.final, tuple(effect.name for effect in search.order)), n)
+    less = trials.without(Step(search.final), n)
     if less is None:
         return True
     unseen, checks = validated(campaign, before, [less.found, search.final])

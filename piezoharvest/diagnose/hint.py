@@ -6,7 +6,7 @@ signals that are whitened and have the fitted parameters projected out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,8 @@ TERMS = 3  # at most
 SMALL = 0.05  # of what the first term explains: less is not worth telling
 SURE = 20.0  # of -2 ln L that a term has to take off: over all that are tried
 SQUARE = "²"
+Signals = dict[str, np.ndarray]
+Terms = Callable[[Signals, float, dict[str, float]], Iterator[tuple[str, np.ndarray]]]
 SYMBOLS = {"force": "F", "displacement": "x", "voltage": "v", "current": "i", "base_acceleration": "a"}
 
 
@@ -54,11 +56,11 @@ def along_squares(problem: Problem, found: Fit) -> list[tuple[str, str, float]]:
     Each for itself, with the parameters projected out: of noise, the squares of one number. Odd functions are left
     out, for a fit that noise in the drive has bent leaves of them what looks like more than noise.
     """
-    normal = _Normal(problem, found)
+    normal = _Normal(problem, found, _squares)
     return [
         (channel, term, float(normal.gradient[k] ** 2 / normal.products[k, k]))
         for k, (channel, term) in enumerate(normal.names)
-        if normal.visible[k] and term.endswith(SQUARE)
+        if normal.visible[k]
     ]
 
 
@@ -71,14 +73,14 @@ def hints(problem: Problem, found: Fit) -> list[Hint]:
     found : Fit
         Of these records, converged.
     """
-    normal = _Normal(problem, found)
+    normal = _Normal(problem, found, _terms)
     return _pursuit(normal) if normal.names else []
 
 
 class _Normal:
-    """Sums of products of all terms and of the residual, whitened, with the parameters of the fit projected out."""
+    """Sums of products of terms and of the residual, whitened, with the parameters of the fit projected out."""
 
-    def __init__(self, problem: Problem, final: Fit) -> None:
+    def __init__(self, problem: Problem, final: Fit, terms: Terms) -> None:
         scales, at = _scales(problem), len(final.model.parameters)
         count = at + sum(map(len, final.own))
         self.names: list[tuple[str, str]] = []
@@ -92,7 +94,7 @@ class _Normal:
             parts.append(
                 (
                     np.concatenate([np.arange(len(final.model.parameters)), own_columns]),
-                    *_record(data, own, each, final, scales),
+                    *_record(data, own, each, final, terms, scales),
                 )
             )
             at += len(own)
@@ -113,15 +115,15 @@ class _Normal:
         self.visible = np.diag(self.products) > 1e-8 * np.diag(total)[count:]
 
 
-def _record(data, own, white, final, scales):
+def _record(data, own, white, final, terms: Terms, scales):
     """Sums of one record over its parameters, then terms; and the names of its terms."""
     products, gradient, names = 0.0, 0.0, []
     for _, begin, residual, slopes in residual_blocks(final.model, data, own, True):
         W = white.of(len(residual))[0]
         assert slopes is not None
         signals = _signals(data, begin, residual)
-        terms = list(_terms(signals, data.setting.sample_time, scales))
-        spectra = spectra_of(np.column_stack([values for _, values in terms]))
+        told = list(terms(signals, data.setting.sample_time, scales))
+        spectra = spectra_of(np.column_stack([values for _, values in told]))
         # A term in a channel: that column of the whitener.
         placed = (W[:, :, :, None] * spectra[:, None, None, :]).reshape(len(W), W.shape[1], -1)
         columns = np.concatenate([W @ spectra_of(slopes), placed], axis=2).reshape(
@@ -130,11 +132,11 @@ def _record(data, own, white, final, scales):
         target = (W @ spectra_of(residual)[:, :, None])[:, :, 0].reshape(-1)
         products = products + np.real(columns.conj().T @ columns)
         gradient = gradient + np.real(columns.conj().T @ target)
-        names = [(channel, name) for channel in data.channels for name, _ in terms]
+        names = [(channel, name) for channel in data.channels for name, _ in told]
     return (products, gradient), names
 
 
-def _signals(data, begin: int, residual: np.ndarray) -> dict[str, np.ndarray]:
+def _signals(data, begin: int, residual: np.ndarray) -> Signals:
     """The drive without its noise, and the other channels as predicted, so that noise is not explained by itself."""
     end = begin + len(residual)
     found = {data.drive: (data.record[data.drive] - data.rest)[begin:end]}
@@ -152,16 +154,22 @@ def _scales(problem: Problem) -> dict[str, float]:
     return found
 
 
-def _terms(signals: dict[str, np.ndarray], step: float, scales: dict[str, float]) -> Iterator[tuple[str, np.ndarray]]:
+def _squares(signals: Signals, step: float, scales: dict[str, float]) -> Iterator[tuple[str, np.ndarray]]:
+    """Squares of the signals."""
+    for channel, values in signals.items():
+        yield SYMBOLS[channel] + SQUARE, (values / (scales[channel] or 1.0)) ** 2
+
+
+def _terms(signals: Signals, step: float, scales: dict[str, float]) -> Iterator[tuple[str, np.ndarray]]:
     """Simple functions of the signals, each of a size near one."""
     count = len(next(iter(signals.values())))
     time = np.linspace(-1.0, 1.0, count)
     yield "a constant", np.ones(count)
     yield "time", time
+    yield from _squares(signals, step, scales)
     for channel, values in signals.items():
         s, z = SYMBOLS[channel], values / (scales[channel] or 1.0)
         yield s, z
-        yield s + SQUARE, z**2
         yield f"{s}³", z**3
         yield f"|{s}|", np.abs(z)
         yield f"√|{s}| sign {s}", np.sqrt(np.abs(z)) * np.sign(z)

@@ -17,7 +17,8 @@ from piezoharvest.identify.sums import Sums
 from piezoharvest.parameters import ParameterError
 from piezoharvest.predict.prediction import PredictionError
 
-MOST = 60  # iterations
+ITERATIONS = 60  # at most
+UNFINISHED = "too many iterations"  # message of a descent that was still on its way
 ROUGH = 1e-3  # of the cost, that an iteration of a rough descent may still promise at its end
 QUIET = 2  # iterations in a row that gain less than is enough, after which no more is hoped for
 HELD = 0.9  # share of what it promised that a step holds; with less, or as much more, the curvature is looked at
@@ -63,7 +64,7 @@ class Fit:
 
 def descend(
     problem: Problem, model: Model, own: Sequence[np.ndarray], noise: Noise, tell: Callable[[str], None],
-    *, loose: bool, enough: float, aim: float,
+    *, loose: bool, enough: float, aim: float, most: int,
 ) -> Fit:  # fmt: skip
     """Levenberg-Marquardt with bounds, from a model and the records' own numbers.
 
@@ -82,25 +83,27 @@ def descend(
         Of -2 ln L that an iteration may still promise at the end of any other.
     aim : float
         Of -2 ln L: a descent that at its pace will not come to this is given up.
+    most : int
+        Iterations.
     """
     lower = np.concatenate([[p.lower for p in model.parameters], np.full(sum(map(len, own)), -np.inf)])
     upper = np.concatenate([[p.upper for p in model.parameters], np.full(sum(map(len, own)), np.inf)])
-    most = np.array([LEAP if p.scaling == "log" else np.inf for p in model.parameters] + [np.inf] * sum(map(len, own)))
+    leap = np.array([LEAP if p.scaling == "log" else np.inf for p in model.parameters] + [np.inf] * sum(map(len, own)))
     mean, precision = prior_of(problem, model, own)
     values = np.concatenate([inner_values(model), *own])
     white = whiteners(problem, model, noise, rough=loose)
     sums = sums_of(problem, model, own, white, scatter=not loose)
     information, gradient, squares = whole(model, own, sums)
     cost = squares + float(precision @ (values - mean) ** 2)
-    damping, converged, message = FAR if loose else NEAR, False, "too many iterations"
+    damping, converged, message = FAR if loose else NEAR, False, UNFINISHED
     iteration, quiet, first, bend = 0, 0, model, np.zeros_like(information)
     costs, rejected = [cost], False
-    for iteration in range(1, MOST + 1):
+    for iteration in range(1, most + 1):
         total = information + np.diag(precision) + bend
         slope = gradient - precision * (values - mean)
         shown = _shown(information, precision, sums, len(model.parameters))
         step, promise = _step(
-            total, slope, damping, np.maximum(lower - values, -most), np.minimum(upper - values, most), shown
+            total, slope, damping, np.maximum(lower - values, -leap), np.minimum(upper - values, leap), shown
         )
         limit = max(1.0, ROUGH * squares) if loose else enough
         if promise < limit:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from piezoharvest.identify.descent import Fit, descend
+from piezoharvest.identify.descent import ITERATIONS, Fit, descend
 from piezoharvest.identify.evaluation import sums_of, whiteners, whole
 from piezoharvest.identify.gain import gain_of
 from piezoharvest.identify.model import Model, residual_blocks
@@ -33,6 +33,7 @@ def fit(
     rounds: int = ROUNDS,
     enough: float = ENOUGH,
     aim: float = np.inf,
+    most: int = ITERATIONS,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Fit:
     """Fit a model to the records of a problem.
@@ -53,6 +54,8 @@ def fit(
         Of -2 ln L that an iteration may still promise at the end.
     aim : float
         Of -2 ln L: a fit that at its pace will not come to this is given up.
+    most : int
+        Iterations in a round.
     tell : callable
         Told about every iteration.
     """
@@ -61,9 +64,10 @@ def fit(
     found: Fit | None = None
     rounds = rounds if estimate_noise else 1
     for n in range(rounds):
-        found = descend(problem, model, own, noise, tell, loose=n < rounds - 1, enough=enough, aim=aim)
+        loose = n < rounds - 1
+        found = descend(problem, model, own, noise, tell, loose=loose, enough=enough, aim=aim, most=most)
         model, own = found.model, found.own
-        if n < rounds - 1:
+        if loose:
             noise = reestimated(problem, found)
     assert found is not None
     return found

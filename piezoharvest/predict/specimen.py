@@ -259,50 +259,48 @@ class Specimen:
         z, dz = [state[1] for state in self._states], [state[2] for state in self._states]
         scale = np.array([state[3] for state in self._states])
         columns = [int(np.argmax(row)) for row in [*dz, *self._signals]]
-        known = [int(np.argmax(row)) for row in z], [int(np.argmax(w)) for _, w in self._elements], range(len(INPUTS))
+        states = [int(np.argmax(row)) for row in z]
+        outs = [int(np.argmax(w)) for _, w in self._elements]
         rows = np.array(self._equations)
         size = np.abs(rows).max(axis=1)
         # Unknown rates and signals from states, elements and inputs.
         solution = np.linalg.solve(rows[:, columns] / size[:, None], -rows / size[:, None])
 
-        def explicit(row: Row) -> np.ndarray:
-            full = row + row[columns] @ solution
-            return np.concatenate([full[known[0]] * scale, full[known[1]], full[list(known[2])]])
+        def explicit(wanted: list[Row]) -> np.ndarray:
+            full = np.array(wanted)
+            full = full + full[:, columns] @ solution
+            return np.hstack([full[:, states] * scale, full[:, outs], full[:, : len(INPUTS)]])
 
         n, elements = len(z), [element for element, _ in self._elements]
-        rates = np.array([explicit(row) for row in dz]) / scale[:, None]
+        rates = explicit(dz) / scale[:, None]
         inputs, places = _distinct(elements)
         outputs = {"displacement": self._reading, "voltage": self.v, "current": self.i, "force": self._force}
         if self.drive_name != "displacement":
             del outputs["force"]
-        slopes = [self._rate(row) for row in inputs]
+        rate_of = {_content(row): rate for _, row, rate, _ in self._states}
+        # Inputs that are no states have no rate: only elements without memory take them.
+        slopes = [rate_of.get(_content(row), 0.0 * row) for row in inputs]
         channels = tuple(name for name in outputs if name != self.drive_name)
-        observed = [explicit(row) for row in [*inputs, *slopes, *(outputs[name] for name in channels)]]
+        observed = explicit([*inputs, *slopes, *(outputs[name] for name in channels)])
         w = len(elements)
         return Matrices(
-            A=rates[:, :n], W=rates[:, n : n + w], B=rates[:, n + w :], O=np.array(observed), scale=scale,
+            A=rates[:, :n], W=rates[:, n : n + w], B=rates[:, n + w :], O=observed, scale=scale,
             kinds=np.array([e.kind for e in elements], np.int64), parameters=np.array([e.parameter for e in elements]),
             places=places, channels=channels, states=tuple(state[0] for state in self._states),
         )  # fmt: skip
 
-    def _rate(self, row: Row) -> Row:
-        """Rate of an input that is a state; zero for others, which only elements without memory take."""
-        for _, z, dz, _ in self._states:
-            if np.array_equal(row, z):
-                return dz
-        return 0.0 * row
+
+def _content(row: Row) -> bytes:
+    """What rows of the same numbers have in common: zeros without their sign, real or complex."""
+    return (row + 0.0j).tobytes()
 
 
 def _distinct(elements: list[Element]) -> tuple[list[Row], np.ndarray]:
     """Inputs of the elements, each once, and which of them every element takes."""
-    inputs: list[Row] = []
-
-    def place(row: Row) -> int:
-        for n, other in enumerate(inputs):
-            if np.array_equal(row, other):
-                return n
-        inputs.append(row)
-        return len(inputs) - 1
-
-    places = [(place(e.first), place(e.second)) for e in elements]
-    return inputs, np.array(places, np.int64).reshape(len(elements), 2)
+    inputs: dict[bytes, Row] = {}
+    for element in elements:
+        for row in (element.first, element.second):
+            inputs.setdefault(_content(row), row)
+    order = {content: n for n, content in enumerate(inputs)}
+    places = [(order[_content(e.first)], order[_content(e.second)]) for e in elements]
+    return list(inputs.values()), np.array(places, np.int64).reshape(len(elements), 2)

@@ -128,9 +128,7 @@ def lag_profile(lags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.array(both[0]), np.array(both[1])
 
 
-def _step(
-    name: str, terms: tuple[str, ...], sine_only: bool = False
-) -> tuple[Step, tuple[np.ndarray, ...]]:
+def _step(name: str, terms: tuple[str, ...], sine_only: bool = False) -> tuple[Step, tuple[np.ndarray, ...]]:
     lag = 0.0
     if "lag" in terms:
         options = {"xatol": 1e-4}

@@ -7,7 +7,8 @@ from diagnose_runs import campaign, fitted
 
 from piezoharvest.diagnose import diagnose
 from piezoharvest.diagnose.candidates import extended
-from piezoharvest.diagnose.search import Searcher, Step
+from piezoharvest.diagnose.search import Searcher
+from piezoharvest.diagnose.trials import Step, Trials
 from piezoharvest.effects import BiasCurrent, Clipping, Leakage
 from piezoharvest.identify import descent
 from piezoharvest.identify.fit import fit
@@ -22,17 +23,16 @@ def searched(tmp_path_factory):
     """Search through records with two effects, and the full fit with both."""
     found = campaign(tmp_path_factory.mktemp("search"))
     problem, base, scene = fitted(prepared(found, "fit"), found.transducer, PRESENT, seed=7)
-    searcher = Searcher(problem, scene, [type(effect) for effect in PRESENT], lambda text: None)
-    now = searcher.run(base).final
-    return searcher, Step(now, tuple(effect.name for effect in now.model.transducer.effects))
+    trials = Trials(problem, base, scene, [type(effect) for effect in PRESENT], lambda text: None)
+    return trials, Step(Searcher(trials).run().final)
 
 
 def test_a_descent_too_slow_for_its_aim_is_given_up(searched, monkeypatch):
-    searcher, now = searched
+    trials, now = searched
     away = replace(now.found.model, transducer=put(now.found.model.transducer, ("stiffness",), 2.5e8))
 
     def again(aim):
-        return fit(searcher.problem, away, now.found.own, now.found.noise, estimate_noise=False, aim=aim)
+        return fit(trials.problem, away, now.found.own, now.found.noise, estimate_noise=False, aim=aim)
 
     monkeypatch.setattr(descent, "PACE", 1)
     hopeless, reached = again(-1e12), again(now.cost + 1.0)
@@ -44,33 +44,33 @@ def test_a_descent_too_slow_for_its_aim_is_given_up(searched, monkeypatch):
 
 
 def test_sets_of_effects_are_fitted_once_and_the_best_fit_is_kept(searched):
-    searcher, now = searched
+    trials, now = searched
     assert sorted(now.effects) == ["bias_current", "leakage"]
-    before = len(searcher.fits)
-    less = searcher.without(now, 1)
-    assert len(searcher.fits) == before  # that one was found on the way
+    before = len(trials.made)
+    less = trials.without(now, 1)
+    assert len(trials.made) == before  # that one was found on the way
     assert less is not None
     assert less.effects == now.effects[:1]
     worse = replace(less, found=replace(less.found, cost=less.cost + 10.0))
-    searcher._remember(worse)
-    assert searcher.without(now, 1) is less
+    trials.remember(worse)
+    assert trials.without(now, 1) is less
 
 
 def test_a_search_comes_back_from_a_false_minimum(searched):
     """Capacitance at three times its value, all else fitted to that: held at its nominal value it is better."""
-    searcher, now = searched
+    trials, now = searched
     model = now.found.model
     held = replace(
         model,
         transducer=put(model.transducer, ("capacitance",), 3.0 * model.transducer.capacitance),
         parameters=tuple(p for p in model.parameters if p.path != ("capacitance",)),
     )
-    false = fit(searcher.problem, held, now.found.own, now.found.noise, estimate_noise=False)
+    false = fit(trials.problem, held, now.found.own, now.found.noise, estimate_noise=False)
     assert false.cost > now.cost + 1e3
     strayed = replace(false, model=replace(false.model, parameters=model.parameters))
-    back, stage = searcher._surveyed(Step(strayed, now.effects))
+    back, held = Searcher(trials)._surveyed(Step(strayed))
     assert back.cost == pytest.approx(now.cost, abs=1.0)
-    assert all(step is back for _, step in stage)
+    assert held is None
 
 
 @pytest.mark.parametrize("hidden", [{}, {"bias_current": {"current": 1e-6}}], ids=["healthy", "another effect"])
@@ -78,8 +78,8 @@ def test_an_effect_that_spoils_unseen_records_is_chance_where_nothing_is_left_wi
     """A search that ends with a range too small for the record that was not fitted."""
     told, run = [], Searcher.run
 
-    def misled(searcher, base):
-        found = run(searcher, base)
+    def misled(searcher):
+        found, base = run(searcher), searcher.trials.base
         unseen = max(abs(record["displacement"]).max() for record in measured.of_role("validate"))
         cut = extended(base.model, [Clipping(limit=0.98 * unseen, channel="displacement")], [])
         return replace(found, nested=(replace(base, model=cut),), order=cut.transducer.effects, p_values=(1e-9,))

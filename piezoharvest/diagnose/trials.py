@@ -1,0 +1,208 @@
+"""Full fits of models that differ in their effects, and their scores: none is made twice, the best are remembered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from piezoharvest.diagnose.candidates import Candidate, carried, effect_parameters, extended, scores
+from piezoharvest.diagnose.scene import Scene
+from piezoharvest.effects import Effect
+from piezoharvest.identify.descent import ITERATIONS, UNFINISHED, Fit
+from piezoharvest.identify.fit import fit
+from piezoharvest.identify.model import Model
+from piezoharvest.identify.problem import Problem
+from piezoharvest.predict.parameters import Parameter, put, value_at
+from piezoharvest.predict.prediction import PredictionError
+
+STRAYED = 0.4  # of a logarithm: a parameter that is so far from its nominal value may stand in for an effect
+ROUGHLY = 0.5  # of -2 ln L that a trial fit may still promise
+COARSELY = 10.0  # the same, of a fit that only serves for scores
+CLOSE = 6.0  # of -2 ln L: odds of twenty to one
+
+
+@dataclass(frozen=True)
+class Step:
+    """A model with one effect more or less.
+
+    Attributes
+    ----------
+    found : Fit
+    """
+
+    found: Fit
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names of its effects."""
+        return tuple(effect.name for effect in self.found.model.transducer.effects)
+
+    @property
+    def cost(self) -> float:
+        """-2 ln L but for a constant."""
+        return self.found.cost
+
+    @property
+    def fair_cost(self) -> float:
+        """Cost with two for every number that the effects take: sets of different sizes are compared by it."""
+        return self.cost + 2.0 * sum(parameter.path[0] == "effects" for parameter in self.found.model.parameters)
+
+
+class Trials:
+    """Fits and scores of a campaign.
+
+    Parameters
+    ----------
+    problem : Problem
+    base : Fit
+        Of the model without effects.
+    scene : Scene
+    library : sequence of Effect classes or None
+    tell : callable
+
+    Attributes
+    ----------
+    made : list of (str, float)
+        Full fits: names of the effects, and cost less that of the model without any.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        base: Fit,
+        scene: Scene,
+        library: Sequence[type[Effect]] | None,
+        tell: Callable[[str], None],
+    ):
+        self.problem, self.base, self.scene, self.library, self.tell = problem, base, scene, library, tell
+        self.made: list[tuple[str, float]] = []
+        self._scored: dict[int, tuple[Step, list[Candidate]]] = {}
+        self._known: dict[tuple[str, ...], Step] = {}
+
+    def scores(self, now: Step) -> list[Candidate]:
+        """Scores of all effects against a model."""
+        if id(now) not in self._scored:
+            self._scored[id(now)] = now, scores(self.problem, now.found, self.scene, self.library)
+        return self._scored[id(now)][1]
+
+    def extended(
+        self, now: Step, effect: Effect, aim: float, varied: Sequence[Parameter] | None = None, most: int = ITERATIONS
+    ) -> Step | None:
+        """Full fit with one effect more, and what else varies; None where the model then has no solution.
+
+        It is given up where it will not come to this -2 ln L.
+        """
+        first = len(now.found.model.transducer.effects)
+        base = now.found.model if varied is None else replace(now.found.model, parameters=tuple(varied))
+        model = extended(base, [effect], effect_parameters([effect], first))
+        own = carried(self.problem, now.found.model, now.found.own, model)
+        return self._kept(self._fit(model, own, now.found, aim=aim, most=most))
+
+    def finished(self, tried: Sequence[Step]) -> list[Step]:
+        """Fits of which those that crawl go on when it is known what they have to come to; the best first."""
+        done = [step for step in tried if step.found.message != UNFINISHED]
+        for slow in sorted((step for step in tried if step.found.message == UNFINISHED), key=lambda s: s.fair_cost):
+            step = self._kept(self._fit(slow.found.model, slow.found.own, slow.found, aim=aim_beside(done)))
+            done += [] if step is None else [step]
+        return sorted(done, key=lambda step: step.fair_cost)
+
+    def held(self, now: Step) -> Step | None:
+        """Full fit with the parameters that have strayed at their nominal values; None where none has."""
+        nominal, model = self.problem.nominal, now.found.model
+        strayed = [
+            p for p in model.parameters
+            if p.scaling == "log" and p.path[0] != "effects"
+            and abs(p.inner(value_at(model.transducer, p.path)) - p.inner(value_at(nominal, p.path))) > STRAYED
+        ]  # fmt: skip
+        if not strayed:
+            return None
+        transducer = model.transducer
+        for parameter in strayed:
+            transducer = put(transducer, parameter.path, value_at(nominal, parameter.path))
+        kept = tuple(p for p in model.parameters if p not in strayed)
+        return self._fit(
+            replace(model, transducer=transducer, parameters=kept), now.found.own, now.found, enough=COARSELY
+        )
+
+    def freed(self, held: Step, now: Step) -> Step | None:
+        """Full fit from there with all that varies in another step."""
+        model = replace(held.found.model, parameters=now.found.model.parameters)
+        return self.remember(self._fit(model, held.found.own, now.found))
+
+    def without(self, now: Step, n: int) -> Step | None:
+        """The best that is known without the n-th effect."""
+        keys = _keys(now.found.model)
+        keys = keys[:n] + keys[n + 1 :]
+        if keys not in self._known:
+            self.drop(now, n)
+        return self._known.get(keys)
+
+    def drop(self, now: Step, n: int) -> None:
+        """Make a full fit from here without the n-th effect."""
+        less = _less(now.found.model, n)
+        known = self._known.get(_keys(less))
+        aim = np.inf if known is None else known.cost + CLOSE  # only what is better matters
+        own = carried(self.problem, now.found.model, now.found.own, less)
+        self.remember(self._fit(less, own, now.found, aim=aim))
+
+    def polished(self, now: Step) -> Step:
+        """The same fit to the end."""
+        found = now.found
+        return Step(fit(self.problem, found.model, found.own, found.noise, estimate_noise=False))
+
+    def remember(self, step: Step | None) -> Step | None:
+        """The step; the best with its effects is known from now on."""
+        if step is not None:
+            key = _keys(step.found.model)
+            self._known[key] = min(step, self._known.get(key, step), key=lambda each: each.cost)
+        return step
+
+    def _kept(self, step: Step | None) -> Step | None:
+        """The step, remembered if its descent came to an end."""
+        return self.remember(step) if step is not None and step.found.converged else step
+
+    def _fit(
+        self, model: Model, own, before: Fit, *, aim: float = np.inf, enough: float = ROUGHLY, most: int = ITERATIONS
+    ) -> Step | None:
+        try:
+            found = fit(self.problem, model, own, before.noise, estimate_noise=False, enough=enough, aim=aim, most=most)
+        except (PredictionError, np.linalg.LinAlgError):
+            return None
+        step = Step(found)
+        names, change = " + ".join(step.effects), step.cost - self.base.cost
+        self.made.append((names, change))
+        self.tell(f"tried {names or 'nominal values'}: -2 ln L {change:+.1f}")
+        return step
+
+
+def aim_beside(others: Sequence[Step]) -> float:
+    """What another fit has to come to beside these."""
+    return min((other.fair_cost for other in others), default=np.inf) + CLOSE
+
+
+def key_of(effect: Effect) -> str:
+    """What is fitted once: an effect, for each channel or label."""
+    own = [field.name for field in fields(effect) if field.default is None or "unit" not in field.metadata]
+    return " ".join([effect.name, *(str(getattr(effect, name)) for name in own)])
+
+
+def _keys(model: Model) -> tuple[str, ...]:
+    """Which effects a model has."""
+    return tuple(key_of(effect) for effect in model.transducer.effects)
+
+
+def _less(model: Model, n: int) -> Model:
+    """Model without its n-th effect."""
+    effects = model.transducer.effects
+    kept = [k for k in range(len(effects)) if k != n]
+    parameters = []
+    for parameter in model.parameters:
+        if parameter.path[0] != "effects":
+            parameters.append(parameter)
+        elif parameter.path[1] in kept:
+            path = ("effects", kept.index(parameter.path[1]), *parameter.path[2:])
+            parameters.append(replace(parameter, path=path))
+    transducer = put(model.transducer, ("effects",), tuple(effects[k] for k in kept))
+    return replace(model, transducer=transducer, parameters=tuple(parameters))
