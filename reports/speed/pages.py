@@ -22,6 +22,7 @@ def page(results: dict) -> str:
         "# Speed\n",
         f"Written by `make bench` on {machine['date']}: {machine['processor']}, {machine['cores']} cores, "
         f"{machine['system']}; {versions}. All times are of this one run, on one core unless it says otherwise.\n",
+        _HOW_TIMED,
         "## What was promised\n",
         markdown(["", "limit", "measured", "kept", ""], [_goal(goal) for goal in goals(results)], (0, 3, 4)),
         "## Time and error from rest\n",
@@ -42,6 +43,11 @@ def page(results: dict) -> str:
 
 
 _NOT_VERSIONS = ("date", "processor", "cores", "system")
+_HOW_TIMED = """\
+Times of piezoharvest are medians of repeats that nothing disturbed: beside each a fixed loop is timed, and where that
+took a tenth longer than at its shortest, the repeat is made again for up to ten seconds. On a shared host every
+second one may be disturbed, and takes half as long again. Alternatives that run for seconds are timed once.
+"""
 _HOW_RUNS = """\
 Every alternative runs the same study from rest. The error is the largest distance of the state from DOP853 at 1e-12
 (the oracle of the tests) at the quarters of 20 periods spread over the run (of a record: at its samples), relative to
