@@ -239,19 +239,18 @@ class Terms:
         return row
 
     def check(self, shunt: Shunt, switch: Switch | None) -> None:
-        """Raise where a smooth element makes a charge of the voltage, and the shunt's switch takes charge at once.
-
-        How the charge goes then would be another curve for every element.
+        """Raise where the shunt's switch takes charge at once, and a smooth element does not go straight with v_t then.
 
         Raises
         ------
         ParameterError
         """
-        acting = [e for e in self.elements if np.any(self.charges[..., self.columns[e.name]])]
-        bent = any(np.any(row[..., self.columns["v_t"]]) for e in acting for row in (e.first, e.second))
+        names = ("v_h", "q", "i", *(e.name for e in self.elements))
+        other = [self.columns[name] for name in names]
+        bent = any(np.any(row[..., other]) for e in self.elements for row in (e.first, e.second))
         if bent and switch is not None and np.all(np.asarray(switch.on_time) == 0):
-            found = f"found a charge that depends on the voltage beside {shunt.kind}, which takes charge at once"
-            raise ParameterError("transducer.effects", f"{found}, allowed are shunts that switch through an inductance")
+            found = f"found a smooth term of q, v, i or another one beside {shunt.kind}, which takes charge at once"
+            raise ParameterError("transducer.effects", f"{found}, allowed are those of v_t, x and u")
 
     def over(self, row: Row, states: Rows) -> Row:
         """A row that is a combination of states and smooth elements, from the rows that they, or their rates, have."""

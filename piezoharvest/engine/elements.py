@@ -38,34 +38,33 @@ def scale_of(P, L, place):
 
 
 @compiled
-def _input(P, L, S, z, k, second):
-    return dot_column(P, L[pg.ELEMENT_Z] + (2 * k + second) * L[pg.A], 1, S, z, L[pg.A])
+def input_of(P, L, S, z, k, which):
+    """First or second input of an element at a state."""
+    return dot_column(P, L[pg.ELEMENT_Z] + (2 * k + which) * L[pg.A], 1, S, z, L[pg.A])
 
 
 @compiled
-def _output(P, L, S, z, k, time):
-    """Output of an element at a state."""
-    power, first = L[L[pg.ELEMENT_POWER] + k], _input(P, L, S, z, k, 0)
+def output_of(P, L, k, first, second, time):
+    """Output of an element for these inputs."""
+    power = L[L[pg.ELEMENT_POWER] + k]
     if power == TIMED:
         return P[L[pg.DRIFT]] * time * first
-    if power == PRODUCT:
-        return first * _input(P, L, S, z, k, 1)
-    return first**power
+    return first * second if power == PRODUCT else first**power
 
 
 @compiled
-def _slope(P, L, S, z, k, time, second):
+def slope_of(P, L, k, first, second, time, which):
     """Derivative of the output of an element by one of its inputs."""
     power = L[L[pg.ELEMENT_POWER] + k]
     if power == PRODUCT:
-        return _input(P, L, S, z, k, 1 - second)
-    if second:
+        return first if which else second
+    if which:
         return 0.0
-    return P[L[pg.DRIFT]] * time if power == TIMED else power * _input(P, L, S, z, k, 0) ** (power - 1)
+    return P[L[pg.DRIFT]] * time if power == TIMED else power * first ** (power - 1)
 
 
 @compiled
-def _solve(L, S, D):
+def solve(L, S, D):
     """Solve the equations of the outputs; the solution takes the place of the right side."""
     count = L[pg.ELEMENTS]
     matrix = scratch(L, D, MATRIX)
@@ -88,15 +87,15 @@ def outputs(P, L, S, D, z, time):
     for _ in range(NEWTONS):
         largest, change = 0.0, 0.0
         for k in range(count):
-            own = z + element_of(L, k)
-            S[right + k] = _output(P, L, S, z, k, time) / scale_of(P, L, element_of(L, k)) - S[own]
+            own, first, second = z + element_of(L, k), input_of(P, L, S, z, k, 0), input_of(P, L, S, z, k, 1)
+            S[right + k] = output_of(P, L, k, first, second, time) / scale_of(P, L, element_of(L, k)) - S[own]
             for m in range(count):
                 slope = 0.0
-                for second in range(2):
-                    row = L[pg.ELEMENT_Z] + (2 * k + second) * L[pg.A]
-                    slope += _slope(P, L, S, z, k, time, second) * P[row + element_of(L, m)]
+                for which in range(2):
+                    row = L[pg.ELEMENT_Z] + (2 * k + which) * L[pg.A]
+                    slope += slope_of(P, L, k, first, second, time, which) * P[row + element_of(L, m)]
                 S[matrix + k * count + m] = (1.0 if k == m else 0.0) - slope / scale_of(P, L, element_of(L, k))
-        _solve(L, S, D)
+        solve(L, S, D)
         for k in range(count):
             S[z + element_of(L, k)] += S[right + k]
             change, largest = max(change, abs(S[right + k])), max(largest, abs(S[z + element_of(L, k)]))
@@ -112,11 +111,11 @@ def _rates(P, L, S, D, slot, z, time, right):
     flow = scratch(L, D, FLOW)
     multiply(P, block_of(L, slot) + L[tb.MATRIX], L[pg.ROWS], L[pg.COLUMNS], S, z, flow)
     for k in range(L[pg.ELEMENTS]):
-        total = 0.0
-        for second in range(2):
-            total += _slope(P, L, S, z, k, time, second) * _input(P, L, S, flow, k, second)
+        first, second, total = input_of(P, L, S, z, k, 0), input_of(P, L, S, z, k, 1), 0.0
+        for which in range(2):
+            total += slope_of(P, L, k, first, second, time, which) * input_of(P, L, S, flow, k, which)
         if L[L[pg.ELEMENT_POWER] + k] == TIMED:
-            total += P[L[pg.DRIFT]] * _input(P, L, S, z, k, 0)
+            total += P[L[pg.DRIFT]] * first
         S[right + k] = total / scale_of(P, L, element_of(L, k) + 1)
 
 
@@ -141,6 +140,6 @@ def lift(P, L, S, D, slot, z, time):
     for k in range(count):
         for m in range(count):
             S[matrix + k * count + m] = (1.0 if k == m else 0.0) - (S[matrix + k * count + m] - S[right + k])
-    _solve(L, S, D)
+    solve(L, S, D)
     for k in range(count):
         S[z + element_of(L, k) + 1] = S[right + k]

@@ -6,9 +6,10 @@ import numpy as np
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
-from piezoharvest.engine.compiled import compiled, inlined
+from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.crossing import NONE
-from piezoharvest.engine.state import QUEUE_LENGTH, dot_column, stored
+from piezoharvest.engine.extraction import extract
+from piezoharvest.engine.state import QUEUE_LENGTH, stored
 
 
 @compiled
@@ -29,67 +30,6 @@ def cut(P, L, S, D, state):
         S[D[st.PHI] + s * L[pg.ROWS] + state] = 0.0
     if D[st.ENERGIES]:
         S[D[st.ENERGY] + pg.SHUNT_LOSS] += before - stored(P, L, S)
-
-
-@compiled
-def extract(P, L, S, D):
-    """Take the electrode voltage to zero at once: charge moves, stops with it, piece by piece as they saturate."""
-    delivered, a, slip, charge = 0.0, L[pg.A], D[st.SLIP], L[pg.CHARGE]
-    row, limit = L[pg.VOLTAGE_ROW], L[pg.STOP_LIMIT]
-    for _ in range(2 * L[pg.H] + 2):
-        voltage = dot_column(P, row, 1, S, 0, a)
-        if voltage == 0.0:
-            break
-        sign = -1 if voltage > 0.0 else 1
-        # A stop that slipped the other way sticks as soon as the charge turns.
-        slope = P[row + charge]
-        for j in range(L[pg.H]):
-            if not _of_charge(P, L, j):
-                continue
-            if D[slip + j] == -sign:
-                D[slip + j] = 0
-            if D[slip + j] == 0:
-                slope += P[row + L[L[pg.STOP_STATE] + j]]
-        move, first = -voltage / slope, NONE
-        for j in range(L[pg.H]):
-            if D[slip + j] == 0 and _of_charge(P, L, j):
-                reach = sign * P[limit + j] - S[L[L[pg.STOP_STATE] + j]]
-                if abs(reach) < abs(move):
-                    move, first = reach, j
-        for s in range(D[st.SENSITIVITIES]):
-            phi = D[st.PHI] + s * L[pg.ROWS]
-            if first == NONE:
-                shift = -dot_column(P, row, 1, S, phi, a) / slope
-            else:
-                shift = -S[phi + L[L[pg.STOP_STATE] + first]]
-            _shift(P, L, S, D, phi, shift)
-        delivered -= P[L[pg.SCALE] + charge] * move * (voltage + 0.5 * slope * move)
-        if D[st.ENERGIES]:
-            for j in range(L[pg.H]):
-                if D[slip + j] != 0:
-                    S[D[st.ENERGY] + pg.HYSTERESIS] += P[L[pg.STOP_WEIGHT] + j] * P[limit + j] * abs(move)
-        _shift(P, L, S, D, 0, move)
-        if first == NONE:
-            break
-        D[slip + first] = sign
-        S[L[L[pg.STOP_STATE] + first]] = sign * P[limit + first]
-    if D[st.ENERGIES]:
-        S[D[st.ENERGY] + pg.HARVESTED] += P[L[pg.EFFICIENCY]] * delivered
-        S[D[st.ENERGY] + pg.SHUNT_LOSS] += (1.0 - P[L[pg.EFFICIENCY]]) * delivered
-
-
-@inlined
-def _of_charge(P, L, j):
-    """Whether a stop follows the charge; one that follows a displacement stays where it is when charge is taken."""
-    return P[L[pg.STOP_INPUT] + j * L[pg.N] + L[pg.CHARGE]] != 0.0
-
-
-@compiled
-def _shift(P, L, S, D, z, move):
-    S[z + L[pg.CHARGE]] += move
-    for j in range(L[pg.H]):
-        if D[D[st.SLIP] + j] == 0 and _of_charge(P, L, j):
-            S[z + L[L[pg.STOP_STATE] + j]] += move
 
 
 @compiled

@@ -1,0 +1,128 @@
+"""Charge taken at once where it is no straight line of the voltage: against DOP853 and root finding, written out."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+from scipy.optimize import brentq
+from studies import BENCH, STOPS, distance
+
+from piezoharvest import SineForce, System, Transducer, effects, shunts, simulate
+from piezoharvest.hysteresis import Hysteresis
+from piezoharvest.parameters import ParameterError
+
+DRIVE = SineForce(amplitude=0.02, frequency=50.6)
+LENGTH = 0.12
+
+
+class Bench:
+    """One mode, hysteresis in the charge, q = T x + C v_t (1 + beta v_t^2): open but for the extractions."""
+
+    def __init__(self, beta, hysteresis):
+        self.beta, self.hysteresis = beta, hysteresis
+        self.q, self.stops, self.taken = 0.0, np.zeros(len(hysteresis["thresholds"])), 0.0
+
+    def inner_voltage(self, x, q):
+        """Voltage across the capacitance: the real root of the cubic."""
+        s = (q - BENCH["coupling"] * x) / BENCH["capacitance"]
+        if self.beta == 0.0:
+            return s
+        a = np.sqrt(3.0 * abs(self.beta))
+        if self.beta > 0.0:
+            return 2.0 / a * np.sinh(np.arcsinh(1.5 * a * s) / 3.0)
+        return 2.0 / a * np.sin(np.arcsin(np.clip(1.5 * a * s, -1.0, 1.0)) / 3.0)
+
+    def stops_at(self, q):
+        r = np.array(self.hysteresis["thresholds"])
+        return np.clip(self.stops + q - self.q, -r, r)
+
+    def voltage(self, x, q):
+        return self.inner_voltage(x, q) + np.dot(self.hysteresis["weights"], self.stops_at(q))
+
+    def extract(self, x):
+        """Move the charge until the voltage is zero; what leaves is the integral of the voltage over it."""
+        far = 4.0 * abs(self.q - BENCH["coupling"] * x) + 1e-12
+        end = brentq(lambda q: self.voltage(x, q), self.q - far, self.q + far, xtol=1e-26, rtol=1e-15)
+        r = np.array(self.hysteresis["thresholds"])
+        kinks = np.concatenate([self.q + r - self.stops, self.q - r - self.stops])
+        inside = sorted(k for k in kinks if min(self.q, end) < k < max(self.q, end))
+        path = [self.q, *(inside if end > self.q else inside[::-1]), end]
+        for a, b in pairwise(path):
+            self.taken -= quad(lambda q: self.voltage(x, q), a, b, epsabs=0, epsrel=1e-12)[0]
+        self.stops, self.q = self.stops_at(end), end
+
+    def rates(self, t, z):
+        x, u = z
+        force = DRIVE.amplitude * np.sin(2 * np.pi * DRIVE.frequency * t)
+        push = BENCH["coupling"] * self.inner_voltage(x, self.q)
+        return [u, (force + push - BENCH["damping"] * u - BENCH["stiffness"] * x) / BENCH["mass"]]
+
+    def run(self, times):
+        """Displacement and voltage at the times, from rest."""
+        waves, t, z, turning = np.zeros((2, len(times))), 0.0, np.zeros(2), -1
+        while t < times[-1]:
+            event = lambda t, z: z[1]  # noqa: E731
+            event.terminal, event.direction = True, turning
+            part = solve_ivp(
+                self.rates, (t, times[-1]), z, "DOP853", events=event, dense_output=True, rtol=1e-12, atol=1e-20
+            )
+            here = (times >= t) & (times <= part.t[-1])
+            x = part.sol(times[here])[0]
+            waves[:, here] = x, self.voltage(x, self.q)
+            t, z = part.t[-1], np.array([part.y[0, -1], 0.0])
+            if part.status == 1:
+                self.extract(z[0])
+                turning = -turning
+        return waves
+
+
+@pytest.mark.parametrize("beta", [0.0, 3e-3, 3e-2, -1e-3])
+@pytest.mark.parametrize("stops", [{"thresholds": [], "weights": []}, STOPS], ids=["plain", "hysteresis"])
+@pytest.mark.parametrize("kind", ["sece", "ssds"])
+def test_agrees_with_dop853(kind, stops, beta):
+    shunt = shunts.SECE(efficiency=0.9) if kind == "sece" else shunts.SSDS()
+    present = (effects.VoltageDependentCapacitance(beta=beta),) if beta else ()
+    hysteresis = Hysteresis(**stops) if stops["weights"] else None
+    system = System(Transducer(**BENCH, hysteresis=hysteresis, effects=present), shunt)
+    found = simulate(system, DRIVE, transient=LENGTH, samples=300)
+    bench = Bench(beta, stops)
+    x, v = bench.run(found.waveforms.time)
+    taken = found.energy["harvested"] + found.energy["shunt_loss"]
+    assert distance(found.waveforms.displacement, x) < 1e-9
+    assert distance(found.waveforms.voltage, v) < 1e-8
+    assert taken == pytest.approx(bench.taken, rel=1e-9)
+    assert found.energy["harvested"] == pytest.approx((0.9 if kind == "sece" else 0.0) * taken, rel=1e-12)
+    assert found.energy["closure"] < 1e-12
+    if beta:  # its electrodes end without voltage: what it stored is given back
+        assert abs(found.energy["voltage_dependent_capacitance"]) < 1e-5 * taken
+
+
+@pytest.mark.parametrize("stops", [None, STOPS], ids=["plain", "hysteresis"])
+@pytest.mark.parametrize("shunt", [shunts.SECE(), shunts.SSDS(), shunts.SECE(phase_lag=0.1)], ids=str)
+def test_steady_state_is_that_of_a_long_run(shunt, stops):
+    """Found in a few periods, which it is not with wrong tangents."""
+    hysteresis = Hysteresis(**stops) if stops else None
+    present = (effects.VoltageDependentCapacitance(beta=3e-3), effects.NonlinearCoupling(quadratic_coupling=0.1))
+    system = System(Transducer(**BENCH, hysteresis=hysteresis, effects=present), shunt)
+    found = simulate(system, DRIVE)
+    assert found.converged
+    assert found.periods_evaluated < 12
+    cycles = 250
+    waited = simulate(system, DRIVE, transient=cycles / DRIVE.frequency, samples=40)
+    last = waited.waveforms.displacement[-400:]
+    assert 0.5 * np.ptp(last) == pytest.approx(0.5 * np.ptp(found.waveforms.displacement), rel=1e-3)
+
+
+def test_smooth_terms_that_do_not_go_straight_are_refused(monkeypatch):
+    monkeypatch.setattr(
+        effects.Stiffening, "act", lambda self, specimen: specimen.draw(1e-9 * specimen.power(specimen.v, 3))
+    )
+    stops = Hysteresis(**STOPS)
+    system = System(
+        Transducer(**BENCH, hysteresis=stops, effects=(effects.Stiffening(cubic_stiffness=1.0),)), shunts.SECE()
+    )
+    with pytest.raises(
+        ParameterError, match=r"transducer\.effects: found a smooth term of .*, allowed are those of v_t"
+    ):
+        simulate(system, DRIVE, transient=0.1)
