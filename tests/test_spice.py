@@ -214,6 +214,11 @@ class TestAgainstEngine:
         study = bench({**LINEAR, **SWITCHED}[kind], drive, **DAMPED, effects=effects)
         compare_with_engine(study, 5e-3)
 
+    @pytest.mark.parametrize("kind", ["sece", "ssds"])
+    def test_bent_charge_taken_at_once(self, kind):
+        name = "voltage_dependent_capacitance"
+        compare_with_engine(bench(SWITCHED[kind], DRIVE, **DAMPED, effects={name: EFFECTS[name]}), 5e-3)
+
     def test_drift_over_a_record(self):
         drive = {"kind": "step_force", "amplitude": 0.5, "duration": 0.2, "rise_time": 0.01}
         study = bench(LINEAR["resistor"], drive, **DAMPED, effects={"coupling_drift": {"relative_drift": 0.5}})
@@ -239,9 +244,7 @@ class TestText:
 
     @pytest.mark.parametrize("kind", [*LINEAR, *SWITCHED])
     def test_only_what_both_simulators_read(self, kind):
-        at_once = {"voltage_dependent_capacitance"} if kind in ("sece", "ssds") else set()
-        effects = {name: EFFECTS[name] for name in EFFECTS if name not in at_once}
-        text = netlist(bench({**LINEAR, **SWITCHED}[kind], DRIVE, hysteresis=STOPS, modes=[SECOND], effects=effects))
+        text = netlist(bench({**LINEAR, **SWITCHED}[kind], DRIVE, hysteresis=STOPS, modes=[SECOND], effects=EFFECTS))
         joined = text.replace("\n+ ", " ").splitlines()
         for line in joined:
             if line.startswith("*"):
