@@ -88,19 +88,18 @@ class Searcher:
         """Find the effects that a model without any misses."""
         trials = self.trials
         now, held = self._surveyed(Step(trials.base))
-        first = candidates = trials.scores(now)
+        first = trials.scores(now)
         levels: list[float] = []
         alternatives: list[Step] = []
         while len(now.effects) < MOST:
             tried = self._next(now, held)
             if not tried:
                 break
-            levels.append(self._p_value(now, tried[0], candidates))
+            levels.append(self._p_value(now, tried[0], trials.scores(now)))
             now, *alternatives = tried
             trials.tell(f"found {', '.join(now.effects)}")
             now, levels = self._revised(now, levels)
             now, held = self._surveyed(now)
-            candidates = trials.scores(now)
         now = trials.polished(now) if now.effects else now
         left = structure(trials.problem, now.found)
         close = () if left else self._alternatives(now, alternatives)
@@ -131,26 +130,24 @@ class Searcher:
         if held is not None and _any(candidates) and held.cost - now.cost < candidates[0].score:
             rounds = [[now], [held]]
         for origins in rounds:
-            tried = self._stage(now, [(candidate, step) for step in origins for candidate in self.trials.scores(step)])
+            tried = self._stage(now, origins)
             if tried and self._p_value(now, tried[0], candidates) < LEVEL:
                 return tried
         return []
 
-    def _stage(self, now: Step, stage: Sequence[tuple[Candidate, Step]]) -> list[Step]:
-        """Full fits of the promising effects, the best first."""
-        if not _any([candidate for candidate, _ in stage]):
+    def _stage(self, now: Step, origins: Sequence[Step]) -> list[Step]:
+        """Full fits of the effects that are promising against one of these models, the best first."""
+        if not _any([candidate for origin in origins for candidate in self.trials.scores(origin)]):
             return []
         tried: list[Step] = []
-        for origin in dict.fromkeys(id(step) for _, step in stage):
-            mine = [(candidate, step) for candidate, step in stage if id(step) == origin]
-            chosen: dict[str, tuple[Candidate, Step]] = {}
-            for candidate, step in mine:
-                promising = candidate.score > PROMISING * mine[0][0].score and candidate.p_value * len(mine) < LEVEL
-                if promising and key_of(candidate.effect) not in chosen:
-                    chosen[key_of(candidate.effect)] = candidate, step
-            for c, step in list(chosen.values())[: FITS if origin == id(now) else STAND_INS]:
+        for origin in origins:
+            scored, chosen = self.trials.scores(origin), dict[str, Effect]()
+            for candidate in scored:
+                if candidate.score > PROMISING * scored[0].score and candidate.p_value * len(scored) < LEVEL:
+                    chosen.setdefault(key_of(candidate.effect), candidate.effect)
+            for effect in list(chosen.values())[: FITS if origin is now else STAND_INS]:
                 varied = now.found.model.parameters
-                fitted = self.trials.extended(step, c.effect, aim_beside(tried), varied, most=BRIEF)
+                fitted = self.trials.extended(origin, effect, aim_beside(tried), varied, most=BRIEF)
                 tried += [] if fitted is None else [fitted]
         return self.trials.finished(tried)
 
