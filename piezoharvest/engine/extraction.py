@@ -161,6 +161,15 @@ def _bent(P, L, S, D, row, slope, reach, first):
 
 
 @compiled
+def ground(P, L, S, D):
+    """Move the charge to where the electrodes have no voltage, and the sensitivities with it, without an account."""
+    row = L[pg.VOLTAGE_ROW]
+    slope = _along(P, L, D, row)
+    _bent(P, L, S, D, row, slope, np.inf, NONE)
+    _carry(P, L, S, D, row, slope, NONE)
+
+
+@compiled
 def _inputs(P, L, S, k):
     return input_of(P, L, S, 0, k, 0), input_of(P, L, S, 0, k, 1)
 

@@ -15,6 +15,7 @@ from piezoharvest.equations import connected, own_rows
 from piezoharvest.excitation import Excitation, Ramps, Tones
 from piezoharvest.parameters import ParameterError
 from piezoharvest.shunts.base import Shunt
+from piezoharvest.shunts.short import Short
 from piezoharvest.system import System
 from piezoharvest.terms import Terms
 
@@ -237,6 +238,7 @@ def _switching(shunt: Shunt, switch: Switch | None, index: dict[str, int], layou
         "opened": np.array([index[shunt.opened(c)] for c in index]),
         "cut": layout.names.index("current") if "current" in layout.names else -1,
         "mirror": np.array([index[shunt.mirrored(c)] for c in index]),
+        "shorted": isinstance(shunt, Short),
     }
 
 

@@ -88,6 +88,7 @@ class Program(NamedTuple):
     charge: int  # index of q
     switched: int  # 0 none, 1 closes and opens, 2 extracts at once
     cut: int  # state that opening sets to zero, or -1
+    shorted: int  # whether the electrodes have no voltage, whatever moves
     categories: int
     odd: np.ndarray  # (n,) sign that mirroring gives each state
     stop_state: np.ndarray  # (h,)
@@ -109,7 +110,7 @@ _SIZES = 12
     RATE, STOP_RESPONSE, EXOSYSTEM, OMEGA, PHASE, EXO_SCALE, SCALE, STORAGE, STOP_INPUT, STOP_LIMIT, STOP_WEIGHT,
     VOLTAGE_ROW, GUARD_Z, GUARD_D, TRIGGER_ROW, PRODUCT_COEFFICIENT, PRODUCT_Z, PRODUCT_D, OUTPUT_Z, OUTPUT_D,
     EQUILIBRIUM, ELEMENT_Z, LAG, ON_TIME, HOLD_OFF, EFFICIENCY, EARLY, STEP, DRIFT, PERIOD,
-    SIGNAL_KIND, CHARGE, SWITCHED, CUT, CATEGORY_COUNT,
+    SIGNAL_KIND, CHARGE, SWITCHED, CUT, SHORTED, CATEGORY_COUNT,
     ODD, STOP_STATE, GUARD_TARGET, GUARD_CUT, GUARD_CODE, CLOSED, OPENED, MIRROR, PRODUCT_CATEGORY,
     ELEMENT_POWER,
 ) = range(_SIZES, _SIZES + len(Program._fields))  # fmt: skip

@@ -12,6 +12,7 @@ import numpy as np
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine.compiled import compiled, inlined
+from piezoharvest.engine.extraction import ground
 from piezoharvest.engine.state import QUEUE_LENGTH
 
 # Sections, Jacobians and scratch, by number.
@@ -97,6 +98,11 @@ def load(P, L, S, D, W, V, k, time, sensitivities):
             S[D[st.QUEUE_PHI] + j * sensitivities + s] = 1.0 if s == n + j else 0.0
         S[D[st.OPENS_PHI] + s] = 1.0 if V[y + Y_CLOSED] and s == sensitivities - 1 else 0.0
         S[D[st.EVENT_PHI] + s] = 0.0
+    if L[pg.SHORTED] and L[pg.ELEMENTS]:
+        # Motions conserve the voltage, but by a charge that smooth elements bend: no straight step of a search does.
+        ground(P, L, S, D)
+        for i in range(n):
+            W[x + i] = S[i]
 
 
 @compiled

@@ -126,3 +126,20 @@ def test_smooth_terms_that_do_not_go_straight_are_refused(monkeypatch):
         ParameterError, match=r"transducer\.effects: found a smooth term of .*, allowed are those of v_t"
     ):
         simulate(system, DRIVE, transient=0.1)
+
+
+@pytest.mark.parametrize("stops", [None, STOPS], ids=["plain", "hysteresis"])
+def test_a_bent_charge_between_shorted_leads(stops):
+    """A coupling that goes with x^2 moves charge alone there: without hysteresis the structure is linear."""
+    hysteresis = Hysteresis(**stops) if stops else None
+    present = (effects.NonlinearCoupling(quadratic_coupling=1.0), effects.VoltageDependentCapacitance(beta=1e-2))
+    found = simulate(System(Transducer(**BENCH, hysteresis=hysteresis, effects=present), shunts.Short()), DRIVE)
+    omega = 2 * np.pi * DRIVE.frequency
+    linear = abs(BENCH["stiffness"] - BENCH["mass"] * omega**2 + 1j * omega * BENCH["damping"])
+    assert found.converged
+    assert found.message == ""
+    assert found.periods_evaluated < 12
+    assert np.abs(found.waveforms.voltage).max() < 1e-11
+    assert found.energy["closure"] < 1e-10
+    if stops is None:
+        assert found.displacement_amplitude == pytest.approx(DRIVE.amplitude / linear, rel=1e-11)
