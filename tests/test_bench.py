@@ -26,11 +26,17 @@ SMALL = Extent(
 )  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def results():
+@pytest.fixture(scope="module", autouse=True)
+def hurried():
+    """Nobody reads these times."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(timing, "PATIENCE", 0.0)  # nobody reads these times
-        return measure(SMALL)
+        patch.setattr(timing, "PATIENCE", 0.0)
+        yield
+
+
+@pytest.fixture(scope="module")
+def results(hurried):
+    return measure(SMALL)
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["plain", "stops"])
