@@ -44,9 +44,10 @@ def page(results: dict) -> str:
 
 _NOT_VERSIONS = ("date", "processor", "cores", "system")
 _HOW_TIMED = """\
-Times of piezoharvest are medians of repeats that nothing disturbed: beside each a fixed loop is timed, and where that
-took a tenth longer than at its shortest, the repeat is made again for up to ten seconds. On a shared host every
-second one may be disturbed, and takes half as long again. Alternatives that run for seconds are timed once.
+Repeated times are medians of the repeats that nothing disturbed, or of all where there was none: beside each a fixed
+loop is timed, and where that took a tenth longer than at its shortest, the repeat is made again for up to ten seconds.
+On a shared host every second one may be disturbed, and takes half as long again. Sweeps, and alternatives that run for
+seconds, are timed once.
 """
 _HOW_RUNS = """\
 Every alternative runs the same study from rest. The error is the largest distance of the state from DOP853 at 1e-12

@@ -23,7 +23,7 @@ LIBRARIES = ("numpy", "scipy", "numba", "matplotlib", "pyarrow")
 
 
 class Seconds(NamedTuple):
-    """Shortest and middle time of some repeats, s, and how many more were made that others disturbed."""
+    """Shortest and middle time of some repeats, s, and how many of all that were made others disturbed."""
 
     least: float
     median: float
