@@ -239,18 +239,22 @@ class Terms:
         return row
 
     def check(self, shunt: Shunt, switch: Switch | None) -> None:
-        """Raise where the shunt's switch takes charge at once, and a smooth element does not go straight with v_t then.
+        """Raise where the shunt's switch takes charge at once, and smooth elements do not then go straight together.
+
+        Those that make no charge leave v straight; with those that do it is v_t alone in which they all are.
 
         Raises
         ------
         ParameterError
         """
-        names = ("v_h", "q", "i", *(e.name for e in self.elements))
+        charged = np.any(self._smooth(self.charges))
+        names = (*(e.name for e in self.elements), *(("v_h", "q", "i") if charged else ()))
         other = [self.columns[name] for name in names]
         bent = any(np.any(row[..., other]) for e in self.elements for row in (e.first, e.second))
         if bent and switch is not None and np.all(np.asarray(switch.on_time) == 0):
-            found = f"found a smooth term of q, v, i or another one beside {shunt.kind}, which takes charge at once"
-            raise ParameterError("transducer.effects", f"{found}, allowed are those of v_t, x and u")
+            of, allowed = ("q, v, i or another one", "v_t, x and u") if charged else ("another one", "v, q, i, x and u")
+            found = f"found a smooth term of {of} beside {shunt.kind}, which takes charge at once"
+            raise ParameterError("transducer.effects", f"{found}, allowed are those of {allowed}")
 
     def over(self, row: Row, states: Rows) -> Row:
         """A row that is a combination of states and smooth elements, from the rows that they, or their rates, have."""

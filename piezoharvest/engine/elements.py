@@ -8,13 +8,16 @@ from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.algebra import back_substitute, eliminate
+from piezoharvest.engine.charge import along, shift
 from piezoharvest.engine.compiled import compiled, inlined
+from piezoharvest.engine.crossing import NONE
 from piezoharvest.engine.state import dot_column
 from piezoharvest.engine.tables import block_of
 from piezoharvest.engine.vector import multiply
 from piezoharvest.terms import PRODUCT, TIMED
 
 NEWTONS = 40
+SOLVED = 1e-9  # of outputs or state: a last step of Newton's method that is larger has found nothing
 # Scratch behind CURVE: length of the next step and of the last one, vectors, the matrix of the outputs and its sides.
 START, FLOW, MOVED, END, MATRIX = range(5)
 
@@ -35,6 +38,17 @@ def element_of(L, k):
 def scale_of(P, L, place):
     """What an exogenous state is to be multiplied by to be in its unit."""
     return P[L[pg.EXO_SCALE] + place - L[pg.N]]
+
+
+@compiled
+def size_of(L, S, z):
+    """Size of a state and of the signal."""
+    total = 0.0
+    for i in range(L[pg.N]):
+        total += S[z + i] ** 2
+    for i in range(L[pg.SIGNAL], L[pg.SIGNAL] + 2 * max(L[pg.TONE_COUNT], 1)):
+        total += S[z + i] ** 2
+    return np.sqrt(total)
 
 
 @compiled
@@ -79,23 +93,40 @@ def solve(L, S, D):
 
 
 @compiled
-def outputs(P, L, S, D, z, time):
-    """Set the outputs to what the rest of a state makes of them, by Newton's method: the voltage depends on them."""
+def equations(P, L, S, D, z, time, row, slope):
+    """Set the matrix of the equations that `outputs_at` solves: one less what an output makes of every other."""
     count, matrix = L[pg.ELEMENTS], scratch(L, D, MATRIX)
-    right = matrix + count * count
-    last = np.inf
+    for k in range(count):
+        first, second = input_of(P, L, S, z, k, 0), input_of(P, L, S, z, k, 1)
+        for m in range(count):
+            place, total = element_of(L, m), 0.0
+            for which in range(2):
+                form = L[pg.ELEMENT_Z] + (2 * k + which) * L[pg.A]
+                by_output = P[form + place]
+                if row != NONE:
+                    by_output -= along(P, L, D, form) * P[row + place] / slope
+                total += slope_of(P, L, k, first, second, time, which) * by_output
+            S[matrix + k * count + m] = (1.0 if k == m else 0.0) - total / scale_of(P, L, element_of(L, k))
+
+
+@compiled
+def outputs_at(P, L, S, D, z, time, row, slope):
+    """Set the outputs to what the rest of a state makes of them, by Newton's method: their inputs depend on them.
+
+    With the row of a linear form the charge moves as well, so that the form is zero; slope is what a unit of charge
+    adds to it. Where there is no solution the state is no number.
+    """
+    count, right = L[pg.ELEMENTS], scratch(L, D, MATRIX) + L[pg.ELEMENTS] * L[pg.ELEMENTS]
+    largest = change = last = np.inf
     for _ in range(NEWTONS):
-        largest, change = 0.0, 0.0
+        if row != NONE:
+            shift(P, L, S, D, z, -dot_column(P, row, 1, S, z, L[pg.A]) / slope)
         for k in range(count):
-            own, first, second = z + element_of(L, k), input_of(P, L, S, z, k, 0), input_of(P, L, S, z, k, 1)
-            S[right + k] = output_of(P, L, k, first, second, time) / scale_of(P, L, element_of(L, k)) - S[own]
-            for m in range(count):
-                slope = 0.0
-                for which in range(2):
-                    row = L[pg.ELEMENT_Z] + (2 * k + which) * L[pg.A]
-                    slope += slope_of(P, L, k, first, second, time, which) * P[row + element_of(L, m)]
-                S[matrix + k * count + m] = (1.0 if k == m else 0.0) - slope / scale_of(P, L, element_of(L, k))
+            place, first, second = element_of(L, k), input_of(P, L, S, z, k, 0), input_of(P, L, S, z, k, 1)
+            S[right + k] = output_of(P, L, k, first, second, time) / scale_of(P, L, place) - S[z + place]
+        equations(P, L, S, D, z, time, row, slope)
         solve(L, S, D)
+        largest, change = 0.0, 0.0
         for k in range(count):
             S[z + element_of(L, k)] += S[right + k]
             change, largest = max(change, abs(S[right + k])), max(largest, abs(S[z + element_of(L, k)]))
@@ -103,6 +134,16 @@ def outputs(P, L, S, D, z, time):
         if change <= 1e-15 * largest or (change <= 1e-12 * largest and not change < 0.5 * last):
             break
         last = change
+    if row != NONE:
+        shift(P, L, S, D, z, -dot_column(P, row, 1, S, z, L[pg.A]) / slope)
+    if not change <= SOLVED * max(largest, size_of(L, S, z)):
+        S[z] = np.nan
+
+
+@compiled
+def outputs(P, L, S, D, z, time):
+    """Set the outputs to what the rest of a state makes of them."""
+    outputs_at(P, L, S, D, z, time, NONE, 1.0)
 
 
 @compiled

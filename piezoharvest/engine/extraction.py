@@ -6,16 +6,18 @@ import numpy as np
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
-from piezoharvest.engine.compiled import compiled, inlined
+from piezoharvest.engine.charge import along, of_charge, shift
+from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.crossing import NONE
 from piezoharvest.engine.elements import (
     MATRIX,
-    NEWTONS,
     START,
     element_of,
+    equations,
     input_of,
     output_of,
     outputs,
+    outputs_at,
     scale_of,
     scratch,
     slope_of,
@@ -36,7 +38,7 @@ def extract(P, L, S, D):
             break
         sign = -1 if voltage > 0.0 else 1
         _turn(P, L, D, sign)
-        slope = _along(P, L, D, row)
+        slope = along(P, L, D, row)
         reach, first = _nearest(P, L, S, D, sign)
         if L[pg.ELEMENTS]:
             move, first = _bent(P, L, S, D, row, slope, reach, first)
@@ -47,7 +49,7 @@ def extract(P, L, S, D):
                 move = reach
             else:
                 first = NONE
-            _shift(P, L, S, D, 0, move)
+            shift(P, L, S, D, 0, move)
             delivered -= P[L[pg.SCALE] + L[pg.CHARGE]] * move * (voltage + 0.5 * slope * move)
         _carry(P, L, S, D, row, slope, first)
         if D[st.ENERGIES]:
@@ -63,28 +65,12 @@ def extract(P, L, S, D):
         S[D[st.ENERGY] + pg.SHUNT_LOSS] += (1.0 - P[L[pg.EFFICIENCY]]) * delivered
 
 
-@inlined
-def _of_charge(P, L, j):
-    """Whether a stop follows the charge; one that follows a displacement stays where it is when charge is taken."""
-    return P[L[pg.STOP_INPUT] + j * L[pg.N] + L[pg.CHARGE]] != 0.0
-
-
 @compiled
 def _turn(P, L, D, sign):
     """Let stops that slipped the other way stick, as they do as soon as the charge turns."""
     for j in range(L[pg.H]):
-        if _of_charge(P, L, j) and D[D[st.SLIP] + j] == -sign:
+        if of_charge(P, L, j) and D[D[st.SLIP] + j] == -sign:
             D[D[st.SLIP] + j] = 0
-
-
-@compiled
-def _along(P, L, D, form):
-    """What a unit of charge, with the stops that stick, adds to a linear form."""
-    total = P[form + L[pg.CHARGE]]
-    for j in range(L[pg.H]):
-        if D[D[st.SLIP] + j] == 0 and _of_charge(P, L, j):
-            total += P[form + L[L[pg.STOP_STATE] + j]]
-    return total
 
 
 @compiled
@@ -92,19 +78,11 @@ def _nearest(P, L, S, D, sign):
     """How far the charge may move until the next stop slips, and which."""
     nearest, first = np.inf, NONE
     for j in range(L[pg.H]):
-        if D[D[st.SLIP] + j] == 0 and _of_charge(P, L, j):
+        if D[D[st.SLIP] + j] == 0 and of_charge(P, L, j):
             reach = sign * P[L[pg.STOP_LIMIT] + j] - S[L[L[pg.STOP_STATE] + j]]
             if abs(reach) < abs(nearest):
                 nearest, first = reach, j
     return nearest, first
-
-
-@compiled
-def _shift(P, L, S, D, z, move):
-    S[z + L[pg.CHARGE]] += move
-    for j in range(L[pg.H]):
-        if D[D[st.SLIP] + j] == 0 and _of_charge(P, L, j):
-            S[z + L[L[pg.STOP_STATE] + j]] += move
 
 
 @compiled
@@ -113,12 +91,12 @@ def _carry(P, L, S, D, row, slope, first):
     for s in range(D[st.SENSITIVITIES]):
         phi = D[st.PHI] + s * L[pg.ROWS]
         if first != NONE:
-            shift = -S[phi + L[L[pg.STOP_STATE] + first]]
+            move = -S[phi + L[L[pg.STOP_STATE] + first]]
         elif L[pg.ELEMENTS]:
-            shift = _response(P, L, S, D, row, slope, phi)
+            move = _response(P, L, S, D, row, slope, phi)
         else:
-            shift = -dot_column(P, row, 1, S, phi, L[pg.A]) / slope
-        _shift(P, L, S, D, phi, shift)
+            move = -dot_column(P, row, 1, S, phi, L[pg.A]) / slope
+        shift(P, L, S, D, phi, move)
 
 
 # With smooth elements the voltage is no straight line of the charge. For given outputs of theirs it is, so that these
@@ -132,30 +110,13 @@ def _bent(P, L, S, D, row, slope, reach, first):
     Where this began stays at START.
     """
     rows, start, now = L[pg.ROWS], scratch(L, D, START), S[D[st.CLOCK]]
-    count, right = L[pg.ELEMENTS], scratch(L, D, MATRIX) + L[pg.ELEMENTS] * L[pg.ELEMENTS]
     copy(S, 0, start, rows)
-    last = np.inf
-    for _ in range(NEWTONS):
-        _shift(P, L, S, D, 0, -dot_column(P, row, 1, S, 0, L[pg.A]) / slope)
-        largest, change = 0.0, 0.0
-        for k in range(count):
-            place = element_of(L, k)
-            S[right + k] = output_of(P, L, k, *_inputs(P, L, S, k), now) / scale_of(P, L, place) - S[place]
-        _matrix(P, L, S, D, row, slope)
-        solve(L, S, D)
-        for k in range(count):
-            place = element_of(L, k)
-            S[place] += S[right + k]
-            change, largest = max(change, abs(S[right + k])), max(largest, abs(S[place]))
-        if change <= 1e-15 * largest or (change <= 1e-12 * largest and not change < 0.5 * last):
-            break
-        last = change
-    _shift(P, L, S, D, 0, -dot_column(P, row, 1, S, 0, L[pg.A]) / slope)
+    outputs_at(P, L, S, D, 0, now, row, slope)
     move = S[L[pg.CHARGE]] - S[start + L[pg.CHARGE]]
     if not abs(reach) < abs(move):
         return move, NONE
     copy(S, start, 0, rows)
-    _shift(P, L, S, D, 0, reach)
+    shift(P, L, S, D, 0, reach)
     outputs(P, L, S, D, 0, now)
     return reach, first
 
@@ -164,29 +125,9 @@ def _bent(P, L, S, D, row, slope, reach, first):
 def ground(P, L, S, D):
     """Move the charge to where the electrodes have no voltage, and the sensitivities with it, without an account."""
     row = L[pg.VOLTAGE_ROW]
-    slope = _along(P, L, D, row)
+    slope = along(P, L, D, row)
     _bent(P, L, S, D, row, slope, np.inf, NONE)
     _carry(P, L, S, D, row, slope, NONE)
-
-
-@compiled
-def _inputs(P, L, S, k):
-    return input_of(P, L, S, 0, k, 0), input_of(P, L, S, 0, k, 1)
-
-
-@compiled
-def _matrix(P, L, S, D, row, slope):
-    """Matrix of the equations of the outputs, the charge moving so that the voltage stays as it is."""
-    count, matrix, now = L[pg.ELEMENTS], scratch(L, D, MATRIX), S[D[st.CLOCK]]
-    for k in range(count):
-        first, second = _inputs(P, L, S, k)
-        for m in range(count):
-            place, total = element_of(L, m), 0.0
-            for which in range(2):
-                form = L[pg.ELEMENT_Z] + (2 * k + which) * L[pg.A]
-                by_output = P[form + place] - _along(P, L, D, form) * P[row + place] / slope
-                total += slope_of(P, L, k, first, second, now, which) * by_output
-            S[matrix + k * count + m] = (1.0 if k == m else 0.0) - total / scale_of(P, L, element_of(L, k))
 
 
 @compiled
@@ -196,14 +137,13 @@ def _response(P, L, S, D, row, slope, phi):
     right = scratch(L, D, MATRIX) + count * count
     voltage = dot_column(P, row, 1, S, phi, L[pg.N])
     for k in range(count):
-        first, second = _inputs(P, L, S, k)
-        total = 0.0
+        first, second, total = input_of(P, L, S, 0, k, 0), input_of(P, L, S, 0, k, 1), 0.0
         for which in range(2):
             form = L[pg.ELEMENT_Z] + (2 * k + which) * L[pg.A]
-            change = dot_column(P, form, 1, S, phi, L[pg.N]) - _along(P, L, D, form) * voltage / slope
+            change = dot_column(P, form, 1, S, phi, L[pg.N]) - along(P, L, D, form) * voltage / slope
             total += slope_of(P, L, k, first, second, now, which) * change
         S[right + k] = total / scale_of(P, L, element_of(L, k))
-    _matrix(P, L, S, D, row, slope)
+    equations(P, L, S, D, 0, now, row, slope)
     solve(L, S, D)
     for k in range(count):
         S[phi + element_of(L, k)] = S[right + k]
@@ -223,7 +163,7 @@ def _work(P, L, S, D, row, slope, move):
     rates = more + count
     lead = NONE
     for e in range(2 * count):
-        if _along(P, L, D, L[pg.ELEMENT_Z] + e * L[pg.A]) != 0.0:
+        if along(P, L, D, L[pg.ELEMENT_Z] + e * L[pg.A]) != 0.0:
             lead = L[pg.ELEMENT_Z] + e * L[pg.A]
     voltage, work = dot_column(P, row, 1, S, start, L[pg.A]), 0.0
     for q in range(len(NODES)):
@@ -244,7 +184,7 @@ def _work(P, L, S, D, row, slope, move):
             for k in range(count):
                 charge -= P[lead + element_of(L, k)] * S[more + k]
                 rate -= P[lead + element_of(L, k)] * S[rates + k]
-            charge, rate = charge / _along(P, L, D, lead), rate / _along(P, L, D, lead)
+            charge, rate = charge / along(P, L, D, lead), rate / along(P, L, D, lead)
         work += WEIGHTS[q] * (here + slope * charge) * rate
         if D[st.ENERGIES]:
             _account(P, L, S, D, charge, WEIGHTS[q])
@@ -263,7 +203,7 @@ def _account(P, L, S, D, charge, weight):
             place = element_of(L, m)
             rate += P[second + place + 1] * S[more + count + m] * scale_of(P, L, place) / scale_of(P, L, place + 1)
         if rate != 0.0 and L[L[pg.PRODUCT_CATEGORY] + k] >= 0:
-            value = dot_column(P, first, 1, S, start, L[pg.A]) + charge * _along(P, L, D, first)
+            value = dot_column(P, first, 1, S, start, L[pg.A]) + charge * along(P, L, D, first)
             for m in range(count):
                 value += P[first + element_of(L, m)] * S[more + m]
             S[D[st.ENERGY] + L[L[pg.PRODUCT_CATEGORY] + k]] += weight * P[L[pg.PRODUCT_COEFFICIENT] + k] * value * rate

@@ -14,7 +14,7 @@ from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.crossing import NONE
-from piezoharvest.engine.elements import END, FLOW, MOVED, START, element_of, lift, scale_of, scratch
+from piezoharvest.engine.elements import END, FLOW, MOVED, START, element_of, lift, scale_of, scratch, size_of
 from piezoharvest.engine.march import march, read_guards
 from piezoharvest.engine.settle import settle
 from piezoharvest.engine.tables import block_of, slot_of
@@ -40,7 +40,7 @@ def begin(P, L, S, D, slot):
     lift(P, L, S, D, slot, 0, now)
     for k in range(L[pg.ELEMENTS]):
         place = element_of(L, k)
-        if abs(S[place] - S[moved + place]) <= 10.0 * AGREED * _size(L, S, 0):
+        if abs(S[place] - S[moved + place]) <= 10.0 * AGREED * size_of(L, S, 0):
             S[place] = S[moved + place]
         S[place + 2] = S[place + 3] = 0.0
     flow = scratch(L, D, FLOW)
@@ -68,17 +68,6 @@ def settle_smooth(P, L, S, D):
         if slot == before:
             break
     return slot
-
-
-@compiled
-def _size(L, S, z):
-    """Size of a state and of the signal."""
-    total = 0.0
-    for i in range(L[pg.N]):
-        total += S[z + i] ** 2
-    for i in range(L[pg.SIGNAL], L[pg.SIGNAL] + 2 * max(L[pg.TONE_COUNT], 1)):
-        total += S[z + i] ** 2
-    return np.sqrt(total)
 
 
 @compiled
@@ -157,9 +146,9 @@ def _agree(P, L, S, D, slot, step, left):
             return guard, 0.0
         copy(S, 0, end, rows)
         lift(P, L, S, D, slot, end, S[clock])
-        agreed = _gap(P, L, S, 0, end, length) <= AGREED * _size(L, S, 0)
+        agreed = _gap(P, L, S, 0, end, length) <= AGREED * size_of(L, S, 0)
         _bend(P, L, S, start, end, length)
-        error = _error(P, L, S, start, known, length) / max(_size(L, S, 0), 1e-300)
+        error = _error(P, L, S, start, known, length) / max(size_of(L, S, 0), 1e-300)
         if agreed:
             return guard, error
     return guard, np.inf
@@ -229,7 +218,7 @@ def _differ(P, L, S, D, slot, z, phi, moved, time):
     size = 0.0
     for i in range(L[pg.N]):
         size += S[phi + i] ** 2
-    share = NEARBY * max(_size(L, S, z), 1e-300) / np.sqrt(size) if size > 0.0 else 0.0
+    share = NEARBY * max(size_of(L, S, z), 1e-300) / np.sqrt(size) if size > 0.0 else 0.0
     for i in range(L[pg.ROWS]):
         S[moved + i] = S[z + i] + (share * S[phi + i] if i < L[pg.N] else 0.0)
     lift(P, L, S, D, slot, moved, time)

@@ -17,10 +17,13 @@ LENGTH = 0.12
 
 
 class Bench:
-    """One mode, hysteresis in the charge, q = T x + C v_t (1 + beta v_t^2): open but for the extractions."""
+    """One mode, hysteresis in the charge, q = T x + C v_t (1 + beta v_t^2), a leak of g v^3 beside the extractions.
 
-    def __init__(self, beta, hysteresis):
-        self.beta, self.hysteresis = beta, hysteresis
+    Between two of these v has one sign, so that the charge goes one way.
+    """
+
+    def __init__(self, beta, hysteresis, leak=0.0):
+        self.beta, self.hysteresis, self.leak = beta, hysteresis, leak
         self.q, self.stops, self.taken = 0.0, np.zeros(len(hysteresis["thresholds"])), 0.0
 
     def inner_voltage(self, x, q):
@@ -53,14 +56,15 @@ class Bench:
         self.stops, self.q = self.stops_at(end), end
 
     def rates(self, t, z):
-        x, u = z
+        x, u, q = z
         force = DRIVE.amplitude * np.sin(2 * np.pi * DRIVE.frequency * t)
-        push = BENCH["coupling"] * self.inner_voltage(x, self.q)
-        return [u, (force + push - BENCH["damping"] * u - BENCH["stiffness"] * x) / BENCH["mass"]]
+        push = BENCH["coupling"] * self.inner_voltage(x, q)
+        rate = (force + push - BENCH["damping"] * u - BENCH["stiffness"] * x) / BENCH["mass"]
+        return [u, rate, -self.leak * self.voltage(x, q) ** 3]
 
     def run(self, times):
         """Displacement and voltage at the times, from rest."""
-        waves, t, z, turning = np.zeros((2, len(times))), 0.0, np.zeros(2), -1
+        waves, t, z, turning = np.zeros((2, len(times))), 0.0, np.zeros(3), -1
         while t < times[-1]:
             event = lambda t, z: z[1]  # noqa: E731
             event.terminal, event.direction = True, turning
@@ -68,12 +72,14 @@ class Bench:
                 self.rates, (t, times[-1]), z, "DOP853", events=event, dense_output=True, rtol=1e-12, atol=1e-20
             )
             here = (times >= t) & (times <= part.t[-1])
-            x = part.sol(times[here])[0]
-            waves[:, here] = x, self.voltage(x, self.q)
-            t, z = part.t[-1], np.array([part.y[0, -1], 0.0])
+            x, _, q = part.sol(times[here])
+            waves[:, here] = x, [self.voltage(*each) for each in zip(x, q, strict=True)]
+            t, x, q = part.t[-1], part.y[0, -1], part.y[2, -1]
             if part.status == 1:
-                self.extract(z[0])
+                self.stops, self.q = self.stops_at(q), q
+                self.extract(x)
                 turning = -turning
+            z = np.array([x, 0.0, self.q])
         return waves
 
 
@@ -114,14 +120,38 @@ def test_steady_state_is_that_of_a_long_run(shunt, stops):
     assert 0.5 * np.ptp(last) == pytest.approx(0.5 * np.ptp(found.waveforms.displacement), rel=1e-3)
 
 
-def test_smooth_terms_that_do_not_go_straight_are_refused(monkeypatch):
+LEAK = 1e-9  # A/V^3
+LEAKY = effects.Stiffening(cubic_stiffness=1.0)
+
+
+@pytest.fixture
+def leaky(monkeypatch):
+    """An effect of a user's own in the place of stiffening: the leak of the bench."""
     monkeypatch.setattr(
-        effects.Stiffening, "act", lambda self, specimen: specimen.draw(1e-9 * specimen.power(specimen.v, 3))
+        effects.Stiffening, "act", lambda self, specimen: specimen.draw(LEAK * specimen.power(specimen.v, 3))
     )
-    stops = Hysteresis(**STOPS)
-    system = System(
-        Transducer(**BENCH, hysteresis=stops, effects=(effects.Stiffening(cubic_stiffness=1.0),)), shunts.SECE()
-    )
+
+
+@pytest.mark.parametrize("stops", [{"thresholds": [], "weights": []}, STOPS], ids=["plain", "hysteresis"])
+@pytest.mark.usefixtures("leaky")
+def test_a_smooth_term_without_charge_leaves_the_extraction_straight(stops):
+    hysteresis = Hysteresis(**stops) if stops["weights"] else None
+    system = System(Transducer(**BENCH, hysteresis=hysteresis, effects=(LEAKY,)), shunts.SECE(efficiency=0.9))
+    found = simulate(system, DRIVE, transient=LENGTH, samples=300)
+    bench = Bench(0.0, stops, LEAK)
+    x, v = bench.run(found.waveforms.time)
+    assert distance(found.waveforms.displacement, x) < 1e-9
+    assert distance(found.waveforms.voltage, v) < 1e-8
+    assert found.energy["harvested"] == pytest.approx(0.9 * bench.taken, rel=1e-8)
+    assert found.energy["closure"] < 1e-10
+    without = Bench(0.0, stops)
+    assert distance(without.run(found.waveforms.time)[1], v) > 1e-3  # it is felt
+
+
+@pytest.mark.usefixtures("leaky")
+def test_smooth_terms_that_do_not_go_straight_are_refused():
+    present = (LEAKY, effects.VoltageDependentCapacitance(beta=1e-3))
+    system = System(Transducer(**BENCH, hysteresis=Hysteresis(**STOPS), effects=present), shunts.SECE())
     with pytest.raises(
         ParameterError, match=r"transducer\.effects: found a smooth term of .*, allowed are those of v_t"
     ):
