@@ -1,4 +1,7 @@
-"""Which effects are there: scores, full fits of the promising ones, forward and backward selection."""
+"""Which effects are there: scores, full fits of the promising ones, forward and backward selection.
+
+Source: Davies, Biometrika 74(1), 33-43, 1987 (chance where parameters exist only with the effect).
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,14 @@ from dataclasses import dataclass, replace
 
 from scipy.stats import chi2
 
-from piezoharvest.diagnose.candidates import Candidate
+from piezoharvest.diagnose.candidates import Candidate, effect_line, effect_parameters
 from piezoharvest.diagnose.leftover import Leftover, structure
 from piezoharvest.diagnose.trials import CLOSE, Step, Trials, aim_beside, key_of
 from piezoharvest.effects import Effect
 from piezoharvest.identify.descent import Fit
 
 LEVEL = 1e-4  # chance of a false alarm, over all effects together
+HOPE = 30.0  # times the level, where a fit finds a time constant, say, between two starts: it gains up to half as much
 MOST = 3  # effects at once
 PROMISING = 0.15  # of the best score: what a full fit may still turn round
 FITS = 4  # full fits a stage
@@ -143,7 +147,7 @@ class Searcher:
         for origin in origins:
             scored, chosen = self.trials.scores(origin), dict[str, Effect]()
             for candidate in scored:
-                if candidate.score > PROMISING * scored[0].score and candidate.p_value * len(scored) < LEVEL:
+                if candidate.score > PROMISING * scored[0].score and _hopeful(candidate, scored):
                     chosen.setdefault(key_of(candidate.effect), candidate.effect)
             for effect in list(chosen.values())[: FITS if origin is now else STAND_INS]:
                 varied = now.found.model.parameters
@@ -163,10 +167,16 @@ class Searcher:
         return tuple(step.found for step in steps) if now.effects else ()
 
     def _p_value(self, before: Step, after: Step, tried: Sequence[Candidate]) -> float:
-        """Of an effect that was added, corrected for the number of starts that were tried."""
-        return min(1.0, float(chi2.sf(before.cost - after.cost, self._freedom(after.found, -1))) * len(tried))
+        """Of an effect that was added, corrected for the number of starts that were tried.
 
-    def _freedom(self, found: Fit, n: int) -> int:
+        A time constant, say, is tried by these already and does not count again as a number that the effect takes: the
+        starts stand about as densely as Davies's bound, by how far apart their signatures are, would count them. The
+        frequency of a line was picked from the data instead.
+        """
+        freedom = self._numbers(after.found, -1) if effect_line(after.found.model.transducer.effects[-1]) else 1
+        return min(1.0, float(chi2.sf(before.cost - after.cost, freedom)) * len(tried))
+
+    def _numbers(self, found: Fit, n: int) -> int:
         """Numbers that the n-th effect takes."""
         effects = found.model.transducer.effects
         n = n % len(effects)
@@ -188,7 +198,7 @@ class Searcher:
             if less is None:
                 n += 1
                 continue
-            gone = float(chi2.sf(less.cost - now.cost, self._freedom(now.found, n)))
+            gone = float(chi2.sf(less.cost - now.cost, self._numbers(now.found, n)))
             if gone > LEVEL:
                 self.trials.tell(f"{now.effects[n]} is not needed any more")
                 now, levels = less, levels[:n] + levels[n + 1 :]
@@ -236,5 +246,11 @@ class Searcher:
 
 
 def _any(candidates: Sequence[Candidate]) -> bool:
-    """Whether one of them is more than chance."""
-    return any(candidate.p_value * len(candidates) < LEVEL for candidate in candidates)
+    """Whether one of them may be more than chance."""
+    return any(_hopeful(candidate, candidates) for candidate in candidates)
+
+
+def _hopeful(candidate: Candidate, others: Sequence[Candidate]) -> bool:
+    """Whether one of so many candidates may be more than chance when it is fitted."""
+    finds = len(effect_parameters([candidate.effect])) > 1
+    return candidate.p_value * len(others) < (HOPE * LEVEL if finds else LEVEL)
