@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy import fft
 from scipy.linalg import schur
 
 from piezoharvest.effects import Effect
@@ -108,19 +109,16 @@ def small_response(
     (n, channels, parameters) array
         Derivatives to the parameters, of which there are none unless they are wanted.
     """
-    n = len(drive)
-    values, slopes = (
-        np.zeros((n, len(channels))),
-        np.zeros((n, len(channels), len(prediction.parameters) * derivatives)),
-    )
+    n, wanted = len(drive), len(prediction.parameters) * derivatives
     if not np.any(drive):
-        return values, slopes
+        return np.zeros((n, len(channels))), np.zeros((n, len(channels), wanted))
     gain = _gain(prediction, channels, np.fft.rfftfreq(n, prediction.setting.sample_time))
-    spectrum = np.fft.rfft(drive)
-    values[:] = np.fft.irfft(gain.value * spectrum[:, None], n, axis=0)
-    if derivatives:
-        slopes[:] = np.fft.irfft(gain.slopes * spectrum[:, None, None], n, axis=0)
-    return values, slopes
+    spectrum = fft.rfft(drive)
+    # The samples lie together in memory, as the frequencies do.
+    values = fft.irfft(gain.value.T * spectrum, n).T
+    if not wanted:
+        return values, np.zeros((n, len(channels), 0))
+    return values, fft.irfft(gain.slopes.transpose(1, 2, 0) * spectrum, n).transpose(2, 0, 1)
 
 
 def _gain(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> _Gain:
@@ -147,13 +145,10 @@ class _Gain:
         self._line = line = _Line.of(step.M, step.H, step.O, self._rows, prediction)
         # Frequencies are the last axis throughout. What multiplies with the drive's part of the equations, (8, f):
         self._driven = np.array([*cubic, *drive, *(turn * part for part in drive)])
-        resolvent = _resolvent(line.kept, line.A, turn)
-        n = len(line.A)
         forced = line.driven() @ self._driven
-        self._states = states = np.einsum("ijf,jf->if", resolvent, forced)
+        self._states, self._left = states, _ = _solved(line.kept, line.A, turn, forced, line.C)
         self._drive = np.array(drive)
         self._moving = np.concatenate([states, -turn * states, self._driven])
-        self._left = (line.C @ resolvent.reshape(n, -1)).reshape(len(line.C), n, -1)
         self.value = (line.C @ states + line.D @ self._drive).T
 
     @cached_property
@@ -188,20 +183,23 @@ def _real_times(factor: np.ndarray, spectra: np.ndarray) -> np.ndarray:
     return flat.view(complex).reshape(*factor.shape[:2], -1)
 
 
-def _resolvent(kept: np.ndarray, A: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """(turn kept - A)^-1 at all frequencies, (n, n, f), by the Schur form of kept^-1 A.
+def _solved(kept, A, turn: np.ndarray, forced: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """R forced, (n, f), and rows R, (rows, n, f), with R = (turn kept - A)^-1 at all frequencies.
 
-    Back substitution runs over the few states, each step over all frequencies.
+    By the Schur form of kept^-1 A: substitution runs over the few states, each step over all frequencies.
     """
     triangle, unitary = schur(np.linalg.solve(kept, A), output="complex")[:2]
-    n = len(A)
-    inverse = np.zeros((n, n, len(turn)), complex)
-    for j in range(n):
-        inverse[j, j] = 1.0 / (turn - triangle[j, j])
-        for i in range(j - 1, -1, -1):
-            inverse[i, j] = inverse[i, i] * (triangle[i, i + 1 : j + 1] @ inverse[i + 1 : j + 1, j])
     right = unitary.conj().T @ np.linalg.inv(kept)
-    return np.einsum("ai,ijf,jb->abf", unitary, inverse, right, optimize=True)
+    inverse, n = 1.0 / (turn - np.diag(triangle)[:, None]), len(A)
+    states = right @ forced
+    for k in range(n - 1, -1, -1):
+        states[k] += triangle[k, k + 1 :] @ states[k + 1 :]
+        states[k] *= inverse[k]
+    left = np.repeat((rows @ unitary)[:, :, None], len(turn), axis=2)
+    for k in range(n):
+        left[:, k] += triangle[:k, k] @ left[:, :k]
+        left[:, k] *= inverse[k]
+    return unitary @ states, right.T @ left
 
 
 class _Line(NamedTuple):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import fft
 
 
 def whitened(white: np.ndarray, spectra: np.ndarray) -> np.ndarray:
@@ -51,11 +52,11 @@ def components(count: int) -> np.ndarray:
 def line_spectra(values: np.ndarray) -> np.ndarray:
     """Spectra as those of `spectra_of`, along the last axis."""
     count = values.shape[-1]
-    found = np.fft.rfft(values)
+    found = fft.rfft(values)
     found *= np.sqrt(components(count) / count)
     return found
 
 
 def in_time(spectra: np.ndarray, count: int) -> np.ndarray:
     """Weights of samples that make the same sums as those of their `spectra_of`, (samples, p)."""
-    return np.fft.irfft(spectra * np.sqrt(count / components(count))[:, None], count, axis=0)
+    return fft.irfft(spectra * np.sqrt(count / components(count))[:, None], count, axis=0)
