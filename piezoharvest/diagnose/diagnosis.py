@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezoharvest.diagnose.candidates import effect_line
-from piezoharvest.diagnose.leftover import Leftover, share_above_noise, structure
+from piezoharvest.diagnose.leftover import Leftover, share_above_noise
 from piezoharvest.diagnose.scene import scene_of
 from piezoharvest.diagnose.search import Search, Searcher
 from piezoharvest.diagnose.trials import Step, Trials
@@ -126,7 +126,7 @@ def diagnose(
     unseen, checks = validated(campaign, before, [before.found, *search.nested])
     squares = [share_above_noise(unseen, each) for each in checks]
     named = _all_named(campaign, before, trials, search, squares)
-    while _chance(problem, search, named):
+    while _chance(trials, search, named):
         tell(f"{search.order[-1].name} was chance: unseen records are worse with it, nothing is left without it")
         search, checks, squares = search.without_last(), checks[:-1], squares[:-1]
         named = _all_named(campaign, before, trials, search, squares)
@@ -139,7 +139,7 @@ def diagnose(
         together(judged(unseen.data, checks[0])), together(judged(unseen.data, checks[-1])),
         max(0.0, (after[0] - after[1]) / after[0]),
         _experiment(search) if verdict == "ambiguous" else None,
-        structure(problem, before.found) if search.nested else search.left, search,
+        trials.structure(before.found), search,
     )  # fmt: skip
 
 
@@ -158,13 +158,13 @@ def _all_named(
     )
 
 
-def _chance(problem: Problem, search: Search, named: Sequence[Named]) -> bool:
+def _chance(trials: Trials, search: Search, named: Sequence[Named]) -> bool:
     """Whether unseen records are worse with the last effect, and nothing is left without it."""
     if not named or not named[-1].spoils:
         return False
     without = search.before_last
     # A model that has no solution without the effect has the next larger one in its place.
-    return len(without.model.transducer.effects) < len(named) and not structure(problem, without)
+    return len(without.model.transducer.effects) < len(named) and not trials.structure(without)
 
 
 def _verdict(missing: bool, named: Sequence[Named], alternatives: Sequence) -> str:

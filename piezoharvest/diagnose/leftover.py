@@ -54,6 +54,16 @@ class Leftover:
     count: float
 
     @property
+    def key(self) -> tuple[str, str, str]:
+        """What it is found again by in what another model leaves."""
+        return self.where, self.record, self.channel
+
+    @property
+    def above(self) -> float:
+        """Squares above those that noise has."""
+        return self.squares - self.count
+
+    @property
     def p_value(self) -> float:
         """Probability that noise alone is so large."""
         return float(chi2.sf(self.squares, self.count))
@@ -61,7 +71,7 @@ class Leftover:
     @property
     def excess(self) -> float:
         """By how much it is above noise, in units of the noise's own scatter."""
-        return float((self.squares - self.count) / np.sqrt(2.0 * self.count))
+        return float(self.above / np.sqrt(2.0 * self.count))
 
 
 def whitened(problem: Problem, found: Fit) -> Iterator[tuple[Data, np.ndarray, np.ndarray]]:

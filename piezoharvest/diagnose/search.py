@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from scipy.stats import chi2
 
 from piezoharvest.diagnose.candidates import Candidate, effect_line, effect_parameters
-from piezoharvest.diagnose.leftover import Leftover, structure
+from piezoharvest.diagnose.leftover import Leftover
 from piezoharvest.diagnose.trials import CLOSE, Step, Trials, aim_beside, key_of
 from piezoharvest.effects import Effect
 from piezoharvest.identify.descent import Fit
@@ -23,6 +23,8 @@ PROMISING = 0.15  # of the best score: what a full fit may still turn round
 FITS = 4  # full fits a stage
 STAND_INS = 2  # of these against a model whose strayed parameters are held
 BRIEF = 6  # iterations after which a full fit waits for the others of its stage
+OUTSTANDING = 0.3  # of the squares that the worst place has above noise: such places are what has to be explained
+KEPT = 0.5  # of its squares above noise, more than which a place keeps that is not explained
 
 
 @dataclass(frozen=True)
@@ -100,12 +102,15 @@ class Searcher:
             if not tried:
                 break
             levels.append(self._p_value(now, tried[0], trials.scores(now)))
-            now, *alternatives = tried
+            before, (now, *alternatives) = now, tried
             trials.tell(f"found {', '.join(now.effects)}")
             now, levels = self._revised(now, levels)
             now, held = self._surveyed(now)
+            if self._passed_by(before, now):
+                trials.tell("what stands out is as it was: no effect of the library explains it")
+                break
         now = trials.polished(now) if now.effects else now
-        left = structure(trials.problem, now.found)
+        left = trials.structure(now.found)
         close = () if left else self._alternatives(now, alternatives)
         nested, effects = self._nested(now), now.found.model.transducer.effects
         return Search(trials.base, nested, effects, tuple(levels), tuple(first), left, close, tuple(trials.made))
@@ -123,6 +128,15 @@ class Searcher:
             if freed is not None and freed.cost < now.cost - CLOSE:
                 return self._surveyed(freed)
         return now, held
+
+    def _passed_by(self, before: Step, now: Step) -> bool:
+        """Whether the likeliest effect leaves all places that stand out, any of which its cause would gain more by."""
+        places = {place.key: place.above for place in self.trials.structure(before.found)}
+        worst = max(places.values(), default=0.0)
+        if before.cost - now.cost > worst:
+            return False
+        after = {place.key: place.above for place in self.trials.structure(now.found)}
+        return all(after.get(key, 0.0) > KEPT * above for key, above in places.items() if above > OUTSTANDING * worst)
 
     def _next(self, now: Step, held: Step | None) -> list[Step]:
         """Full fits with one effect more, the best first and more than chance; none where nothing is.

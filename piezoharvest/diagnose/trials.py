@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from piezoharvest.diagnose.candidates import Candidate, carried, effect_parameters, extended, scores
+from piezoharvest.diagnose.leftover import Leftover, structure
 from piezoharvest.diagnose.scene import Scene
 from piezoharvest.effects import Effect
 from piezoharvest.identify.descent import ITERATIONS, UNFINISHED, Fit
@@ -80,12 +81,19 @@ class Trials:
         self.made: list[tuple[str, float]] = []
         self._scored: dict[int, tuple[Step, list[Candidate]]] = {}
         self._known: dict[tuple[str, ...], Step] = {}
+        self._structure: dict[int, tuple[Fit, tuple[Leftover, ...]]] = {}
 
     def scores(self, now: Step) -> list[Candidate]:
         """Scores of all effects against a model."""
         if id(now) not in self._scored:
             self._scored[id(now)] = now, scores(self.problem, now.found, self.scene, self.library)
         return self._scored[id(now)][1]
+
+    def structure(self, found: Fit) -> tuple[Leftover, ...]:
+        """Where a fit leaves structure."""
+        if id(found) not in self._structure:
+            self._structure[id(found)] = found, structure(self.problem, found)
+        return self._structure[id(found)][1]
 
     def extended(
         self, now: Step, effect: Effect, aim: float, varied: Sequence[Parameter] | None = None, most: int = ITERATIONS
