@@ -7,9 +7,17 @@ from diagnose_runs import campaign, fitted
 
 from piezoharvest.diagnose import diagnose
 from piezoharvest.diagnose.candidates import extended
-from piezoharvest.diagnose.search import Searcher
+from piezoharvest.diagnose.search import MOST, Searcher
 from piezoharvest.diagnose.trials import Step, Trials
-from piezoharvest.effects import BiasCurrent, Clipping, Leakage
+from piezoharvest.effects import (
+    BiasCurrent,
+    Clipping,
+    Leakage,
+    NonlinearCoupling,
+    Stiffening,
+    VoltageDependentCapacitance,
+    registered,
+)
 from piezoharvest.identify import descent
 from piezoharvest.identify.fit import fit
 from piezoharvest.identify.identification import prepared
@@ -97,3 +105,29 @@ def test_an_effect_that_spoils_unseen_records_is_chance_where_nothing_is_left_wi
         assert found.effects == ()
         assert found.validation_after.rms == found.validation_before.rms
         assert len(chance) == 1
+
+
+HIDDEN = {
+    "charge": VoltageDependentCapacitance(beta=3e-3),
+    "force": Stiffening(cubic_stiffness=6e17),
+    "coupling": NonlinearCoupling(quadratic_coupling=5e4),
+}
+
+
+@pytest.mark.parametrize("effect", HIDDEN.values(), ids=HIDDEN)
+def test_a_search_ends_where_nothing_in_the_library_is_the_cause(tmp_path, effect):
+    """What its stand-in leaves is as large as before; with the effect itself in the library nothing is left."""
+    measured = campaign(tmp_path)
+    problem, base, scene = fitted(prepared(measured, "fit"), measured.transducer, [effect], seed=3)
+    ends = "what stands out is as it was: no effect of the library explains it"
+    for library in ([cls for cls in registered().values() if cls is not type(effect)], list(registered().values())):
+        told = []
+        found = Searcher(Trials(problem, base, scene, library, told.append)).run()
+        if type(effect) in library:
+            assert [each.name for each in found.order] == [effect.name]
+            assert not found.left
+            assert ends not in told
+        else:
+            assert told[-1] == ends
+            assert 0 < len(found.order) < MOST
+            assert found.left
