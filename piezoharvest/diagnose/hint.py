@@ -53,12 +53,13 @@ class Hint:
 def along_squares(problem: Problem, found: Fit) -> list[tuple[str, str, float]]:
     """Channels, squares of the signals, and by how much -2 ln L falls where the one follows the other.
 
-    Each for itself, with the parameters projected out: of noise, the squares of one number. Odd functions are left
+    Each for itself, with the parameters projected out: of noise, that of rounded sensors with it, the squares of one
+    number. Odd functions are left
     out, for a fit that noise in the drive has bent leaves of them what looks like more than noise.
     """
     normal = _Normal(problem, found, _squares)
     return [
-        (channel, term, float(normal.gradient[k] ** 2 / normal.products[k, k]))
+        (channel, term, float(normal.gradient[k] ** 2 / (normal.products[k, k] + normal.rounded[k])))
         for k, (channel, term) in enumerate(normal.names)
         if normal.visible[k]
     ]
@@ -102,22 +103,25 @@ class _Normal:
                 sums.setdefault(name, len(sums))
         self.names = list(sums)
         total = np.zeros((count + len(sums),) * 2)
-        right = np.zeros(count + len(sums))
-        for columns, (products, gradient), names in parts:
+        right, scatter = np.zeros(count + len(sums)), np.zeros_like(total)
+        for columns, (products, gradient, rounded), names in parts:
             places = np.concatenate([columns, [count + sums[name] for name in names]]).astype(int)
             total[np.ix_(places, places)] += products
             right[places] += gradient
+            scatter[np.ix_(places, places)] += rounded
         plain = total[:count, :count] + final.prior
         solved = inverse(plain) @ np.column_stack([total[:count, count:], right[:count]])
         self.products = total[count:, count:] - total[count:, :count] @ solved[:, :-1]
         self.gradient = right[count:] - total[count:, :count] @ solved[:, -1]
+        rest = np.vstack([-solved[:, :-1], np.eye(len(sums))])  # of each term, parameters projected out
+        self.rounded = np.einsum("ik,ij,jk->k", rest, scatter, rest, optimize=True)
         # Terms that the parameters do all of are left with rounding errors.
         self.visible = np.diag(self.products) > 1e-8 * np.diag(total)[count:]
 
 
 def _record(data, own, white, final, terms: Terms, scales):
     """Sums of one record over its parameters, then terms; and the names of its terms."""
-    products, gradient, names = 0.0, 0.0, []
+    products, gradient, rounded, names = 0.0, 0.0, 0.0, []
     for _, begin, residual, slopes in residual_blocks(final.model, data, own, True):
         W = white.of(len(residual))[0]
         assert slopes is not None
@@ -126,14 +130,14 @@ def _record(data, own, white, final, terms: Terms, scales):
         spectra = spectra_of(np.column_stack([values for _, values in told]))
         # A term in a channel: that column of the whitener.
         placed = (W[:, :, :, None] * spectra[:, None, None, :]).reshape(len(W), W.shape[1], -1)
-        columns = np.concatenate([W @ spectra_of(slopes), placed], axis=2).reshape(
-            -1, slopes.shape[2] + placed.shape[2]
-        )
+        whitened = np.concatenate([W @ spectra_of(slopes), placed], axis=2)
+        rounded = rounded + white.scatter(data.part(begin, begin + len(residual)) - residual, whitened, W)
+        columns = whitened.reshape(-1, whitened.shape[2])
         target = (W @ spectra_of(residual)[:, :, None])[:, :, 0].reshape(-1)
         products = products + np.real(columns.conj().T @ columns)
         gradient = gradient + np.real(columns.conj().T @ target)
         names = [(channel, name) for channel in data.channels for name, _ in told]
-    return (products, gradient), names
+    return (products, gradient, rounded), names
 
 
 def _signals(data, begin: int, residual: np.ndarray) -> Signals:

@@ -15,6 +15,7 @@ from piezoharvest.diagnose.leftover import Leftover
 from piezoharvest.diagnose.trials import CLOSE, Step, Trials, aim_beside, key_of
 from piezoharvest.effects import Effect
 from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.fit import inflation
 
 LEVEL = 1e-4  # chance of a false alarm, over all effects together
 HOPE = 30.0  # times the level, where a fit finds a time constant, say, between two starts: it gains up to half as much
@@ -149,8 +150,9 @@ class Searcher:
             rounds = [[now], [held]]
         for origins in rounds:
             tried = self._stage(now, origins)
-            if tried and self._p_value(now, tried[0], candidates) < LEVEL:
-                return tried
+            chances = {id(step): self._p_value(now, step, candidates) for step in tried}
+            if min(chances.values(), default=1.0) < LEVEL:
+                return sorted(tried, key=lambda step: chances[id(step)] >= LEVEL)
         return []
 
     def _stage(self, now: Step, origins: Sequence[Step]) -> list[Step]:
@@ -188,7 +190,7 @@ class Searcher:
         frequency of a line was picked from the data instead.
         """
         freedom = self._numbers(after.found, -1) if effect_line(after.found.model.transducer.effects[-1]) else 1
-        return min(1.0, float(chi2.sf(before.cost - after.cost, freedom)) * len(tried))
+        return min(1.0, float(chi2.sf(_reliable(before, after, -1), freedom)) * len(tried))
 
     def _numbers(self, found: Fit, n: int) -> int:
         """Numbers that the n-th effect takes."""
@@ -212,7 +214,7 @@ class Searcher:
             if less is None:
                 n += 1
                 continue
-            gone = float(chi2.sf(less.cost - now.cost, self._numbers(now.found, n)))
+            gone = float(chi2.sf(_reliable(less, now, n), self._numbers(now.found, n)))
             if gone > LEVEL:
                 self.trials.tell(f"{now.effects[n]} is not needed any more")
                 now, levels = less, levels[:n] + levels[n + 1 :]
@@ -257,6 +259,18 @@ class Searcher:
                 if key not in found or more < found[key][1]:
                     found[key] = (step, more)
         return tuple(sorted(found.values(), key=lambda pair: pair[1]))
+
+
+def _reliable(without: Step, found: Step, n: int) -> float:
+    """What the n-th effect takes off -2 ln L, less as its strength scatters more than white noise would make it.
+
+    The errors of a sensor that rounds are alike as long as its load is held: they look like creep, or like a contact.
+    """
+    gain, model = without.cost - found.cost, found.found.model
+    n = n % len(model.transducer.effects)
+    path = ("effects", n, type(model.transducer.effects[n]).strength().name)
+    places = [k for k, parameter in enumerate(model.parameters) if parameter.path == path]
+    return gain / inflation(found.found, places[0]) if places else gain  # a line's are the records' own
 
 
 def _any(candidates: Sequence[Candidate]) -> bool:

@@ -125,6 +125,11 @@ def covariance(found: Fit) -> np.ndarray:
     return bread @ (meat + found.prior) @ bread
 
 
+def inflation(found: Fit, k: int) -> float:
+    """How many times as large the variance of a parameter is as noise that is as it was taken to be would make it."""
+    return max(1.0, float(covariance(found)[k, k] / inverse(found.information + found.prior)[k, k]))
+
+
 def inverse(information: np.ndarray) -> np.ndarray:
     """Inverse of an information matrix whose parameters have very different sizes."""
     size = np.sqrt(np.maximum(np.abs(np.diag(information)), 1e-300))

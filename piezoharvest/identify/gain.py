@@ -115,10 +115,10 @@ def small_response(
     gain = _gain(prediction, channels, np.fft.rfftfreq(n, prediction.setting.sample_time))
     spectrum = fft.rfft(drive)
     # The samples lie together in memory, as the frequencies do.
-    values = fft.irfft(gain.value.T * spectrum, n).T
+    values = np.asarray(fft.irfft(gain.value.T * spectrum, n)).T
     if not wanted:
         return values, np.zeros((n, len(channels), 0))
-    return values, fft.irfft(gain.slopes.transpose(1, 2, 0) * spectrum, n).transpose(2, 0, 1)
+    return values, np.asarray(fft.irfft(gain.slopes.transpose(1, 2, 0) * spectrum, n)).transpose(2, 0, 1)
 
 
 def _gain(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> _Gain:

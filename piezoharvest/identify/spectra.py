@@ -59,4 +59,4 @@ def line_spectra(values: np.ndarray) -> np.ndarray:
 
 def in_time(spectra: np.ndarray, count: int) -> np.ndarray:
     """Weights of samples that make the same sums as those of their `spectra_of`, (samples, p)."""
-    return fft.irfft(spectra * np.sqrt(count / components(count))[:, None], count, axis=0)
+    return np.fft.irfft(spectra * np.sqrt(count / components(count))[:, None], count, axis=0)

@@ -110,7 +110,7 @@ class Whitener:
             count = len(residual)
             white, at_first, rows = self._of(count)
             predicted = self._data.part(begin, begin + count) - residual
-            rounded = (lambda D, x=predicted, W=white: self._scatter(x, D, W)) if scatter else None
+            rounded = (lambda D, x=predicted, W=white: self.scatter(x, D, W)) if scatter else None
             part = _whitened(residual, slopes, rows, h, rounded)
             if self._corrected:
                 if count not in passed:
@@ -124,8 +124,18 @@ class Whitener:
             parts.append(part)
         return reduce(add, parts)
 
-    def _scatter(self, predicted: np.ndarray, whitened: np.ndarray, white: np.ndarray) -> np.ndarray:
-        """Covariance of the gradient by errors of rounded sensors, (p, p), whose phase depends on a free offset."""
+    def scatter(self, predicted: np.ndarray, whitened: np.ndarray, white: np.ndarray) -> np.ndarray:
+        """Covariance of the gradient by errors of rounded sensors, (p, p), whose phase depends on a free offset.
+
+        Parameters
+        ----------
+        predicted : (samples, channels) array
+            Of a block.
+        whitened : (f, channels, p) array
+            Spectra of its derivatives.
+        white : (f, channels, channels) array
+            Matrices that whitened them.
+        """
         found = np.zeros((whitened.shape[2],) * 2)
         for k, (channel, rounded) in enumerate(zip(self._data.channels, self._steps, strict=True)):
             if max(rounded.size, rounded.second) < ROUND * self._noise.sigma[channel]:
