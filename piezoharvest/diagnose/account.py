@@ -76,7 +76,7 @@ def scored(diagnosis: Diagnosis, names: Sequence[str]) -> list[Scored]:
         mine = [candidate for candidate in search.first if candidate.name == name]
         best = min(mine, key=lambda c: (c.p_value, -c.score), default=None)
         p_value = 1.0 if best is None else min(1.0, best.p_value * len(search.first))
-        gains = [-change for text, change in search.fits if text == name]
+        gains = [-change for text, change, _ in search.fits if text == name]
         label = "" if best is None else label_of(best.effect)
         rows.append(Scored(name, label, best, p_value, max(gains, default=None)))
     return sorted(rows, key=lambda row: -(row.candidate.score if row.candidate else -1.0))

@@ -12,10 +12,9 @@ from scipy.stats import chi2
 
 from piezoharvest.diagnose.candidates import Candidate, effect_line, effect_parameters
 from piezoharvest.diagnose.leftover import Leftover
-from piezoharvest.diagnose.trials import CLOSE, Step, Trials, aim_beside, key_of
+from piezoharvest.diagnose.trials import CLOSE, Made, Step, Trials, aim_beside, inflated, key_of
 from piezoharvest.effects import Effect
 from piezoharvest.identify.descent import Fit
-from piezoharvest.identify.fit import inflation
 
 LEVEL = 1e-4  # chance of a false alarm, over all effects together
 HOPE = 30.0  # times the level, where a fit finds a time constant, say, between two starts: it gains up to half as much
@@ -48,8 +47,8 @@ class Search:
         Where these leave structure.
     alternatives : tuple of (Step, float)
         Other sets that are nearly as likely, with what they cost more; not looked for where structure is left.
-    fits : tuple of (str, float)
-        Full fits that were made: names, and cost less that of the model without effects.
+    fits : tuple of Made
+        Full fits that were made.
     """
 
     base: Fit
@@ -59,7 +58,7 @@ class Search:
     first: tuple[Candidate, ...]
     left: tuple[Leftover, ...]
     alternatives: tuple[tuple[Step, float], ...]
-    fits: tuple[tuple[str, float], ...]
+    fits: tuple[Made, ...]
 
     @property
     def final(self) -> Fit:
@@ -262,15 +261,8 @@ class Searcher:
 
 
 def _reliable(without: Step, found: Step, n: int) -> float:
-    """What the n-th effect takes off -2 ln L, less as its strength scatters more than white noise would make it.
-
-    The errors of a sensor that rounds are alike as long as its load is held: they look like creep, or like a contact.
-    """
-    gain, model = without.cost - found.cost, found.found.model
-    n = n % len(model.transducer.effects)
-    path = ("effects", n, type(model.transducer.effects[n]).strength().name)
-    places = [k for k, parameter in enumerate(model.parameters) if parameter.path == path]
-    return gain / inflation(found.found, places[0]) if places else gain  # a line's are the records' own
+    """What the n-th effect takes off -2 ln L, less as its strength scatters more than white noise would make it."""
+    return (without.cost - found.cost) / inflated(found.found, n)
 
 
 def _any(candidates: Sequence[Candidate]) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from piezoharvest.diagnose.leftover import Leftover, structure
 from piezoharvest.diagnose.scene import Scene
 from piezoharvest.effects import Effect
 from piezoharvest.identify.descent import ITERATIONS, UNFINISHED, Fit
-from piezoharvest.identify.fit import fit
+from piezoharvest.identify.fit import fit, inflation
 from piezoharvest.identify.model import Model
 from piezoharvest.identify.problem import Problem
 from piezoharvest.predict.parameters import Parameter, put, value_at
@@ -51,6 +52,24 @@ class Step:
         return self.cost + 2.0 * sum(parameter.path[0] == "effects" for parameter in self.found.model.parameters)
 
 
+class Made(NamedTuple):
+    """A full fit that was made.
+
+    Attributes
+    ----------
+    names : str
+        Of its effects, " + " between them.
+    change : float
+        Of -2 ln L from the model without effects.
+    inflated : float
+        How many times as large the variance of the last effect's strength is as white noise would make it.
+    """
+
+    names: str
+    change: float
+    inflated: float
+
+
 class Trials:
     """Fits and scores of a campaign.
 
@@ -65,8 +84,7 @@ class Trials:
 
     Attributes
     ----------
-    made : list of (str, float)
-        Full fits: names of the effects, and cost less that of the model without any.
+    made : list of Made
     """
 
     def __init__(
@@ -78,7 +96,7 @@ class Trials:
         tell: Callable[[str], None],
     ):
         self.problem, self.base, self.scene, self.library, self.tell = problem, base, scene, library, tell
-        self.made: list[tuple[str, float]] = []
+        self.made: list[Made] = []
         self._scored: dict[int, tuple[Step, list[Candidate]]] = {}
         self._known: dict[tuple[str, ...], Step] = {}
         self._structure: dict[int, tuple[Fit, tuple[Leftover, ...]]] = {}
@@ -180,7 +198,7 @@ class Trials:
             return None
         step = Step(found)
         names, change = " + ".join(step.effects), step.cost - self.base.cost
-        self.made.append((names, change))
+        self.made.append(Made(names, change, inflated(found, -1)))
         self.tell(f"tried {names or 'nominal values'}: -2 ln L {change:+.1f}")
         return step
 
@@ -188,6 +206,20 @@ class Trials:
 def aim_beside(others: Sequence[Step]) -> float:
     """What another fit has to come to beside these."""
     return min((other.fair_cost for other in others), default=np.inf) + CLOSE
+
+
+def inflated(found: Fit, n: int) -> float:
+    """How many times as large the variance of the n-th effect's strength is as white noise would make it.
+
+    The errors of a sensor that rounds are alike as long as its load is held: they look like creep, or like a contact.
+    """
+    effects = found.model.transducer.effects
+    if not effects:
+        return 1.0
+    n = n % len(effects)
+    path = ("effects", n, type(effects[n]).strength().name)
+    places = [k for k, parameter in enumerate(found.model.parameters) if parameter.path == path]
+    return inflation(found, places[0]) if places else 1.0  # a line's are the records' own
 
 
 def key_of(effect: Effect) -> str:

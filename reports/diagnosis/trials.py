@@ -182,10 +182,14 @@ def right(trial: Trial, verdict: str, found: Diagnosis) -> bool:
 
 
 def reached(found: Diagnosis, names: Sequence[str]) -> float | None:
-    """Size of the effects in sigma: the root of what their full fit, or else their score, takes off -2 ln L."""
-    gains = [-gain for text, gain in found.search.fits if sorted(text.split(" + ")) == sorted(names)]
-    if len(names) == 1:
-        gains += [candidate.score for candidate in found.search.first if candidate.name == names[0]]
+    """Size of the effects in sigma: the root of what their full fit, or else their score, takes off -2 ln L.
+
+    A sigma of one effect that was fitted is what its strength scatters by, with what rounded sensors add.
+    """
+    mine = [made for made in found.search.fits if sorted(made.names.split(" + ")) == sorted(names)]
+    gains = [-made.change / (made.inflated if len(names) == 1 else 1.0) for made in mine]
+    if len(names) == 1 and not gains:
+        gains = [candidate.score for candidate in found.search.first if candidate.name == names[0]]
     return float(np.sqrt(max(0.0, *gains))) if gains else None
 
 
