@@ -214,8 +214,8 @@ def inflated(found: Fit, n: int) -> float:
     The errors of a sensor that rounds are alike as long as its load is held: they look like creep, or like a contact.
     """
     effects = found.model.transducer.effects
-    if not effects:
-        return 1.0
+    if not effects or type(effects[n]).span is not Effect.span:
+        return 1.0  # where a range ends, readings are alike: its limit does not grow from a null
     n = n % len(effects)
     path = ("effects", n, type(effects[n]).strength().name)
     places = [k for k, parameter in enumerate(found.model.parameters) if parameter.path == path]
