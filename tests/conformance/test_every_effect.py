@@ -499,9 +499,9 @@ def test_in_a_study(name, tmp_path, capsys):
 
 @pytest.mark.parametrize("command", ["simulate", "sweep"])
 def test_commands_refuse_what_they_cannot_do(command, tmp_path, capsys, monkeypatch):
-    """A current that depends on the voltage behind the hysteresis, where charge is taken at once."""
-    current = lambda self, specimen: specimen.draw(self.beta * specimen.power(specimen.v, 3))  # noqa: E731
-    monkeypatch.setattr(effects.VoltageDependentCapacitance, "act", current)
+    """A charge that depends on the voltage behind the hysteresis, where charge is taken at once."""
+    charge = lambda self, specimen: specimen.charge(self.beta * specimen.power(specimen.v, 3))  # noqa: E731
+    monkeypatch.setattr(effects.VoltageDependentCapacitance, "act", charge)
     options = ["--out", str(tmp_path / "t.csv")] if command == "sweep" else []
     path = Path(write_study(tmp_path / "study.toml", "voltage_dependent_capacitance", {"beta": 1e-12}))
     text = path.read_text().replace('kind = "resistor"\nresistance = 8e4', 'kind = "sece"\nefficiency = 0.9')
