@@ -54,8 +54,8 @@ def along_squares(problem: Problem, found: Fit) -> list[tuple[str, str, float]]:
     """Channels, squares of the signals, and by how much -2 ln L falls where the one follows the other.
 
     Each for itself, with the parameters projected out: of noise, that of rounded sensors with it, the squares of one
-    number. Odd functions are left
-    out, for a fit that noise in the drive has bent leaves of them what looks like more than noise.
+    number. Odd functions are left out, for a fit that noise in the drive has bent leaves of them what looks like more
+    than noise.
     """
     normal = _Normal(problem, found, _squares)
     return [

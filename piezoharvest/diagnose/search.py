@@ -23,8 +23,8 @@ PROMISING = 0.15  # of the best score: what a full fit may still turn round
 FITS = 4  # full fits a stage
 STAND_INS = 2  # of these against a model whose strayed parameters are held
 BRIEF = 6  # iterations after which a full fit waits for the others of its stage
-OUTSTANDING = 0.3  # of the squares that the worst place has above noise: such places are what has to be explained
-KEPT = 0.5  # of its squares above noise, more than which a place keeps that is not explained
+OUTSTANDING = 0.3  # of the squares that the worst place has above noise: places with more have to be explained
+KEPT = 0.5  # of its squares above noise: a place that keeps more is not explained
 
 
 @dataclass(frozen=True)
