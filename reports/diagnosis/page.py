@@ -71,6 +71,7 @@ def summary(results: Results) -> dict[str, Any]:
             "two effects at once": share(of_kind(results, "pair")),
             "healthy specimens": share(of_kind(results, "healthy")),
             "effects that are not in the library": share(of_kind(results, "withheld")),
+            "faults that are not in the vocabulary": share(of_kind(results, "foreign")),
         },
         "alarms": sum(not result["right"] for result in of_kind(results, "healthy")),
         "power": {name: one for name in NAMES if (one := _power(results, name))},

@@ -9,16 +9,18 @@ from itertools import combinations
 
 import numpy as np
 
+from reports.diagnosis.foreign import FAULTS
 from reports.diagnosis.trials import DRAWS, Trial
 
 WEAK = (2.0, 3.5, 5.0, 7.0, 9.0)  # sigma
 LEAST, MOST = 12.0, 80.0  # sigma of what has to be named
+FAULT = 120.0  # sigma of a fault, of which parameters take a part
 
 
 def plan(*, small: bool) -> list[Trial]:
     """All trials; a small plan is the first part of the large one."""
-    singles, healthy, pairs, withheld, weak = (1, 5, 5, 5, 0) if small else (10, 100, 100, 45, 10)
-    names = list(DRAWS)
+    singles, healthy, pairs, withheld, foreign, weak = (1, 5, 5, 5, 2, 0) if small else (10, 100, 100, 45, 28, 10)
+    names, faults = list(DRAWS), list(FAULTS)
     kinds = [
         [
             Trial("single", (name,), _size(1000 * k + n), 1000 * k + n)
@@ -28,6 +30,7 @@ def plan(*, small: bool) -> list[Trial]:
         [Trial("healthy", (), 0.0, 50_000 + k) for k in range(healthy)],
         [Trial("pair", pair, 30.0, 60_000 + k) for k, pair in enumerate(_pairs(names)[:pairs])],
         [Trial("withheld", (names[(4 * k) % len(names)],), 40.0, 70_000 + k) for k in range(withheld)],
+        [Trial("foreign", (faults[k % len(faults)],), FAULT, 75_000 + k) for k in range(foreign)],
     ]
     # Clipping has no size in sigma that could be small: half a sample over the limit is either seen or not.
     smooth = [name for name in names if name != "clipping"]

@@ -96,7 +96,7 @@ def coverage(results: Results) -> dict[str, tuple[float, int]]:
     inside: Counter[str] = Counter()
     count: Counter[str] = Counter()
     for result in results:
-        if not result["right"] or result["kind"] == "withheld":
+        if not result["right"] or result["kind"] in ("withheld", "foreign"):
             continue
         for name, (truth, value, std) in result["parameters"].items():
             count[name] += 1

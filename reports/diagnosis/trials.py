@@ -21,13 +21,13 @@ from piezoharvest.records.bench import measure, write_campaign
 from piezoharvest.records.bench.measuring import BenchCampaign
 from piezoharvest.study import Study, load_study
 from piezoharvest.transducer import Transducer
+from reports.diagnosis.columns import COLUMN, NOISE
+from reports.diagnosis.foreign import faulty
 from reports.identification.specimens import specimen
 
 STUDY = Path(__file__).parents[2] / "designs" / "paper_campaign" / "study.toml"
 OFF = 0.15  # largest relative error of a nominal value
 CHANNELS = ("displacement", "voltage", "current")
-COLUMN = {"displacement": "displacement_m", "voltage": "voltage_V", "current": "current_A"}
-NOISE = {"displacement": 1.5e-8, "voltage": 1.5e-3, "current": 3.5e-8}  # of the bench's sensors
 SAMPLES = 60_000  # that are fitted
 LOADS = (51.43e3, 97.78e3, 143.8e3)
 
@@ -80,10 +80,11 @@ class Trial:
 
     Attributes
     ----------
-    kind : "healthy", "single", "pair", "withheld" or "weak"
-        Withheld: the effect is not in the library. Weak: for the power curve.
+    kind : "healthy", "single", "pair", "withheld", "foreign" or "weak"
+        Withheld: the effect is not in the library. Foreign: a fault that is not in the vocabulary. Weak: for the power
+        curve.
     names : tuple of str
-        Effects on the bench.
+        Effects on the bench, or the fault.
     sigma : float
         Size aimed at.
     seed : int
@@ -108,6 +109,8 @@ def _study() -> Study:
 
 def effects_of(trial: Trial) -> dict[str, dict[str, Any]]:
     """Tables of the effects on the bench; of clipping the size stands where its limit will."""
+    if trial.kind == "foreign":
+        return {}
     return {
         name: DRAWS[name](np.random.default_rng([trial.seed, n, 11]), trial.sigma / 10.0)
         for n, name in enumerate(trial.names)
@@ -125,6 +128,8 @@ def bench_of(trial: Trial) -> tuple[BenchCampaign, Transducer, dict[str, dict[st
         free = measure(replace(study, transducer=truth, bench={**bench, "effects": rest}))
         tables["clipping"]["limit"] = _limit(free, **tables["clipping"])
     measured = measure(replace(study, transducer=truth, bench={**bench, "effects": tables}))
+    if trial.kind == "foreign":
+        measured = faulty(measured, trial.names[0], trial.sigma)
     return replace(measured, nominal=study.transducer), truth, tables
 
 
@@ -174,6 +179,8 @@ def right(trial: Trial, verdict: str, found: Diagnosis) -> bool:
     names = {named.effect.name for named in found.effects}
     if trial.kind == "withheld":
         return verdict in ("unexplained", "ambiguous")
+    if trial.kind == "foreign":
+        return verdict == "unexplained"
     if not trial.names:
         return verdict == "adequate"
     if verdict == "ambiguous":

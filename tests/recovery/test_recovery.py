@@ -48,3 +48,9 @@ def test_a_healthy_specimen_raises_no_alarm():
 def test_an_effect_that_is_not_in_the_library_is_not_named_after_another():
     result = run(Trial("withheld", ("mains_hum",), 60.0, 331))
     assert result["verdict"] in ("unexplained", "ambiguous"), result
+
+
+@pytest.mark.slow
+def test_a_fault_that_no_effect_has_gets_no_name():
+    result = run(Trial("foreign", ("gain that drifts",), 120.0, 341))
+    assert result["verdict"] == "unexplained", result
