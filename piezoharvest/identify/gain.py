@@ -146,7 +146,8 @@ class _Gain:
         # Frequencies are the last axis throughout. What multiplies with the drive's part of the equations, (8, f):
         self._driven = np.array([*cubic, *drive, *(turn * part for part in drive)])
         forced = line.driven() @ self._driven
-        self._states, self._left = states, _ = _solved(line.kept, line.A, turn, forced, line.C)
+        states, self._left = _solved(line.kept, line.A, turn, forced, line.C)
+        self._states = states
         self._drive = np.array(drive)
         self._moving = np.concatenate([states, -turn * states, self._driven])
         self.value = (line.C @ states + line.D @ self._drive).T

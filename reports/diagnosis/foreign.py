@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from piezoharvest.records.bench.measuring import BenchCampaign
-from reports.diagnosis.columns import COLUMN, NOISE
+from piezoharvest.records.channels import COLUMNS
 
 # Channel, and what is added to its readings but for a factor, of readings and time as share of the record less a half.
 Fault = tuple[str, Callable[[np.ndarray, np.ndarray], np.ndarray]]
@@ -23,16 +23,16 @@ FAULTS: dict[str, Fault] = {
 }
 
 
-def faulty(measured: BenchCampaign, name: str, sigma: float) -> BenchCampaign:
-    """The same campaign read by a sensor with a fault that changes the fitted samples by so many sigma."""
+def faulty(measured: BenchCampaign, name: str, sigma: float, noise: Mapping[str, float]) -> BenchCampaign:
+    """The same campaign read by a sensor with a fault that changes the fitted samples by so many sigma of its noise."""
     channel, fault = FAULTS[name]
-    column = COLUMN[channel]
+    column = COLUMNS[channel]
     added = []
     for record in measured.records:
         values = np.asarray(record.columns[column])
         added.append(fault(values, np.linspace(-0.5, 0.5, len(values))))
     fitted = [change for record, change in zip(measured.records, added, strict=True) if record.setup.role == "fit"]
-    factor = sigma * NOISE[channel] / float(np.linalg.norm(np.concatenate(fitted)))
+    factor = sigma * noise[channel] / float(np.linalg.norm(np.concatenate(fitted)))
     records = (
         replace(record, columns={**record.columns, column: np.asarray(record.columns[column]) + factor * change})
         for record, change in zip(measured.records, added, strict=True)

@@ -19,15 +19,16 @@ from piezoharvest.predict.parameters import value_at
 from piezoharvest.records import load_campaign
 from piezoharvest.records.bench import measure, write_campaign
 from piezoharvest.records.bench.measuring import BenchCampaign
+from piezoharvest.records.channels import COLUMNS
 from piezoharvest.study import Study, load_study
 from piezoharvest.transducer import Transducer
-from reports.diagnosis.columns import COLUMN, NOISE
 from reports.diagnosis.foreign import faulty
 from reports.identification.specimens import specimen
 
 STUDY = Path(__file__).parents[2] / "designs" / "paper_campaign" / "study.toml"
 OFF = 0.15  # largest relative error of a nominal value
 CHANNELS = ("displacement", "voltage", "current")
+NOISE = {"displacement": 1.5e-8, "voltage": 1.5e-3, "current": 3.5e-8}  # of the bench's sensors
 SAMPLES = 60_000  # that are fitted
 LOADS = (51.43e3, 97.78e3, 143.8e3)
 
@@ -129,14 +130,14 @@ def bench_of(trial: Trial) -> tuple[BenchCampaign, Transducer, dict[str, dict[st
         tables["clipping"]["limit"] = _limit(free, **tables["clipping"])
     measured = measure(replace(study, transducer=truth, bench={**bench, "effects": tables}))
     if trial.kind == "foreign":
-        measured = faulty(measured, trial.names[0], trial.sigma)
+        measured = faulty(measured, trial.names[0], trial.sigma, NOISE)
     return replace(measured, nominal=study.transducer), truth, tables
 
 
 def _limit(measured: BenchCampaign, limit: float, channel: str) -> float:
     """Limit that changes the fitted samples of a channel by so many sigma."""
     fitted = [record for record in measured.records if record.setup.role == "fit"]
-    values = np.abs(np.concatenate([record.columns[COLUMN[channel]] for record in fitted]))
+    values = np.abs(np.concatenate([record.columns[COLUMNS[channel]] for record in fitted]))
     low, high = 0.5 * float(values.max()), float(values.max())
     for _ in range(50):
         middle = 0.5 * (low + high)
