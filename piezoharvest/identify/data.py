@@ -10,12 +10,14 @@ import numpy as np
 
 from piezoharvest.identify.denoise import denoised
 from piezoharvest.identify.noise import first_guess
-from piezoharvest.predict.prediction import Setting, setting_of
+from piezoharvest.predict.drive import CALM
+from piezoharvest.predict.lowered import Setting, setting_of
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.record import Record
 from piezoharvest.transducer import Transducer
 
 JITTER = 1e-2  # of the sample time, that stamps may be off a uniform grid
+BESIDE = 4  # steps between samples, beside which the first one stands out
 RESPONSES = ("displacement", "voltage", "current", "force")
 
 
@@ -90,6 +92,13 @@ def data_of(record: Record, transducer: Transducer) -> Data:
     sigma = {c: s.sigma for c, s in record.signals.items() if s.sigma is not None}
     drive = record[record.drive]
     clean = denoised(drive, sigma.get(record.drive, first_guess(drive)))
-    setting = setting_of(record.drive, record.shunt, step, clean, transducer)
     scatter = {c: sigma.get(c, first_guess(record[c])) for c in channels}
+    abrupt = any(begins_abruptly(record[c], scatter[c]) for c in channels) and not begins_abruptly(clean, 0.0)
+    setting = setting_of(record.drive, record.shunt, step, clean, transducer, abrupt=abrupt)
     return Data(record.name, record.role, record, setting, drive - clean, channels, sigma, scatter)
+
+
+def begins_abruptly(values: np.ndarray, sigma: float) -> bool:
+    """Whether the first sample is of another state than those after it: the drive came upon a specimen at rest."""
+    steps = np.abs(np.diff(values[: BESIDE + 2]))
+    return len(steps) > BESIDE and bool(steps[0] > CALM * max(steps[1:].max(), np.sqrt(2.0) * sigma))

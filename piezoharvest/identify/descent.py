@@ -86,8 +86,9 @@ def descend(
     most : int
         Iterations.
     """
-    lower = np.concatenate([[p.lower for p in model.parameters], np.full(sum(map(len, own)), -np.inf)])
-    upper = np.concatenate([[p.upper for p in model.parameters], np.full(sum(map(len, own)), np.inf)])
+    limits = problem.own_limits(model)
+    lower = np.concatenate([[p.lower for p in model.parameters], -limits])
+    upper = np.concatenate([[p.upper for p in model.parameters], limits])
     leap = np.array([LEAP if p.scaling == "log" else np.inf for p in model.parameters] + [np.inf] * sum(map(len, own)))
     mean, precision = prior_of(problem, model, own)
     values = np.concatenate([inner_values(model), *own])

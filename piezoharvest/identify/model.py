@@ -10,8 +10,9 @@ import numpy as np
 
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.gain import small_response, specimen_gain
+from piezoharvest.predict.lowered import Lowered
 from piezoharvest.predict.parameters import Parameter, put, value_at
-from piezoharvest.predict.prediction import Lowered, Prediction
+from piezoharvest.predict.prediction import Prediction
 from piezoharvest.predict.sensing import sensed
 from piezoharvest.transducer import Transducer
 
@@ -35,7 +36,7 @@ class Model:
     _lowered: dict = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def prediction(self, data: Data, own: np.ndarray | None = None) -> Prediction:
-        """Prediction of a record; `own` are its states at the start and jumps."""
+        """Prediction of a record; `own` as its `own_names` name them."""
         return Prediction(self.transducer, data.setting, self.parameters, own, self.lowered(data))
 
     def lowered(self, data: Data) -> Lowered:
@@ -121,6 +122,12 @@ def own_names(model: Model, data: Data) -> tuple[str, ...]:
     return (*prediction.own_names, *first, *(extra.name for extra in extras(model, data, prediction)))
 
 
+def own_limits(model: Model, data: Data) -> np.ndarray:
+    """The largest sizes of a record's own numbers."""
+    limits = model.prediction(data).own_limits
+    return np.pad(limits, (0, len(own_names(model, data)) - len(limits)), constant_values=np.inf)
+
+
 def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool):
     """Blocks (prediction, begin, residuals, derivatives) of a record; `own` as `own_names` names it."""
     first, more = first_samples(data), extras(model, data, model.prediction(data))
@@ -141,7 +148,7 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
             predicted += passed
             if slopes is not None:
                 slopes[:, :, : passed_slopes.shape[2]] += passed_slopes
-        jumps = data.setting.motion.jumps - block.begin
+        jumps = data.setting.jumps - block.begin
         predicted, slopes = sensed(effects, model.parameters, data.scatter, h, predicted, slopes, jumps)
         for k, (sample, c) in enumerate(first):
             if block.begin <= sample < end:

@@ -9,7 +9,7 @@ import numpy as np
 
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.denoise import noise_floor
-from piezoharvest.identify.model import Model, own_names
+from piezoharvest.identify.model import Model, own_limits, own_names
 from piezoharvest.identify.noise import Noise, first_guess
 from piezoharvest.identify.responses import FIRST_ERROR, FrequencyData
 from piezoharvest.predict.parameters import value_at
@@ -71,6 +71,12 @@ class Problem:
     def own_names(self, model: Model, data: Data | FrequencyData) -> tuple[str, ...]:
         """Names of a record's own numbers."""
         return () if isinstance(data, FrequencyData) else own_names(model, data)
+
+    def own_limits(self, model: Model) -> np.ndarray:
+        """The largest sizes of the own numbers of all records, one after the other."""
+        return np.concatenate(
+            [own_limits(model, data) for data in self.data if isinstance(data, Data)] or [np.zeros(0)]
+        )
 
 
 def prior_of(problem: Problem, model: Model, own: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

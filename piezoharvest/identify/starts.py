@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from piezoharvest.identify.data import Data
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.evaluation import sums_of, whiteners
 from piezoharvest.identify.first_values import first_values
@@ -42,8 +43,13 @@ def started(problem: Problem, model: Model, tell: Callable[[str], None]) -> Fit:
     if len(free) == len(model.parameters):
         return fit(problem, first, tell=tell, rounds=2)
     own = None
+    if any(len(data.setting.jumps) for data in problem.data if isinstance(data, Data)):
+        # When exactly a drive jumped looks like anything else until it is told.
+        bare = replace(first, parameters=())
+        own = fit(problem, bare, estimate_noise=False, enough=_enough(problem), tell=tell).own
     if first.transducer.hysteresis == model.transducer.hysteresis:
-        rough = fit(problem, replace(first, parameters=free), estimate_noise=False, enough=_enough(problem), tell=tell)
+        rough = replace(first, parameters=free)
+        rough = fit(problem, rough, own, estimate_noise=False, enough=_enough(problem), tell=tell)
         first, own = replace(rough.model, parameters=model.parameters), rough.own
     best = fit(problem, first, own, tell=tell, rounds=2)
     if _excess(best) < POOR:

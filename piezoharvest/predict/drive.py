@@ -1,4 +1,7 @@
-"""The imposed channel between its samples: a cubic spline, with jumps told from what a spline can follow."""
+"""The imposed channel between its samples: a cubic spline, with jumps told from what a spline can follow.
+
+A step with a jump is taken in many small ones: elements turn and slip within it, as what rings overshoots.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ CALM = 8.0  # times as far as the samples beside it go
 PIECE = 1 << 18  # samples whose spline is made at a time: making that of millions takes several times its memory
 FORGETS = 32  # samples further on, a spline has forgotten a value: (2 - sqrt 3)^32 of it is left
 
-BUMP = np.array([3.0, -6.0, 3.0, 0.0])  # 3 (1 - s)^2: of unit area, with neither value nor slope at the end of the step
+FINE = 64  # small steps that one with a jump is taken in
 
 
 class Drive(NamedTuple):
@@ -40,11 +43,6 @@ def drive_of(values: np.ndarray) -> Drive:
     jumps = jumps_of(values)
     coefficients = np.zeros((len(values) - 1, 4))
     coefficients[:, 0], coefficients[:, 1] = values[:-1], np.diff(values)
-    # After a jump, whose instant is a number of the record's own, the drive is at its new value: at rest, not on a
-    # ramp.
-    coefficients[jumps] = (
-        values[jumps + 1, None] * np.eye(4)[0] + 0.5 * (values[jumps] - values[jumps + 1])[:, None] * BUMP
-    )
     for begin, end in zip([0, *(jumps + 1)], [*jumps, len(values) - 1], strict=True):
         if end - begin >= 3:
             for a, b in pairwise([begin, *range(begin + PIECE, end - PIECE // 2, PIECE), end]):
@@ -52,6 +50,38 @@ def drive_of(values: np.ndarray) -> Drive:
                 spline = CubicSpline(np.arange(last - first + 1.0), values[first : last + 1])
                 coefficients[a:b] = spline.c[::-1, a - first : b - first].T
     return Drive(coefficients, jumps)
+
+
+def jumping(line: np.ndarray, late: float) -> tuple[np.ndarray, int]:
+    """The small steps of a step in which a drive jumps, between two samples to which it is level.
+
+    Parameters
+    ----------
+    line : (4,) array
+        Its coefficients, as if it went straight.
+    late : float
+        By how many small steps the jump comes after the middle: half of them at most.
+
+    Returns
+    -------
+    (FINE, 4) array
+        Coefficients of the small steps.
+    int
+        That in which it jumps: it has the mean there throughout.
+    """
+    instant = FINE / 2 + late
+    place = int(np.clip(np.floor(instant), 0, FINE - 1))
+    found = np.zeros((FINE, 4))
+    found[:, 0] = line[0] + line[1] * np.clip(np.arange(1, FINE + 1) - instant, 0.0, 1.0)
+    return found, place
+
+
+def divided(coefficients: np.ndarray) -> np.ndarray:
+    """The small steps (FINE, 4) of a step of a drive that does not jump."""
+    begin = np.arange(FINE)[:, None] / FINE
+    a, b, c, d = coefficients
+    columns = [a + begin * (b + begin * (c + begin * d)), b + begin * (2 * c + 3 * begin * d), c + 3 * begin * d]
+    return np.hstack([*columns, np.full_like(begin, d)]) / float(FINE) ** np.arange(4)
 
 
 def jumps_of(values: np.ndarray) -> np.ndarray:

@@ -225,7 +225,7 @@ def _find(K, base, limits, kinds, places, before, old, h, relaxed, w, trial, slo
 
 @_fast
 def march(
-    coefficients, bumps, first, share, at_start, h, M, H, O, limits, kinds, places, dM, dH, dO, dlimits,  # noqa: E741
+    coefficients, jump, instant, first, share, at_start, h, M, H, O, limits, kinds, places, dM, dH, dO, dlimits,  # noqa: E741
     z, w, inputs, dz, dw, dinputs, local, sizes, Y, dY,
 ):  # fmt: skip
     """March over a block of samples.
@@ -234,8 +234,8 @@ def march(
     ----------
     coefficients : (samples - 1, 4) array
         Of the drive in every step.
-    bumps : (steps, 2) array of int
-        Steps in which a parameter adds 3 (1 - s)^2 to the drive, and which parameter.
+    jump, instant : int
+        Step in which a parameter adds to the drive, throughout it, and which parameter; -1 for none.
     first : float
         Time at the first sample, as share of the record.
     share : float
@@ -301,10 +301,9 @@ def march(
                 _spread(dstates, dzl)
                 _multiply(Mz, dz, dzl)
                 _multiply(Mw, dw, dzl)
-                for b in range(len(bumps)):
-                    if bumps[b, 0] == k:
-                        for r in range(n):
-                            dzl[r, bumps[b, 1]] += 3.0 * (M[r, n + nw] - 2.0 * M[r, n + nw + 1] + M[r, n + nw + 2])
+                if k == jump:
+                    for r in range(n):
+                        dzl[r, instant] += M[r, n + nw]
         old[:], before[:] = inputs, w
         _dot(O[:m], zl, none, e, base)
         for r in range(m):

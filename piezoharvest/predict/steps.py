@@ -72,7 +72,7 @@ def inverse_of(matrices: Matrices) -> np.ndarray:
     return np.linalg.pinv(np.real(matrices.A), rcond=1e-13)
 
 
-def equilibrium(matrices: Matrices, inverse: np.ndarray, first: float) -> np.ndarray:
+def equilibrium(matrices: Matrices, inverse: np.ndarray, first: complex) -> np.ndarray:
     """State that does not move under the first value of the drive; stops give nothing.
 
     Parameters
@@ -81,15 +81,16 @@ def equilibrium(matrices: Matrices, inverse: np.ndarray, first: float) -> np.nda
         Real, or with a complex step.
     inverse : (n, n) array
         That of the real A.
-    first : float
+    first : float or complex
         First value of the drive.
     """
     A, B, W = matrices.A, matrices.B, matrices.W
     if np.iscomplexobj(A):
         inverse = inverse - 1j * (inverse @ np.imag(A) @ inverse)
     e = np.array([first, 0.0, 1.0, 0.0])
-    w = np.zeros(len(matrices.kinds), A.dtype)
-    z = np.zeros(len(A), A.dtype)
+    kind = np.result_type(A, e)
+    w = np.zeros(len(matrices.kinds), kind)
+    z = np.zeros(len(A), kind)
     for _ in range(REST):
         before, z = z, -inverse @ (B @ e + W @ w)
         if np.abs(z - before).max() <= 1e-14 * np.abs(z).max() or not np.any(matrices.kinds != STOP):

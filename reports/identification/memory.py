@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from piezoharvest.output import write_table
-from piezoharvest.predict.prediction import Prediction, setting_of
+from piezoharvest.predict.lowered import setting_of
+from piezoharvest.predict.prediction import Prediction
 from piezoharvest.shunts import Resistor
 from piezoharvest.study import build_transducer
 

@@ -12,8 +12,9 @@ from scipy.integrate import solve_ivp
 from piezoharvest.effects import registered
 from piezoharvest.effects.channel_skew import ChannelSkew
 from piezoharvest.predict.drive import drive_of
+from piezoharvest.predict.lowered import setting_of
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
-from piezoharvest.predict.prediction import Prediction, setting_of
+from piezoharvest.predict.prediction import Prediction
 from piezoharvest.predict.sensing import sensed
 from piezoharvest.records.bench.effects import registered as bench_effects
 from piezoharvest.records.bench.solver import CIRCUITS, Model, integrate

@@ -1,0 +1,94 @@
+"""A march through a record by segments of samples, or of the small steps within one: its state and what paces it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from piezoharvest.predict.specimen import Matrices
+from piezoharvest.predict.steps import Step
+
+LANES = 8  # derivatives are padded to full vector registers
+
+
+class Pace(NamedTuple):
+    """What advances by steps of one length.
+
+    Attributes
+    ----------
+    h : float
+        s.
+    share : float
+        Of the record, that a step takes.
+    arrays, tangents : tuple of array
+        M, H and O of the step; their derivatives as the march takes them.
+    limits : (elements, lanes) array
+        Derivatives of the elements' limits.
+    """
+
+    h: float
+    share: float
+    arrays: tuple[np.ndarray, ...]
+    tangents: tuple[np.ndarray, ...]
+    limits: np.ndarray
+
+
+def pace_of(h: float, share: float, step: Step, slopes: Step) -> Pace:
+    """From a step and its derivatives, the last axis of which may be empty."""
+    names = ("M", "H", "O")
+    moving = [np.any(getattr(slopes, name), axis=(0, 1)) for name in names]
+    some = int(np.max(np.flatnonzero(np.any(moving, axis=0)), initial=-1)) + 1
+    arrays = tuple(np.ascontiguousarray(getattr(step, name)) for name in names)
+    tangents = tuple(_by_columns(getattr(slopes, name)[:, :, :some]) for name in names)
+    return Pace(h, share, arrays, tangents, padded(slopes.limits))
+
+
+def padded(slopes: np.ndarray) -> np.ndarray:
+    """Derivatives (rows, parameters) with zeros to whole registers."""
+    return np.pad(slopes, ((0, 0), (0, -slopes.shape[1] % LANES)))
+
+
+def _by_columns(slopes: np.ndarray) -> np.ndarray:
+    """Column by column, the derivatives of all rows side by side: long loops in the march."""
+    rows, columns, parameters = slopes.shape
+    return np.ascontiguousarray(slopes.transpose(1, 0, 2)).reshape(columns, rows * parameters)
+
+
+class Run:
+    """Where a march has come to.
+
+    Parameters
+    ----------
+    matrices : Matrices
+    z : (states,) array
+        At the start.
+    dz : (states, lanes) array
+        Its derivatives.
+    """
+
+    def __init__(self, matrices: Matrices, z: np.ndarray, dz: np.ndarray) -> None:
+        inputs, elements, lanes = len(matrices.O) - len(matrices.channels), len(matrices.kinds), dz.shape[1]
+        self._matrices, self.lanes = matrices, lanes
+        self._limits = np.ascontiguousarray(np.real(matrices.parameters))
+        # States, outputs of the elements, their inputs and the rates of these; then the derivatives of all three.
+        self._values = (z, np.zeros(elements), np.zeros(inputs))
+        self._slopes = (dz, np.zeros((elements, lanes)), np.zeros((inputs, lanes)))
+        self._sizes = np.zeros(inputs)
+        self.local = np.zeros((elements, 2))  # sum of the elements' slopes to their inputs
+
+    def go(
+        self, pace: Pace, coefficients: np.ndarray, time: float, at_start: bool, Y: np.ndarray, dY: np.ndarray,
+        *, jump: tuple[int, int] = (-1, -1), small: bool = False,
+    ) -> int:  # fmt: skip
+        """March on; `march` says what the arguments are, and the failed step. Small steps are no samples of `local`."""
+        from piezoharvest.predict.march import march
+
+        local = np.zeros_like(self.local) if small else self.local
+        (M, H, O), (dM, dH, dO) = pace.arrays, pace.tangents  # noqa: E741
+        (z, w, inputs), (dz, dw, dinputs) = self._values, self._slopes
+        return march(
+            coefficients, *jump, time, pace.share, at_start, pace.h, M, H, O, self._limits,
+            self._matrices.kinds, self._matrices.places, dM, dH, dO, pace.limits,
+            z, w, inputs, dz, dw, dinputs, local, self._sizes, Y, dY,
+        )  # fmt: skip
