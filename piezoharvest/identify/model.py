@@ -111,7 +111,10 @@ def extras(model: Model, data: Data, prediction: Prediction) -> list[Extra]:
 
 
 def first_samples(data: Data) -> list[tuple[int, int]]:
-    """Samples (and channels) after a jump: what a sensor reads there, between before and after, stands by itself."""
+    """Samples (and channels) after a jump: what a sensor reads there, between before and after, is a number of its own.
+
+    By how much the reading without noise is above what was read.
+    """
     return [(int(jump) + 1, c) for jump in data.setting.motion.jumps for c in range(len(data.channels))]
 
 
@@ -150,12 +153,15 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
                 slopes[:, :, : passed_slopes.shape[2]] += passed_slopes
         jumps = data.setting.jumps - block.begin
         predicted, slopes = sensed(effects, model.parameters, data.scatter, h, predicted, slopes, jumps)
+        residual = data.part(block.begin, end) - predicted
         for k, (sample, c) in enumerate(first):
             if block.begin <= sample < end:
-                predicted[sample - block.begin, c] += read[k]
+                # Whatever is predicted there, which depends on the jump's instant by leaps.
+                residual[sample - block.begin, c] = -read[k]
                 if slopes is not None:
+                    slopes[sample - block.begin, c] = 0.0
                     slopes[sample - block.begin, c, k - len(first) - len(more)] = 1.0
-        yield prediction, block.begin, data.part(block.begin, end) - predicted, slopes
+        yield prediction, block.begin, residual, slopes
 
 
 def _widened(derivatives: np.ndarray, count: int) -> np.ndarray:
