@@ -70,6 +70,7 @@ def summary(results: Results) -> dict[str, Any]:
             "single effects of 10 σ or more": share(strong),
             "two effects at once": share(of_kind(results, "pair")),
             "healthy specimens": share(of_kind(results, "healthy")),
+            "steps without a rise and a multisine, one effect or none": share(of_kind(results, "ideal")),
             "effects that are not in the library": share(of_kind(results, "withheld")),
             "faults that are not in the vocabulary": share(of_kind(results, "foreign")),
         },

@@ -5,7 +5,7 @@ Kinds are mixed, the weak ones for the power curves last, so that a run that was
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, cycle
 
 import numpy as np
 
@@ -20,6 +20,7 @@ FAULT = 120.0  # sigma of a fault, of which parameters take a part
 def plan(*, small: bool) -> list[Trial]:
     """All trials; a small plan is the first part of the large one."""
     singles, healthy, pairs, withheld, foreign, weak = (1, 5, 5, 5, 2, 0) if small else (10, 100, 100, 45, 28, 10)
+    ideal = 3 if small else 30
     names, faults = list(DRAWS), list(FAULTS)
     kinds = [
         [
@@ -31,6 +32,11 @@ def plan(*, small: bool) -> list[Trial]:
         [Trial("pair", pair, 30.0, 60_000 + k) for k, pair in enumerate(_pairs(names)[:pairs])],
         [Trial("withheld", (names[(4 * k) % len(names)],), 40.0, 70_000 + k) for k in range(withheld)],
         [Trial("foreign", (faults[k % len(faults)],), FAULT, 75_000 + k) for k in range(foreign)],
+        # One in sixteen of these is healthy.
+        [
+            Trial("ideal", choice, _size(77_000 + k) if choice else 0.0, 77_000 + k)
+            for k, choice in zip(range(ideal), cycle([(), *((name,) for name in names)]), strict=False)
+        ],
     ]
     # Clipping has no size in sigma that could be small: half a sample over the limit is either seen or not.
     smooth = [name for name in names if name != "clipping"]

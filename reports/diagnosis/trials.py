@@ -26,6 +26,7 @@ from reports.diagnosis.foreign import faulty
 from reports.identification.specimens import specimen
 
 STUDY = Path(__file__).parents[2] / "designs" / "paper_campaign" / "study.toml"
+IDEAL = Path(__file__).parent / "ideal.toml"
 OFF = 0.15  # largest relative error of a nominal value
 CHANNELS = ("displacement", "voltage", "current")
 NOISE = {"displacement": 1.5e-8, "voltage": 1.5e-3, "current": 3.5e-8}  # of the bench's sensors
@@ -81,9 +82,9 @@ class Trial:
 
     Attributes
     ----------
-    kind : "healthy", "single", "pair", "withheld", "foreign" or "weak"
-        Withheld: the effect is not in the library. Foreign: a fault that is not in the vocabulary. Weak: for the power
-        curve.
+    kind : "healthy", "single", "pair", "withheld", "foreign", "ideal" or "weak"
+        Withheld: the effect is not in the library. Foreign: a fault that is not in the vocabulary. Ideal: a campaign of
+        steps without a rise and a multisine, with one effect or none. Weak: for the power curve.
     names : tuple of str
         Effects on the bench, or the fault.
     sigma : float
@@ -104,8 +105,8 @@ class Trial:
 
 
 @cache
-def _study() -> Study:
-    return load_study(STUDY)
+def _study(path: Path) -> Study:
+    return load_study(path)
 
 
 def effects_of(trial: Trial) -> dict[str, dict[str, Any]]:
@@ -120,7 +121,7 @@ def effects_of(trial: Trial) -> dict[str, dict[str, Any]]:
 
 def bench_of(trial: Trial) -> tuple[BenchCampaign, Transducer, dict[str, dict[str, Any]]]:
     """Measure a trial: what the bench has, the specimen, and the effects' parameters."""
-    study = _study()
+    study = _study(IDEAL if trial.kind == "ideal" else STUDY)
     truth = specimen(study.transducer, trial.seed, OFF)
     tables = effects_of(trial)
     bench = {**study.bench, "seed": trial.seed, "nominal_error": 0.0}
