@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from piezoharvest.identify.data import begins_abruptly
 from piezoharvest.identify.descent import _bent
 from piezoharvest.identify.gain import _solved
 from piezoharvest.identify.spectra import gram, whitened
@@ -43,3 +44,15 @@ def test_products_with_the_frequencies_last_are_those_of_matrices():
     np.testing.assert_allclose(found.transpose(2, 0, 1), white @ spectra)
     flat = (white @ spectra).reshape(-1, 4)
     np.testing.assert_allclose(gram(found), np.real(flat.conj().T @ flat))
+
+
+def test_a_record_begins_abruptly_where_its_first_sample_alone_is_of_another_state():
+    rng, time = np.random.default_rng(4), np.arange(200) / 1000.0
+    sine = np.sin(2 * np.pi * 50.0 * time)
+    noise = 1e-2 * rng.standard_normal((100, 200))
+    at_rest = np.where(time > 0, sine + 2.0, 0.0)
+    assert all(begins_abruptly(at_rest + each, 1e-2) for each in noise)
+    assert not any(begins_abruptly(sine + each, 1e-2) for each in noise)  # it begins fast, as it goes on
+    assert not any(begins_abruptly(each, 1e-2) for each in noise)
+    assert not begins_abruptly(np.where(time < 0.002, 0.0, 1.0), 1e-2)
+    assert not begins_abruptly(at_rest[:3], 1e-2)
