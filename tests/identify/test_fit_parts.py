@@ -48,7 +48,7 @@ def test_products_with_the_frequencies_last_are_those_of_matrices():
 
 def test_a_record_begins_abruptly_where_its_first_sample_alone_is_of_another_state():
     rng, time = np.random.default_rng(4), np.arange(200) / 1000.0
-    sine = np.sin(2 * np.pi * 50.0 * time)
+    sine = np.sin(2 * np.pi * 20.0 * time)
     noise = 1e-2 * rng.standard_normal((100, 200))
     at_rest = np.where(time > 0, sine + 2.0, 0.0)
     assert all(begins_abruptly(at_rest + each, 1e-2) for each in noise)
