@@ -18,6 +18,7 @@ from scipy.optimize import nnls
 UPPER = 0.5  # share of the band from which noise is estimated: what is slower may be structure
 BANDS = 16  # whose median tells noise from lines
 LEAST = 0.1  # of the noise before: a channel that seems to have less is not given all the weight at once
+SCORINGS, SETTLED = 50, 1e-6  # iterations to the most likely noise; relative change at their end
 FOURTH = 70.0  # gain of fourth differences for the variance of white noise
 
 
@@ -67,37 +68,61 @@ def estimate(
         Weights, and what is kept where the residuals do not tell.
     """
     names = list(start.sigma)
-    rows, right = [], []
-    for channels, drive, residual, gain in spectra:
-        upper = slice(int(len(residual) * UPPER), None)
-        size = np.array([start.sigma[channel] for channel in channels])
-        cross = _median_of_means(_cross(residual[upper] / size))
-        passed = np.real(_cross(gain[upper] / size)).mean(axis=0)
-        weight = np.sqrt(len(residual))
-        for a in range(len(channels)):
-            for b in range(a, len(channels)):
-                row = np.zeros(len(names))
-                if a == b:
-                    row[names.index(channels[a])] = 1.0
-                if drive in names:
-                    row[names.index(drive)] = passed[a, b] * start.sigma[drive] ** 2
-                value = cross[a, b] - sum(
-                    row[names.index(name)] * (known[name] / start.sigma[name]) ** 2 for name in known if name in names
-                )
-                for name in known:
-                    if name in names:
-                        row[names.index(name)] = 0.0
-                rows.append(weight * row)
-                right.append(weight * value)
-    shares, _ = nnls(np.array(rows), np.array(right))
-    found = {}
-    for name, share in zip(names, shares, strict=True):
-        told = np.any(np.abs(np.array(rows)[:, names.index(name)]) > 0)
-        floor = LEAST * start.sigma[name]
-        found[name] = known[name] if name in known else max(float(np.sqrt(share)) * start.sigma[name], floor)
-        if name not in known and not told:
-            found[name] = start.sigma[name]
-    return Noise(found)
+    parts = [_part(names, start, *one) for one in spectra]
+    shares = np.array([(known.get(name, start.sigma[name]) / start.sigma[name]) ** 2 for name in names])
+    free = np.array([k for k, name in enumerate(names) if name not in known and any(p.told[k] for p in parts)], int)
+    for _ in range(SCORINGS if len(free) else 0):
+        before = shares.copy()
+        information, score = (np.sum(t, axis=0) for t in zip(*(_scoring(p, shares) for p in parts), strict=True))
+        fixed = np.delete(np.arange(len(names)), free)
+        root = np.linalg.cholesky(information[np.ix_(free, free)])
+        right = score[free] - information[np.ix_(free, fixed)] @ shares[fixed]
+        shares[free] = np.maximum(nnls(root.T, np.linalg.solve(root, right))[0], LEAST**2)
+        if np.abs(shares - before).max() < SETTLED * shares.max():
+            break
+    return Noise({name: float(np.sqrt(share)) * start.sigma[name] for name, share in zip(names, shares, strict=True)})
+
+
+class _Part(NamedTuple):
+    """Mean cross-spectrum of a record's residuals, in units of the start, and what each source of noise makes of it.
+
+    Attributes
+    ----------
+    cross : (channels, channels) array
+    sources : (names, channels, channels) array
+    count : int
+        Frequencies.
+    told : (names,) array of bool
+    """
+
+    cross: np.ndarray
+    sources: np.ndarray
+    count: int
+    told: np.ndarray
+
+
+def _part(names, start: Noise, channels: Sequence[str], drive: str, residual: np.ndarray, gain: np.ndarray) -> _Part:
+    upper = slice(int(len(residual) * UPPER), None)
+    size = np.array([start.sigma[channel] for channel in channels])
+    sources = np.zeros((len(names), len(channels), len(channels)))
+    for c, channel in enumerate(channels):
+        sources[names.index(channel), c, c] = 1.0
+    if drive in names:
+        sources[names.index(drive)] = start.sigma[drive] ** 2 * np.real(_cross(gain[upper] / size)).mean(axis=0)
+    cross, told = _median_of_means(_cross(residual[upper] / size)), np.asarray(sources.any(axis=(1, 2)))
+    return _Part(cross, sources, len(residual), told)
+
+
+def _scoring(part: _Part, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Information about the shares of the sources, and what it makes of their best values, at some shares.
+
+    Fisher's scoring of Whittle's likelihood: what channels have in common, the noise of the drive, does not hide how
+    they differ.
+    """
+    inverse = np.linalg.inv(np.tensordot(shares, part.sources, 1))
+    weighed = inverse @ part.sources @ inverse
+    information = part.count * np.einsum("kab,lba->kl", weighed, part.sources)
+    return information, part.count * np.einsum("kab,ba->k", weighed, part.cross)
 
 
 def _cross(values: np.ndarray) -> np.ndarray:
