@@ -16,7 +16,9 @@ CALM = 8.0  # times as far as the samples beside it go
 PIECE = 1 << 18  # samples whose spline is made at a time: making that of millions takes several times its memory
 FORGETS = 32  # samples further on, a spline has forgotten a value: (2 - sqrt 3)^32 of it is left
 
-FINE = 64  # small steps that one with a jump is taken in
+# Small steps that one with a jump is taken in. The drive has its mean in that with the instant: a second jump, which
+# would dampen what rings if it came later by a share of the period.
+FINE = 512
 
 
 class Drive(NamedTuple):
@@ -76,12 +78,12 @@ def jumping(line: np.ndarray, late: float) -> tuple[np.ndarray, int]:
     return found, place
 
 
-def divided(coefficients: np.ndarray) -> np.ndarray:
-    """The small steps (FINE, 4) of a step of a drive that does not jump."""
-    begin = np.arange(FINE)[:, None] / FINE
+def divided(coefficients: np.ndarray, parts: int) -> np.ndarray:
+    """The small steps (parts, 4) of a step of a drive that does not jump."""
+    begin = np.arange(parts)[:, None] / parts
     a, b, c, d = coefficients
     columns = [a + begin * (b + begin * (c + begin * d)), b + begin * (2 * c + 3 * begin * d), c + 3 * begin * d]
-    return np.hstack([*columns, np.full_like(begin, d)]) / float(FINE) ** np.arange(4)
+    return np.hstack([*columns, np.full_like(begin, d)]) / float(parts) ** np.arange(4)
 
 
 def jumps_of(values: np.ndarray) -> np.ndarray:

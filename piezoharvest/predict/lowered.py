@@ -20,7 +20,7 @@ from piezoharvest.transducer import Transducer
 MAGNIFIED = 1e-30
 SLOW = 2.0  # samples: a state that lasts longer than this has a start of its own,
 LASTS = 0.05  # which means that so much of it is left
-AFTER = 16  # steps from a jump on that are taken in small ones
+SOON, AFTER = 16, 64  # steps from a jump on that are taken in small ones, and in how many
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +58,11 @@ class Setting:
         return np.concatenate([np.zeros(int(self.abrupt), int), self.motion.jumps])
 
     @cached_property
-    def small(self) -> np.ndarray:
-        """Steps that are taken in small ones: those with a jump and some after these, where operators slip fast."""
-        steps = np.unique(np.add.outer(self.jumps, np.arange(AFTER)))
-        return steps[steps < self.count - 1]
+    def parts(self) -> dict[int, int]:
+        """In how many small steps some are taken: those with a jump, and those soon after, where operators slip fast."""
+        jumps = self.jumps.tolist()
+        found = {**{jump + k: AFTER for jump in jumps for k in range(SOON)}, **dict.fromkeys(jumps, FINE)}
+        return {step: parts for step, parts in found.items() if step < self.count - 1}
 
 
 def setting_of(
@@ -103,6 +104,8 @@ class Lowered:
         self.transducer, self.setting, self.parameters = transducer, setting, tuple(parameters)
         self.matrices = self._matrices(transducer)
         self.share = 1.0 / max(setting.count - 1, 1)
+        self._steps: dict[int, Step] = {}
+        self._tangent_steps: dict[int, list[Step]] = {}
         self.step = self.step_by(1)
         self.inverse = inverse_of(self.matrices)
 
@@ -124,24 +127,20 @@ class Lowered:
             found.append(_magnified(self._matrices(stepped(self.transducer, parameter, inner))))
         return found
 
-    def step_by(self, parts: int, tangent: Matrices | None = None) -> Step:
-        """Step that is a part of a sample's, of these equations or of one of `tangents`."""
-        return step_of(tangent or self.matrices, self.setting.sample_time / parts, self.share / parts)
+    def step_by(self, parts: int) -> Step:
+        """Step that is a part of a sample's."""
+        if parts not in self._steps:
+            self._steps[parts] = self._discretised(self.matrices, parts)
+        return self._steps[parts]
 
-    @cached_property
-    def steps(self) -> list[Step]:
-        """Steps with a complex step in each parameter."""
-        return [self.step_by(1, tangent) for tangent in self.tangents]
-
-    @cached_property
-    def small_step(self) -> Step:
-        """Within a step with a jump."""
-        return self.step_by(FINE)
-
-    @cached_property
-    def small_steps(self) -> list[Step]:
+    def tangent_steps(self, parts: int) -> list[Step]:
         """The same with a complex step in each parameter."""
-        return [self.step_by(FINE, tangent) for tangent in self.tangents]
+        if parts not in self._tangent_steps:
+            self._tangent_steps[parts] = [self._discretised(tangent, parts) for tangent in self.tangents]
+        return self._tangent_steps[parts]
+
+    def _discretised(self, matrices: Matrices, parts: int) -> Step:
+        return step_of(matrices, self.setting.sample_time / parts, self.share / parts)
 
 
 def _magnified(matrices: Matrices) -> Matrices:

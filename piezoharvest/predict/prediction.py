@@ -84,7 +84,7 @@ class Prediction:
     @cached_property
     def slopes(self) -> Step:
         """Derivatives of the step to the parameters, then to the record's own numbers, by a complex step."""
-        return self._slopes(self.step, self._lowered.steps)
+        return self._slopes(self.step, self._lowered.tangent_steps(1))
 
     @np.errstate(over="ignore")  # as in `step_of`
     def _slopes(self, step: Step, found: Sequence[Step]) -> Step:
@@ -113,14 +113,13 @@ class Prediction:
             dz[:, count + states] = np.imag(equilibrium(self.matrices, inverse, first + 1j * MAGNIFIED)) / MAGNIFIED
         return z, dz
 
-    def _pace(self, small: bool, derivatives: bool) -> Pace:
-        """Pace of the samples, or of the small steps within one."""
-        lowered, parts = self._lowered, FINE if small else 1
-        step = lowered.small_step if small else self.step
+    def _pace(self, parts: int, derivatives: bool) -> Pace:
+        """Pace of steps that are a part of a sample's."""
+        step = self._lowered.step_by(parts)
         if not derivatives:
             slopes = Step(*(np.zeros((*array.shape, 0)) for array in step))
         else:
-            slopes = self._slopes(step, lowered.small_steps) if small else self.slopes
+            slopes = self.slopes if parts == 1 else self._slopes(step, self._lowered.tangent_steps(parts))
         return pace_of(self.setting.sample_time / parts, self.share / parts, step, slopes)
 
     def blocks(self, derivatives: bool = True, size: int = BLOCK) -> Iterator[Block]:
@@ -135,18 +134,17 @@ class Prediction:
         count = len(self.parameters) + len(self.own_names) if derivatives else 0
         z, dz = self._start(derivatives)
         run = Run(self.matrices, z, padded(dz))
-        samples = self._pace(False, derivatives)
-        small = self._pace(True, derivatives) if len(setting.small) else samples
+        paces = {parts: self._pace(parts, derivatives) for parts in {1, *setting.parts.values()}}
         for begin, end in pairwise([0, *range(size - 1, setting.count - 1, size), setting.count - 1]):
             Y, dY = np.empty((end - begin + 1, outputs)), np.empty((end - begin + 1, outputs, run.lanes))
-            inside = setting.small[(setting.small >= begin) & (setting.small < end)]
-            for a, b in pairwise(np.unique([begin, *inside, *(inside + 1), end]).tolist()):
+            inside = [step for step in setting.parts if begin <= step < end]
+            for a, b in pairwise(sorted({begin, *inside, *(step + 1 for step in inside), end})):
                 part = slice(a - begin, b - begin + 1)
-                if a in inside:
-                    failed = self._small(run, small, a, Y[part], dY[part])
+                if a in setting.parts:
+                    failed = self._small(run, paces[setting.parts[a]], a, Y[part], dY[part])
                 else:
                     motion = setting.motion.coefficients[a:b]
-                    failed = run.go(samples, motion, a * self.share, a == 0, Y[part], dY[part])
+                    failed = run.go(paces[1], motion, a * self.share, a == 0, Y[part], dY[part])
                 if failed >= 0 or not np.all(np.isfinite(Y[part][1:])):
                     raise PredictionError(f"no solution at sample {a + max(failed, 0) + 1}")
             first = 0 if begin == 0 else 1  # the sample before a block is not written again
@@ -163,8 +161,9 @@ class Prediction:
             if run.lanes:
                 jump = place, len(self.parameters) + k
         else:
-            coefficients = divided(line)
-        fine, dfine = np.empty((FINE + 1, Y.shape[1])), np.empty((FINE + 1, *dY.shape[1:]))
+            coefficients = divided(line, self.setting.parts[begin])
+        count = len(coefficients) + 1
+        fine, dfine = np.empty((count, Y.shape[1])), np.empty((count, *dY.shape[1:]))
         failed = run.go(pace, coefficients, begin * self.share, begin == 0, fine, dfine, jump=jump, small=True)
         first = 0 if begin == 0 else 1
         Y[first:], dY[first:] = fine[[0, -1]][first:], dfine[[0, -1]][first:]

@@ -211,8 +211,8 @@ def test_a_jump_between_samples_keeps_its_mean(late):
 
 def test_small_steps_follow_the_drive():
     cubic = np.array([1.0, -2.0, 3.0, 0.5])
-    share = (np.arange(FINE) + 0.25) / FINE
-    found = divided(cubic) @ (0.25 ** np.arange(4))
+    share = (np.arange(64) + 0.25) / 64
+    found = divided(cubic, 64) @ (0.25 ** np.arange(4))
     np.testing.assert_allclose(found, np.polynomial.polynomial.polyval(share, cubic), rtol=1e-12)
 
 
