@@ -59,7 +59,7 @@ class Setting:
 
     @cached_property
     def parts(self) -> dict[int, int]:
-        """In how many small steps some are taken: those with a jump, and those soon after, where operators slip fast."""
+        """In how many small steps some are taken: those with a jump, and soon after, where operators slip fast."""
         jumps = self.jumps.tolist()
         found = {**{jump + k: AFTER for jump in jumps for k in range(SOON)}, **dict.fromkeys(jumps, FINE)}
         return {step: parts for step, parts in found.items() if step < self.count - 1}
