@@ -8,6 +8,7 @@ import pytest
 from piezoharvest.identify.data import begins_abruptly
 from piezoharvest.identify.descent import _bent
 from piezoharvest.identify.gain import _solved
+from piezoharvest.identify.noise import Noise, estimate
 from piezoharvest.identify.spectra import gram, whitened
 
 
@@ -56,3 +57,29 @@ def test_a_record_begins_abruptly_where_its_first_sample_alone_is_of_another_sta
     assert not any(begins_abruptly(each, 1e-2) for each in noise)
     assert not begins_abruptly(np.where(time < 0.002, 0.0, 1.0), 1e-2)
     assert not begins_abruptly(at_rest[:3], 1e-2)
+
+
+@pytest.mark.parametrize("known", [0.495, 0.505])
+def test_noise_that_channels_have_in_common_does_not_hide_their_own(known):
+    """The drive's noise is larger in voltage and current than theirs, and known to one percent only."""
+    rng, count = np.random.default_rng(6), 5001
+    truth = {"displacement": 1.2e-8, "voltage": 1.5e-3, "current": 2e-8, "force": 0.5}
+    channels = ("displacement", "voltage", "current")
+
+    def drawn(size):
+        return size * np.sqrt(0.5) * (rng.standard_normal(count) + 1j * rng.standard_normal(count))
+
+    spectra = []
+    for load in (51.43e3, 97.78e3, 143.8e3):
+        gain = np.array([3.3e-9, 7.3e-3, 7.3e-3 / load])
+        own = np.column_stack([drawn(truth[channel]) for channel in channels])
+        residual = own - drawn(truth["force"])[:, None] * gain
+        spectra.append((channels, "force", residual, np.tile(gain.astype(complex), (count, 1))))
+    start = Noise({name: 2.0 * sigma for name, sigma in truth.items()})
+    found = estimate(spectra, {"force": known}, start).sigma
+    assert found["force"] == known
+    for channel in channels:
+        assert found[channel] == pytest.approx(truth[channel], rel=0.05), channel
+    free = estimate(spectra, {}, start).sigma
+    for name, sigma in truth.items():
+        assert free[name] == pytest.approx(sigma, rel=0.03), name
