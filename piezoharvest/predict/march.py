@@ -77,9 +77,7 @@ def _element(kind, limit, before, a, da, b, db, second, h):
     if kind == _PRODUCT:
         return b * second, 0.0, 0.0, 0.0, second, 0.0, b, 0.0
     if kind == _POWER:
-        size = abs(b)
-        slope = limit * size ** (limit - 1.0)
-        return math.copysign(size**limit, b), 0.0, 0.0, 0.0, slope, 0.0, 0.0, 0.0
+        return b**limit, 0.0, 0.0, 0.0, limit * b ** (limit - 1.0), 0.0, 0.0, 0.0
     if b <= 0.0:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     return b**limit, 0.0, 0.0, 0.0, limit * b ** (limit - 1.0), 0.0, 0.0, 0.0

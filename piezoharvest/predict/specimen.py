@@ -148,7 +148,7 @@ class Specimen:
         return self._element(Element(PRODUCT, first, second, 0.0))
 
     def power(self, row: Row, exponent: float, *, positive: bool = False) -> Row:
-        """Power of a row; with `positive` that of its positive part, zero below."""
+        """Whole power of a row; with `positive` any power of its positive part, zero below."""
         return self._element(Element(POSITIVE_POWER if positive else POWER, row, row, exponent))
 
     def charge(self, row: Row) -> None:

@@ -124,6 +124,23 @@ def test_linear_effects_agree_with_the_bench(name, table):
         assert np.abs(found[channel][late] - wanted).max() < 1e-3 * np.abs(wanted).max()
 
 
+@pytest.mark.parametrize(
+    ("name", "table"),
+    [
+        ("nonlinear_coupling", {"quadratic_coupling": -1e5}),
+        ("stiffening", {"cubic_stiffness": 1e18}),
+        ("voltage_dependent_capacitance", {"beta": 1e-3}),
+    ],
+)
+def test_what_bends_agrees_with_the_bench_under_tension_too(name, table):
+    """A square is even: under a load in one direction alone nothing tells it from one with the sign of its root."""
+    truth = waves(STACK, {"kind": "sine_force", "amplitude": 800.0, "frequency": 2.0}, effects=[(name, table)])
+    found, _ = predicted(build_transducer({**STACK, "effects": {name: table}}), "force", truth.sensed("force"))
+    for channel in ("displacement", "voltage", "current"):
+        wanted = truth.sensed(channel)[2:]
+        assert np.abs(found[channel][2:] - wanted).max() < 1e-4 * np.abs(wanted).max(), channel
+
+
 DRIVES = {
     "force": lambda t: 550 + 450 * np.sin(2 * np.pi * 3 * t) + 100 * np.sin(2 * np.pi * 17 * t),
     "voltage": lambda t: 20 * np.sin(2 * np.pi * 3 * t) + 5 * np.sin(2 * np.pi * 13 * t),
