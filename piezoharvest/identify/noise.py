@@ -19,6 +19,7 @@ UPPER = 0.5  # share of the band from which noise is estimated: what is slower m
 BANDS = 16  # whose median tells noise from lines
 LEAST = 0.1  # of the noise before: a channel that seems to have less is not given all the weight at once
 SCORINGS, SETTLED = 50, 1e-6  # iterations to the most likely noise; relative change at their end
+ALIKE = 1e-12  # relative eigenvalue of an information that tells nothing
 FOURTH = 70.0  # gain of fourth differences for the variance of white noise
 
 
@@ -75,12 +76,18 @@ def estimate(
         before = shares.copy()
         information, score = (np.sum(t, axis=0) for t in zip(*(_scoring(p, shares) for p in parts), strict=True))
         fixed = np.delete(np.arange(len(names)), free)
-        root = np.linalg.cholesky(information[np.ix_(free, free)])
         right = score[free] - information[np.ix_(free, fixed)] @ shares[fixed]
-        shares[free] = np.maximum(nnls(root.T, np.linalg.solve(root, right))[0], LEAST**2)
+        shares[free] = np.maximum(_nonnegative(information[np.ix_(free, free)], right), LEAST**2)
         if np.abs(shares - before).max() < SETTLED * shares.max():
             break
     return Noise({name: float(np.sqrt(share)) * start.sigma[name] for name, share in zip(names, shares, strict=True)})
+
+
+def _nonnegative(information: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Solution without negative values, also where some of them cannot be told apart: one channel and its drive."""
+    values, vectors = np.linalg.eigh(information)
+    root = np.sqrt(np.maximum(values, ALIKE * values.max()))
+    return nnls(root[:, None] * vectors.T, vectors.T @ right / root)[0]
 
 
 class _Part(NamedTuple):

@@ -83,3 +83,17 @@ def test_noise_that_channels_have_in_common_does_not_hide_their_own(known):
     free = estimate(spectra, {}, start).sigma
     for name, sigma in truth.items():
         assert free[name] == pytest.approx(sigma, rel=0.03), name
+
+
+@pytest.mark.parametrize("known", [{}, {"force": 0.5}])
+def test_noise_of_one_channel_alone_cannot_be_told_from_that_of_its_drive(known):
+    """Their sum is right all the same, and nothing fails."""
+    rng = np.random.default_rng(8)
+    gain = np.full((5001, 1), 2.0 + 0j)
+    residuals = np.sqrt(0.5 * 10.0) * (rng.standard_normal((10, 5001, 1)) + 1j * rng.standard_normal((10, 5001, 1)))
+    start = Noise({"voltage": 5.0, "force": 1.0})
+    found = estimate([(("voltage",), "force", residual, gain) for residual in residuals], known, start).sigma
+    # Medians of sixteen bands of ten records: one percent.
+    assert found["voltage"] ** 2 + (2.0 * found["force"]) ** 2 == pytest.approx(10.0, rel=0.05)
+    alone = [(("voltage",), "base_acceleration", residual, gain) for residual in residuals]
+    assert estimate(alone, {}, start).sigma["force"] == 1.0
