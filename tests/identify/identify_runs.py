@@ -49,15 +49,24 @@ def scattered(seed, off, nominal=STACK):
     return replace(device, **values)
 
 
+PERFECT = {
+    "load_cell": {"noise": 0.0},
+    "laser": {"noise": 0.0, "resolution": 0.0},
+    "buffer": {"noise": 0.0},
+    "current_sense": {"noise": 0.0},
+    "converter": {"bits": 32},
+}
+
+
 @lru_cache(maxsize=16)
-def measured(seed, off=0.3, linear=False, duration=2.0):
+def measured(seed, off=0.3, linear=False, duration=2.0, perfect=False):
     """What the bench measures of a specimen, its nominal values being those of the stack; and the specimen."""
     nominal = LINEAR if linear else STACK
     tables = {
         "transducer": nominal,
         "excitation": SINE,
         "shunts": [{"kind": "resistor", "resistance": 97.78e3}],
-        "bench": {"duration": duration, "seed": seed, "records": RECORDS},
+        "bench": {"duration": duration, "seed": seed, "records": RECORDS, **(PERFECT if perfect else {})},
     }
     study, truth = study_from(tables, Path("study.toml")), scattered(seed, off, nominal)
     return replace(measure(replace(study, transducer=truth)), nominal=study.transducer), truth

@@ -11,7 +11,7 @@ from identify.identify_runs import STACK, campaign_file
 from piezoharvest.identify import identify
 from piezoharvest.identify.denoise import denoised, noise_floor
 from piezoharvest.identify.noise import rounding
-from piezoharvest.identify.sums import spectra_of
+from piezoharvest.identify.sums import by_code, spectra_of
 from piezoharvest.output import write_table
 from piezoharvest.predict.parameters import value_at
 from piezoharvest.records import CampaignError, load_campaign
@@ -51,6 +51,19 @@ def test_specimens_up_to_30_percent_off_are_found(tmp_path, seed):
     for quality in (found.fit, found.validation):
         for channel, rms in quality.rms.items():
             assert rms == pytest.approx(quality.noise[channel], rel=0.06)
+
+
+def test_records_without_noise_give_the_specimen_itself(tmp_path):
+    """As of a simulation; residuals are then what the sampled drive leaves open between its samples."""
+    path, truth = campaign_file(tmp_path, 4, perfect=True)
+    path.write_text(re.sub(r"sigma = .+\n", "", path.read_text()))
+    found = identify(load_campaign(path))
+    for name, estimate in by_name(found).items():
+        if name not in ("mass", "damping"):  # whose time constants are microseconds
+            assert estimate.value == pytest.approx(value_at(truth, estimate.parameter.path), rel=2e-3), name
+    for name in ("stiffness", "coupling", "capacitance"):
+        estimate = by_name(found)[name]
+        assert estimate.value == pytest.approx(value_at(truth, estimate.parameter.path), rel=1e-5), name
 
 
 def test_without_displacement_coupling_and_stiffness_are_known_together_only(tmp_path):
@@ -205,6 +218,11 @@ def test_the_step_of_a_sensor_is_read_off_its_values():
     means = [np.mean(3e-8 * np.round((x + 1.2e-8 * rng.standard_normal(40000)) / 3e-8)) - x for x in places]
     assert found.size == pytest.approx(np.sqrt(2) * np.std(means), rel=0.15)
     assert rounding(rng.standard_normal(1000), 1.0).size == pytest.approx(0.0, abs=1e-12)
+
+
+def test_codes_that_do_not_occur_take_no_memory():
+    turns, slopes = np.array([0.2, -1e12, 0.4, 3.0, -1e12]), np.arange(10.0).reshape(5, 2)
+    np.testing.assert_allclose(by_code(turns, slopes), [[10.0, 4.0, 6.0], [12.0, 6.0, 7.0]])
 
 
 def test_spectra_keep_the_sum_of_squares():
