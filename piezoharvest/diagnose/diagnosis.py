@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from piezoharvest.diagnose.candidates import effect_line
+from piezoharvest.diagnose.candidates import carried, effect_line
 from piezoharvest.diagnose.leftover import Leftover, share_above_noise
 from piezoharvest.diagnose.scene import scene_of
 from piezoharvest.diagnose.search import Search, Searcher
 from piezoharvest.diagnose.trials import Step, Trials
 from piezoharvest.effects import Effect
+from piezoharvest.identify.data import Data
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.fit import covariance, fit
 from piezoharvest.identify.identification import Estimate, Identification, Quality, identify, judged, prepared, together
@@ -189,8 +190,14 @@ def validated(campaign: Campaign, before: Identification, found: Sequence[Fit]) 
     data = prepared(campaign, "validate") or prepared(campaign, "fit")
     problem = Problem(data, campaign.transducer, before.offsets)
     noise = Noise({**problem.noise().sigma, **before.noise.sigma})
-    held = (replace(each.model, parameters=()) for each in found)
-    return problem, [fit(problem, model, None, noise, estimate_noise=False) for model in held]
+    fits: list[Fit] = []
+    for model in (replace(each.model, parameters=()) for each in found):
+        starts = [carried(problem, fits[-1].model, fits[-1].own, model)] if fits else []
+        if not fits or any(len(each.setting.jumps) for each in data if isinstance(each, Data)):
+            starts.append(problem.start(model))  # when a drive jumped may be caught beside the instant
+        tried = (fit(problem, model, own, noise, estimate_noise=False) for own in starts)
+        fits.append(min(tried, key=lambda each: each.cost))
+    return problem, fits
 
 
 def _needed(campaign: Campaign, before: Identification, trials: Trials, search: Search, n: int) -> bool:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import chi2
@@ -74,33 +75,71 @@ class Leftover:
         return float(self.above / np.sqrt(2.0 * self.count))
 
 
-def whitened(problem: Problem, found: Fit) -> Iterator[tuple[Data, np.ndarray, np.ndarray]]:
-    """Blocks of the records: residuals (samples, channels), and their whitened spectra, (f, channels)."""
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Some samples of a record, and what a model leaves of them.
+
+    Attributes
+    ----------
+    data : Data
+    white : Whitener
+    begin : int
+        First sample.
+    residual : (samples, channels) array
+    spectrum : (f, channels) array
+        Whitened.
+    """
+
+    data: Data
+    white: Whitener
+    begin: int
+    residual: np.ndarray
+    spectrum: np.ndarray
+
+    @cached_property
+    def frequencies(self) -> np.ndarray:
+        """Of the spectrum, in Hz."""
+        return np.fft.rfftfreq(len(self.residual), self.data.setting.sample_time)
+
+    @cached_property
+    def level(self) -> np.ndarray:
+        """Noise of each channel in this record, in units of that of all; rounding scatters more between two steps."""
+        upper = self.spectrum[int(UPPER * len(self.spectrum)) : -1]
+        return np.sqrt(np.maximum(0.5 * (np.abs(upper) ** 2).mean(axis=0), 1.0))
+
+    @cached_property
+    def levelled(self) -> np.ndarray:
+        """Spectrum, each channel in units of its noise in this record."""
+        return self.spectrum / self.level
+
+    def rounded(self, line: int) -> np.ndarray:
+        """What rounded sensors add to the variance of a levelled line's parts, (channels,).
+
+        Where a drive comes back to the same values, so do the errors of rounding.
+        """
+        predicted = self.data.part(self.begin, self.begin + len(self.residual)) - self.residual
+        channels = np.arange(predicted.shape[1])
+        parts = np.zeros((len(self.spectrum), len(channels), len(channels), 2), complex)
+        parts[line, channels, channels] = 1.0, 1j
+        matrices = self.white.of(len(self.residual))[0]
+        scatter = self.white.scatter(predicted, parts.reshape(*parts.shape[:2], -1), matrices)
+        return np.diag(scatter).reshape(-1, 2).mean(axis=1) / self.level**2
+
+
+def blocks_of(problem: Problem, found: Fit) -> Iterator[Block]:
+    """Blocks of the records over time."""
     model = replace(found.model, parameters=())
     for data, own, white in zip(problem.data, found.own, whiteners(problem, found.model, found.noise), strict=True):
         if isinstance(data, Data) and isinstance(white, Whitener):
-            for _, _, residual, _ in residual_blocks(model, data, own, False):
-                yield data, residual, (white.of(len(residual))[0] @ spectra_of(residual)[:, :, None])[:, :, 0]
-
-
-def _levelled(problem: Problem, found: Fit) -> list[tuple[Data, np.ndarray, np.ndarray]]:
-    """Blocks with their frequencies and whitened spectra, each channel in units of its noise in this record."""
-    return [
-        (data, np.fft.rfftfreq(len(residual), data.setting.sample_time), spectrum / _level(spectrum))
-        for data, residual, spectrum in whitened(problem, found)
-    ]
-
-
-def _level(spectrum: np.ndarray) -> np.ndarray:
-    """Noise of each channel in this record, in units of that of all; rounding scatters more between two steps."""
-    upper = spectrum[int(UPPER * len(spectrum)) : -1]
-    return np.sqrt(np.maximum(0.5 * (np.abs(upper) ** 2).mean(axis=0), 1.0))
+            for _, begin, residual, _ in residual_blocks(model, data, own, False):
+                spectrum = (white.of(len(residual))[0] @ spectra_of(residual)[:, :, None])[:, :, 0]
+                yield Block(data, white, begin, residual, spectrum)
 
 
 def leftovers(problem: Problem, found: Fit) -> list[Leftover]:
     """All comparisons, the least likely first."""
-    spectra = _levelled(problem, found)
-    places = [*_bands(spectra), *_harmonics(spectra), *_lines(spectra), *_bursts(spectra), *_responses(problem, found)]
+    blocks = list(blocks_of(problem, found))
+    places = [*_bands(blocks), *_harmonics(blocks), *_lines(blocks), *_bursts(blocks), *_responses(problem, found)]
     for channel, square, squares in along_squares(problem, found):
         places.append(Leftover(f"along {square}", "all", channel, squares, 1))
     return sorted(places, key=lambda place: (place.p_value, -place.excess))
@@ -111,10 +150,11 @@ def _count(part: np.ndarray, frequencies: np.ndarray) -> int:
     return 2 * len(part) - int(np.sum(frequencies == 0))
 
 
-def _bands(spectra) -> list[Leftover]:
+def _bands(blocks: Sequence[Block]) -> list[Leftover]:
     found = []
     pooled: dict[tuple[int, str], list[float]] = {}
-    for data, frequencies, spectrum in spectra:
+    for block in blocks:
+        data, frequencies, spectrum = block.data, block.frequencies, block.levelled
         rounded = _rounded_while_held(data)
         for k, (low, high) in enumerate(itertools.pairwise(BANDS)):
             part = (frequencies >= low) & (frequencies < high)
@@ -148,11 +188,15 @@ def _rounded_while_held(data: Data) -> set[str]:
     return found
 
 
-def _harmonics(spectra) -> list[Leftover]:
-    """Lines at multiples of the frequency at which the drive is strongest, for drives that are nearly one line."""
+def _harmonics(blocks: Sequence[Block]) -> list[Leftover]:
+    """Lines at multiples of the frequency at which the drive is strongest, for drives that are nearly one line.
+
+    Each in units of its own scatter.
+    """
     pooled: dict[str, list[float]] = {}
     found = []
-    for data, frequencies, spectrum in spectra:
+    for block in blocks:
+        data, frequencies = block.data, block.frequencies
         line = fundamental(data)
         if line is None:
             continue
@@ -161,8 +205,8 @@ def _harmonics(spectra) -> list[Leftover]:
             at = round(k * line / frequencies[1])
             if at >= len(frequencies) - 1:
                 break
-            for c, channel in enumerate(data.channels):
-                square = float(np.abs(spectrum[at, c]) ** 2)
+            squares = np.abs(block.levelled[at]) ** 2 / (1.0 + block.rounded(at))
+            for channel, square in zip(data.channels, squares.tolist(), strict=True):
                 for key in (f"harmonic {k} of the drive|{channel}", f"harmonics of the drive|{channel}"):
                     total = pooled.setdefault(key, [0.0, 0.0])
                     total[0] += square
@@ -176,13 +220,14 @@ def _harmonics(spectra) -> list[Leftover]:
     return found
 
 
-def _lines(spectra) -> list[Leftover]:
+def _lines(blocks: Sequence[Block]) -> list[Leftover]:
     """The strongest line of each channel over all records of a kind, in the squares of a single one as unlikely."""
     kinds: dict[tuple[int, float, str], list[np.ndarray]] = {}
-    for data, frequencies, spectrum in spectra:
+    for block in blocks:
+        data, frequencies = block.data, block.frequencies
         if len(frequencies) < LEAST:
             continue
-        power = np.abs(spectrum[1:-1]) ** 2
+        power = np.abs(block.levelled[1:-1]) ** 2
         power[frequencies[1:-1] < SLOW] = 0.0  # bands tell of these
         line = fundamental(data)
         if line is not None:
@@ -199,26 +244,22 @@ def _lines(spectra) -> list[Leftover]:
     return found
 
 
-def _bursts(spectra) -> list[Leftover]:
+def _bursts(blocks: Sequence[Block]) -> list[Leftover]:
     """Where a channel is off for a few samples: the worst of each record, in squares of one window as unlikely.
 
     The largest sample of a window is left out, so that a spike alone is none.
     """
     found = []
-    begins: dict[str, int] = {}  # of the next block of a record
-    for data, frequencies, spectrum in spectra:
-        if len(frequencies) < LEAST:
+    for block in blocks:
+        data, count = block.data, len(block.residual)
+        if len(block.frequencies) < LEAST:
             continue
-        step = data.setting.sample_time
-        count = round(1.0 / (frequencies[1] * step))
-        begin = begins.get(data.name, 0)
-        begins[data.name] = begin + count
-        squares = np.lib.stride_tricks.sliding_window_view(in_time(spectrum, count) ** 2, BURST, axis=0)
+        squares = np.lib.stride_tricks.sliding_window_view(in_time(block.levelled, count) ** 2, BURST, axis=0)
         rest = squares.sum(axis=-1) - squares.max(axis=-1)
         for c, channel in enumerate(data.channels):
             worst = int(np.argmax(rest[:, c]))
             chance = _chance(len(rest), rest[worst, c], BURST)
-            where = f"for {BURST} samples at {(begin + worst) * step:.6g} s"
+            where = f"for {BURST} samples at {(block.begin + worst) * data.setting.sample_time:.6g} s"
             found.append(Leftover(where, data.name, channel, float(chi2.isf(chance, BURST)), BURST))
     return found
 
@@ -260,14 +301,15 @@ def fundamental(data: Data) -> float | None:
 
 def share_above_noise(problem: Problem, found: Fit) -> tuple[float, float]:
     """Sum of squares of all whitened residuals, and their number."""
-    spectra = _levelled(problem, found)
-    squares = sum(float((np.abs(spectrum) ** 2).sum()) for _, _, spectrum in spectra)
-    count = sum(data.values.size for data, _, _ in spectra)
+    squares, count = 0.0, 0.0
+    for block in blocks_of(problem, found):
+        squares += float((np.abs(block.levelled) ** 2).sum())
+        count += block.residual.size
     for data, sums in zip(problem.data, found.sums, strict=True):
         if isinstance(data, FrequencyData):
             squares += float(sums.squares.sum())
             count += float(sums.count.sum())
-    return squares, float(count)
+    return squares, count
 
 
 def structure(problem: Problem, found: Fit) -> tuple[Leftover, ...]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezoharvest.diagnose.diagnosis import Diagnosis, validated
-from piezoharvest.diagnose.leftover import whitened
+from piezoharvest.diagnose.leftover import blocks_of
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.identification import judged, prepared
@@ -67,11 +67,11 @@ def _of(problem: Problem, fits: Sequence[Fit]) -> Iterator[Residuals]:
 
 def _pairs(problem: Problem, found: Fit) -> Iterator[tuple[Data, np.ndarray, np.ndarray]]:
     """Records with residuals, plain and whitened."""
-    for _, blocks in itertools.groupby(whitened(problem, found), key=lambda block: id(block[0])):
+    for _, blocks in itertools.groupby(blocks_of(problem, found), key=lambda block: id(block.data)):
         parts = list(blocks)
-        plain = [residual for _, residual, _ in parts]
-        white = [in_time(spectrum, len(residual)) for _, residual, spectrum in parts]
-        yield parts[0][0], np.concatenate(plain), np.concatenate(white)
+        plain = [block.residual for block in parts]
+        white = [in_time(block.spectrum, len(block.residual)) for block in parts]
+        yield parts[0].data, np.concatenate(plain), np.concatenate(white)
 
 
 def in_time(spectra: np.ndarray, count: int) -> np.ndarray:

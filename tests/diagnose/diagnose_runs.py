@@ -30,12 +30,12 @@ RECORDS = [
 ]
 
 
-def campaign(folder, effects=None):
+def campaign(folder, effects=None, records=RECORDS, duration=2.0):
     """Campaign of the bench with short records, of a stack without hysteresis."""
     tables = {
         "transducer": STACK, "shunts": [{"kind": "resistor", "resistance": 97.78e3}],
         "excitation": {"kind": "sine_force", "amplitude": 450.0, "offset": 550.0, "frequency": 4.0},
-        "bench": {"duration": 2.0, "seed": 1, "records": RECORDS, "effects": effects or {}},
+        "bench": {"duration": duration, "seed": 1, "records": records, "effects": effects or {}},
     }  # fmt: skip
     return load_campaign(write_campaign(measure(study_from(tables, Path("study.toml"))), Path(folder) / "campaign"))
 

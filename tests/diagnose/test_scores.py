@@ -5,15 +5,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnose_runs import SIGMA, campaign, fitted
+from diagnose_runs import SIGMA, campaign, fitted, synthetic
 from scipy.stats import kstest
 
 from piezoharvest.diagnose.candidates import _tried, carried, cosine, effect_parameters, extended, scores
 from piezoharvest.diagnose.diagnosis import _spoils
-from piezoharvest.diagnose.leftover import _bursts, leftovers, structure
+from piezoharvest.diagnose.leftover import Block, _bursts, blocks_of, leftovers, structure
 from piezoharvest.effects import BiasCurrent, Clipping, DielectricRelaxation, Leakage, LoadError, Stiffening, registered
 from piezoharvest.identify.fit import fit
 from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.model import Model
+from piezoharvest.identify.noise import Noise
+from piezoharvest.identify.problem import Problem
 from piezoharvest.identify.sums import spectra_of
 from piezoharvest.predict.prediction import Prediction
 
@@ -128,13 +131,34 @@ def test_leftovers_find_a_few_samples_but_not_a_spike(records):
 def test_a_burst_is_told_at_its_time_in_a_record_of_several_blocks():
     data = SimpleNamespace(name="long", channels=("voltage",), setting=SimpleNamespace(sample_time=1e-3))
     rng = np.random.default_rng(4)
-    blocks = [rng.standard_normal((1000, 1)) for _ in range(2)] + [rng.standard_normal((9, 1))]
-    blocks[1][300:306] += 9.0
-    spectra = [(data, np.fft.rfftfreq(len(block), 1e-3), spectra_of(block)) for block in blocks]
-    places = sorted(_bursts(spectra), key=lambda place: place.p_value)
+    parts = [rng.standard_normal((1000, 1)) for _ in range(2)] + [rng.standard_normal((9, 1))]
+    parts[1][300:306] += 9.0
+    blocks = [Block(data, None, 1000 * n, part, spectra_of(part)) for n, part in enumerate(parts)]
+    places = sorted(_bursts(blocks), key=lambda place: place.p_value)
     assert len(places) == 2  # nine samples are too few to tell
     assert places[0].p_value < 1e-20 < places[1].p_value
     assert 1.297 <= float(places[0].where.split()[-2]) <= 1.301
+
+
+def test_rounded_sensors_scatter_the_harmonics_of_a_drive_that_comes_back_to_the_same_values(tmp_path):
+    """Squares of lines over many offsets of a laser that rounds to 30 nm, before a converter that rounds to 3 nm."""
+    small = {"load_resistance": 97.78e3, "excitation": {"amplitude": 60.0, "frequency": 4.0}}
+    found = campaign(tmp_path, records=[small], duration=8.0)
+    (data,) = prepared(found, "fit")
+    rng, at = np.random.default_rng(3), data.channels.index("displacement")
+    squares, expected = [], []
+    for _ in range(60):
+        made = synthetic(data, found.transducer, rng, scale=0.8)
+        laser = 3e-8 * np.round((made.values[:, at] + rng.uniform(0.0, 3e-6)) / 3e-8)
+        made.values[:, at] = 3.05e-9 * np.round(laser / 3.05e-9)
+        problem = Problem([made], found.transducer, ("displacement",))
+        model = Model(found.transducer, (), ("displacement",))
+        (block,) = blocks_of(problem, fit(problem, model, noise=Noise(SIGMA), estimate_noise=False))
+        for k in range(2, 9):
+            squares.append(0.5 * np.abs(block.levelled[32 * k, at]) ** 2)
+            expected.append(1.0 + block.rounded(32 * k)[at])
+    assert np.mean(squares) == pytest.approx(np.mean(expected), rel=0.12)
+    assert np.mean(expected) > 1.3
 
 
 def test_a_range_that_no_value_comes_to_leaves_the_other_scores_as_they_are(records):
