@@ -49,6 +49,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "converged": found.search.final.converged,
         "verdict": found.verdict,
         "summary": sentence(found),
+        "also_fitted": list(found.also_fitted),
         "effects": [_effect(named) for named in found.effects],
         "alternatives": [list(names) for names in found.alternatives],
         "parameters": {

@@ -90,7 +90,16 @@ def cosines(rows: Sequence[Scored]) -> tuple[list[str], np.ndarray]:
 
 
 def sentence(diagnosis: Diagnosis) -> str:
-    """The verdict in words."""
+    """The verdict in words, and which records were fitted for it that were not to be."""
+    if not (names := ", ".join(diagnosis.also_fitted)):
+        return _verdict(diagnosis)
+    records, they = ("Record", "it was") if len(diagnosis.also_fitted) == 1 else ("Records", "they were")
+    shown = f"{records} {names} left more than those fitted, so that {they} fitted, too."
+    unseen = "" if diagnosis.campaign.of_role("validate") else " No record is left to validate with."
+    return f"{_verdict(diagnosis)} {shown}{unseen}"
+
+
+def _verdict(diagnosis: Diagnosis) -> str:
     names = " and ".join(_described(named) for named in diagnosis.effects)
     if diagnosis.verdict == "adequate":
         return (

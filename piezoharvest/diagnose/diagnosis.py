@@ -7,25 +7,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from piezoharvest.diagnose.candidates import carried, effect_line
+from piezoharvest.diagnose.candidates import effect_line
 from piezoharvest.diagnose.leftover import Leftover, share_above_noise
 from piezoharvest.diagnose.scene import scene_of
 from piezoharvest.diagnose.search import Search, Searcher
 from piezoharvest.diagnose.trials import Step, Trials
+from piezoharvest.diagnose.unseen import plainest, shown_by, spoils, validated, with_fitted
 from piezoharvest.effects import Effect
-from piezoharvest.identify.data import Data
 from piezoharvest.identify.descent import Fit
-from piezoharvest.identify.fit import covariance, fit
+from piezoharvest.identify.fit import covariance
 from piezoharvest.identify.identification import Estimate, Identification, Quality, identify, judged, prepared, together
-from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem
 from piezoharvest.predict.parameters import value_at
 from piezoharvest.records.campaign import Campaign
 
 LITTLE = 9.0  # of the sum of squares: less above the noise is not shared out, it may be chance
-# Of the sum of squares: an effect that is there makes records that were not fitted no worse than that, and than this
-# share of what it gains on those that were.
-SPOILED, SHARE = 20.0, 0.1
 
 
 @dataclass(frozen=True)
@@ -76,6 +72,10 @@ class Diagnosis:
     shown : tuple of Leftover
         Where the model without effects leaves structure.
     search : Search
+    unseen : tuple of Leftover
+        Where the extended model leaves structure in records that were not fitted.
+    also_fitted : tuple of str
+        Records that were to be validated with, but were fitted: they show what no other record does.
     """
 
     campaign: Campaign
@@ -90,6 +90,8 @@ class Diagnosis:
     experiment: str | None
     shown: tuple[Leftover, ...]
     search: Search
+    unseen: tuple[Leftover, ...] = ()
+    also_fitted: tuple[str, ...] = ()
 
     @property
     def left(self) -> tuple[Leftover, ...]:
@@ -104,6 +106,9 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose a campaign.
 
+    Where a record that is not to be fitted shows what those fitted do not (a range that only it comes to), it is
+    fitted, too: `Diagnosis.also_fitted` names it.
+
     Parameters
     ----------
     campaign : Campaign
@@ -117,6 +122,17 @@ def diagnose(
     CampaignError
         As `identify`.
     """
+    found = _diagnosed(campaign, tell, library)
+    while not found.left and found.unseen:
+        name = plainest(found.campaign, found.unseen)
+        tell(f"{name}: more is left than in the records that were fitted, so that it is fitted, too")
+        more = _diagnosed(with_fitted(found.campaign, name), tell, library)
+        found = replace(more, also_fitted=(*found.also_fitted, name))
+    return found
+
+
+def _diagnosed(campaign: Campaign, tell: Callable[[str], None], library: Sequence[type[Effect]] | None) -> Diagnosis:
+    """Diagnosis with the records' roles as they are."""
     tell("fitting the model")
     before = identify(campaign, offsets=("displacement",))
     problem = Problem(prepared(campaign, "fit"), campaign.transducer, before.offsets)
@@ -140,7 +156,7 @@ def diagnose(
         together(judged(unseen.data, checks[0])), together(judged(unseen.data, checks[-1])),
         max(0.0, (after[0] - after[1]) / after[0]),
         _experiment(search) if verdict == "ambiguous" else None,
-        trials.structure(before.found), search,
+        trials.structure(before.found), search, shown_by(unseen, checks[-1]),
     )  # fmt: skip
 
 
@@ -176,30 +192,6 @@ def _verdict(missing: bool, named: Sequence[Named], alternatives: Sequence) -> s
     return "ambiguous" if alternatives else "effect"
 
 
-def validated(campaign: Campaign, before: Identification, found: Sequence[Fit]) -> tuple[Problem, list[Fit]]:
-    """Records that were not fitted, or all where there are none of these, with fits of their own numbers alone.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    before : Identification
-        Its noise is kept.
-    found : sequence of Fit
-        Models that are held.
-    """
-    data = prepared(campaign, "validate") or prepared(campaign, "fit")
-    problem = Problem(data, campaign.transducer, before.offsets)
-    noise = Noise({**problem.noise().sigma, **before.noise.sigma})
-    fits: list[Fit] = []
-    for model in (replace(each.model, parameters=()) for each in found):
-        starts = [carried(problem, fits[-1].model, fits[-1].own, model)] if fits else []
-        if not fits or any(len(each.setting.jumps) for each in data if isinstance(each, Data)):
-            starts.append(problem.start(model))  # when a drive jumped may be caught beside the instant
-        tried = (fit(problem, model, own, noise, estimate_noise=False) for own in starts)
-        fits.append(min(tried, key=lambda each: each.cost))
-    return problem, fits
-
-
 def _needed(campaign: Campaign, before: Identification, trials: Trials, search: Search, n: int) -> bool:
     """Whether records that were not fitted would be worse without an effect that seemed to spoil them.
 
@@ -212,12 +204,7 @@ def _needed(campaign: Campaign, before: Identification, trials: Trials, search: 
         return True
     unseen, checks = validated(campaign, before, [less.found, search.final])
     without, full = (share_above_noise(unseen, each)[0] for each in checks)
-    return not _spoils(without, full, less.cost - search.final.cost)
-
-
-def _spoils(before: float, after: float, gain: float) -> bool:
-    """Whether records that were not fitted become worse by an effect that gains so much on those that were."""
-    return after > before + max(SPOILED, SHARE * gain)
+    return not spoils(without, full, less.cost - search.final.cost)
 
 
 def _named(problem: Problem, search: Search, n: int, squares: Sequence[tuple[float, float]]) -> Named:
@@ -236,8 +223,8 @@ def _named(problem: Problem, search: Search, n: int, squares: Sequence[tuple[flo
     if effect_line(effect):
         values["amplitude"] = (_amplitude(problem, final, effect), None, "")
     costs = [search.base.cost, *(each.cost for each in search.nested)]
-    spoils = _spoils(before, after, costs[n] - costs[n + 1])
-    return Named(effect, search.p_values[n], float(np.clip(gain, -1.0, 1.0)), values, spoils)
+    spoiled = spoils(before, after, costs[n] - costs[n + 1])
+    return Named(effect, search.p_values[n], float(np.clip(gain, -1.0, 1.0)), values, spoiled)
 
 
 def _amplitude(problem: Problem, final: Fit, effect: Effect) -> float:

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from piezoharvest.diagnose.diagnosis import Diagnosis, validated
+from piezoharvest.diagnose.diagnosis import Diagnosis
 from piezoharvest.diagnose.leftover import blocks_of
+from piezoharvest.diagnose.unseen import validated
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.identification import judged, prepared

@@ -9,8 +9,8 @@ from diagnose_runs import SIGMA, campaign, fitted, synthetic
 from scipy.stats import kstest
 
 from piezoharvest.diagnose.candidates import _tried, carried, cosine, effect_parameters, extended, scores
-from piezoharvest.diagnose.diagnosis import _spoils
 from piezoharvest.diagnose.leftover import Block, _bursts, blocks_of, leftovers, structure
+from piezoharvest.diagnose.unseen import spoils
 from piezoharvest.effects import BiasCurrent, Clipping, DielectricRelaxation, Leakage, LoadError, Stiffening, registered
 from piezoharvest.identify.fit import fit
 from piezoharvest.identify.identification import prepared
@@ -187,10 +187,10 @@ def test_parameters_that_stand_in_for_clipping_do_not_hide_it(records):
 
 
 def test_what_an_effect_costs_unseen_records_is_weighed_against_its_gain():
-    assert not _spoils(1000.0, 1019.0, 50.0)
-    assert _spoils(1000.0, 1021.0, 50.0)
-    assert not _spoils(1000.0, 1021.0, 400.0)
-    assert _spoils(1000.0, 1041.0, 400.0)
+    assert not spoils(1000.0, 1019.0, 50.0)
+    assert spoils(1000.0, 1021.0, 50.0)
+    assert not spoils(1000.0, 1021.0, 400.0)
+    assert spoils(1000.0, 1041.0, 400.0)
 
 
 @pytest.mark.parametrize("name", registered())

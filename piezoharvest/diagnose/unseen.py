@@ -1,0 +1,71 @@
+"""Records that were not fitted: what models leave of them, and what they show that no fitted record does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from piezoharvest.diagnose.candidates import carried
+from piezoharvest.diagnose.leftover import Leftover, structure
+from piezoharvest.identify.data import Data
+from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.fit import fit
+from piezoharvest.identify.identification import Identification, prepared
+from piezoharvest.identify.noise import Noise
+from piezoharvest.identify.problem import Problem
+from piezoharvest.records.campaign import Campaign
+
+# Of the sum of squares: an effect that is there makes records that were not fitted no worse than that, and than this
+# share of what it gains on those that were.
+SPOILED, SHARE = 20.0, 0.1
+PLAIN = 100.0  # squares above noise, far more than the errors of fitted parameters leave of a record that was not
+
+
+def validated(campaign: Campaign, before: Identification, found: Sequence[Fit]) -> tuple[Problem, list[Fit]]:
+    """Records that were not fitted, or all where there are none of these, with fits of their own numbers alone.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    before : Identification
+        Its noise is kept.
+    found : sequence of Fit
+        Models that are held.
+    """
+    data = prepared(campaign, "validate") or prepared(campaign, "fit")
+    problem = Problem(data, campaign.transducer, before.offsets)
+    noise = Noise({**problem.noise().sigma, **before.noise.sigma})
+    fits: list[Fit] = []
+    for model in (replace(each.model, parameters=()) for each in found):
+        starts = [carried(problem, fits[-1].model, fits[-1].own, model)] if fits else []
+        if not fits or any(len(each.setting.jumps) for each in data if isinstance(each, Data)):
+            starts.append(problem.start(model))  # when a drive jumped may be caught beside the instant
+        tried = (fit(problem, model, own, noise, estimate_noise=False) for own in starts)
+        fits.append(min(tried, key=lambda each: each.cost))
+    return problem, fits
+
+
+def shown_by(unseen: Problem, check: Fit) -> tuple[Leftover, ...]:
+    """Where records that were not fitted are plainly more than noise."""
+    places = (place for place in structure(unseen, check) if place.above > PLAIN)
+    return tuple(places) if any(data.role == "validate" for data in unseen.data) else ()
+
+
+def plainest(campaign: Campaign, unseen: Sequence[Leftover]) -> str:
+    """The record that was not fitted of which most is left."""
+    above = dict.fromkeys((record.name for record in campaign.of_role("validate")), 0.0)
+    for place in unseen:
+        if place.record in above:  # and not "all"
+            above[place.record] = max(above[place.record], place.above)
+    return max(above, key=lambda name: above[name])
+
+
+def with_fitted(campaign: Campaign, name: str) -> Campaign:
+    """The campaign with one more of its records fitted."""
+    records = (replace(each, role="fit") if each.name == name else each for each in campaign.records)
+    return replace(campaign, records=tuple(records))
+
+
+def spoils(before: float, after: float, gain: float) -> bool:
+    """Whether records that were not fitted become worse by an effect that gains so much on those that were."""
+    return after > before + max(SPOILED, SHARE * gain)
