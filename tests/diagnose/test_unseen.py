@@ -1,0 +1,49 @@
+"""What only records show that were not to be fitted: these are fitted then, and the diagnosis says so."""
+
+import numpy as np
+import pytest
+from diagnose_runs import STEP, campaign
+
+from piezoharvest.diagnose import diagnose
+from piezoharvest.diagnose.account import sentence
+from piezoharvest.effects import Clipping, Leakage
+
+LIBRARY = [Clipping, Leakage]
+SMALL = {"amplitude": 200.0, "offset": 300.0}
+LARGE = {"amplitude": 600.0, "offset": 700.0, "frequency": 2.0}
+RECORDS = [
+    {"load_resistance": 97.78e3, "excitation": STEP},
+    {"load_resistance": 51.43e3, "excitation": SMALL},
+    {"load_resistance": 97.78e3, "excitation": {**STEP, "amplitude": 1300.0}, "role": "validate"},
+    {"load_resistance": 143.8e3, "excitation": LARGE, "role": "validate"},
+]
+REACHED = 3.7e-6  # m: by the records that are not to be fitted alone
+
+
+def test_a_range_that_only_they_come_to_is_named_and_validated_with_the_other(tmp_path):
+    found = diagnose(
+        campaign(tmp_path, {"clipping": {"limit": REACHED, "channel": "displacement"}}, RECORDS), library=LIBRARY
+    )
+    assert found.verdict == "effect"
+    (named,) = found.effects
+    assert isinstance(named.effect, Clipping)
+    assert named.effect.limit == pytest.approx(REACHED, rel=2e-3)
+    assert found.also_fitted == ("03_step_force_resistor.csv",)
+    assert [record.name for record in found.campaign.of_role("validate")] == ["04_sine_force_resistor.csv"]
+    assert named.gain > 0.95
+    assert sentence(found).endswith(
+        "Record 03_step_force_resistor.csv left more than those fitted, so that it was fitted, too."
+    )
+
+
+def test_what_has_no_name_is_unexplained_though_no_fitted_record_shows_it(tmp_path):
+    healthy = campaign(tmp_path / "healthy", records=RECORDS)
+    plain = diagnose(healthy, library=LIBRARY)
+    assert (plain.verdict, plain.also_fitted) == ("adequate", ())
+    disturbed = campaign(tmp_path / "disturbed", records=RECORDS)
+    for record in disturbed.of_role("validate"):
+        record["voltage"][:] += 0.02 * np.sin(2 * np.pi * 181.3 * record["time"])
+    found = diagnose(disturbed, library=LIBRARY)
+    assert found.verdict == "unexplained"
+    assert len(found.also_fitted) == 1
+    assert found.left
