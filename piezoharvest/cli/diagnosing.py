@@ -50,6 +50,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "verdict": found.verdict,
         "summary": sentence(found),
         "also_fitted": list(found.also_fitted),
+        "cut": list(found.cut),
         "effects": [_effect(named) for named in found.effects],
         "alternatives": [list(names) for names in found.alternatives],
         "parameters": {

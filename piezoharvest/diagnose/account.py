@@ -90,13 +90,22 @@ def cosines(rows: Sequence[Scored]) -> tuple[list[str], np.ndarray]:
 
 
 def sentence(diagnosis: Diagnosis) -> str:
-    """The verdict in words, and which records were fitted for it that were not to be."""
-    if not (names := ", ".join(diagnosis.also_fitted)):
-        return _verdict(diagnosis)
-    records, they = ("Record", "it was") if len(diagnosis.also_fitted) == 1 else ("Records", "they were")
-    shown = f"{records} {names} left more than those fitted, so that {they} fitted, too."
-    unseen = "" if diagnosis.campaign.of_role("validate") else " No record is left to validate with."
-    return f"{_verdict(diagnosis)} {shown}{unseen}"
+    """The verdict in words, and which records were not fitted, or validated with, as they were to be."""
+    parts = [_verdict(diagnosis)]
+    if diagnosis.cut:
+        after = "after the drive was cut off is left out."
+        parts.append(f"What {', '.join(diagnosis.cut)} hold{_s(diagnosis.cut)} {after}")
+    if diagnosis.also_fitted:
+        names, they = ", ".join(diagnosis.also_fitted), "it was" if len(diagnosis.also_fitted) == 1 else "they were"
+        parts.append(f"More is left of {names} than of the records fitted before, so that {they} fitted, too.")
+        if not diagnosis.campaign.of_role("validate"):
+            parts.append("No record is left to validate with.")
+    return " ".join(parts)
+
+
+def _s(names: Sequence[str]) -> str:
+    """Ending of a verb."""
+    return "s" if len(names) == 1 else ""
 
 
 def _verdict(diagnosis: Diagnosis) -> str:

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezoharvest.diagnose.candidates import effect_line
+from piezoharvest.diagnose.cut_drive import CHANCE, CutDrive, cut_off
 from piezoharvest.diagnose.leftover import Leftover, share_above_noise
 from piezoharvest.diagnose.scene import scene_of
 from piezoharvest.diagnose.search import Search, Searcher
 from piezoharvest.diagnose.trials import Step, Trials
 from piezoharvest.diagnose.unseen import plainest, shown_by, spoils, validated, with_fitted
-from piezoharvest.effects import Effect
+from piezoharvest.effects import Clipping, Effect
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.fit import covariance
 from piezoharvest.identify.identification import Estimate, Identification, Quality, identify, judged, prepared, together
@@ -76,6 +77,8 @@ class Diagnosis:
         Where the extended model leaves structure in records that were not fitted.
     also_fitted : tuple of str
         Records that were to be validated with, but were fitted: they show what no other record does.
+    cut : tuple of str
+        Records whose drive was cut off, after which they are left out.
     """
 
     campaign: Campaign
@@ -92,6 +95,7 @@ class Diagnosis:
     search: Search
     unseen: tuple[Leftover, ...] = ()
     also_fitted: tuple[str, ...] = ()
+    cut: tuple[str, ...] = ()
 
     @property
     def left(self) -> tuple[Leftover, ...]:
@@ -107,7 +111,8 @@ def diagnose(
     """Diagnose a campaign.
 
     Where a record that is not to be fitted shows what those fitted do not (a range that only it comes to), it is
-    fitted, too: `Diagnosis.also_fitted` names it.
+    fitted, too: `Diagnosis.also_fitted` names it. What records hold after their drive was cut off is left out:
+    `Diagnosis.cut` names these.
 
     Parameters
     ----------
@@ -122,6 +127,26 @@ def diagnose(
     CampaignError
         As `identify`.
     """
+    cut = cut_off(campaign) if library is None or Clipping in library else None
+    if cut is None:
+        return _extended(campaign, tell, library)
+    tell(f"{', '.join(cut.records)}: the {cut.effect.channel} was cut off; what comes after that is left out")
+    return _with_cut(cut, _extended(cut.campaign, tell, library)) or _extended(campaign, tell, library)
+
+
+def _with_cut(cut: CutDrive, rest: Diagnosis) -> Diagnosis | None:
+    """Diagnosis of what is left of the campaign, with the cut that made it; None where that did no harm."""
+    p_value, share = cut.harm(rest.before, rest.search.final)
+    if p_value > CHANCE:
+        return None
+    named = Named(cut.effect, p_value, share, {"limit": (cut.effect.limit, None, "")}, spoils=False)
+    verdict = "effect" if rest.verdict == "adequate" else rest.verdict
+    alternatives = tuple((cut.effect.name, *names) for names in rest.alternatives)
+    return replace(rest, verdict=verdict, effects=(named, *rest.effects), alternatives=alternatives, cut=cut.records)
+
+
+def _extended(campaign: Campaign, tell: Callable[[str], None], library: Sequence[type[Effect]] | None) -> Diagnosis:
+    """Diagnosis with as many records fitted as it takes."""
     found = _diagnosed(campaign, tell, library)
     while not found.left and found.unseen:
         name = plainest(found.campaign, found.unseen)

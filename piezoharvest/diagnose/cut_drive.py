@@ -1,0 +1,94 @@
+"""A drive whose range is too small: what its records hold after it was cut off cannot be told, and is left out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from piezoharvest.diagnose.leftover import share_above_noise
+from piezoharvest.diagnose.unseen import validated
+from piezoharvest.effects import Clipping
+from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.identification import Identification
+from piezoharvest.records.campaign import Campaign
+from piezoharvest.records.finding import Finding
+from piezoharvest.records.record import FrequencyRecord, Record
+
+LEAST = 64  # samples before the cut that are worth a fit
+CHANCE = 1e-5  # of what is left behind the cut, below which it did harm
+
+
+@dataclass(frozen=True, eq=False)
+class CutDrive:
+    """Records whose drive was cut off.
+
+    Attributes
+    ----------
+    effect : Clipping
+    whole : Campaign
+        With these records alone, as they were measured; none is to be fitted.
+    records : tuple of str
+        Their names.
+    campaign : Campaign
+        All records, these up to where they were cut off.
+    """
+
+    effect: Clipping
+    whole: Campaign
+    records: tuple[str, ...]
+    campaign: Campaign
+
+    def harm(self, before: Identification, found: Fit) -> tuple[float, float]:
+        """Probability that what a model leaves of the whole records is noise, and the share of it behind the cut.
+
+        Parameters
+        ----------
+        before : Identification
+        found : Fit
+            Of what is left of the campaign.
+        """
+        squares, count = share_above_noise(*_held(self.whole, before, found))
+        begun = [replace(each, role="validate") for each in self.campaign.records if each.name in self.records]
+        kept, number = (0.0, 0.0)
+        if begun:
+            kept, number = share_above_noise(*_held(replace(self.whole, records=tuple(begun)), before, found))
+        share = 1.0 - max(kept - number, 0.0) / max(squares - count, 1.0)
+        return float(chi2.sf(squares, count)), float(np.clip(share, 0.0, 1.0))
+
+
+def cut_off(campaign: Campaign) -> CutDrive | None:
+    """Records with a drive that was cut off, as the checks found; None where there are none, or nothing is left."""
+    kept, findings, cut, limits = [], [], [], []
+    for record, found in zip(campaign.records, campaign.findings, strict=True):
+        first = _first_cut(record, found)
+        if first is None or isinstance(record, FrequencyRecord):
+            kept.append(record)
+            findings.append(found)
+            continue
+        cut.append(replace(record, role="validate"))
+        limits.append(abs(float(record[record.drive][first])))
+        if first >= LEAST:
+            kept.append(record.beginning(first))
+            findings.append(found)
+    if not cut or not any(record.role == "fit" for record in kept):
+        return None
+    effect = Clipping(limit=max(limits), channel=cut[0].drive)
+    names = tuple(record.name for record in cut)
+    left = replace(campaign, records=tuple(kept), findings=tuple(findings))
+    return CutDrive(effect, replace(campaign, records=tuple(cut)), names, left)
+
+
+def _first_cut(record: Record | FrequencyRecord, found: tuple[Finding, ...]) -> int | None:
+    """The first sample at which a record's drive is cut off."""
+    if isinstance(record, FrequencyRecord):
+        return None
+    clipped = [each for each in found if each.check == "clipped" and each.channel == record.drive]
+    first_row = record.signals[record.drive].first_row
+    return min((first - first_row for each in clipped for first, _ in each.rows), default=None)
+
+
+def _held(campaign: Campaign, before: Identification, found: Fit):
+    problem, (check,) = validated(campaign, before, [found])
+    return problem, check
