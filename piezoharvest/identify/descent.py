@@ -20,6 +20,7 @@ from piezoharvest.predict.prediction import PredictionError
 ITERATIONS = 60  # at most
 UNFINISHED = "too many iterations"  # message of a descent that was still on its way
 ROUGH = 1e-3  # of the cost, that an iteration of a rough descent may still promise at its end
+FINE = 1e-5  # the same for any other, of the cost above that of noise
 QUIET = 2  # iterations in a row that gain less than is enough, after which no more is hoped for
 HELD = 0.9  # share of what it promised that a step holds; with less, or as much more, the curvature is looked at
 RIPPLE = 10.0  # times what is enough, which a step may promise in vain
@@ -98,7 +99,7 @@ def descend(
     cost = squares + float(precision @ (values - mean) ** 2)
     damping, converged, message = FAR if loose else NEAR, False, UNFINISHED
     iteration, quiet, first, bend = 0, 0, model, np.zeros_like(information)
-    costs, rejected = [cost], False
+    costs, rejected, count = [cost], False, sum(float(part.count.sum()) for part in sums)
     for iteration in range(1, most + 1):
         total = information + np.diag(precision) + bend
         slope = gradient - precision * (values - mean)
@@ -106,7 +107,7 @@ def descend(
         step, promise = _step(
             total, slope, damping, np.maximum(lower - values, -leap), np.minimum(upper - values, leap), shown
         )
-        limit = max(1.0, ROUGH * squares) if loose else enough
+        limit = max(1.0, ROUGH * squares) if loose else max(enough, FINE * (squares - count))
         if promise < limit:
             converged, message = True, "converged"
             break
