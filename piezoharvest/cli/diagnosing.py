@@ -39,7 +39,11 @@ def diagnose(path: Path, *, as_json: bool, report: Path | None) -> int:
 
 
 def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
-    """Result as the interface gives it; `scores`, `structure` and what parameters were before are added to it."""
+    """Result as the interface gives it.
+
+    `scores`, `structure`, what parameters were before, and which records were used otherwise than they were to be
+    (`also_fitted`, `cut`) are added to it.
+    """
     from piezoharvest.diagnose.account import scored, sentence
     from piezoharvest.effects import registered
 

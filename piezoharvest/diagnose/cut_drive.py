@@ -27,17 +27,17 @@ class CutDrive:
     Attributes
     ----------
     effect : Clipping
-    whole : Campaign
-        With these records alone, as they were measured; none is to be fitted.
     records : tuple of str
         Their names.
+    measured : Campaign
+        All records as they are.
     campaign : Campaign
         All records, these up to where they were cut off.
     """
 
     effect: Clipping
-    whole: Campaign
     records: tuple[str, ...]
+    measured: Campaign
     campaign: Campaign
 
     def harm(self, before: Identification, found: Fit) -> tuple[float, float]:
@@ -49,13 +49,18 @@ class CutDrive:
         found : Fit
             Of what is left of the campaign.
         """
-        squares, count = share_above_noise(*_held(self.whole, before, found))
-        begun = [replace(each, role="validate") for each in self.campaign.records if each.name in self.records]
-        kept, number = (0.0, 0.0)
-        if begun:
-            kept, number = share_above_noise(*_held(replace(self.whole, records=tuple(begun)), before, found))
+        squares, count = self._left(self.measured, before, found)
+        kept, number = self._left(self.campaign, before, found)
         share = 1.0 - max(kept - number, 0.0) / max(squares - count, 1.0)
         return float(chi2.sf(squares, count)), float(np.clip(share, 0.0, 1.0))
+
+    def _left(self, campaign: Campaign, before: Identification, found: Fit) -> tuple[float, float]:
+        """Sum of squares that a model leaves of the records that were cut off, and their number."""
+        mine = tuple(replace(each, role="validate") for each in campaign.records if each.name in self.records)
+        if not mine:
+            return 0.0, 0.0
+        problem, (held,) = validated(replace(campaign, records=mine), before, [found])
+        return share_above_noise(problem, held)
 
 
 def cut_off(campaign: Campaign) -> CutDrive | None:
@@ -67,7 +72,7 @@ def cut_off(campaign: Campaign) -> CutDrive | None:
             kept.append(record)
             findings.append(found)
             continue
-        cut.append(replace(record, role="validate"))
+        cut.append(record)
         limits.append(abs(float(record[record.drive][first])))
         if first >= LEAST:
             kept.append(record.beginning(first))
@@ -77,7 +82,7 @@ def cut_off(campaign: Campaign) -> CutDrive | None:
     effect = Clipping(limit=max(limits), channel=cut[0].drive)
     names = tuple(record.name for record in cut)
     left = replace(campaign, records=tuple(kept), findings=tuple(findings))
-    return CutDrive(effect, replace(campaign, records=tuple(cut)), names, left)
+    return CutDrive(effect, names, campaign, left)
 
 
 def _first_cut(record: Record | FrequencyRecord, found: tuple[Finding, ...]) -> int | None:
@@ -87,8 +92,3 @@ def _first_cut(record: Record | FrequencyRecord, found: tuple[Finding, ...]) -> 
     clipped = [each for each in found if each.check == "clipped" and each.channel == record.drive]
     first_row = record.signals[record.drive].first_row
     return min((first - first_row for each in clipped for first, _ in each.rows), default=None)
-
-
-def _held(campaign: Campaign, before: Identification, found: Fit):
-    problem, (check,) = validated(campaign, before, [found])
-    return problem, check

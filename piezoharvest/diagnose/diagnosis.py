@@ -139,10 +139,14 @@ def _with_cut(cut: CutDrive, rest: Diagnosis) -> Diagnosis | None:
     p_value, share = cut.harm(rest.before, rest.search.final)
     if p_value > CHANCE:
         return None
+    unseen, (check,) = validated(cut.measured, rest.before, [rest.before.found])
     named = Named(cut.effect, p_value, share, {"limit": (cut.effect.limit, None, "")}, spoils=False)
     verdict = "effect" if rest.verdict == "adequate" else rest.verdict
     alternatives = tuple((cut.effect.name, *names) for names in rest.alternatives)
-    return replace(rest, verdict=verdict, effects=(named, *rest.effects), alternatives=alternatives, cut=cut.records)
+    return replace(
+        rest, verdict=verdict, effects=(named, *rest.effects), alternatives=alternatives, cut=cut.records,
+        validation_before=together(judged(unseen.data, check)),
+    )  # fmt: skip
 
 
 def _extended(campaign: Campaign, tell: Callable[[str], None], library: Sequence[type[Effect]] | None) -> Diagnosis:
