@@ -30,6 +30,7 @@ IDEAL = Path(__file__).parent / "ideal.toml"
 OFF = 0.15  # largest relative error of a nominal value
 CHANNELS = ("displacement", "voltage", "current")
 NOISE = {"displacement": 1.5e-8, "voltage": 1.5e-3, "current": 3.5e-8}  # of the bench's sensors
+GAIN = 0.5  # of the buffer before the converter
 SAMPLES = 60_000  # that are fitted
 LOADS = (51.43e3, 97.78e3, 143.8e3)
 
@@ -124,7 +125,8 @@ def bench_of(trial: Trial) -> tuple[BenchCampaign, Transducer, dict[str, dict[st
     study = _study(IDEAL if trial.kind == "ideal" else STUDY)
     truth = specimen(study.transducer, trial.seed, OFF)
     tables = effects_of(trial)
-    bench = {**study.bench, "seed": trial.seed, "nominal_error": 0.0}
+    # Some specimens come to 12 V, where a converter of 10 V would really clip: a second effect that nobody put there.
+    bench = {**study.bench, "seed": trial.seed, "nominal_error": 0.0, "buffer": {"gain": GAIN}}
     if "clipping" in tables:
         rest = {name: table for name, table in tables.items() if name != "clipping"}
         free = measure(replace(study, transducer=truth, bench={**bench, "effects": rest}))
