@@ -141,10 +141,11 @@ def _with_cut(cut: CutDrive, rest: Diagnosis) -> Diagnosis | None:
         return None
     unseen, (check,) = validated(cut.measured, rest.before, [rest.before.found])
     named = Named(cut.effect, p_value, share, {"limit": (cut.effect.limit, None, "")}, spoils=False)
+    others = (replace(each, gain=(1.0 - share) * each.gain) for each in rest.effects)
     verdict = "effect" if rest.verdict == "adequate" else rest.verdict
     alternatives = tuple((cut.effect.name, *names) for names in rest.alternatives)
     return replace(
-        rest, verdict=verdict, effects=(named, *rest.effects), alternatives=alternatives, cut=cut.records,
+        rest, verdict=verdict, effects=(named, *others), alternatives=alternatives, cut=cut.records,
         validation_before=together(judged(unseen.data, check)),
     )  # fmt: skip
 

@@ -26,6 +26,7 @@ def test_a_drive_that_is_cut_off_is_named_beside_what_else_is_missing(tmp_path, 
     assert cut.effect.channel == "force"
     assert cut.effect.limit == pytest.approx(LIMIT, rel=1e-3)
     assert cut.gain > 0.95
+    assert sum(named.gain for named in found.effects) <= 1.0
     assert found.validation_before.rms["voltage"] > 10.0 * found.validation_after.rms["voltage"]
     assert len(found.cut) == 3
     assert all(name in sentence(found) for name in found.cut)
