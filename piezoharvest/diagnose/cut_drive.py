@@ -65,7 +65,8 @@ class CutDrive:
 
 def cut_off(campaign: Campaign) -> CutDrive | None:
     """Records with a drive that was cut off, as the checks found; None where there are none, or nothing is left."""
-    kept, findings, cut, limits = [], [], [], []
+    kept, findings, cut = [], [], []
+    limits: dict[str, list[float]] = {}  # by drive: their units differ
     for record, found in zip(campaign.records, campaign.findings, strict=True):
         first = _first_cut(record, found)
         if first is None or isinstance(record, FrequencyRecord):
@@ -73,13 +74,14 @@ def cut_off(campaign: Campaign) -> CutDrive | None:
             findings.append(found)
             continue
         cut.append(record)
-        limits.append(abs(float(record[record.drive][first])))
+        limits.setdefault(record.drive, []).append(abs(float(record[record.drive][first])))
         if first >= LEAST:
             kept.append(record.beginning(first))
             findings.append(found)
     if not cut or not any(record.role == "fit" for record in kept):
         return None
-    effect = Clipping(limit=max(limits), channel=cut[0].drive)
+    channel = max(limits, key=lambda drive: len(limits[drive]))
+    effect = Clipping(limit=max(limits[channel]), channel=channel)
     names = tuple(record.name for record in cut)
     left = replace(campaign, records=tuple(kept), findings=tuple(findings))
     return CutDrive(effect, names, campaign, left)

@@ -20,6 +20,7 @@ from piezoharvest.identify.fit import covariance
 from piezoharvest.identify.identification import Estimate, Identification, Quality, identify, judged, prepared, together
 from piezoharvest.identify.problem import Problem
 from piezoharvest.predict.parameters import value_at
+from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.campaign import Campaign
 
 LITTLE = 9.0  # of the sum of squares: less above the noise is not shared out, it may be chance
@@ -131,7 +132,12 @@ def diagnose(
     if cut is None:
         return _extended(campaign, tell, library)
     tell(f"{', '.join(cut.records)}: the {cut.effect.channel} was cut off; what comes after that is left out")
-    return _with_cut(cut, _extended(cut.campaign, tell, library)) or _extended(campaign, tell, library)
+    try:
+        found = _with_cut(cut, _extended(cut.campaign, tell, library))
+    except PredictionError as error:
+        tell(f"what is left cannot be fitted: {error}")
+        found = None
+    return found or _extended(campaign, tell, library)
 
 
 def _with_cut(cut: CutDrive, rest: Diagnosis) -> Diagnosis | None:

@@ -5,10 +5,11 @@ from dataclasses import replace
 import pytest
 from diagnose_runs import RECORDS, campaign
 
-from piezoharvest.diagnose import diagnose
+from piezoharvest.diagnose import diagnose, diagnosis
 from piezoharvest.diagnose.account import sentence
 from piezoharvest.diagnose.cut_drive import cut_off
 from piezoharvest.effects import Clipping, Leakage
+from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.finding import Finding
 
 LIMIT = 880.0  # N: the sine of 4 Hz comes to 1000, that of 200 N to 500
@@ -44,6 +45,20 @@ def test_records_end_where_their_drive_is_cut_off(tmp_path):
         assert record["force"].max() < LIMIT - 1.0
         assert len(record) == 2000 or record.name in cut.records
     assert all(record["force"].max() > LIMIT - 1.0 for record in measured.records if record.name in cut.records)
+
+
+def test_where_too_little_is_left_for_a_fit_whole_records_are_diagnosed(tmp_path, monkeypatch):
+    measured, told, rest = campaign(tmp_path, CLIPPED, WITH_SMALL), [], diagnosis._extended
+
+    def fails(some, tell, library):
+        if some is not measured:
+            raise PredictionError("no solution at sample 59")
+        return rest(some, tell, library)
+
+    monkeypatch.setattr(diagnosis, "_extended", fails)
+    found = diagnose(measured, told.append, library=[Clipping, Leakage])
+    assert "what is left cannot be fitted: no solution at sample 59" in told
+    assert (found.verdict, found.cut) == ("unexplained", ())
 
 
 def test_what_looks_cut_off_but_is_predicted_is_none(tmp_path):
