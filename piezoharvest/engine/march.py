@@ -57,14 +57,17 @@ def march(P, L, S, D, slot, t_stop):
     """Move within a mode until t_stop or until a guard rises through zero, and return its place in the list, or NONE.
 
     The guards at the beginning stand at NOW_GUARDS. The step begins where the fastest motion of the mode is resolved
-    and doubles for as long as every guard is smooth over it, so that a transient that has died out costs nothing.
+    and doubles for as long as every guard is smooth over it, so that a transient that has died out costs nothing. What
+    follows samples begins with all that is left of one: mostly nothing fast is excited, and if it is, that shows in the
+    rates at the ends.
     """
     rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     growth, steps, finest = block + L[tb.GROWTH], block + L[tb.STEPS], L[slot_of(L, slot) + tb.FINEST_LEVEL]
     clock, arrived, now, then = D[st.CLOCK], vector(L, D, ARRIVED), D[st.NOW_GUARDS], D[st.THEN_GUARDS]
     watching = D[st.SAMPLES_WANTED] > 0 or D[st.TRACKED] > 0
     recording = watching or D[st.ENERGIES] > 0 or D[st.SENSITIVITIES] > 0
-    level = max(finest - BOLD, 0)
+    resolved = max(finest - BOLD, 0)
+    level = 0 if L[pg.SIGNAL_KIND] == pg.RAMPS else resolved
     while True:
         left = t_stop - S[clock]
         if left <= 0.0:
@@ -79,7 +82,7 @@ def march(P, L, S, D, slot, t_stop):
         read_guards(P, L, S, D, slot, arrived, then)
         rises, too_long, longer = _look(L, S, D, slot, now, then, step)
         if too_long and level < finest:
-            level += 1
+            level, resolved = max(level + 1, resolved), 0
             while level < finest and P[steps + level] >= left:
                 level += 1
             continue
@@ -101,4 +104,4 @@ def march(P, L, S, D, slot, t_stop):
         if guard != NONE or S[clock] >= t_stop:
             return guard
         now, then = then, now
-        level = max(level - longer, 0)
+        level, resolved = max(level - longer, 0), 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from numba.cpython.unsafe.numbers import trailing_zeros
+
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.compiled import compiled
@@ -17,19 +19,20 @@ ARRIVED, FOUND, TRIAL, SAMPLE, KEPT, FLOW, SWAP, SERIES = range(8)
 def reach(P, L, S, D, slot, x, tau):
     """The finest steps that make up tau, to the nearest: state there, as the first of SERIES; returns what is left.
 
-    Taken as binary digits of tau, each a product with the table of its level.
+    Taken as binary digits of their number, each a product with the table of its level.
     """
     rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
-    growth, steps, finest = block + L[tb.GROWTH], block + L[tb.STEPS], L[slot_of(L, slot) + tb.FINEST_LEVEL]
-    source, rest, out = x, tau, vector(L, D, SERIES)
-    here, there = out, vector(L, D, SWAP)
-    for level in range(finest + 1):
-        h = P[steps + level]
-        if rest >= (h if level < finest else 0.5 * h):
-            grow(P, growth + level * rows * columns, rows, columns, S, source, here)
-            rest -= h
-            source = here
-            here, there = there, here
+    finest, out = L[slot_of(L, slot) + tb.FINEST_LEVEL], vector(L, D, SERIES)
+    growth, short = block + L[tb.GROWTH] + finest * rows * columns, P[block + L[tb.STEPS] + finest]
+    source, here, there = x, out, vector(L, D, SWAP)
+    count = int(tau / short + 0.5)
+    rest = tau - count * short
+    while count:
+        digit = trailing_zeros(count)
+        grow(P, growth - digit * rows * columns, rows, columns, S, source, here)
+        count &= count - 1
+        source = here
+        here, there = there, here
     if source != out:
         copy(S, source, out, rows)
     return rest
