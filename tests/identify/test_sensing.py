@@ -1,11 +1,13 @@
-"""What sensors read of a channel that comes to the end of its range."""
+"""What sensors read of a channel that comes to the end of its range, or late."""
 
 from __future__ import annotations
+
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
-from piezoharvest.effects import Clipping
+from piezoharvest.effects import ChannelSkew, Clipping
 from piezoharvest.predict.parameters import parameter_of
 from piezoharvest.predict.sensing import sensed
 
@@ -53,3 +55,29 @@ def test_derivatives():
     _, to_limit = read(values, slopes=np.zeros((93, 1, 1)))
     ends = [read(values, limit=1.0 / (1.0 / LIMIT + step))[0][:, 0] for step in (h, -h)]
     assert to_limit[:, 0, 0] == pytest.approx((ends[0] - ends[1]) / (2 * h), abs=1e-7)
+
+
+def test_derivatives_to_a_delay_are_those_of_the_channels_that_it_delays():
+    time, h = 1e-3 * np.arange(200), 1e-7
+    values = np.column_stack([np.sin(2 * np.pi * f * time + f) for f in (7.0, 11.0)])
+    (field,) = fields(ChannelSkew)
+    delayed = parameter_of(ChannelSkew(delay=0.0), field, ("effects", 0, "delay"))
+    both = [replace(delayed, path=("mass",)), delayed]
+
+    def late(delay, slopes=None):
+        channels = {"displacement": 0.0, "voltage": 0.0}
+        return sensed([ChannelSkew(delay=delay)], both, channels, 1e-3, values.copy(), slopes)
+
+    for delay in (0.0, 3e-4):
+        # First comes something that moves all values in proportion to time: its derivative is delayed with them.
+        slopes = np.repeat(time[:, None, None], 2, axis=1) * [1.0, 0.0]
+        found = late(delay, slopes.copy())[1]
+        wanted = (late(delay + h)[0] - late(max(delay - h, 0.0))[0]) / (h + min(delay, h))
+        inside = slice(2, -2)
+        assert not np.any(wanted[:, 0])
+        assert not np.any(found[:, 0, 1])
+        assert found[inside, 1, 1] == pytest.approx(wanted[inside, 1], abs=1e-2 if delay == 0.0 else 1e-4)
+        assert np.array_equal(found[:, 0, 0], time)
+        # Where they end a filter is not the spline through them.
+        middle = slice(20, -20)
+        assert found[middle, 1, 0] == pytest.approx((time - delay)[middle], abs=1e-12)
