@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -13,7 +14,7 @@ from piezoharvest.identify.evaluation import sums_of, whiteners, whole
 from piezoharvest.identify.model import Model, inner_values, moved
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem, prior_of
-from piezoharvest.identify.sums import Sums
+from piezoharvest.identify.sums import EDGES, Sums
 from piezoharvest.parameters import ParameterError
 from piezoharvest.predict.prediction import PredictionError
 
@@ -27,6 +28,9 @@ RIPPLE = 10.0  # times what is enough, which a step may promise in vain
 PACE, AHEAD = 8, 10  # iterations that tell the pace of a descent, and for how many more it is trusted
 LEAP = 0.5  # of a logarithm in one iteration: what the data hardly shows must not run away meanwhile
 FAR, NEAR = 1e-4, 1e-6  # damping at first, of a rough fit and of one that goes on from there
+SLOW = (80.0, 160.0, 320.0)  # Hz: up to where a descent may look before its end
+SPARED = 0.5  # of what is enough, that it may miss by that
+WORTH = 0.3  # of the squares, that have to be left out for it
 LEAST = 1e-12  # relative eigenvalue of an information matrix
 
 
@@ -92,48 +96,41 @@ def descend(
     upper = np.concatenate([[p.upper for p in model.parameters], limits])
     leap = np.array([LEAP if p.scaling == "log" else np.inf for p in model.parameters] + [np.inf] * sum(map(len, own)))
     mean, precision = prior_of(problem, model, own)
-    values = np.concatenate([inner_values(model), *own])
-    white = whiteners(problem, model, noise, rough=loose)
-    sums = sums_of(problem, model, own, white, scatter=not loose)
-    information, gradient, squares = whole(model, own, sums)
-    cost = squares + float(precision @ (values - mean) ** 2)
+    judge = _Judge(problem, whiteners(problem, model, noise, rough=loose), mean, precision)
+    first = judge.at(model, own, np.concatenate([inner_values(model), *own]), scatter=not loose)
+    here = first if loose else judge.by_slow_lines(first, enough)
     damping, converged, message = FAR if loose else NEAR, False, UNFINISHED
-    iteration, quiet, first, bend = 0, 0, model, np.zeros_like(information)
-    costs, rejected, count = [cost], False, sum(float(part.count.sum()) for part in sums)
+    iteration, quiet, bend = 0, 0, np.zeros_like(here.information)
+    costs, rejected, count = [here.cost], False, sum(float(part.count.sum()) for part in first.sums)
     for iteration in range(1, most + 1):
-        total = information + np.diag(precision) + bend
-        slope = gradient - precision * (values - mean)
-        shown = _shown(information, precision, sums, len(model.parameters))
+        values = here.values
+        shown = _shown(here.information, precision, here.sums, len(model.parameters))
         step, promise = _step(
-            total, slope, damping, np.maximum(lower - values, -leap), np.minimum(upper - values, leap), shown
-        )
-        limit = max(1.0, ROUGH * squares) if loose else max(enough, FINE * (squares - count))
-        if promise < limit:
+            here.information + np.diag(precision) + bend, here.slope, damping,
+            np.maximum(lower - values, -leap), np.minimum(upper - values, leap), shown,
+        )  # fmt: skip
+        limit = max(1.0, ROUGH * here.squares) if loose else max(enough, FINE * (here.squares - count))
+        if promise < limit or quiet == QUIET:
+            if np.isfinite(judge.highest):
+                here = judge.by_all_lines(here)
+                quiet, bend, costs = 0, np.zeros_like(bend), [here.cost]
+                continue
             converged, message = True, "converged"
             break
-        trial = values + step
-        try:
-            new_model, new_own = moved(model, trial[: len(model.parameters)]), _split(trial, model, own)
-            new_sums = sums_of(problem, new_model, new_own, white)
-            new_information, new_gradient, squares = whole(new_model, new_own, new_sums)
-            new_cost = squares + float(precision @ (trial - mean) ** 2)
-        except (PredictionError, ParameterError, np.linalg.LinAlgError, OverflowError):
-            new_cost = np.inf
-        if new_cost < cost:
-            gained = (cost - new_cost) / promise
-            quiet = quiet + 1 if cost - new_cost < limit else 0
-            model, own, sums, values, cost = new_model, new_own, new_sums, trial, new_cost
-            information, gradient = new_information, new_gradient
+        there = judge.tried(here, values + step)
+        if there is not None and there.cost < here.cost:
+            gained = (here.cost - there.cost) / promise
+            quiet = quiet + 1 if here.cost - there.cost < limit else 0
             if gained < HELD:
-                change = slope - (gradient - precision * (values - mean))
-                bend = _bent(bend, information + np.diag(precision), step, change)
+                bend = _bent(bend, there.information + np.diag(precision), step, here.slope - there.slope)
             elif gained > 1.0 / HELD:
-                bend = np.zeros_like(information)  # of a place that is left behind: it only makes steps too short here
+                bend = np.zeros_like(bend)  # of a place that is left behind: it only makes steps too short here
+            here = there
             # What was too little damping a moment ago is so still.
             relief = 1.0 if rejected else 0.1
             damping = max(damping * (relief if gained > 0.5 else 1.0 if gained > 0.1 else 4.0), 1e-12)
             rejected = False
-            tell(f"iteration {iteration}: {cost:.6g}")
+            tell(f"iteration {iteration}: {here.cost:.6g}")
         else:
             # Corners of the operators leave ripples in the cost, below which no step keeps what it promises.
             quiet = quiet + 1 if promise < RIPPLE * limit else 0
@@ -142,20 +139,85 @@ def descend(
                 message = "no step improves the fit"
                 converged = promise < 1.0
                 break
-        if quiet == QUIET:
-            converged, message = True, "converged"
-            break
-        costs.append(cost)
-        if len(costs) > PACE and cost - AHEAD * (costs[-1 - PACE] - cost) / PACE > aim:
+        costs.append(here.cost)
+        if len(costs) > PACE and here.cost - AHEAD * (costs[-1 - PACE] - here.cost) / PACE > aim:
             message = "given up: it would not come to what others have reached"
             break
-    if not loose and model is not first:
+    if here.model is first.model:
+        here = first
+    elif not loose:
         # Models pass on the noise of the drive in their own ways: each is judged by residuals that its own way makes
         # white.
-        sums = sums_of(problem, model, own, whiteners(problem, model, noise), scatter=True)
-        information, _, squares = whole(model, own, sums)
-        cost = squares + float(precision @ (values - mean) ** 2)
-    return Fit(model, tuple(own), noise, cost, sums, information, np.diag(precision), converged, iteration, message)
+        own_way = _Judge(problem, whiteners(problem, here.model, noise), mean, precision)
+        here = own_way.at(here.model, here.own, here.values, scatter=True)
+    return Fit(
+        here.model, here.own, noise, here.cost, here.sums, here.information, np.diag(precision), converged, iteration,
+        message,
+    )  # fmt: skip
+
+
+class _Place(NamedTuple):
+    """A model on its way: what varies as one array, and what the records say there.
+
+    The slope is that of half the cost, downwards; of the sums only those count that the judge goes by.
+    """
+
+    model: Model
+    own: tuple[np.ndarray, ...]
+    values: np.ndarray
+    sums: tuple[Sums, ...]
+    information: np.ndarray
+    slope: np.ndarray
+    squares: float
+    cost: float
+
+
+class _Judge:
+    """What records and priors say of a model, whitened by one that stays as it is."""
+
+    def __init__(self, problem: Problem, white: Sequence[Any], mean: np.ndarray, precision: np.ndarray) -> None:
+        self.problem, self.white, self.mean, self.precision = problem, white, mean, precision
+        self.highest, self._bands, self._beyond = np.inf, slice(None), 0.0
+
+    def at(self, model: Model, own: Sequence[np.ndarray], values: np.ndarray, scatter: bool = False) -> _Place:
+        """Judge a model."""
+        return self._judged(model, own, values, sums_of(self.problem, model, own, self.white, scatter, self.highest))
+
+    def tried(self, here: _Place, values: np.ndarray) -> _Place | None:
+        """Judge a model with other values, which it may not be able to follow the records with."""
+        try:
+            model = moved(here.model, values[: len(here.model.parameters)])
+            return self.at(model, _split(values, model, here.own), values)
+        except (PredictionError, ParameterError, np.linalg.LinAlgError, OverflowError):
+            return None
+
+    def by_slow_lines(self, here: _Place, enough: float) -> _Place:
+        """The same place, judged by slow lines of the spectra from now on, if the others hardly say anything more.
+
+        What a fit without them costs on average is the trace of their information by that of all: with less than what
+        is enough they only take time.
+        """
+        lines = np.sum([part.count for part in here.sums], axis=0)
+        for highest in SLOW:
+            above = slice(int(np.searchsorted(EDGES, highest)), None)
+            if lines[above].sum() < WORTH * lines.sum():
+                break
+            left, _, beyond = whole(here.model, here.own, here.sums, above)
+            if np.trace(left @ _inverse(here.information + np.diag(self.precision))) < SPARED * enough:
+                self.highest, self._bands, self._beyond = highest, slice(above.start), beyond
+                return self._judged(here.model, here.own, here.values, here.sums)
+        return here
+
+    def by_all_lines(self, here: _Place) -> _Place:
+        """The same place, judged by all lines from now on."""
+        self.highest, self._bands, self._beyond = np.inf, slice(None), 0.0
+        return self.at(here.model, here.own, here.values)
+
+    def _judged(self, model: Model, own: Sequence[np.ndarray], values: np.ndarray, sums: tuple[Sums, ...]) -> _Place:
+        information, gradient, squares = whole(model, own, sums, self._bands)
+        away, squares = values - self.mean, squares + self._beyond
+        cost = squares + float(self.precision @ away**2)
+        return _Place(model, tuple(own), values, sums, information, gradient - self.precision * away, squares, cost)
 
 
 def _shown(information: np.ndarray, precision: np.ndarray, sums: Sequence[Sums], p: int) -> np.ndarray:
@@ -184,6 +246,12 @@ def _bent(bend: np.ndarray, information: np.ndarray, step: np.ndarray, change: n
 def _split(values: np.ndarray, model: Model, own: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
     ends = np.cumsum([len(model.parameters), *(len(mine) for mine in own)])
     return tuple(values[begin:end] for begin, end in itertools.pairwise(ends))
+
+
+def _inverse(information: np.ndarray) -> np.ndarray:
+    """Inverse, without directions that the data hardly shows."""
+    size = np.sqrt(np.maximum(np.abs(np.diag(information)), 1e-300))
+    return np.linalg.pinv(information / np.outer(size, size), rcond=LEAST, hermitian=True) / np.outer(size, size)
 
 
 def _step(information, slope, damping, lower, upper, alive) -> tuple[np.ndarray, float]:

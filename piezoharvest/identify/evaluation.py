@@ -37,8 +37,9 @@ def sums_of(
     own: Sequence[np.ndarray],
     white: Sequence[Whitener | ResponseWeights],
     scatter: bool = False,
+    highest: float = np.inf,
 ) -> tuple[Sums, ...]:
-    """Sums of all records.
+    """Sums of all records, of frequencies below a highest (Hz).
 
     Raises
     ------
@@ -48,12 +49,14 @@ def sums_of(
     # Threads within products of small matrices would wait for each other most of the time.
     with _threads().limit(limits=1):
         if len(white) == 1:  # what a thread has had of memory is kept for the next one: with a long record that adds up
-            return (white[0].sums(model, own[0], scatter),)
+            return (white[0].sums(model, own[0], scatter, highest),)
         for data in problem.data:
             if isinstance(data, Data):
                 model.lowered(data)
         with ThreadPoolExecutor(WORKERS) as pool:
-            jobs = [pool.submit(each.sums, model, mine, scatter) for each, mine in zip(white, own, strict=True)]
+            jobs = [
+                pool.submit(each.sums, model, mine, scatter, highest) for each, mine in zip(white, own, strict=True)
+            ]
             return tuple(job.result() for job in jobs)
 
 
@@ -63,15 +66,17 @@ def _threads() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-def whole(model: Model, own: Sequence[np.ndarray], sums: Sequence[Sums]) -> tuple[np.ndarray, np.ndarray, float]:
-    """Information, gradient and sum of squares of all records."""
+def whole(
+    model: Model, own: Sequence[np.ndarray], sums: Sequence[Sums], bands: slice = slice(None)
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Information, gradient and sum of squares of all records, over some bands or all."""
     p, sizes = len(model.parameters), [len(mine) for mine in own]
     total = p + sum(sizes)
     information, gradient, squares, at = np.zeros((total, total)), np.zeros(total), 0.0, p
     for size, part in zip(sizes, sums, strict=True):
         places = np.concatenate([np.arange(p), np.arange(at, at + size)])
-        information[np.ix_(places, places)] += part.information.sum(axis=0)
-        gradient[places] += part.gradient.sum(axis=0)
-        squares += float(part.squares.sum())
+        information[np.ix_(places, places)] += part.information[bands].sum(axis=0)
+        gradient[places] += part.gradient[bands].sum(axis=0)
+        squares += float(part.squares[bands].sum())
         at += size
     return information, gradient, squares

@@ -10,9 +10,9 @@ import numpy as np
 from scipy import fft
 from scipy.linalg import schur
 
-from piezoharvest.effects import Effect
-from piezoharvest.predict.parameters import put
+from piezoharvest.identify.spectra import lines
 from piezoharvest.predict.prediction import Prediction
+from piezoharvest.predict.sensing import delays
 
 SMALL = 1e-30  # complex step
 SLOWEST = 1e-6  # of the sample rate: open electrodes have no response at zero
@@ -50,7 +50,7 @@ def gain_slopes(
     for n, effect in enumerate(prediction.transducer.effects):
         for k, parameter in enumerate(prediction.parameters):
             if parameter.path == ("effects", n, "delay"):
-                delayed = np.array([type(effect).late is not Effect.late and _depends(effect, c) for c in channels])
+                delayed = np.array([delays(effect, channel) for channel in channels])
                 slopes[:, :, k] += gain.value * rate * delayed
     return gain.value * late, slopes
 
@@ -58,11 +58,6 @@ def gain_slopes(
 def specimen_gain(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> np.ndarray:
     """Response of the specimen itself, before the wiring delays it."""
     return _gain(prediction, channels, frequencies).value
-
-
-def _depends(effect: Effect, channel: str) -> bool:
-    """Whether a delay acts on a channel."""
-    return put(effect, ("delay",), 1.0).late(channel) == 1.0
 
 
 def _late(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -92,7 +87,7 @@ def _spline(angle: np.ndarray) -> list[np.ndarray]:
 
 
 def small_response(
-    prediction: Prediction, channels: Sequence[str], drive: np.ndarray, derivatives: bool
+    prediction: Prediction, channels: Sequence[str], drive: np.ndarray, derivatives: bool, highest: float = np.inf
 ) -> tuple[np.ndarray, np.ndarray]:
     """Response to a small addition to the drive, as if it came again and again.
 
@@ -102,6 +97,8 @@ def small_response(
     channels : sequence of str
     drive : (n,) array
     derivatives : bool
+    highest : float
+        Hz: faster parts of the addition are left out.
 
     Returns
     -------
@@ -112,8 +109,8 @@ def small_response(
     n, wanted = len(drive), len(prediction.parameters) * derivatives
     if not np.any(drive):
         return np.zeros((n, len(channels))), np.zeros((n, len(channels), wanted))
-    gain = _gain(prediction, channels, np.fft.rfftfreq(n, prediction.setting.sample_time))
-    spectrum = fft.rfft(drive)
+    frequencies = lines(n, prediction.setting.sample_time, highest)
+    gain, spectrum = _gain(prediction, channels, frequencies), fft.rfft(drive)[: len(frequencies)]
     # The samples lie together in memory, as the frequencies do.
     values = np.asarray(fft.irfft(gain.value.T * spectrum, n)).T
     if not wanted:

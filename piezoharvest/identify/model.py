@@ -131,8 +131,11 @@ def own_limits(model: Model, data: Data) -> np.ndarray:
     return np.pad(limits, (0, len(own_names(model, data)) - len(limits)), constant_values=np.inf)
 
 
-def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool):
-    """Blocks (prediction, begin, residuals, derivatives) of a record; `own` as `own_names` names it."""
+def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool, highest: float = np.inf):
+    """Blocks (prediction, begin, residuals, derivatives) of a record; `own` as `own_names` names it.
+
+    They may be wanted right up to a highest frequency (Hz) only.
+    """
     first, more = first_samples(data), extras(model, data, model.prediction(data))
     states, read, added = np.split(own, [len(own) - len(first) - len(more), len(own) - len(more)])
     prediction = model.prediction(data, states)
@@ -147,7 +150,7 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
         _add(model, more, added, time, predicted, slopes)
         rest = data.rest[block.begin : end]
         if np.any(rest):
-            passed, passed_slopes = small_response(prediction, data.channels, rest, derivatives)
+            passed, passed_slopes = small_response(prediction, data.channels, rest, derivatives, highest)
             predicted += passed
             if slopes is not None:
                 slopes[:, :, : passed_slopes.shape[2]] += passed_slopes

@@ -40,6 +40,12 @@ def by_bands(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return np.diff(np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])[edges], axis=0)
 
 
+def lines(count: int, sample_time: float, highest: float) -> np.ndarray:
+    """Frequencies of a real spectrum below the highest, Hz."""
+    frequencies = np.fft.rfftfreq(count, sample_time)
+    return frequencies[: np.searchsorted(frequencies, highest)]
+
+
 def components(count: int) -> np.ndarray:
     """Components of the lines of a real spectrum: two, and one at zero and at half the sample rate."""
     found = np.full(count // 2 + 1, 2.0)

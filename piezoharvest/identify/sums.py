@@ -14,7 +14,17 @@ from piezoharvest.identify.data import Data
 from piezoharvest.identify.gain import gain_of, gain_slopes
 from piezoharvest.identify.model import Model, residual_blocks
 from piezoharvest.identify.noise import Noise, rounding
-from piezoharvest.identify.spectra import by_bands, components, gram, in_time, line_spectra, parts, passed_on, whitened
+from piezoharvest.identify.spectra import (
+    by_bands,
+    components,
+    gram,
+    in_time,
+    line_spectra,
+    lines,
+    parts,
+    passed_on,
+    whitened,
+)
 from piezoharvest.predict.prediction import Prediction
 
 EDGES = np.array([0.0, 0.1, 0.3, 0.6, 1.2, 2.4, 5, 10, 20, 40, 80, 160, 320, 640, 1e9])  # Hz: bands of the colour
@@ -94,8 +104,8 @@ class Whitener:
             self._matrices = {count: (white, passed_on(rows, gain.T)[1], rows)}
         return self._matrices[count]
 
-    def sums(self, model: Model, own: np.ndarray, scatter: bool = False) -> Sums:
-        """Sums of the record for a model, with what rounded sensors scatter if that is wanted.
+    def sums(self, model: Model, own: np.ndarray, scatter: bool = False, highest: float = np.inf) -> Sums:
+        """Sums of the record for a model below a highest frequency (Hz), with what rounded sensors scatter if wanted.
 
         The derivatives of a prediction carry the same noise of the drive as its residuals, so that a model that passes
         on less of it would seem better: what each model is expected to pass on is taken off.
@@ -106,15 +116,16 @@ class Whitener:
             The model cannot follow the record.
         """
         h, parts, passed = self._data.setting.sample_time, [], {}
-        for prediction, begin, residual, slopes in residual_blocks(model, self._data, own, True):
+        for prediction, begin, residual, slopes in residual_blocks(model, self._data, own, True, highest):
             count = len(residual)
             white, at_first, rows = self._of(count)
+            frequencies = lines(count, h, highest)
             predicted = self._data.part(begin, begin + count) - residual
             rounded = (lambda D, x=predicted, W=white: self.scatter(x, D, W)) if scatter else None
-            part = _whitened(residual, slopes, rows, h, rounded)
+            part = _whitened(residual, slopes, rows, frequencies, rounded)
             if self._corrected:
                 if count not in passed:
-                    passed = {count: self._drive_noise(prediction, count, rows, at_first)}
+                    passed = {count: self._drive_noise(prediction, count, frequencies, rows, at_first)}
                 information, gradient, squares = passed[count]
                 p = gradient.shape[1]
                 part.information[:, :p, :p] -= information
@@ -150,23 +161,23 @@ class Whitener:
         return found
 
     def _drive_noise(
-        self, prediction: Prediction, count: int, white: np.ndarray, at_first: np.ndarray
+        self, prediction: Prediction, count: int, frequencies: np.ndarray, white: np.ndarray, at_first: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What the noise of the drive is expected to give, by bands.
 
         Products of the derivatives, (bands, p, p), of derivatives and passed noise, (bands, p), and squares beyond
         those at first.
         """
-        frequencies = np.fft.rfftfreq(count, self._data.setting.sample_time)
+        some = len(frequencies)
         gain, slopes = gain_slopes(prediction, self._data.channels, frequencies)
-        power = self._noise.sigma[self._data.drive] ** 2 * components(count)
-        passed, squares = passed_on(white, gain.T)
-        D = whitened(white, slopes.transpose(1, 2, 0))
+        power = self._noise.sigma[self._data.drive] ** 2 * components(count)[:some]
+        passed, squares = passed_on(white[:, :, :some], gain.T)
+        D = whitened(white[:, :, :some], slopes.transpose(1, 2, 0))
         products = np.real(np.einsum("cf,cpf->fp", np.conj(passed), D)) * power[:, None]
         edges = np.minimum(np.searchsorted(frequencies, EDGES), len(frequencies))
         D *= np.sqrt(power)
         information = np.array([gram(D[:, :, a:b]) for a, b in itertools.pairwise(edges)])
-        return information, by_bands(products, edges), by_bands((squares - at_first) * power, edges)
+        return information, by_bands(products, edges), by_bands((squares - at_first[:some]) * power, edges)
 
 
 def by_code(turns: np.ndarray, slopes: np.ndarray) -> np.ndarray:
@@ -184,12 +195,13 @@ def spectra_of(values: np.ndarray) -> np.ndarray:
 
 
 def _whitened(
-    residual, slopes, W: np.ndarray, sample_time: float, scatter: Callable[[np.ndarray], np.ndarray] | None
+    residual, slopes, W: np.ndarray, frequencies: np.ndarray, scatter: Callable[[np.ndarray], np.ndarray] | None
 ) -> Sums:
     """Sums of one block, by bands."""
-    count, channels = residual.shape
-    R, D = (whitened(W, line_spectra(np.moveaxis(values, 0, -1))) for values in (residual, slopes))
-    edges = np.searchsorted(np.fft.rfftfreq(count, sample_time), EDGES)
+    (count, channels), some = residual.shape, len(frequencies)
+    W = W[:, :, :some]
+    R, D = (whitened(W, line_spectra(np.moveaxis(values, 0, -1))[..., :some]) for values in (residual, slopes))
+    edges = np.searchsorted(frequencies, EDGES)
     P, bands = D.shape[1], len(EDGES) - 1
     sums = Sums.empty(P)
     if scatter is not None:
