@@ -46,7 +46,9 @@ def _runs(results: dict) -> list[Goal]:
     plain, stops, record = (results[name] for name in ("sshi", "sshi_stops", "record"))
     scaling = results["scaling"]
     slope = exponent([row["periods"] for row in scaling], [row["seconds"] for row in scaling])
-    slowest, worst = (max(row[key] for row in results["campaign"]) for key in ("seconds", "error"))
+    *usual, dense = results["campaign"]  # the last one is a multisine whose events are dense
+    tones = dense["title"].rsplit(", ", 2)[0]
+    slowest, worst = max(row["seconds"] for row in usual), max(row["error"] for row in results["campaign"])
     whole = own(record)["seconds"] * record["samples"]
     return [
         Goal("transient, parallel SSHI, a period", 3e-6, "s", True, own(plain)["seconds"], "wanted: 1 µs"),
@@ -54,8 +56,9 @@ def _runs(results: dict) -> list[Goal]:
         Goal("with three P-I operators, a period", 10e-6, "s", True, own(stops)["seconds"]),
         Goal("its state error against DOP853", 1e-9, "", True, own(stops)["error"]),
         Goal("exponent of time against periods", 1.05, "", True, slope, "1 is linear"),
-        Goal("record of 10 s at 1 kHz, three P-I operators, at most", 1e-3, "s", True, slowest, "steps and sines"),
-        Goal("its state error against DOP853", 1e-9, "", True, worst, "each of the eight"),
+        Goal("record of 10 s at 1 kHz, three P-I operators, at most", 1e-3, "s", True, slowest, "steps, sines, tones"),
+        Goal("its state error against DOP853", 1e-9, "", True, worst, "each of them"),
+        Goal(f"the same of a {tones}", 1e-3, "s", True, dense["seconds"], f"{dense['events']:,} events"),
         Goal("the same of noise, 5-80 Hz", 1e-3, "s", True, whole, f"{record['events']:,} events"),
         Goal("its state error against DOP853", 1e-9, "", True, own(record)["error"]),
     ]

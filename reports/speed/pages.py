@@ -106,13 +106,14 @@ def _section(section: dict) -> str:
 
 
 def _campaign(rows: list[dict]) -> str:
-    """The records of the paper."""
+    """The records of the paper, and multisines."""
     table = markdown(
         ["record", "events", "time", "error"],
         [[r["title"], f"{r['events']:,}", seconds(r["seconds"]), error(r["error"])] for r in rows],
     )
-    about = f"The eight records of the reference paper's campaign, {rows[0]['samples']:,} samples at 1 kHz each, on its"
-    return f"### records of steps and sines, three P-I operators\n\n{about} stack of 22 kHz.\n\n{table}\n"
+    count = f"{rows[0]['samples']:,} samples at 1 kHz each"
+    about = f"The eight records of the reference paper's campaign and multisines, {count}, on its stack of 22 kHz."
+    return f"### records as they are measured, three P-I operators\n\n{about}\n\n{table}\n"
 
 
 def _steady(rows: list[dict]) -> str:
