@@ -1,0 +1,60 @@
+"""Trial fits, which look at slow lines of the spectra first, against fits by all lines."""
+
+import numpy as np
+import pytest
+from diagnose_runs import campaign, fitted
+
+from piezoharvest.diagnose.candidates import carried, effect_parameters, extended
+from piezoharvest.diagnose.trials import ROUGHLY
+from piezoharvest.effects import Leakage, Stiffening
+from piezoharvest.identify import descent
+from piezoharvest.identify.fit import fit
+from piezoharvest.identify.identification import prepared
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory):
+    found = campaign(tmp_path_factory.mktemp("trials"))
+    return prepared(found, "fit"), found.transducer
+
+
+@pytest.fixture
+def highest(monkeypatch):
+    """Highest frequencies that are looked at, one evaluation after the other."""
+    seen, sums_of = [], descent.sums_of
+
+    def watched(problem, model, own, white, scatter=False, highest=np.inf):
+        seen.append(highest)
+        return sums_of(problem, model, own, white, scatter, highest)
+
+    monkeypatch.setattr(descent, "sums_of", watched)
+    return seen
+
+
+def with_effect(problem, found, start, enough):
+    model = extended(found.model, [start], effect_parameters([start]))
+    own = carried(problem, found.model, found.own, model)
+    return fit(problem, model, own, found.noise, estimate_noise=False, enough=enough)
+
+
+@pytest.mark.parametrize(
+    ("present", "start"),
+    [
+        (Leakage(resistance=3e7), Leakage(resistance=1e8)),
+        (Stiffening(cubic_stiffness=3e18), Stiffening(cubic_stiffness=0.0)),
+    ],
+    ids=["leakage", "stiffening"],
+)
+def test_they_end_where_fits_by_all_lines_do(records, highest, present, start):
+    problem, found, _ = fitted(*records, [present], seed=1)
+    highest.clear()
+    quick = with_effect(problem, found, start, ROUGHLY)
+    assert min(highest) < 400.0
+    assert [highest[0], *highest[-2:]] == [np.inf] * 3  # where it begins, and what it comes to, is by all lines
+    highest.clear()
+    thorough = with_effect(problem, found, start, 1e-4)
+    assert min(highest) == np.inf
+    assert quick.converged and thorough.converged
+    assert quick.cost - thorough.cost < ROUGHLY
+    np.testing.assert_allclose(np.diag(quick.information), np.diag(thorough.information), rtol=0.05)
+    assert quick.sums[0].count.tolist() == thorough.sums[0].count.tolist()
