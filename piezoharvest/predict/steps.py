@@ -72,6 +72,7 @@ def inverse_of(matrices: Matrices) -> np.ndarray:
     return np.linalg.pinv(np.real(matrices.A), rcond=1e-13)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def equilibrium(matrices: Matrices, inverse: np.ndarray, first: complex) -> np.ndarray:
     """State that does not move under the first value of the drive; stops give nothing.
 
