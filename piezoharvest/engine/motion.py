@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from numba.cpython.unsafe.numbers import trailing_zeros
+from typing import Any
+
+from numba.cpython.unsafe import numbers
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import tables as tb
@@ -10,6 +12,8 @@ from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.state import vector
 from piezoharvest.engine.tables import block_of, slot_of
 from piezoharvest.engine.vector import copy, grow, multiply, polynomial
+
+trailing_zeros: Any = numbers.trailing_zeros  # its callers leave the context out, which type checkers do not know
 
 # Scratch vectors, by who uses them; the terms of a series stand one after the other.
 ARRIVED, FOUND, TRIAL, SAMPLE, KEPT, FLOW, SWAP, SERIES = range(8)
