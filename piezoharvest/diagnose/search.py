@@ -23,6 +23,7 @@ PROMISING = 0.15  # of the best score: what a full fit may still turn round
 FITS = 4  # full fits a stage
 STAND_INS = 2  # of these against a model whose strayed parameters are held
 BRIEF = 6  # iterations after which a full fit waits for the others of its stage
+DOUBTED = 100.0  # of -2 ln L: with less an effect may owe its gain to a better minimum
 OUTSTANDING = 0.3  # of the squares that the worst place has above noise: places with more have to be explained
 KEPT = 0.5  # of its squares above noise: a place that keeps more is not explained
 
@@ -103,6 +104,15 @@ class Searcher:
                 break
             levels.append(self._p_value(now, tried[0], trials.scores(now)))
             before, (now, *alternatives) = now, tried
+            better = self._led_to(before, now)
+            if better is not None:
+                levels[-1] = self._p_value(better, now, trials.scores(before))
+                if levels[-1] > LEVEL:
+                    trials.tell(f"{now.effects[-1]} has only led to a better minimum without it")
+                    levels.pop()
+                    alternatives = []
+                    now, held = self._surveyed(better)
+                    continue
             trials.tell(f"found {', '.join(now.effects)}")
             now, levels = self._revised(now, levels)
             now, held = self._surveyed(now)
@@ -114,6 +124,18 @@ class Searcher:
         close = () if left else self._alternatives(now, alternatives)
         nested, effects = self._nested(now), now.found.model.transducer.effects
         return Search(trials.base, nested, effects, tuple(levels), tuple(first), left, close, tuple(trials.made))
+
+    def _led_to(self, before: Step, now: Step) -> Step | None:
+        """The model before where a new effect has come to, if it fits better there.
+
+        What a small effect gains may be that of a minimum beside the one in which the model before was caught.
+        """
+        if before.cost - now.cost > DOUBTED:
+            return None
+        last = len(now.effects) - 1
+        self.trials.drop(now, last)
+        less = self.trials.without(now, last)
+        return less if less is not None and less.cost < before.cost - 1.0 else None
 
     def _surveyed(self, now: Step) -> tuple[Step, Step | None]:
         """A step, and the model whose strayed parameters are at their nominal values, if any are not.

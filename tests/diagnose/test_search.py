@@ -1,13 +1,14 @@
 """The search for effects: what it remembers, what it gives up, and how it comes back from a false minimum."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from diagnose_runs import campaign, fitted
 
 from piezoharvest.diagnose import diagnose
 from piezoharvest.diagnose.candidates import extended
-from piezoharvest.diagnose.search import MOST, Searcher
+from piezoharvest.diagnose.search import DOUBTED, MOST, Searcher
 from piezoharvest.diagnose.trials import Step, Trials
 from piezoharvest.effects import (
     BiasCurrent,
@@ -131,3 +132,18 @@ def test_a_search_ends_where_nothing_in_the_library_is_the_cause(tmp_path, effec
             assert told[-1] == ends
             assert 0 < len(found.order) < MOST
             assert found.left
+
+
+@pytest.mark.parametrize(
+    ("gain", "left", "taken"), [(50.0, 5.0, True), (50.0, 49.9, False), (500.0, 5.0, False)],
+    ids=["to a better minimum", "by itself", "by far"],
+)  # fmt: skip
+def test_a_model_that_was_caught_is_taken_from_where_a_small_effect_has_led(gain, left, taken):
+    """`left` is what the effect still gains beside the model without it that is fitted from there."""
+    made = []
+    less = SimpleNamespace(cost=1000.0 - gain + left, effects=())
+    trials = SimpleNamespace(drop=lambda now, n: made.append((now.effects, n)), without=lambda now, n: less)
+    before, now = SimpleNamespace(cost=1000.0), SimpleNamespace(cost=1000.0 - gain, effects=("clipping", "load_error"))
+    found = Searcher(trials)._led_to(before, now)
+    assert found is (less if taken else None)
+    assert made == ([] if gain > DOUBTED else [(("clipping", "load_error"), 1)])
