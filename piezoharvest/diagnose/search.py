@@ -163,34 +163,36 @@ class Searcher:
     def _next(self, now: Step, held: Step | None) -> list[Step]:
         """Full fits with one effect more, the best first and more than chance; none where nothing is.
 
-        Where parameters have gained less by straying than an effect promises, that effect comes first.
+        Where parameters have strayed, the model that holds them is asked, too, unless they have gained less by straying
+        than an effect promises, or its fit brings them back.
         """
-        candidates = self.trials.scores(now)
-        rounds = [[now]] if held is None else [[now, held]]
-        if held is not None and _any(candidates) and held.cost - now.cost < candidates[0].score:
-            rounds = [[now], [held]]
-        for origins in rounds:
-            tried = self._stage(now, origins)
+        candidates, tried = self.trials.scores(now), list[Step]()
+        for origin in (now, held):
+            if origin is None:
+                break
+            tried = self._stage(now, origin, tried)
             chances = {id(step): self._p_value(now, step, candidates) for step in tried}
             if min(chances.values(), default=1.0) < LEVEL:
-                return sorted(tried, key=lambda step: chances[id(step)] >= LEVEL)
+                tried = sorted(tried, key=lambda step: chances[id(step)] >= LEVEL)
+                gained = 0.0 if held is None else held.cost - now.cost
+                if origin is held or gained < candidates[0].score or not self.trials.strayed(tried[0]):
+                    return tried
         return []
 
-    def _stage(self, now: Step, origins: Sequence[Step]) -> list[Step]:
-        """Full fits of the effects that are promising against one of these models, the best first."""
-        if not _any([candidate for origin in origins for candidate in self.trials.scores(origin)]):
-            return []
-        tried: list[Step] = []
-        for origin in origins:
-            scored, chosen = self.trials.scores(origin), dict[str, Effect]()
-            for candidate in scored:
-                if candidate.score > PROMISING * scored[0].score and _hopeful(candidate, scored):
-                    chosen.setdefault(key_of(candidate.effect), candidate.effect)
-            for effect in list(chosen.values())[: FITS if origin is now else STAND_INS]:
-                varied = now.found.model.parameters
-                fitted = self.trials.extended(origin, effect, aim_beside(tried), varied, most=BRIEF)
-                tried += [] if fitted is None else [fitted]
-        return self.trials.finished(tried)
+    def _stage(self, now: Step, origin: Step, tried: Sequence[Step]) -> list[Step]:
+        """Full fits of the effects that are promising against a model, and those so far, the best first."""
+        scored, chosen = self.trials.scores(origin), dict[str, Effect]()
+        if not _any(scored):
+            return list(tried)
+        for candidate in scored:
+            if candidate.score > PROMISING * scored[0].score and _hopeful(candidate, scored):
+                chosen.setdefault(key_of(candidate.effect), candidate.effect)
+        more = list(tried)
+        for effect in list(chosen.values())[: FITS if origin is now else STAND_INS]:
+            varied = now.found.model.parameters
+            fitted = self.trials.extended(origin, effect, aim_beside(more), varied, most=BRIEF)
+            more += [] if fitted is None else [fitted]
+        return self.trials.finished(more)
 
     def _nested(self, now: Step) -> tuple[Fit, ...]:
         """Fits with the first effect, the first two, and so on."""

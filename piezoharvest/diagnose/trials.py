@@ -13,7 +13,7 @@ from piezoharvest.diagnose.leftover import Leftover, structure
 from piezoharvest.diagnose.scene import Scene
 from piezoharvest.effects import Effect
 from piezoharvest.identify.descent import ITERATIONS, UNFINISHED, Fit
-from piezoharvest.identify.fit import fit, inflation
+from piezoharvest.identify.fit import fit, inflation, inverse
 from piezoharvest.identify.model import Model
 from piezoharvest.identify.problem import Problem
 from piezoharvest.predict.parameters import Parameter, put, value_at
@@ -21,7 +21,7 @@ from piezoharvest.predict.prediction import PredictionError
 
 STRAYED = 0.4  # of a logarithm: a parameter that is so far from its nominal value may stand in for an effect
 ROUGHLY = 0.5  # of -2 ln L that a trial fit may still promise
-COARSELY = 10.0  # the same, of a fit that only serves for scores
+COARSELY = 10.0  # the same, of a fit that only serves for scores, and what a parameter may gain by straying
 CLOSE = 6.0  # of -2 ln L: odds of twenty to one
 
 
@@ -136,21 +136,36 @@ class Trials:
 
     def held(self, now: Step) -> Step | None:
         """Full fit with the parameters that have strayed at their nominal values; None where none has."""
-        nominal, model = self.problem.nominal, now.found.model
-        strayed = [
-            p for p in model.parameters
-            if p.scaling == "log" and p.path[0] != "effects"
-            and abs(p.inner(value_at(model.transducer, p.path)) - p.inner(value_at(nominal, p.path))) > STRAYED
-        ]  # fmt: skip
+        strayed, model = self.strayed(now), now.found.model
         if not strayed:
             return None
         transducer = model.transducer
         for parameter in strayed:
-            transducer = put(transducer, parameter.path, value_at(nominal, parameter.path))
+            transducer = put(transducer, parameter.path, value_at(self.problem.nominal, parameter.path))
         kept = tuple(p for p in model.parameters if p not in strayed)
         return self._fit(
             replace(model, transducer=transducer, parameters=kept), now.found.own, now.found, enough=COARSELY
         )
+
+    def strayed(self, now: Step) -> list[Parameter]:
+        """Parameters that the data wants far from their nominal values: they may stand in for an effect.
+
+        By how much the cost would rise on their way back is told by their covariance, along the values, not their
+        logarithms: what is all but zero changes a logarithm without being felt.
+        """
+        nominal, found = self.problem.nominal, now.found
+        far, away = [], []
+        for k, p in enumerate(found.model.parameters):
+            if p.scaling == "log" and p.path[0] != "effects":
+                back = p.inner(value_at(nominal, p.path)) - p.inner(value_at(found.model.transducer, p.path))
+                if abs(back) > STRAYED:
+                    far.append(k)
+                    away.append(np.expm1(back))
+        if not far:
+            return []
+        covariance = inverse(found.information + found.prior)[np.ix_(far, far)]
+        wanted = np.dot(away, np.linalg.solve(covariance, away)) > COARSELY
+        return [found.model.parameters[k] for k in far] if wanted else []
 
     def freed(self, held: Step, now: Step) -> Step | None:
         """Full fit from there with all that varies in another step."""

@@ -26,6 +26,7 @@ QUIET = 2  # iterations in a row that gain less than is enough, after which no m
 HELD = 0.9  # share of what it promised that a step holds; with less, or as much more, the curvature is looked at
 RIPPLE = 10.0  # times what is enough, which a step may promise in vain
 PACE, AHEAD = 8, 10  # iterations that tell the pace of a descent, and for how many more it is trusted
+HOPES = 3  # iterations whose promises tell the same, of those that no failed step has damped
 LEAP = 0.5  # of a logarithm in one iteration: what the data hardly shows must not run away meanwhile
 FAR, NEAR = 1e-4, 1e-6  # damping at first, of a rough fit and of one that goes on from there
 SLOW = (80.0, 160.0, 320.0)  # Hz: up to where a descent may look before its end
@@ -101,7 +102,8 @@ def descend(
     here = first if loose else judge.by_slow_lines(first, enough)
     damping, converged, message = FAR if loose else NEAR, False, UNFINISHED
     iteration, quiet, bend = 0, 0, np.zeros_like(here.information)
-    costs, rejected, count = [here.cost], False, sum(float(part.count.sum()) for part in first.sums)
+    costs, hopes, rejected = [here.cost], list[float](), False
+    count = sum(float(part.count.sum()) for part in first.sums)
     for iteration in range(1, most + 1):
         values = here.values
         shown = _shown(here.information, precision, here.sums, len(model.parameters))
@@ -113,10 +115,11 @@ def descend(
         if promise < limit or quiet == QUIET:
             if np.isfinite(judge.highest):
                 here = judge.by_all_lines(here)
-                quiet, bend, costs = 0, np.zeros_like(bend), [here.cost]
+                quiet, bend, costs, hopes = 0, np.zeros_like(bend), [here.cost], []
                 continue
             converged, message = True, "converged"
             break
+        hopes += [] if rejected else [promise]
         there = judge.tried(here, values + step)
         if there is not None and there.cost < here.cost:
             gained = (here.cost - there.cost) / promise
@@ -140,7 +143,7 @@ def descend(
                 converged = promise < 1.0
                 break
         costs.append(here.cost)
-        if len(costs) > PACE and here.cost - AHEAD * (costs[-1 - PACE] - here.cost) / PACE > aim:
+        if here.cost - AHEAD * _pace(costs, hopes) > aim:
             message = "given up: it would not come to what others have reached"
             break
     if here.model is first.model:
@@ -218,6 +221,12 @@ class _Judge:
         away, squares = values - self.mean, squares + self._beyond
         cost = squares + float(self.precision @ away**2)
         return _Place(model, tuple(own), values, sums, information, gradient - self.precision * away, squares, cost)
+
+
+def _pace(costs: Sequence[float], hopes: Sequence[float]) -> float:
+    """By how much an iteration may be expected to lower the cost, after those so far and what they promised."""
+    gained = (costs[-1 - PACE] - costs[-1]) / PACE if len(costs) > PACE else np.inf
+    return min(gained, max(hopes[-HOPES:]) if len(hopes) >= HOPES else np.inf)
 
 
 def _shown(information: np.ndarray, precision: np.ndarray, sums: Sequence[Sums], p: int) -> np.ndarray:
