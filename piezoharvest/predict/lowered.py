@@ -149,4 +149,4 @@ def _magnified(matrices: Matrices) -> Matrices:
     def grown(array: np.ndarray) -> np.ndarray:
         return np.real(array) + 1j * (np.imag(array) * (MAGNIFIED / STEP))
 
-    return replace(matrices, **{name: grown(getattr(matrices, name)) for name in ("A", "B", "W", "O", "parameters")})
+    return replace(matrices, **{name: grown(getattr(matrices, name)) for name in ("A", "B", "W", "O", "parameters", "follow")})

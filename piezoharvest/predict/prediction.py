@@ -100,15 +100,16 @@ class Prediction:
         """Scaled states at the start, and their derivatives."""
         states, inverse, scale = len(self.free), self._lowered.inverse, self.matrices.scale[self.free]
         first = self.own[states] if self.setting.abrupt else self.setting.first
-        z = equilibrium(self.matrices, inverse, first)
-        z[self.free] += self.own[:states] / scale
+        off = np.zeros(len(self.matrices.states))
+        off[self.free] = self.own[:states] / scale
+        z = equilibrium(self.matrices, inverse, first) + self.matrices.follow @ off
         if not derivatives:
             return z, np.zeros((len(z), 0))
         count = len(self.parameters)
         dz = np.zeros((len(z), count + len(self.own_names)))
         for k, tangent in enumerate(self._lowered.tangents):
-            dz[:, k] = np.imag(equilibrium(tangent, inverse, first)) / MAGNIFIED
-        dz[self.free, count + np.arange(states)] = 1.0 / scale
+            dz[:, k] = np.imag(equilibrium(tangent, inverse, first) + tangent.follow @ off) / MAGNIFIED
+        dz[:, count : count + states] = self.matrices.follow[:, self.free] / scale
         if self.setting.abrupt:
             dz[:, count + states] = np.imag(equilibrium(self.matrices, inverse, first + 1j * MAGNIFIED)) / MAGNIFIED
         return z, dz

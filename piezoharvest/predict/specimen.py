@@ -58,6 +58,8 @@ class Matrices:
     channels : tuple of str
         Outputs.
     states : tuple of str
+    follow : (n, n) array
+        Where states begin when some of them are off equilibrium: a sensor that lags has followed what it sees.
     """
 
     A: np.ndarray
@@ -70,6 +72,7 @@ class Matrices:
     places: np.ndarray
     channels: tuple[str, ...]
     states: tuple[str, ...]
+    follow: np.ndarray
 
 
 class Specimen:
@@ -112,6 +115,7 @@ class Specimen:
         self._drawn: list[Row] = []
         self._read: list[Row] = []
         self._lags: list[complex] = []
+        self._followers: dict[str, Row] = {}
         self._modes()
         self.q, self._dq = self.state("q", 1.0 / transducer.capacitance)
         self.v_t, self.v, self.i = (self.signal() for _ in range(3))
@@ -231,19 +235,22 @@ class Specimen:
 
     def _mechanics(self) -> None:
         modes, base = self.transducer.all_modes, self.drive_name == "base_acceleration"
-        specimen = sum(mode.force_participation * x for mode, (x, _, _) in zip(modes, self._motion, strict=True))
+        specimen, velocity = (
+            sum(mode.force_participation * motion[k] for mode, motion in zip(modes, self._motion, strict=True))
+            for k in (0, 1)
+        )
         self._reading = specimen + sum(self._read)
+        behind = 0.0
         for n, time_constant in enumerate(self._lags):
+            behind = behind + time_constant
             if np.real(time_constant) == 0:
                 # To first order a lag takes the velocity off; a derivative asks for no more.
-                velocity = sum(
-                    mode.force_participation * u for mode, (_, u, _) in zip(modes, self._motion, strict=True)
-                )
                 self._reading = self._reading - time_constant * velocity
                 continue
             z, dz = self.state(f"reading{n}", modes[0].stiffness)
             self.equation(time_constant * dz + z - self._reading)
             self._reading = z
+            self._followers[f"reading{n}"] = specimen - behind * velocity
         self._force = 0.0 * self.one
         for n, (mode, (x, u, du)) in enumerate(zip(modes, self._motion, strict=True)):
             spring = mode.damping * u + mode.stiffness * x - mode.coupling * self.v_t - sum(self._pushes[n])
@@ -287,7 +294,16 @@ class Specimen:
             A=rates[:, :n], W=rates[:, n : n + w], B=rates[:, n + w :], O=observed, scale=scale,
             kinds=np.array([e.kind for e in elements], np.int64), parameters=np.array([e.parameter for e in elements]),
             places=places, channels=channels, states=tuple(state[0] for state in self._states),
+            follow=self._followed(states, scale),
         )  # fmt: skip
+
+    def _followed(self, states: list[int], scale: np.ndarray) -> np.ndarray:
+        """`Matrices.follow`."""
+        rows = [
+            self._followers[name][states] * scale / size if name in self._followers else unit
+            for (name, *_), size, unit in zip(self._states, scale, np.eye(len(scale)), strict=True)
+        ]
+        return np.array(rows)
 
 
 def _content(row: Row) -> bytes:
