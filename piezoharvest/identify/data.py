@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,12 +11,15 @@ import numpy as np
 from piezoharvest.identify.denoise import denoised
 from piezoharvest.identify.noise import first_guess
 from piezoharvest.predict.drive import CALM
-from piezoharvest.predict.lowered import Setting, setting_of
+from piezoharvest.predict.lowered import SOON, Setting, setting_of
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.record import Record
 from piezoharvest.transducer import Transducer
 
 JITTER = 1e-2  # of the sample time, that stamps may be off a uniform grid
+STRAIGHT = 5e-4  # relative error of what runs straight within a step of a model with elements
+FINEST = 16  # such steps in a sample
+SCATTERED = 1.2  # times the noise: bends that are no larger are none
 BESIDE = 4  # steps between samples, beside which the first one stands out
 RESPONSES = ("displacement", "voltage", "current", "force")
 
@@ -95,7 +98,22 @@ def data_of(record: Record, transducer: Transducer) -> Data:
     scatter = {c: sigma.get(c, first_guess(record[c])) for c in channels}
     abrupt = any(begins_abruptly(record[c], scatter[c]) for c in channels) and not begins_abruptly(clean, 0.0)
     setting = setting_of(record.drive, record.shunt, step, clean, transducer, abrupt=abrupt)
+    bends = (bend_of(record[c], scatter[c], setting.jumps) for c in channels)
+    fine = int(np.clip(np.ceil(np.sqrt(max(bends) / (12.0 * STRAIGHT))), 1, FINEST))
+    setting = replace(setting, fine=fine)
     return Data(record.name, record.role, record, setting, drive - clean, channels, sigma, scatter)
+
+
+def bend_of(values: np.ndarray, sigma: float, jumps: np.ndarray) -> float:
+    """How far a response bends between samples, relative to how it moves: (w h)^2 for a sine of frequency w.
+
+    A twelfth of it is the error of what is taken to run straight from sample to sample.
+    """
+    bends = np.diff(values, 2)
+    beside = jumps[:, None] + np.arange(-2, SOON)  # these steps are small ones anyway
+    bends[beside[(beside >= 0) & (beside < len(bends))]] = 0.0
+    above = np.mean(bends**2) - SCATTERED * 6.0 * sigma**2 if len(bends) else 0.0
+    return float(np.sqrt(max(above, 0.0) / np.var(values))) if above > 0.0 else 0.0
 
 
 def begins_abruptly(values: np.ndarray, sigma: float) -> bool:

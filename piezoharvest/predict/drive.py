@@ -79,11 +79,14 @@ def jumping(line: np.ndarray, late: float) -> tuple[np.ndarray, int]:
 
 
 def divided(coefficients: np.ndarray, parts: int) -> np.ndarray:
-    """The small steps (parts, 4) of a step of a drive that does not jump."""
-    begin = np.arange(parts)[:, None] / parts
-    a, b, c, d = coefficients
-    columns = [a + begin * (b + begin * (c + begin * d)), b + begin * (2 * c + 3 * begin * d), c + 3 * begin * d]
-    return np.hstack([*columns, np.full_like(begin, d)]) / float(parts) ** np.arange(4)
+    """The small steps (steps * parts, 4) of steps (steps, 4) in which a drive does not jump."""
+    begin = np.arange(parts) / parts
+    a, b, c, d = coefficients.T[:, :, None]
+    columns = [
+        a + begin * (b + begin * (c + begin * d)), b + begin * (2 * c + 3 * begin * d), c + 3 * begin * d,
+        d + 0 * begin,
+    ]  # fmt: skip
+    return np.stack(columns, axis=-1).reshape(-1, 4) / float(parts) ** np.arange(4)
 
 
 def jumps_of(values: np.ndarray) -> np.ndarray:

@@ -41,6 +41,8 @@ class Setting:
         States whose start is free.
     abrupt : bool
         Whether the drive jumps to its first value at the first sample, from one that is free.
+    fine : int
+        Steps in which every sample is taken by models with elements, whose outputs run straight within a step.
     """
 
     drive: str
@@ -51,6 +53,7 @@ class Setting:
     count: int
     free: tuple[str, ...] = ()
     abrupt: bool = False
+    fine: int = 1
 
     @property
     def jumps(self) -> np.ndarray:
@@ -149,4 +152,6 @@ def _magnified(matrices: Matrices) -> Matrices:
     def grown(array: np.ndarray) -> np.ndarray:
         return np.real(array) + 1j * (np.imag(array) * (MAGNIFIED / STEP))
 
-    return replace(matrices, **{name: grown(getattr(matrices, name)) for name in ("A", "B", "W", "O", "parameters", "follow")})
+    return replace(
+        matrices, **{name: grown(getattr(matrices, name)) for name in ("A", "B", "W", "O", "parameters", "follow")}
+    )

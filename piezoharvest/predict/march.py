@@ -223,7 +223,7 @@ def _find(K, base, limits, kinds, places, before, old, h, relaxed, w, trial, slo
 
 @_fast
 def march(
-    coefficients, jump, instant, first, share, at_start, h, M, H, O, limits, kinds, places, dM, dH, dO, dlimits,  # noqa: E741
+    coefficients, every, jump, instant, first, share, at_start, h, M, H, O, limits, kinds, places, dM, dH, dO, dlimits,  # noqa: E741
     z, w, inputs, dz, dw, dinputs, local, sizes, Y, dY,
 ):  # fmt: skip
     """March over a block of samples.
@@ -232,6 +232,8 @@ def march(
     ----------
     coefficients : (samples - 1, 4) array
         Of the drive in every step.
+    every : int
+        Steps from one sample that is written to the next.
     jump, instant : int
         Step in which a parameter adds to the drive, throughout it, and which parameter; -1 for none.
     first : float
@@ -318,7 +320,9 @@ def march(
             for r in range(n):
                 for j in range(nw):
                     z[r] += H[r, j] * w[j]
-        _dot(O[m:], z, w, e, Y[k + 1])
+        sample, written = (k + 1) // every, (k + 1) % every == 0
+        if written:
+            _dot(O[m:], z, w, e, Y[sample])
         if not P:
             continue
         # The same once more with the derivatives; first what does not go through the elements' inputs now.
@@ -351,7 +355,8 @@ def march(
         dz[:] = dzl
         if k >= 0:
             _multiply(H, dw, dz)
-        _spread(drows[m * some :], dY[k + 1])
-        _multiply(Oyz, dz, dY[k + 1])
-        _multiply(Oyw, dw, dY[k + 1])
+        if written:
+            _spread(drows[m * some :], dY[sample])
+            _multiply(Oyz, dz, dY[sample])
+            _multiply(Oyw, dw, dY[sample])
     return -1

@@ -135,7 +135,8 @@ class Prediction:
         count = len(self.parameters) + len(self.own_names) if derivatives else 0
         z, dz = self._start(derivatives)
         run = Run(self.matrices, z, padded(dz))
-        paces = {parts: self._pace(parts, derivatives) for parts in {1, *setting.parts.values()}}
+        fine = setting.fine if len(self.matrices.kinds) else 1
+        paces = {parts: self._pace(parts, derivatives) for parts in {fine, *setting.parts.values()}}
         for begin, end in pairwise([0, *range(size - 1, setting.count - 1, size), setting.count - 1]):
             Y, dY = np.empty((end - begin + 1, outputs)), np.empty((end - begin + 1, outputs, run.lanes))
             inside = [step for step in setting.parts if begin <= step < end]
@@ -144,12 +145,12 @@ class Prediction:
                 if a in setting.parts:
                     failed = self._small(run, paces[setting.parts[a]], a, Y[part], dY[part])
                 else:
-                    motion = setting.motion.coefficients[a:b]
-                    failed = run.go(paces[1], motion, a * self.share, a == 0, Y[part], dY[part])
+                    motion = divided(setting.motion.coefficients[a:b], fine)
+                    failed = run.go(paces[fine], motion, a * self.share, a == 0, Y[part], dY[part], every=fine)
                 if failed >= 0 or not np.all(np.isfinite(Y[part][1:])):
-                    raise PredictionError(f"no solution at sample {a + max(failed, 0) + 1}")
+                    raise PredictionError(f"no solution at sample {a + max(failed, 0) // fine + 1}")
             first = 0 if begin == 0 else 1  # the sample before a block is not written again
-            self.local = run.local / end
+            self.local = run.local / (end * fine)
             yield Block(begin + first, Y[first:], dY[first:, :, :count])
 
     def _small(self, run: Run, pace: Pace, begin: int, Y: np.ndarray, dY: np.ndarray) -> int:
@@ -162,7 +163,7 @@ class Prediction:
             if run.lanes:
                 jump = place, len(self.parameters) + k
         else:
-            coefficients = divided(line, self.setting.parts[begin])
+            coefficients = divided(line[None], self.setting.parts[begin])
         count = len(coefficients) + 1
         fine, dfine = np.empty((count, Y.shape[1])), np.empty((count, *dY.shape[1:]))
         failed = run.go(pace, coefficients, begin * self.share, begin == 0, fine, dfine, jump=jump, small=True)

@@ -79,7 +79,7 @@ class Run:
 
     def go(
         self, pace: Pace, coefficients: np.ndarray, time: float, at_start: bool, Y: np.ndarray, dY: np.ndarray,
-        *, jump: tuple[int, int] = (-1, -1), small: bool = False,
+        *, every: int = 1, jump: tuple[int, int] = (-1, -1), small: bool = False,
     ) -> int:  # fmt: skip
         """March on; `march` says what the arguments are, and the failed step. Small steps are no samples of `local`."""
         from piezoharvest.predict.march import march
@@ -88,7 +88,7 @@ class Run:
         (M, H, O), (dM, dH, dO) = pace.arrays, pace.tangents  # noqa: E741
         (z, w, inputs), (dz, dw, dinputs) = self._values, self._slopes
         return march(
-            coefficients, *jump, time, pace.share, at_start, pace.h, M, H, O, self._limits,
+            coefficients, every, *jump, time, pace.share, at_start, pace.h, M, H, O, self._limits,
             self._matrices.kinds, self._matrices.places, dM, dH, dO, pace.limits,
             z, w, inputs, dz, dw, dinputs, local, self._sizes, Y, dY,
         )  # fmt: skip

@@ -236,8 +236,8 @@ class Specimen:
     def _mechanics(self) -> None:
         modes, base = self.transducer.all_modes, self.drive_name == "base_acceleration"
         specimen, velocity = (
-            sum(mode.force_participation * motion[k] for mode, motion in zip(modes, self._motion, strict=True))
-            for k in (0, 1)
+            sum(mode.force_participation * row for mode, row in zip(modes, rows, strict=True))
+            for rows in ([x for x, _, _ in self._motion], [u for _, u, _ in self._motion])
         )
         self._reading = specimen + sum(self._read)
         behind = 0.0
@@ -250,7 +250,7 @@ class Specimen:
             z, dz = self.state(f"reading{n}", modes[0].stiffness)
             self.equation(time_constant * dz + z - self._reading)
             self._reading = z
-            self._followers[f"reading{n}"] = specimen - behind * velocity
+            self._followers[f"reading{n}"] = np.asarray(specimen - behind * velocity)
         self._force = 0.0 * self.one
         for n, (mode, (x, u, du)) in enumerate(zip(modes, self._motion, strict=True)):
             spring = mode.damping * u + mode.stiffness * x - mode.coupling * self.v_t - sum(self._pushes[n])

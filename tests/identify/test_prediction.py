@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 from piezoharvest.effects import registered
 from piezoharvest.effects.channel_skew import ChannelSkew
+from piezoharvest.effects.displacement_lag import DisplacementLag
 from piezoharvest.predict.drive import FINE, divided, drive_of, jumping
 from piezoharvest.predict.lowered import setting_of
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
@@ -37,9 +39,9 @@ def waves(transducer, excitation, shunt=LOAD, times=TIMES, effects=()):
     return integrate(model, excitation, times)
 
 
-def predicted(transducer, drive, values, shunt=LOAD, parameters=(), own=None, step=1e-3, size=1 << 16):
-    shunt = shunt and build_shunt(shunt)
-    prediction = Prediction(transducer, setting_of(drive, shunt, step, values), parameters, own)
+def predicted(transducer, drive, values, shunt=LOAD, parameters=(), own=None, step=1e-3, size=1 << 16, fine=1):
+    setting = replace(setting_of(drive, shunt and build_shunt(shunt), step, values), fine=fine)
+    prediction = Prediction(transducer, setting, parameters, own)
     blocks = list(prediction.blocks(bool(parameters) or own is not None, size))
     names = prediction.channels
     found = np.concatenate([block.values for block in blocks])
@@ -149,19 +151,25 @@ DRIVES = {
 }
 
 
-@pytest.mark.parametrize("drive", DRIVES)
-def test_derivatives_are_those_of_central_differences(drive):
+@pytest.mark.parametrize(("drive", "fine"), [*((drive, 1) for drive in DRIVES), ("force", 3)])
+def test_derivatives_are_those_of_central_differences(drive, fine):
     """Of every parameter, and of the record's own states; away from samples where an operator changes its branch."""
     device, values = build_transducer(STACK), DRIVES[drive](np.arange(600) / 1000.0)
     shunt = None if drive == "voltage" else LOAD
     parameters = parameters_of(device, {drive})
-    _, slopes = predicted(device, drive, values, shunt, parameters)
+    _, slopes = predicted(device, drive, values, shunt, parameters, fine=fine)
     shape = slopes.shape[2]
     for k, parameter in enumerate(parameters):
         inner, step = parameter.inner(value_at(device, parameter.path)), 1e-6
         step *= 1.0 if parameter.scaling == "log" else abs(inner)
         sides = [
-            predicted(put(device, parameter.path, float(parameter.outer(inner + sign * step))), drive, values, shunt)[0]
+            predicted(
+                put(device, parameter.path, float(parameter.outer(inner + sign * step))),
+                drive,
+                values,
+                shunt,
+                fine=fine,
+            )[0]
             for sign in (1, -1)
         ]
         for c, channel in enumerate(sides[0]):
@@ -172,14 +180,14 @@ def test_derivatives_are_those_of_central_differences(drive):
             # Through leads of 0.03 ohm differences of the current are rounded to this.
             close = 1e-2 if (drive, channel) == ("voltage", "current") else 1e-4
             assert np.mean(off > close) < 0.02, (parameter.name, channel, off.max())
-    _own_derivatives(device, drive, values, shunt, slopes[:, :, len(parameters) :], shape - len(parameters))
+    _own_derivatives(device, drive, values, shunt, slopes[:, :, len(parameters) :], shape - len(parameters), fine)
 
 
-def _own_derivatives(device: Transducer, drive, values, shunt, slopes, count):
+def _own_derivatives(device: Transducer, drive, values, shunt, slopes, count, fine):
     for k in range(count):
         step = np.zeros(count)
         step[k] = 1e-9
-        sides = [predicted(device, drive, values, shunt, own=sign * step)[0] for sign in (1, -1)]
+        sides = [predicted(device, drive, values, shunt, own=sign * step, fine=fine)[0] for sign in (1, -1)]
         for c, channel in enumerate(sides[0]):
             wanted = (sides[0][channel] - sides[1][channel]) / 2e-9
             size = max(np.abs(wanted).max(), 1e-300)
@@ -229,8 +237,63 @@ def test_a_jump_between_samples_keeps_its_mean(late):
 def test_small_steps_follow_the_drive():
     cubic = np.array([1.0, -2.0, 3.0, 0.5])
     share = (np.arange(64) + 0.25) / 64
-    found = divided(cubic, 64) @ (0.25 ** np.arange(4))
-    np.testing.assert_allclose(found, np.polynomial.polynomial.polyval(share, cubic), rtol=1e-12)
+    found = divided(np.array([cubic, 2 * cubic]), 64) @ (0.25 ** np.arange(4))
+    once = np.polynomial.polynomial.polyval(share, cubic)
+    np.testing.assert_allclose(found, np.concatenate([once, 2 * once]), rtol=1e-12)
+
+
+def test_what_bends_at_resonance_takes_several_steps_a_sample():
+    """Outputs of elements that run straight between samples are off by (w h)^2/12 of what these do, here a 130th."""
+    hysteresis = {"thresholds": [1e-8, 5e-8], "weights": [6e6, 3e6]}
+    cubic = {"cubic_stiffness": 1e8}
+    sine = {"kind": "sine_force", "amplitude": 0.02, "frequency": 48.0}
+    truth = waves({**BEAM, "hysteresis": hysteresis}, sine, effects=[("stiffening", cubic)])
+    device = build_transducer({**BEAM, "hysteresis": hysteresis})
+    device = replace(device, effects=(build(registered()["stiffening"], cubic, "stiffening"),))
+    setting, off = setting_of("force", build_shunt(LOAD), 1e-3, truth.sensed("force")), {}
+    for fine in (1, 4):
+        (block,) = Prediction(device, replace(setting, fine=fine)).blocks(False)
+        wanted = truth.sensed("displacement")
+        off[fine] = np.abs(block.values[:, 0] - wanted).max() / np.abs(wanted).max()
+    assert off[1] > 5e-4
+    assert off[4] < off[1] / 12.0
+
+
+def _beam_off_equilibrium(lag, own=(1e-4, 0.02, 1e-8), parameters=()):
+    """Displacement of a beam that a record finds in motion, and its derivatives."""
+    device = build_transducer(BEAM)
+    effects = () if lag is None else (DisplacementLag(time_constant=lag),)
+    force = 0.01 * np.cos(2 * np.pi * 30.0 * np.arange(300) / 1000.0)
+    setting = setting_of("force", build_shunt(LOAD), 1e-3, force, device)
+    assert setting.free == ("x1", "u1", "q")
+    prediction = Prediction(replace(device, effects=effects), setting, parameters, np.array(own))
+    (block,) = prediction.blocks(True)
+    return block.values[:, prediction.channels.index("displacement")], block.derivatives
+
+
+def test_a_sensor_that_lags_has_followed_what_it_sees_before_the_record():
+    without, _ = _beam_off_equilibrium(None)
+    hardly, _ = _beam_off_equilibrium(1e-9)
+    np.testing.assert_allclose(hardly, without, atol=1e-6 * np.abs(without).max())
+    # To first order a lag takes the velocity off, at the first sample too.
+    little, _ = _beam_off_equilibrium(1e-5)
+    velocity = np.gradient(without, 1e-3, edge_order=2)
+    np.testing.assert_allclose(without - little, 1e-5 * velocity, atol=0.05 * np.abs(1e-5 * velocity).max())
+
+
+def test_derivatives_where_a_lagging_sensor_begins():
+    own, varied = (
+        np.array([1e-4, 0.02, 1e-8]),
+        Parameter(("effects", 0, "time_constant"), "s", "linear", 0.0, 1.0),
+    )
+    _, slopes = _beam_off_equilibrium(2e-4, own, (varied,))
+    steps = [np.zeros(3), *(np.eye(3) * 1e-3 * own)]
+    for k, step in enumerate(steps):
+        lag = 0.0 if k else 1e-7
+        sides = [_beam_off_equilibrium(2e-4 + sign * lag, own + sign * step)[0] for sign in (1, -1)]
+        wanted = (sides[0] - sides[1]) / (2 * (step.sum() if k else lag))
+        found = slopes[:, 0, k]
+        np.testing.assert_allclose(found, wanted, atol=1e-5 * np.abs(wanted).max())
 
 
 STEP = {"kind": "step_force", "amplitude": 900.0, "offset": 100.0, "duration": 1.0}
