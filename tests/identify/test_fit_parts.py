@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from piezoharvest.identify.data import begins_abruptly
-from piezoharvest.identify.descent import _bent
+from piezoharvest.identify.descent import _bent, _pace
 from piezoharvest.identify.gain import _solved
 from piezoharvest.identify.noise import Noise, estimate
 from piezoharvest.identify.spectra import gram, whitened
@@ -97,3 +97,10 @@ def test_noise_of_one_channel_alone_cannot_be_told_from_that_of_its_drive(known)
     assert found["voltage"] ** 2 + (2.0 * found["force"]) ** 2 == pytest.approx(10.0, rel=0.05)
     alone = [(("voltage",), "base_acceleration", residual, gain) for residual in residuals]
     assert estimate(alone, {}, start).sigma["force"] == 1.0
+
+
+def test_a_descent_is_expected_to_gain_what_it_has_gained_or_what_its_steps_still_promise():
+    assert _pace([100.0, 50.0], [40.0, 30.0]) == np.inf  # too early to tell
+    assert _pace([100.0, 50.0, 40.0, 38.0], [60.0, 10.0, 2.0, 1.0]) == 10.0  # the largest of the last three
+    crawling = list(np.linspace(90.0, 10.0, 11))
+    assert _pace(crawling, [20.0] * 10) == pytest.approx(8.0)
