@@ -21,7 +21,8 @@ from piezoharvest.predict.prediction import PredictionError
 
 STRAYED = 0.4  # of a logarithm: a parameter that is so far from its nominal value may stand in for an effect
 ROUGHLY = 0.5  # of -2 ln L that a trial fit may still promise
-COARSELY = 10.0  # the same, of a fit that only serves for scores, and what a parameter may gain by straying
+COARSELY = 10.0  # the same, of a fit that only serves for scores
+WANTED = 10.0  # of -2 ln L that parameters gain by straying: with less the data does not want them there
 CLOSE = 6.0  # of -2 ln L: odds of twenty to one
 
 
@@ -164,7 +165,7 @@ class Trials:
         if not far:
             return []
         covariance = inverse(found.information + found.prior)[np.ix_(far, far)]
-        wanted = np.dot(away, np.linalg.solve(covariance, away)) > COARSELY
+        wanted = np.dot(away, np.linalg.solve(covariance, away)) > WANTED
         return [found.model.parameters[k] for k in far] if wanted else []
 
     def freed(self, held: Step, now: Step) -> Step | None:

@@ -230,7 +230,7 @@ def march(
 
     Parameters
     ----------
-    coefficients : (samples - 1, 4) array
+    coefficients : (steps, 4) array
         Of the drive in every step.
     every : int
         Steps from one sample that is written to the next.
