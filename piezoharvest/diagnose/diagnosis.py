@@ -13,7 +13,7 @@ from piezoharvest.diagnose.leftover import Leftover, share_above_noise
 from piezoharvest.diagnose.scene import scene_of
 from piezoharvest.diagnose.search import Search, Searcher
 from piezoharvest.diagnose.trials import Step, Trials
-from piezoharvest.diagnose.unseen import plainest, shown_by, spoils, validated, with_fitted
+from piezoharvest.diagnose.unseen import overshadowing, plainest, shown_by, spoils, validated, with_fitted
 from piezoharvest.effects import Clipping, Effect
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.fit import covariance
@@ -23,6 +23,7 @@ from piezoharvest.predict.parameters import value_at
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.campaign import Campaign
 
+OFFSETS = ("displacement",)  # whose origin is where the sensor was put
 LITTLE = 9.0  # of the sum of squares: less above the noise is not shared out, it may be chance
 
 
@@ -130,14 +131,14 @@ def diagnose(
     """
     cut = cut_off(campaign) if library is None or Clipping in library else None
     if cut is None:
-        return _extended(campaign, tell, library)
+        return _whole(campaign, tell, library)
     tell(f"{', '.join(cut.records)}: the {cut.effect.channel} was cut off; what comes after that is left out")
     try:
-        found = _with_cut(cut, _extended(cut.campaign, tell, library))
+        found = _with_cut(cut, _whole(cut.campaign, tell, library))
     except PredictionError as error:
         tell(f"what is left cannot be fitted: {error}")
         found = None
-    return found or _extended(campaign, tell, library)
+    return found or _whole(campaign, tell, library)
 
 
 def _with_cut(cut: CutDrive, rest: Diagnosis) -> Diagnosis | None:
@@ -156,21 +157,32 @@ def _with_cut(cut: CutDrive, rest: Diagnosis) -> Diagnosis | None:
     )  # fmt: skip
 
 
-def _extended(campaign: Campaign, tell: Callable[[str], None], library: Sequence[type[Effect]] | None) -> Diagnosis:
-    """Diagnosis with as many records fitted as it takes."""
-    found = _diagnosed(campaign, tell, library)
-    while not found.left and found.unseen:
-        name = plainest(found.campaign, found.unseen)
-        tell(f"{name}: more is left than in the records that were fitted, so that it is fitted, too")
-        more = _diagnosed(with_fitted(found.campaign, name), tell, library)
-        found = replace(more, also_fitted=(*found.also_fitted, name))
-    return found
-
-
-def _diagnosed(campaign: Campaign, tell: Callable[[str], None], library: Sequence[type[Effect]] | None) -> Diagnosis:
-    """Diagnosis with the records' roles as they are."""
+def _whole(campaign: Campaign, tell: Callable[[str], None], library: Sequence[type[Effect]] | None) -> Diagnosis:
+    """Diagnosis of all that a campaign holds."""
     tell("fitting the model")
-    before = identify(campaign, offsets=("displacement",))
+    return _extended(identify(campaign, offsets=OFFSETS), tell, library)
+
+
+def _extended(before: Identification, tell: Callable[[str], None], library: Sequence[type[Effect]] | None) -> Diagnosis:
+    """Diagnosis with as many records fitted as it takes."""
+    name = overshadowing(before)  # in sight of it the others show little, and a search among them is made in vain
+    found = _diagnosed(before, tell, library) if name is None else None
+    if found is not None:
+        if found.left or not found.unseen:
+            return found
+        name = plainest(found.campaign, found.unseen)
+    assert name is not None
+    tell(f"{name}: more is left than in the records that were fitted, so that it is fitted, too")
+    more = identify(with_fitted(before.campaign, name), offsets=OFFSETS, near=before.found)
+    found = _extended(more, tell, library)
+    return replace(found, also_fitted=(name, *found.also_fitted))
+
+
+def _diagnosed(
+    before: Identification, tell: Callable[[str], None], library: Sequence[type[Effect]] | None
+) -> Diagnosis:
+    """Diagnosis with the records' roles as they are."""
+    campaign = before.campaign
     problem = Problem(prepared(campaign, "fit"), campaign.transducer, before.offsets)
     scene = scene_of(problem.data, before.found)
     tell("scoring the effects")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from piezoharvest.diagnose.candidates import carried
 from piezoharvest.diagnose.leftover import Leftover, structure
 from piezoharvest.identify.data import Data
@@ -13,11 +15,13 @@ from piezoharvest.identify.fit import fit
 from piezoharvest.identify.identification import Identification, prepared
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem
+from piezoharvest.identify.sums import Sums
 from piezoharvest.records.campaign import Campaign
 
 # Of the sum of squares: an effect that is there makes records that were not fitted no worse than that, and than this
 # share of what it gains on those that were.
 SPOILED, SHARE = 20.0, 0.1
+FAR = 10.0  # times as many squares above noise
 PLAIN = 100.0  # squares above noise, far more than the errors of fitted parameters leave of a record that was not
 
 
@@ -49,6 +53,23 @@ def shown_by(unseen: Problem, check: Fit) -> tuple[Leftover, ...]:
     """Where records that were not fitted are plainly more than noise."""
     places = (place for place in structure(unseen, check) if place.above > PLAIN)
     return tuple(places) if any(data.role == "validate" for data in unseen.data) else ()
+
+
+def overshadowing(before: Identification) -> str | None:
+    """The record that was not fitted in which far more is left than in all that were, if there is one."""
+    campaign, found = before.campaign, before.found
+    if not campaign.of_role("validate"):
+        return None
+    unseen, (check,) = validated(campaign, before, [found])
+    above = {data.name: _above(sums) for data, sums in zip(unseen.data, check.sums, strict=True)}
+    name = max(above, key=lambda each: above[each])
+    scatter = np.sqrt(2.0 * sum(float(sums.count.sum()) for sums in found.sums))
+    return name if above[name] > FAR * max(sum(map(_above, found.sums)), scatter) else None
+
+
+def _above(sums: Sums) -> float:
+    """Squares above those that noise has."""
+    return float(sums.squares.sum() - sums.count.sum())
 
 
 def plainest(campaign: Campaign, unseen: Sequence[Leftover]) -> str:

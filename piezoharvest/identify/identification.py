@@ -131,7 +131,10 @@ def _prepared(campaign: Campaign, record: Record | FrequencyRecord) -> Data | Fr
 
 
 def identify(
-    campaign: Campaign, tell: Tell = lambda text: None, offsets: Sequence[str] | None = None
+    campaign: Campaign,
+    tell: Tell = lambda text: None,
+    offsets: Sequence[str] | None = None,
+    near: Fit | None = None,
 ) -> Identification:
     """Identify the parameters of a campaign's transducer.
 
@@ -142,6 +145,8 @@ def identify(
         Told about progress.
     offsets : sequence of str, optional
         Channels whose offset is free in every record; default all responses.
+    near : Fit, optional
+        Of some of the records, to start from.
 
     Raises
     ------
@@ -156,7 +161,7 @@ def identify(
     problem = Problem(data, campaign.transducer, tuple(offsets))
     parameters = parameters_of(campaign.transducer, {r.drive for r in campaign.records if isinstance(r, Record)})
     model = Model(campaign.transducer, tuple(parameters), tuple(offsets))
-    first = _first_fit(problem, model, tell)
+    first = _first_fit(problem, model, tell) if near is None else _fit_near(problem, model, near, tell)
     fixed = undetermined(first)
     kept = [p for k, p in enumerate(parameters) if k not in fixed]
     nominal = _with_nominal(first.model.transducer, campaign.transducer, [parameters[k] for k in fixed])
@@ -195,6 +200,15 @@ def _first_fit(problem: Problem, model: Model, tell: Tell) -> Fit:
         for each, values in zip(problem.data, known, strict=True)
     ]
     return fit(problem, near.model, own, near.noise, tell=tell, rounds=2)
+
+
+def _fit_near(problem: Problem, model: Model, near: Fit, tell: Tell) -> Fit:
+    """Fit of all parameters from where fewer records have led to, whose noise is kept."""
+    noise = Noise({**problem.noise().sigma, **near.noise.sigma})
+    # Numbers of the records' own first: when exactly a drive jumped looks like anything else until it is told.
+    own = fit(problem, replace(near.model, parameters=()), noise=noise, estimate_noise=False, tell=tell).own
+    model = replace(model, transducer=near.model.transducer)
+    return fit(problem, model, own, noise, estimate_noise=False, tell=tell)
 
 
 def _with_nominal(transducer: Transducer, nominal: Transducer, parameters: Sequence[Parameter]) -> Transducer:
