@@ -48,14 +48,14 @@ def test_records_end_where_their_drive_is_cut_off(tmp_path):
 
 
 def test_where_too_little_is_left_for_a_fit_whole_records_are_diagnosed(tmp_path, monkeypatch):
-    measured, told, rest = campaign(tmp_path, CLIPPED, WITH_SMALL), [], diagnosis._extended
+    measured, told, rest = campaign(tmp_path, CLIPPED, WITH_SMALL), [], diagnosis._whole
 
     def fails(some, tell, library):
         if some is not measured:
             raise PredictionError("no solution at sample 59")
         return rest(some, tell, library)
 
-    monkeypatch.setattr(diagnosis, "_extended", fails)
+    monkeypatch.setattr(diagnosis, "_whole", fails)
     found = diagnose(measured, told.append, library=[Clipping, Leakage])
     assert "what is left cannot be fitted: no solution at sample 59" in told
     assert (found.verdict, found.cut) == ("unexplained", ())

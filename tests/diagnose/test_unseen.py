@@ -21,9 +21,12 @@ REACHED = 3.7e-6  # m: by the records that are not to be fitted alone
 
 
 def test_a_range_that_only_they_come_to_is_named_and_validated_with_the_other(tmp_path):
-    found = diagnose(
-        campaign(tmp_path, {"clipping": {"limit": REACHED, "channel": "displacement"}}, RECORDS), library=LIBRARY
-    )
+    told = []
+    clipped = campaign(tmp_path, {"clipping": {"limit": REACHED, "channel": "displacement"}}, RECORDS)
+    found = diagnose(clipped, told.append, library=LIBRARY)
+    # It overshadows all else: no search is made without it.
+    assert next(text for text in told if "it is fitted, too" in text) == told[1]
+    assert told.count("scoring the effects") == 1
     assert found.verdict == "effect"
     (named,) = found.effects
     assert isinstance(named.effect, Clipping)
@@ -36,14 +39,19 @@ def test_a_range_that_only_they_come_to_is_named_and_validated_with_the_other(tm
     )
 
 
-def test_what_has_no_name_is_unexplained_though_no_fitted_record_shows_it(tmp_path):
-    healthy = campaign(tmp_path / "healthy", records=RECORDS)
-    plain = diagnose(healthy, library=LIBRARY)
+def test_healthy_records_that_are_not_fitted_overshadow_nothing(tmp_path):
+    plain = diagnose(campaign(tmp_path, records=RECORDS), library=LIBRARY)
     assert (plain.verdict, plain.also_fitted) == ("adequate", ())
-    disturbed = campaign(tmp_path / "disturbed", records=RECORDS)
+
+
+# So large that it overshadows what is fitted, and so small that it only shows beside what a search leaves.
+@pytest.mark.parametrize(("size", "searches"), [(0.02, 1), (0.002, 2)])
+def test_what_has_no_name_is_unexplained_though_no_fitted_record_shows_it(size, searches, tmp_path):
+    told, disturbed = [], campaign(tmp_path, records=RECORDS)
     for record in disturbed.of_role("validate"):
-        record["voltage"][:] += 0.02 * np.sin(2 * np.pi * 181.3 * record["time"])
-    found = diagnose(disturbed, library=LIBRARY)
+        record["voltage"][:] += size * np.sin(2 * np.pi * 181.3 * record["time"])
+    found = diagnose(disturbed, told.append, library=LIBRARY)
+    assert told.count("scoring the effects") == searches
     assert found.verdict == "unexplained"
     assert len(found.also_fitted) == 1
     assert found.left
