@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -161,24 +161,27 @@ class _Gain:
             for name in ("M", "H", "O")
         ]
         d = _Line(*(np.imag(part) / SMALL for part in _Line.of(parts[0], parts[1], parts[2], self._rows, prediction)))
-        # Products with all parameters at once, (n, parameters, f), then what each state does to the channels.
         inner = np.concatenate(
             [np.broadcast_to(part, (count, *part.shape[-2:])) for part in (d.A, d.kept)] + [d.driven()], axis=-1
         )
-        pushed = _real_times(inner.transpose(1, 0, 2), self._moving)
-        found = _real_times(
-            np.concatenate([d.C, d.D], axis=-1).transpose(1, 0, 2), np.vstack([self._states, self._drive])
-        )
-        for channel, left in zip(found, self._left, strict=True):
-            for state, row in zip(pushed, left, strict=True):
-                channel += state * row
+        outer = np.concatenate([d.C, d.D], axis=-1)
+        found = np.zeros((len(self._rows), count, len(self.value)), complex)
+        for parameter, channel, row in _felt(outer, np.vstack([self._states, self._drive])):
+            found[channel, parameter] += row
+        for parameter, state, row in _felt(inner, self._moving):
+            found[:, parameter] += self._left[:, state] * row
         return found.transpose(2, 0, 1)
 
 
-def _real_times(factor: np.ndarray, spectra: np.ndarray) -> np.ndarray:
-    """Product of a real (a, b, n) array and complex spectra (n, f): half the work of a complex one."""
-    flat = np.ascontiguousarray(factor).reshape(-1, factor.shape[-1]) @ np.ascontiguousarray(spectra).view(float)
-    return flat.view(complex).reshape(*factor.shape[:2], -1)
+def _felt(factor: np.ndarray, spectra: np.ndarray) -> Iterator[tuple[int, int, np.ndarray]]:
+    """Rows of a real (parameters, rows, n) array that are not zero, times complex spectra (n, f).
+
+    Of many effects at once each is felt by few states.
+    """
+    parameters, rows = np.nonzero(np.any(factor, axis=2))
+    # A real product is half the work of a complex one.
+    products = (factor[parameters, rows] @ np.ascontiguousarray(spectra).view(float)).view(complex)
+    return zip(parameters.tolist(), rows.tolist(), products, strict=True)
 
 
 def _solved(kept, A, turn: np.ndarray, forced: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

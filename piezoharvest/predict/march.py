@@ -108,7 +108,7 @@ def _dot(rows, z, w, e, out):
 
 @_fast
 def _weigh(tangents, z, w, e, out):
-    """Sum of derivatives of coefficients times what these multiply with; `out` holds all rows side by side."""
+    """Sum of derivatives of coefficients times what these multiply with, one for each entry that is not zero."""
     n, nw = len(z), len(w)
     out[:] = 0.0
     for j in range(n):
@@ -131,14 +131,10 @@ def _multiply(A, R, out):
 
 
 @_fast
-def _spread(rows, out):
-    """Set the first columns of a matrix to rows that stand side by side, the others to zero."""
-    some = len(rows) // out.shape[0]
-    for r in range(out.shape[0]):
-        for p in range(some):
-            out[r, p] = rows[r * some + p]
-        for p in range(some, out.shape[1]):
-            out[r, p] = 0.0
+def _place(values, places, first, out):
+    """Add values to the entries (row, parameter) of a matrix that stand for them; rows count from the first."""
+    for k in range(len(values)):
+        out[places[k, 0] - first, places[k, 1]] += values[k]
 
 
 @_fast
@@ -223,8 +219,8 @@ def _find(K, base, limits, kinds, places, before, old, h, relaxed, w, trial, slo
 
 @_fast
 def march(
-    coefficients, every, jump, instant, first, share, at_start, h, M, H, O, limits, kinds, places, dM, dH, dO, dlimits,  # noqa: E741
-    z, w, inputs, dz, dw, dinputs, local, sizes, Y, dY,
+    coefficients, every, jump, instant, first, share, at_start, h, M, H, O, limits, kinds, places,  # noqa: E741
+    dM, dH, dO, M_at, H_at, O_at, dlimits, z, w, inputs, dz, dw, dinputs, local, sizes, Y, dY,
 ):  # fmt: skip
     """March over a block of samples.
 
@@ -249,9 +245,11 @@ def march(
         As in `Step`.
     kinds, places
         As in `Matrices`.
-    dM : (n + elements + 6, n * some) array
-        Derivatives of M to the first `some` parameters, on which the equations depend, column by column; dH and dO in
-        the same form; dlimits (elements, parameters).
+    dM : (n + elements + 6, entries) array
+        Derivatives of M, column by column, for those pairs of a row and a parameter alone that have any: with many
+        effects at once few have. dH and dO in the same form; dlimits (elements, parameters).
+    M_at, H_at, O_at : (entries, 2) array
+        The row and the parameter of each.
     z, w, inputs, dz, dw, dinputs : arrays
         States, outputs and inputs of the elements (then their rates) at the first sample, with their derivatives;
         overwritten by those at the last.
@@ -268,16 +266,18 @@ def march(
     int
         -1, or the step in which the elements' outputs were not found.
     """
-    n, nw, m, P, no = len(z), len(w), len(inputs), dz.shape[1], Y.shape[1]
+    n, nw, m, P = len(z), len(w), len(inputs), dz.shape[1]
     half = m // 2
     e, c = np.zeros(4), np.zeros(6)
     old, before, trial, base = inputs.copy(), w.copy(), np.zeros(m), np.zeros(m)
-    zl, _all_rows, none = np.zeros(n), np.zeros(m + no), np.zeros(nw)
+    zl, none = np.zeros(n), np.zeros(nw)
     slopes, J, residual = np.zeros((nw, 7)), np.zeros((m, m)), np.zeros((m, 1))
     move = np.zeros(m)
-    dzl, right, more = np.zeros((n, P)), np.zeros((m, P)), np.zeros((n, P))
-    some = dO.shape[1] // (m + no)
-    drows, dstates = np.zeros((m + no) * some), np.zeros(n * some)
+    dzl, right = np.zeros((n, P)), np.zeros((m, P))
+    dstates, dforced, drows = np.zeros(len(M_at)), np.zeros(len(H_at)), np.zeros(len(O_at))
+    inner = 0  # entries of O that are those of inputs
+    while inner < len(O_at) and O_at[inner, 0] < m:
+        inner += 1
     direct = np.ascontiguousarray(O[:m, n : n + nw])
     K = direct.copy()
     Mz, Mw = np.ascontiguousarray(M[:, :n]), np.ascontiguousarray(M[:, n : n + nw])
@@ -298,7 +298,8 @@ def march(
             _dot(M, z, w, c, zl)
             if P:
                 _weigh(dM, z, w, c, dstates)
-                _spread(dstates, dzl)
+                dzl[:] = 0.0
+                _place(dstates, M_at, 0, dzl)
                 _multiply(Mz, dz, dzl)
                 _multiply(Mw, dw, dzl)
                 if k == jump:
@@ -328,13 +329,10 @@ def march(
         # The same once more with the derivatives; first what does not go through the elements' inputs now.
         _weigh(dO, z, w, e, drows)
         if k >= 0:
-            dstates[:] = 0.0
+            dforced[:] = 0.0
             for j in range(nw):
-                _add(dstates, w[j], dH[j])
-            _spread(dstates, more)
-            for r in range(n):
-                for p in range(P):
-                    dzl[r, p] += more[r, p]
+                _add(dforced, w[j], dH[j])
+            _place(dforced, H_at, 0, dzl)
         for j in range(nw):
             a, b = places[j, 0], places[j, 0] + half
             s0, s1, s2, s6 = slopes[j, 0], slopes[j, 1], slopes[j, 2], slopes[j, 6]
@@ -342,7 +340,8 @@ def march(
                 dw[j, p] = s0 * dw[j, p] + s1 * dinputs[a, p] + s2 * dinputs[b, p] + s6 * dlimits[j, p]
             if k < 0:
                 dw[j] = 0.0
-        _spread(drows[: m * some], right)
+        right[:] = 0.0
+        _place(drows[:inner], O_at[:inner], 0, right)
         _multiply(Oz, dzl, right)
         _multiply(K, dw, right)
         _solve(K, slopes, places, J, right)
@@ -356,7 +355,8 @@ def march(
         if k >= 0:
             _multiply(H, dw, dz)
         if written:
-            _spread(drows[m * some :], dY[sample])
+            dY[sample] = 0.0
+            _place(drows[inner:], O_at[inner:], m, dY[sample])
             _multiply(Oyz, dz, dY[sample])
             _multiply(Oyw, dw, dY[sample])
     return -1

@@ -21,8 +21,8 @@ class Pace(NamedTuple):
         s.
     share : float
         Of the record, that a step takes.
-    arrays, tangents : tuple of array
-        M, H and O of the step; their derivatives as the march takes them.
+    arrays, tangents, places : tuple of array
+        M, H and O of the step; their derivatives, and where these belong, as the march takes them.
     limits : (elements, lanes) array
         Derivatives of the elements' limits.
     """
@@ -31,28 +31,25 @@ class Pace(NamedTuple):
     share: float
     arrays: tuple[np.ndarray, ...]
     tangents: tuple[np.ndarray, ...]
+    places: tuple[np.ndarray, ...]
     limits: np.ndarray
 
 
 def pace_of(h: float, share: float, step: Step, slopes: Step) -> Pace:
     """From a step and its derivatives, the last axis of which may be empty."""
     names = ("M", "H", "O")
-    moving = [np.any(getattr(slopes, name), axis=(0, 1)) for name in names]
-    some = int(np.max(np.flatnonzero(np.any(moving, axis=0)), initial=-1)) + 1
     arrays = tuple(np.ascontiguousarray(getattr(step, name)) for name in names)
-    tangents = tuple(_by_columns(getattr(slopes, name)[:, :, :some]) for name in names)
-    return Pace(h, share, arrays, tangents, padded(slopes.limits))
+    places = tuple(np.ascontiguousarray(np.argwhere(np.any(getattr(slopes, name), axis=1))) for name in names)
+    tangents = tuple(
+        np.ascontiguousarray(getattr(slopes, name)[at[:, 0], :, at[:, 1]].T)
+        for name, at in zip(names, places, strict=True)
+    )
+    return Pace(h, share, arrays, tangents, places, padded(slopes.limits))
 
 
 def padded(slopes: np.ndarray) -> np.ndarray:
     """Derivatives (rows, parameters) with zeros to whole registers."""
     return np.pad(slopes, ((0, 0), (0, -slopes.shape[1] % LANES)))
-
-
-def _by_columns(slopes: np.ndarray) -> np.ndarray:
-    """Column by column, the derivatives of all rows side by side: long loops in the march."""
-    rows, columns, parameters = slopes.shape
-    return np.ascontiguousarray(slopes.transpose(1, 0, 2)).reshape(columns, rows * parameters)
 
 
 class Run:
@@ -85,10 +82,10 @@ class Run:
         from piezoharvest.predict.march import march
 
         local = np.zeros_like(self.local) if small else self.local
-        (M, H, O), (dM, dH, dO) = pace.arrays, pace.tangents  # noqa: E741
+        (M, H, O), (dM, dH, dO), (M_at, H_at, O_at) = pace.arrays, pace.tangents, pace.places  # noqa: E741
         (z, w, inputs), (dz, dw, dinputs) = self._values, self._slopes
         return march(
             coefficients, every, *jump, time, pace.share, at_start, pace.h, M, H, O, self._limits,
-            self._matrices.kinds, self._matrices.places, dM, dH, dO, pace.limits,
+            self._matrices.kinds, self._matrices.places, dM, dH, dO, M_at, H_at, O_at, pace.limits,
             z, w, inputs, dz, dw, dinputs, local, self._sizes, Y, dY,
         )  # fmt: skip
