@@ -139,14 +139,13 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
     first, more = first_samples(data), extras(model, data, model.prediction(data))
     states, read, added = np.split(own, [len(own) - len(first) - len(more), len(own) - len(more)])
     prediction = model.prediction(data, states)
-    places = [prediction.channels.index(c) for c in data.channels]
     h, effects = data.setting.sample_time, model.transducer.effects
-    for block in prediction.blocks(derivatives):
+    for block in prediction.blocks(derivatives, channels=data.channels):
         end = block.begin + len(block.values)
         time = (np.arange(block.begin, end) - 0.5 * len(data)) * h
-        predicted, slopes = block.values[:, places], None
+        predicted, slopes = block.values, None
         if derivatives:
-            slopes = _widened(block.derivatives[:, places], len(model.parameters) + len(own))
+            slopes = _widened(block.derivatives, len(model.parameters) + len(own))
         _add(model, more, added, time, predicted, slopes)
         rest = data.rest[block.begin : end]
         if np.any(rest):

@@ -114,29 +114,43 @@ class Prediction:
             dz[:, count + states] = np.imag(equilibrium(self.matrices, inverse, first + 1j * MAGNIFIED)) / MAGNIFIED
         return z, dz
 
-    def _pace(self, parts: int, derivatives: bool) -> Pace:
-        """Pace of steps that are a part of a sample's."""
+    def _pace(self, parts: int, derivatives: bool, rows: Sequence[int]) -> Pace:
+        """Pace of steps that are a part of a sample's, with some rows of the outputs."""
         step = self._lowered.step_by(parts)
         if not derivatives:
             slopes = Step(*(np.zeros((*array.shape, 0)) for array in step))
         else:
             slopes = self.slopes if parts == 1 else self._slopes(step, self._lowered.tangent_steps(parts))
+        step, slopes = (each._replace(O=each.O[rows]) for each in (step, slopes))
         return pace_of(self.setting.sample_time / parts, self.share / parts, step, slopes)
 
-    def blocks(self, derivatives: bool = True, size: int = BLOCK) -> Iterator[Block]:
+    def blocks(
+        self, derivatives: bool = True, size: int = BLOCK, channels: Sequence[str] | None = None
+    ) -> Iterator[Block]:
         """Predict, a block of samples at a time.
+
+        Parameters
+        ----------
+        derivatives : bool
+            Whether they are wanted, too.
+        size : int
+            Samples in a block.
+        channels : sequence of str, optional
+            Which; default all.
 
         Raises
         ------
         PredictionError
             The model's equations have no solution at a sample.
         """
-        setting, outputs = self.setting, len(self.channels)
+        wanted = self.channels if channels is None else channels
+        setting, outputs, inputs = self.setting, len(wanted), len(self.matrices.O) - len(self.channels)
+        rows = [*range(inputs), *(inputs + self.channels.index(channel) for channel in wanted)]
         count = len(self.parameters) + len(self.own_names) if derivatives else 0
         z, dz = self._start(derivatives)
         run = Run(self.matrices, z, padded(dz))
         fine = setting.fine if len(self.matrices.kinds) else 1
-        paces = {parts: self._pace(parts, derivatives) for parts in {fine, *setting.parts.values()}}
+        paces = {parts: self._pace(parts, derivatives, rows) for parts in {fine, *setting.parts.values()}}
         for begin, end in pairwise([0, *range(size - 1, setting.count - 1, size), setting.count - 1]):
             Y, dY = np.empty((end - begin + 1, outputs)), np.empty((end - begin + 1, outputs, run.lanes))
             inside = [step for step in setting.parts if begin <= step < end]
