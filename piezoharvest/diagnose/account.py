@@ -90,8 +90,14 @@ def cosines(rows: Sequence[Scored]) -> tuple[list[str], np.ndarray]:
 
 
 def sentence(diagnosis: Diagnosis) -> str:
-    """The verdict in words, and which records were not fitted, or validated with, as they were to be."""
+    """The verdict in words, what to mind about it, and which records were not fitted, or validated with, as asked."""
     parts = [_verdict(diagnosis)]
+    if diagnosis.strayed:
+        far = " and ".join(
+            f"{each.parameter.name} at {each.value / each.nominal:.2g} times its nominal value"
+            for each in diagnosis.strayed
+        )
+        parts.append(f"The fit wants {far}, which may stand in for what no known effect has.")
     if diagnosis.cut:
         after = "after the drive was cut off is left out."
         parts.append(f"What {', '.join(diagnosis.cut)} hold{_s(diagnosis.cut)} {after}")

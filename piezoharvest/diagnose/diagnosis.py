@@ -81,6 +81,8 @@ class Diagnosis:
         Records that were to be validated with, but were fitted: they show what no other record does.
     cut : tuple of str
         Records whose drive was cut off, after which they are left out.
+    strayed : tuple of Estimate
+        Parameters of the extended model that the data wants far from their nominal values.
     """
 
     campaign: Campaign
@@ -98,6 +100,7 @@ class Diagnosis:
     unseen: tuple[Leftover, ...] = ()
     also_fitted: tuple[str, ...] = ()
     cut: tuple[str, ...] = ()
+    strayed: tuple[Estimate, ...] = ()
 
     @property
     def left(self) -> tuple[Leftover, ...]:
@@ -196,15 +199,18 @@ def _diagnosed(
         search, checks, squares = search.without_last(), checks[:-1], squares[:-1]
         named = _all_named(campaign, before, trials, search, squares)
     alternatives = tuple(step.effects for step, _ in search.alternatives)
-    after = squares[-1]
+    after, final = squares[-1], search.final
+    estimates = tuple(_estimates(before, final))
+    strayed = {parameter.path for parameter in trials.strayed(Step(final))}
     verdict = _verdict(bool(search.left) or any(each.spoils for each in named), named, alternatives)
     return Diagnosis(
         campaign, verdict, named, alternatives if verdict == "ambiguous" else (),
-        tuple(_estimates(before, search.final)), before,
+        estimates, before,
         together(judged(unseen.data, checks[0])), together(judged(unseen.data, checks[-1])),
         max(0.0, (after[0] - after[1]) / after[0]),
         _experiment(search) if verdict == "ambiguous" else None,
         trials.structure(before.found), search, shown_by(unseen, checks[-1]),
+        strayed=tuple(estimate for estimate in estimates if estimate.parameter.path in strayed),
     )  # fmt: skip
 
 
