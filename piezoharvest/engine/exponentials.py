@@ -25,7 +25,7 @@ from piezoharvest.engine.tables import (
     block_of,
     slot_of,
 )
-from piezoharvest.engine.vector import accumulate, copy, grow, multiply
+from piezoharvest.engine.vector import LANES, accumulate, copy, grow, multiply
 
 # |A| h on the finest level: a Taylor series over half of that is short.
 FINEST = 1.0 / 16.0
@@ -125,21 +125,23 @@ def deviations(P, L, slot):
 
 @compiled
 def glides(P, L, slot):
-    """What a longest step leads to, as one matrix: growth, guards before and after, outputs after, bends before."""
+    """What a longest step leads to, as one matrix: growth, bends before, guards before and after, outputs after.
+
+    Of the guards a register before and one after stand in turn, so that those behind, if only watched, may be left out.
+    """
     a, rows, columns, forms, block = L[pg.A], L[pg.ROWS], L[pg.COLUMNS], L[FORMS], block_of(L, slot)
     growth, values, outputs, height = block + L[GROWTH], block + L[VALUES], block + L[OUTPUTS], L[GLIDE_ROWS]
+    matrix = block + L[MATRIX]
     for j in range(columns):
         here, column = block + L[GLIDE] + j * height, growth + j * rows
         copy(P, column, here, rows)
-        now = here + rows
-        copy(P, values + j * forms, now, forms)
+        multiply(P, matrix, rows, columns, P, matrix + j * rows, here + rows)
+        pairs, after = here + 2 * rows, here + 2 * rows + 2 * forms
         if j < a:
-            multiply(P, values, forms, columns, P, column, now + forms)
-            multiply(P, outputs, OUTPUT_ROWS, columns, P, column, now + 2 * forms)
+            multiply(P, values, forms, columns, P, column, L[SCRATCH])
+            multiply(P, outputs, OUTPUT_ROWS, columns, P, column, after)
         for r in range(forms):
-            P[now + forms + r] = P[now + r] + P[now + forms + r] if j < a else 0.0
+            value, pair = P[values + j * forms + r], pairs + r + r // LANES * LANES
+            P[pair], P[pair + LANES] = value, value + P[L[SCRATCH] + r] if j < a else 0.0
         for r in range(OUTPUT_ROWS):
-            after = now + 2 * forms + r
-            P[after] = P[outputs + j * OUTPUT_ROWS + r] + P[after] if j < a else 0.0
-        matrix = block + L[MATRIX]
-        multiply(P, matrix, rows, columns, P, matrix + j * rows, now + 2 * forms + OUTPUT_ROWS)
+            P[after + r] = P[outputs + j * OUTPUT_ROWS + r] + P[after + r] if j < a else 0.0

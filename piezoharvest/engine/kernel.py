@@ -27,18 +27,18 @@ def _unhurried(L, D):
 
 
 @compiled
-def through_ramps(P, L, S, D, ramps, piece, t_end):
-    """Run through straight pieces of signal, from the `piece` that holds now; returns the status.
+def through_ramps(P, L, S, D, ramps, last, piece, t_end):
+    """Run through the `last` straight pieces of a signal, from the `piece` that holds now; returns the status.
 
     Beyond the last piece its end value is held.
     """
-    times, last = ramps[0], len(ramps[1])
+    times = ramps[0]
     while True:
         if _unhurried(L, D):
-            piece = glide(P, L, S, D, ramps, piece, t_end)
+            piece = glide(P, L, S, D, ramps, last, piece, t_end)
         if piece > last or times[piece] >= t_end:
             return DONE
-        hold_ramp(P, L, S, D, ramps, piece)
+        hold_ramp(P, L, S, D, ramps, last, piece)
         status = advance(P, L, S, D, min(times[piece + 1], t_end) if piece < last else t_end)
         if status != DONE:
             return status
@@ -82,4 +82,5 @@ def engine(task, machine, state, ramps, piece, t_end, shooting, followed, mirror
     if L[pg.SIGNAL_KIND] == pg.TONES:
         set_tones(P, L, S, S[D[st.CLOCK]])
         return advance(P, L, S, D, t_end)
-    return through_ramps(P, L, S, D, ramps, piece, t_end)
+    curve = pointer(ramps[0]), pointer(ramps[1]), pointer(ramps[2])
+    return through_ramps(P, L, S, D, curve, len(ramps[1]), piece, t_end)

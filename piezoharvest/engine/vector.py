@@ -73,6 +73,19 @@ class _Memory:
         return spread(self.builder, self.builder.load(self._at(offset)))
 
 
+class _Sizes(_Memory):
+    """Of numbers their sizes."""
+
+    def spread(self, offset):
+        return spread(self.builder, absolute(self.builder, self.builder.load(self._at(offset))))
+
+
+def absolute(builder, number):
+    """Size of a number."""
+    size = builder.module.declare_intrinsic("llvm.fabs", [_DOUBLE])
+    return builder.call(size, [number])
+
+
 def spread(builder, number):
     """A number in every lane of a vector."""
     undefined = ir.Constant(_VECTOR, ir.Undefined)
@@ -80,7 +93,7 @@ def spread(builder, number):
     return builder.shuffle_vector(first, undefined, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
 
 
-def _columns_summed(builder, matrix, at, rows, columns, vector, x, starts):
+def _columns_summed(builder, matrix, at, stride, columns, vector, x, starts):
     """Registers of matrix times vector added to `starts`, the matrix from `at`, some columns at a time."""
     zero, at_once = (ir.Constant(_INDEX, k) for k in (0, COLUMNS))
     sums = [[cgutils.alloca_once(builder, _VECTOR) for _ in range(COLUMNS)] for _ in starts]
@@ -90,7 +103,7 @@ def _columns_summed(builder, matrix, at, rows, columns, vector, x, starts):
     with cgutils.for_range_slice(builder, zero, columns, at_once, _INDEX) as (j, _):
         for k in range(COLUMNS):
             column = builder.add(j, ir.Constant(_INDEX, k))
-            place, factor = builder.add(at, builder.mul(column, rows)), vector.spread(builder.add(x, column))
+            place, factor = builder.add(at, builder.mul(column, stride)), vector.spread(builder.add(x, column))
             for block, totals in enumerate(sums):
                 factors = matrix.load(builder.add(place, ir.Constant(_INDEX, block * LANES)))
                 term = builder.fmul(factors, factor, flags=_FUSED)
@@ -120,7 +133,7 @@ def _while_left(builder, done, rows, length):
     builder.position_at_end(end)
 
 
-def _product(builder, matrix, at, rows, columns, vector, x, start, finish):
+def _product(builder, matrix, at, stride, rows, columns, vector, x, start, finish):
     """Matrix times vector, a few registers at a time: `start(i)` is what element i... begins with, `finish` has it."""
     done = cgutils.alloca_once_value(builder, ir.Constant(_INDEX, 0))
     for blocks in range(BLOCKS, 0, -1):
@@ -128,7 +141,7 @@ def _product(builder, matrix, at, rows, columns, vector, x, start, finish):
         with _while_left(builder, done, rows, length) as i:
             places = [builder.add(i, ir.Constant(_INDEX, k * LANES)) for k in range(blocks)]
             starts = [start(place) for place in places]
-            found = _columns_summed(builder, matrix, builder.add(at, i), rows, columns, vector, x, starts)
+            found = _columns_summed(builder, matrix, builder.add(at, i), stride, columns, vector, x, starts)
             for place, value in zip(places, found, strict=True):
                 finish(place, value)
 
@@ -215,7 +228,7 @@ def multiply(typing_context: Any, m, at, rows, columns, v, x, y):
         vector = _Memory(builder, v)
         nothing = ir.Constant(_VECTOR, [0.0] * LANES)
         _product(
-            builder, matrix, at, rows, columns, vector, x,
+            builder, matrix, at, rows, rows, columns, vector, x,
             lambda i: nothing,
             lambda i, found: vector.store(found, builder.add(y, i)),
         )  # fmt: skip
@@ -234,7 +247,7 @@ def grow(typing_context: Any, m, at, rows, columns, v, x, y):
         matrix = _Memory(builder, m)
         vector = _Memory(builder, v)
         _product(
-            builder, matrix, at, rows, columns, vector, x,
+            builder, matrix, at, rows, rows, columns, vector, x,
             lambda i: vector.load(builder.add(x, i)),
             lambda i, found: vector.store(found, builder.add(y, i)),
         )  # fmt: skip
@@ -267,38 +280,48 @@ def polynomial(typing_context: Any, v, x, rows, order, factor, y):
 
 
 @intrinsic
-def sizes(typing_context: Any, v, x, y, rows):
-    """V[y:] = |V[x:]|, for a padded number of rows."""
-    signature = types.void(v, types.intp, types.intp, types.intp)
+def multiply_top(typing_context: Any, m, at, stride, rows, columns, v, x, y):
+    """V[y:] = the first rows of M V[x:], of a matrix that has `stride` of them; as in `multiply`."""
+    signature = types.void(m, types.intp, types.intp, types.intp, types.intp, v, types.intp, types.intp)
 
     def generate(context, builder, signature, arguments):
-        v, x, y, rows = arguments
-        vector = _Memory(builder, v)
-        with _blocks(builder, rows) as (i, _):
-            value = vector.load(builder.add(x, i))
-            positive = builder.fcmp_ordered(">", value, ir.Constant(_VECTOR, [0.0] * LANES))
-            vector.store(builder.select(positive, value, builder.fneg(value)), builder.add(y, i))
+        m, at, stride, rows, columns, v, x, y = arguments
+        vector, nothing = _Memory(builder, v), ir.Constant(_VECTOR, [0.0] * LANES)
+        _product(
+            builder, _Memory(builder, m), at, stride, rows, columns, vector, x,
+            lambda i: nothing,
+            lambda i, found: vector.store(found, builder.add(y, i)),
+        )  # fmt: skip
         return context.get_dummy_value()
 
     return signature, generate
 
 
 @intrinsic
-def between(typing_context: Any, v, x, y, margin, lower, upper, rows):
-    """Whether V[x:] and V[y:] both stay between two limits by more than a margin, for a padded number of rows."""
-    signature = types.boolean(v, types.intp, types.intp, types.intp, types.intp, types.intp, types.intp)
+def inside(typing_context: Any, m, at, stride, rows, columns, v, bends, pairs, lower, upper):
+    """Whether the first rows of two vectors stay between two limits by more than M |V[bends:]|; as in `multiply_top`.
+
+    Of the two vectors a register of the first and one of the second stand from V[pairs:] in turn.
+    """
+    signature = types.boolean(m, *[types.intp] * 4, v, *[types.intp] * 4)
 
     def generate(context, builder, signature, arguments):
-        v, *places, rows = arguments
+        m, at, stride, rows, columns, v, bends, pairs, lower, upper = arguments
         vector, mask = _Memory(builder, v), ir.VectorType(ir.IntType(1), LANES)
-        inside = cgutils.alloca_once_value(builder, ir.Constant(mask, [1] * LANES))
-        with _blocks(builder, rows) as (i, _):
-            x, y, margin, lower, upper = (vector.load(builder.add(place, i)) for place in places)
-            upper, lower = builder.fsub(upper, margin), builder.fadd(lower, margin)
-            for value in (x, y):
-                for test in (builder.fcmp_ordered("<", value, upper), builder.fcmp_ordered(">", value, lower)):
-                    builder.store(builder.and_(builder.load(inside), test), inside)
-        lanes = builder.bitcast(builder.load(inside), ir.IntType(LANES))
+        all_of_them = cgutils.alloca_once_value(builder, ir.Constant(mask, [1] * LANES))
+        nothing = ir.Constant(_VECTOR, [0.0] * LANES)
+
+        def compare(i, margin):
+            most = builder.fsub(vector.load(builder.add(upper, i)), margin)
+            least = builder.fadd(vector.load(builder.add(lower, i)), margin)
+            first = builder.add(pairs, builder.add(i, i))
+            for value in (vector.load(first), vector.load(builder.add(first, ir.Constant(_INDEX, LANES)))):
+                for test in (builder.fcmp_ordered("<", value, most), builder.fcmp_ordered(">", value, least)):
+                    builder.store(builder.and_(builder.load(all_of_them), test), all_of_them)
+
+        sizes = _Sizes(builder, v)
+        _product(builder, _Memory(builder, m), at, stride, rows, columns, sizes, bends, lambda i: nothing, compare)
+        lanes = builder.bitcast(builder.load(all_of_them), ir.IntType(LANES))
         return builder.icmp_unsigned("==", lanes, ir.Constant(ir.IntType(LANES), 2**LANES - 1))
 
     return signature, generate

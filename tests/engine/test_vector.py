@@ -9,7 +9,7 @@ from piezoharvest.engine import vector as vc
 from piezoharvest.engine.algebra import radius, solve_conserving
 from piezoharvest.engine.compiled import entry
 
-MULTIPLY, GROW, POLYNOMIAL, COPY, DOT, SIZES, BETWEEN = range(7)
+MULTIPLY, GROW, POLYNOMIAL, COPY, DOT, TOP, INSIDE = range(7)
 EDGE = 7.25  # what stands around a result and must stay
 
 
@@ -25,11 +25,11 @@ def operate(task, matrix, at, rows, columns, factor, order, vectors, x, y):
         vc.polynomial(v, x, rows, order, factor, y)
     elif task == COPY:
         vc.copy(v, x, y, rows)
-    elif task == SIZES:
-        vc.sizes(v, x, y, rows)
-    elif task == BETWEEN:
-        step = y - x
-        return 1.0 if vc.between(v, x, y, x + 2 * step, x + 3 * step, x + 4 * step, rows) else 0.0
+    elif task == TOP:
+        vc.multiply_top(m, at, rows, order, columns, v, x, y)
+    elif task == INSIDE:
+        lower = y + 2 * order
+        return 1.0 if vc.inside(m, at, rows, order, columns, v, x, y, lower, lower + order) else 0.0
     else:
         return vc.dot(m, at, v, x, rows)
     return 0.0
@@ -124,31 +124,40 @@ def test_copy_is_exact(seed, rows, columns, gap):
     memory.check({memory.y: memory.vector(memory.x)})
 
 
-@settings(max_examples=50, deadline=None)
-@given(**sizes)
-def test_sizes(seed, rows, columns, gap):
-    memory = Memory(seed, rows, columns, gap)
-    memory.run(SIZES)
-    memory.check({memory.y: np.abs(memory.vector(memory.x))})
-
-
 @settings(max_examples=100, deadline=None)
-@given(seed=st.integers(0, 10**6), blocks=st.integers(1, 6), crossed=st.booleans())
-def test_between(seed, blocks, crossed):
-    rng, rows = np.random.default_rng(seed), blocks * vc.LANES
-    x, y, margin = rng.uniform(-1, 1, rows), rng.uniform(-1, 1, rows), rng.uniform(0, 1, rows)
-    lower, upper = np.minimum(x, y) - 1.001 * margin - 1e-9, np.maximum(x, y) + 1.001 * margin + 1e-9
-    lower[rng.random(rows) < 0.3], upper[rng.random(rows) < 0.3] = -np.inf, np.inf
+@given(share=st.floats(0, 1), **sizes)
+def test_multiply_top(seed, rows, columns, gap, share):
+    memory = Memory(seed, rows, columns, gap)
+    top = vc.padded(max(int(share * rows), 1))
+    memory.run(TOP, order=top)
+    product = memory.a @ memory.vector(memory.x, count=memory.columns)
+    memory.check({memory.y: np.append(product[:top], memory.vector(memory.y)[top:])})
+
+
+@settings(max_examples=200, deadline=None)
+@given(crossed=st.booleans(), **sizes)
+def test_inside(seed, rows, columns, gap, crossed):
+    """Both vectors keep a distance from the limits, or one number does not."""
+    memory, rng = Memory(seed, rows, columns, gap), np.random.default_rng(seed)
+    count = vc.LANES * rng.integers(1, memory.rows // vc.LANES + 1)
+    bends = memory.vector(memory.x, count=memory.columns)
+    margin = (np.abs(memory.a) @ np.abs(bends))[:count]
+    memory.a, memory.matrix = np.abs(memory.a), np.abs(memory.matrix)
+    first, second = rng.uniform(-1, 1, (2, count))
+    lower, upper = np.minimum(first, second) - 1.001 * margin - 1e-9, np.maximum(first, second) + 1.001 * margin + 1e-9
+    lower[rng.random(count) < 0.3], upper[rng.random(count) < 0.3] = -np.inf, np.inf
     if crossed:
-        k, side = rng.integers(rows), rng.integers(4)
-        if side % 2:
-            upper[k] = (x, y)[side // 2][k] + 0.999 * margin[k]
+        k, which, above = rng.integers(count), rng.integers(2), rng.integers(2)
+        value = (first, second)[which][k]
+        if above:
+            upper[k] = value + 0.999 * margin[k]
         else:
-            lower[k] = (x, y)[side // 2][k] - 0.999 * margin[k]
-    vectors = np.concatenate([x, y, margin, lower, upper])
-    before = vectors.copy()
-    assert operate(BETWEEN, np.zeros(4), 0, rows, 4, 0.0, 0, vectors, 0, rows) == (0.0 if crossed else 1.0)
-    assert np.array_equal(vectors, before)
+            lower[k] = value - 0.999 * margin[k]
+    pairs = np.stack([first.reshape(-1, vc.LANES), second.reshape(-1, vc.LANES)], axis=1).ravel()
+    memory.vectors, memory.y = np.concatenate([memory.vectors, pairs, lower, upper]), len(memory.vectors)
+    before = memory.vectors.copy()
+    assert memory.run(INSIDE, order=count) == (0.0 if crossed else 1.0)
+    assert np.array_equal(memory.vectors, before)
 
 
 @settings(max_examples=50, deadline=None)
