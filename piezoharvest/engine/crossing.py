@@ -15,6 +15,7 @@ from piezoharvest.engine.tables import block_of, slot_of
 from piezoharvest.engine.vector import copy, dot, multiply, polynomial
 
 NONE = -1
+FINE = 1e-3  # part of the longest step
 TIE = 1e-9  # part of a step: guards that seem to rise so close together are taken in their order
 
 
@@ -35,9 +36,22 @@ def locate(P, L, S, D, slot, row, sign, offset, low, high, tau, rises, out):
     rows, block = L[pg.ROWS], block_of(L, slot)
     form, series = block + L[tb.LINES] + 2 * row * rows, vector(L, D, SERIES)
     longest, short = P[block + L[tb.STEPS]], P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
+    # Of a finest step this short an estimate may be off by many.
+    fine = short < FINE * longest
     for _ in range(80):
         share = reach(P, L, S, D, slot, 0, tau) / short
         base = tau - share * short
+        if fine:
+            value, rate = sign * dot(P, form, S, series, rows) + offset, sign * dot(P, form + rows, S, series, rows)
+            if abs(value) > short * rate > 0.0 and high - low > 1e-15 * longest:
+                # No series is needed to come nearer.
+                low, high, rises = (low, base, True) if value > 0.0 else (base, high, rises)
+                tau = base - value / rate
+                if not low <= tau <= high:
+                    tau = 0.5 * (low + high)
+                continue
+            if rate > 0.0:
+                share = -value / (short * rate)
         expand(P, L, S, D, slot)
         c = (
             sign * dot(P, form, S, series, rows) + offset,

@@ -77,13 +77,16 @@ class _Sizes(_Memory):
     """Of numbers their sizes."""
 
     def spread(self, offset):
-        return spread(self.builder, absolute(self.builder, self.builder.load(self._at(offset))))
+        bits = ir.VectorType(_INDEX, LANES)
+        without_sign = self.builder.and_(
+            self.builder.bitcast(super().spread(offset), bits), ir.Constant(bits, [2**63 - 1] * LANES)
+        )
+        return self.builder.bitcast(without_sign, _VECTOR)
 
 
-def absolute(builder, number):
-    """Size of a number."""
-    size = builder.module.declare_intrinsic("llvm.fabs", [_DOUBLE])
-    return builder.call(size, [number])
+def _of_both(builder, relation, first, second):
+    """The larger (">") or the smaller ("<") numbers of two vectors."""
+    return builder.select(builder.fcmp_ordered(relation, first, second), first, second)
 
 
 def spread(builder, number):
@@ -312,12 +315,13 @@ def inside(typing_context: Any, m, at, stride, rows, columns, v, bends, pairs, l
         nothing = ir.Constant(_VECTOR, [0.0] * LANES)
 
         def compare(i, margin):
-            most = builder.fsub(vector.load(builder.add(upper, i)), margin)
-            least = builder.fadd(vector.load(builder.add(lower, i)), margin)
-            first = builder.add(pairs, builder.add(i, i))
-            for value in (vector.load(first), vector.load(builder.add(first, ir.Constant(_INDEX, LANES)))):
-                for test in (builder.fcmp_ordered("<", value, most), builder.fcmp_ordered(">", value, least)):
-                    builder.store(builder.and_(builder.load(all_of_them), test), all_of_them)
+            # The margin, which is known last, is compared once; where it is not a number, nothing is inside.
+            place = builder.add(pairs, builder.add(i, i))
+            first, second = (vector.load(builder.add(place, ir.Constant(_INDEX, k * LANES))) for k in range(2))
+            above = builder.fsub(vector.load(builder.add(upper, i)), _of_both(builder, ">", first, second))
+            below = builder.fsub(_of_both(builder, "<", first, second), vector.load(builder.add(lower, i)))
+            test = builder.fcmp_ordered(">", _of_both(builder, "<", above, below), margin)
+            builder.store(builder.and_(builder.load(all_of_them), test), all_of_them)
 
         sizes = _Sizes(builder, v)
         _product(builder, _Memory(builder, m), at, stride, rows, columns, sizes, bends, lambda i: nothing, compare)
