@@ -14,6 +14,7 @@ from piezoharvest.engine.tables import (
     GROWTH,
     LEVELS,
     MATRIX,
+    OCTAL,
     ORDER,
     OUTPUT_ROWS,
     OUTPUTS,
@@ -82,6 +83,31 @@ def exponentials(P, L, slot, configuration, longest):
         if holds:
             hold(P, L, coarser, held)
         growth = coarser
+
+
+@compiled
+def octals(P, L, slot):
+    """exp(A h) - 1 for 1 to 7 times the finest step, then for 8 to 56 times, and so on to the longest step.
+
+    Those of single levels are copied, the others made of two of them.
+    """
+    rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
+    square, finest, here = rows * columns, L[slot_of(L, slot) + FINEST_LEVEL], block + L[OCTAL]
+    for level in range(finest, -1, -3):
+        for digit in range(1, 8):
+            power = (1 if digit > 1 else 0) + (1 if digit > 3 else 0)  # its highest bit
+            rest = digit - (1 << power)
+            if level < power:
+                return
+            growth, other = block + L[GROWTH] + (level - power) * square, here + (rest - 1) * square
+            out = here + (digit - 1) * square
+            copy(P, growth, out, square)
+            if rest:
+                for j in range(columns):
+                    # (1 + G) (1 + H) - 1 = G + (1 + G) H
+                    grow(P, growth, rows, columns, P, other + j * rows, L[SCRATCH])
+                    accumulate(P, L[SCRATCH], 1.0, out + j * rows, rows)
+        here += 7 * square
 
 
 @compiled

@@ -17,6 +17,7 @@ from piezoharvest.engine.vector import padded, whole_lines
 
 MODES = 64  # kept at once; met again after that, they are built anew
 LEVELS = 56
+OCTALS = -(-LEVELS // 3)  # digits of a number of finest steps
 ORDER = 10  # Taylor terms: on the finest level the rest is below 1e-20
 TERMS = 8  # of those, what a motion within a finest step needs: the rest is below 1e-16 at its end, 1e-19 half way
 MOST_MAPPED = 4096  # keys of modes that are looked up directly
@@ -27,8 +28,8 @@ OUTPUT_ROWS = padded(len(pg.OUTPUTS))
     TABLES, BLOCK, SLOTS, SLOT, HELD, ROOM, MAP, MAPPED, FORMS, GUARD_ROWS, LEDGER, SCRATCH,
     # places within a mode's block of numbers,
     STEPS, MATRIX, POWERS, GUARDS, LINES, VALUES, DEVIATION, GLIDE, SIZES, OUTPUTS, PRODUCTS, GROWTH,
-    GRAMIAN, GLIDE_ROWS,
-) = range(pg.CONTENTS, pg.CONTENTS + 26)  # fmt: skip
+    GRAMIAN, OCTAL, GLIDE_ROWS,
+) = range(pg.CONTENTS, pg.CONTENTS + 27)  # fmt: skip
 # and within its block of integers: key, finest level, whether its energies are there, number of guards, then for every
 # guard what it is and its row.
 KEY, FINEST_LEVEL, ACCOUNTED, GUARD_COUNT, FIRST_GUARD = range(5)
@@ -51,6 +52,7 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
         GLIDE: glide_rows * columns if sampled else 0,
         SIZES: 3 * forms, OUTPUTS: OUTPUT_ROWS * columns,
         PRODUCTS: products * 2 * rows, GROWTH: LEVELS * square, GRAMIAN: LEVELS * energies * square,
+        OCTAL: OCTALS * 7 * square if sampled else 0,
     }  # fmt: skip
     offset = 0
     for place, size in sizes.items():
