@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine.compiled import compiled, inlined
-from piezoharvest.engine.exponentials import deviations, exponentials, glides, octals
+from piezoharvest.engine.exponentials import deviations, digits, exponentials, glides
 from piezoharvest.engine.forms import forms_of_mode
 from piezoharvest.engine.tables import (
     ACCOUNTED,
@@ -40,7 +40,7 @@ def build(P, L, D, configuration, slip):
     exponentials(P, L, slot, configuration, longest)
     if L[pg.SIGNAL_KIND] == pg.RAMPS:
         deviations(P, L, slot)
-        octals(P, L, slot)
+        digits(P, L, slot)
         glides(P, L, slot)
 
 

@@ -11,8 +11,8 @@ from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.interpolation import crossing, peaks, quintic
 from piezoharvest.engine.motion import FOUND, SERIES, TRIAL, exact, expand, reach
 from piezoharvest.engine.state import vector
-from piezoharvest.engine.tables import block_of, slot_of
-from piezoharvest.engine.vector import copy, dot, multiply, polynomial
+from piezoharvest.engine.tables import block_of, place_of, rows_read, slot_of
+from piezoharvest.engine.vector import LANES, copy, dot, multiply_top, polynomial
 
 NONE = -1
 FINE = 1e-3  # part of the longest step
@@ -146,12 +146,12 @@ def earliest(P, L, S, D, slot, now, then, step):
 def _estimate(L, S, D, slot, now, then, step, g):
     """Note between which fractions of a step a guard rises, and about where; infinity if it does not."""
     row, sign, offset = L[slot_of(L, slot) + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g], S[D[st.OFFSET] + g]
-    forms, guess = L[tb.FORMS], D[st.GUESS] + g
+    place, guess = place_of(row), D[st.GUESS] + g
     S[guess] = np.inf
-    f0, f1 = sign * S[now + row] + offset, sign * S[then + row] + offset
-    d0, d1 = sign * S[now + forms + row], sign * S[then + forms + row]
+    f0, f1 = sign * S[now + place] + offset, sign * S[then + place] + offset
+    d0, d1 = sign * S[now + place + LANES], sign * S[then + place + LANES]
     noise = noise_of(f0, d0, f1, d1, step, S[D[st.FLOOR] + g])
-    s0, s1 = sign * S[now + 2 * forms + row], sign * S[then + 2 * forms + row]
+    s0, s1 = sign * S[now + place + 2 * LANES], sign * S[then + place + 2 * LANES]
     falls = peaks(f0, d0, s0, f1, d1, s1, step, noise)
     if f1 > noise or falls:
         c = quintic(f0, d0, s0, f1, d1, s1, step)
@@ -170,10 +170,11 @@ def _rise(P, L, S, D, slot, now, then, step, g, guess, out):
         return 0.0
     # The interpolation is not exact, but at the ends of the step the guard is known, and where it all but touches zero
     # it is looked at.
-    f0, f1 = sign * S[now + row] + offset, sign * S[then + row] + offset
+    place = place_of(row)
+    f0, f1 = sign * S[now + place] + offset, sign * S[then + place] + offset
     certain = f1 > 0.0
     if low < 0.0:
-        d0, d1 = sign * S[now + L[tb.FORMS] + row], sign * S[then + L[tb.FORMS] + row]
+        d0, d1 = sign * S[now + place + LANES], sign * S[then + place + LANES]
         exact(P, L, S, D, slot, 0, high * step, out)
         highest = sign * dot(P, block_of(L, slot) + L[tb.LINES] + 2 * row * L[pg.ROWS], S, out, L[pg.ROWS]) + offset
         if not highest > noise_of(f0, d0, f1, d1, step, S[D[st.FLOOR] + g]):
@@ -192,13 +193,13 @@ def _before(P, L, S, D, slot, now, step, best, best_tau, found, trial):
 
     Diodes that begin to conduct just before the extremum do so as a rule.
     """
-    at, forms, values = slot_of(L, slot), L[tb.FORMS], D[st.THERE_GUARDS]
-    multiply(P, block_of(L, slot) + L[tb.VALUES], forms, L[pg.COLUMNS], S, found, values)
+    at, rows, values = slot_of(L, slot), rows_read(L, False, slot), D[st.THERE_GUARDS]
+    multiply_top(P, block_of(L, slot) + L[tb.VALUES], L[tb.FORMS], rows, L[pg.COLUMNS], S, found, values)
     for g in range(L[at + tb.GUARD_COUNT] - pg.WATCHED):
         row, sign, offset = L[at + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g], S[D[st.OFFSET] + g]
         if g == best or not sign * S[values + row] + offset > 0.0:
             continue
-        f0, d0 = sign * S[now + row] + offset, sign * S[now + forms + row]
+        f0, d0 = sign * S[now + place_of(row)] + offset, sign * S[now + place_of(row) + LANES]
         if f0 > 0.0:
             continue
         # Of the first one found since, there may be another that was before it.

@@ -6,15 +6,17 @@ from piezoharvest.engine import program as pg
 from piezoharvest.engine.clamp import held_form, hold
 from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.tables import (
+    BITS,
     DEVIATION,
+    DIGITS,
     FINEST_LEVEL,
     FORMS,
     GLIDE,
     GLIDE_ROWS,
     GROWTH,
+    LARGEST,
     LEVELS,
     MATRIX,
-    OCTAL,
     ORDER,
     OUTPUT_ROWS,
     OUTPUTS,
@@ -86,28 +88,27 @@ def exponentials(P, L, slot, configuration, longest):
 
 
 @compiled
-def octals(P, L, slot):
-    """exp(A h) - 1 for 1 to 7 times the finest step, then for 8 to 56 times, and so on to the longest step.
+def digits(P, L, slot):
+    """exp(A h) - 1 for every digit of a number of finest steps, from the last place on.
 
-    Those of single levels are copied, the others made of two of them.
+    For a digit of one bit it is that of a level, for others that of their highest bit and that of the rest together.
     """
     rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
-    square, finest, here = rows * columns, L[slot_of(L, slot) + FINEST_LEVEL], block + L[OCTAL]
-    for level in range(finest, -1, -3):
-        for digit in range(1, 8):
-            power = (1 if digit > 1 else 0) + (1 if digit > 3 else 0)  # its highest bit
-            rest = digit - (1 << power)
-            if level < power:
-                return
-            growth, other = block + L[GROWTH] + (level - power) * square, here + (rest - 1) * square
-            out = here + (digit - 1) * square
+    square, finest, here = rows * columns, L[slot_of(L, slot) + FINEST_LEVEL], block + L[DIGITS]
+    for level in range(finest, -1, -BITS):
+        bit = 0
+        for digit in range(1, LARGEST + 1):
+            bit += 1 if digit >> bit > 1 else 0
+            if bit > level:
+                break
+            growth, out = block + L[GROWTH] + (level - bit) * square, here + (digit - 1) * square
             copy(P, growth, out, square)
-            if rest:
-                for j in range(columns):
-                    # (1 + G) (1 + H) - 1 = G + (1 + G) H
-                    grow(P, growth, rows, columns, P, other + j * rows, L[SCRATCH])
-                    accumulate(P, L[SCRATCH], 1.0, out + j * rows, rows)
-        here += 7 * square
+            rest = digit - (1 << bit)
+            for j in range(columns if rest else 0):
+                # (1 + G) (1 + R) - 1 = G + (1 + G) R
+                grow(P, growth, rows, columns, P, here + (rest - 1) * square + j * rows, L[SCRATCH])
+                accumulate(P, L[SCRATCH], 1.0, out + j * rows, rows)
+        here += LARGEST * square
 
 
 @compiled

@@ -5,6 +5,7 @@ from __future__ import annotations
 from piezoharvest.engine import program as pg
 from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.tables import (
+    EVENT_ROWS,
     FIRST_GUARD,
     FORMS,
     GUARD_COUNT,
@@ -18,8 +19,10 @@ from piezoharvest.engine.tables import (
     SIZES,
     VALUES,
     block_of,
+    place_of,
     slot_of,
 )
+from piezoharvest.engine.vector import LANES
 
 
 @compiled
@@ -59,6 +62,7 @@ def forms_of_mode(P, L, D, slot, configuration, slip):
             _guard(P, L, slot, line, row)
             _enlist(L, slot, own + 1 + 2 * j, row)
         row += 1
+    L[at + EVENT_ROWS] = -(-row // LANES) * LANES
     _outputs(P, L, slot, configuration, matrix, line, row)
     _products(P, L, D, slot, configuration, slip, matrix)
 
@@ -103,7 +107,7 @@ def _guard(P, L, slot, line, row):
         size = 0.0
         here, there = line + kind * a, line + (kind + 1) * a
         for k in range(a):
-            P[block + L[GUARDS] + k * 3 * forms + kind * forms + row] = P[here + k]
+            P[block + L[GUARDS] + k * 3 * forms + place_of(row) + kind * LANES] = P[here + k]
             size = max(size, abs(P[here + k]))
             if kind == 0:
                 P[block + L[VALUES] + k * forms + row] = P[here + k]
@@ -136,7 +140,7 @@ def _outputs(P, L, slot, configuration, matrix, line, row):
     for r in range(row, L[FORMS]):
         for j in range(a):
             for kind in range(3):
-                P[block + L[GUARDS] + j * 3 * L[FORMS] + kind * L[FORMS] + r] = 0.0
+                P[block + L[GUARDS] + j * 3 * L[FORMS] + place_of(r) + kind * LANES] = 0.0
             P[block + L[VALUES] + j * L[FORMS] + r] = 0.0
     for j in range(a, L[pg.COLUMNS]):
         for r in range(3 * L[FORMS]):

@@ -10,9 +10,9 @@ from piezoharvest.engine import tables as tb
 from piezoharvest.engine.compiled import compiled, inlined
 from piezoharvest.engine.motion import ARRIVED
 from piezoharvest.engine.recording import SAME_TIME, account, observe
-from piezoharvest.engine.state import set_ramp, vector
-from piezoharvest.engine.tables import block_of, slot_of
-from piezoharvest.engine.vector import LANES, accumulate, copy, dot, inside, multiply_top
+from piezoharvest.engine.state import set_one, set_ramp, vector
+from piezoharvest.engine.tables import block_of, rows_read, slot_of
+from piezoharvest.engine.vector import accumulate, copy, dot, inside, multiply_top
 
 
 @compiled
@@ -27,15 +27,22 @@ def glide(P, L, S, D, ramps, last, piece, t_end):
     step, bends, pairs = P[block + L[tb.STEPS]], glided + rows, glided + 2 * rows
     full = D[st.TRACKED] > 0 or D[st.ENERGIES] > 0 or D[st.SENSITIVITIES] > 0
     # Forms that no guard reads, and outputs that nobody wants, are left out.
-    forms, height = _fence(P, L, S, D, slot), L[tb.GLIDE_ROWS]
+    forms, height = rows_read(L, D[st.TRACKED], slot), L[tb.GLIDE_ROWS]
     if not full and D[st.SAMPLED] >= D[st.SAMPLES_WANTED]:
         height = 2 * rows + 2 * forms
-    times = ramps[0]
+    _fence(P, L, S, D, slot)
+    times, starts, slopes = ramps
+    # As in `hold_ramp`, without a division in every sample.
+    signal = L[pg.SIGNAL]
+    scale = L[pg.EXO_SCALE] + signal - L[pg.N]
+    of_value, of_slope = 1.0 / P[scale], 1.0 / P[scale + 1]
+    set_one(P, L, S)
     while piece < last:
         ends = times[piece + 1]
         if ends > t_end or not abs(ends - S[clock] - step) <= 1e-9 * step:
             break
-        hold_ramp(P, L, S, D, ramps, last, piece)
+        S[signal] = (starts[piece] + slopes[piece] * (S[clock] - times[piece])) * of_value
+        S[signal + 1] = slopes[piece] * of_slope
         multiply_top(P, block + L[tb.GLIDE], L[tb.GLIDE_ROWS], height, columns, S, 0, glided)
         if not inside(
             P, block + L[tb.DEVIATION], L[tb.FORMS], forms, columns, S, bends, pairs, D[st.LOWER], D[st.UPPER]
@@ -64,22 +71,20 @@ def hold_ramp(P, L, S, D, ramps, last, piece):
 
 @compiled
 def _fence(P, L, S, D, slot):
-    """Limits of every form that a guard reads, and how many forms that takes; of what is watched, the sign stays."""
-    at, lower, upper, last = slot_of(L, slot), D[st.LOWER], D[st.UPPER], 0
+    """Limits of every form that a guard reads; of what is watched, the sign stays."""
+    at, lower, upper, rows = slot_of(L, slot), D[st.LOWER], D[st.UPPER], L[pg.ROWS]
     for r in range(L[tb.FORMS]):
         S[lower + r], S[upper + r] = -np.inf, np.inf
     count = L[at + tb.GUARD_COUNT]
     for g in range(count if D[st.TRACKED] else count - pg.WATCHED):
         row, sign, limit = L[at + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g], -S[D[st.OFFSET] + g]
         if g >= count - pg.WATCHED:
-            value = dot(P, block_of(L, slot) + L[tb.LINES] + 2 * row * L[pg.ROWS], S, 0, L[pg.ROWS])
+            value = dot(P, block_of(L, slot) + L[tb.LINES] + 2 * row * rows, S, 0, rows)
             sign, limit = -1.0 if value > 0.0 else 1.0, 0.0
         if sign < 0.0:
             S[lower + row] = -limit
         else:
             S[upper + row] = limit if sign > 0.0 else -np.inf
-        last = max(last, row)
-    return (last // LANES + 1) * LANES
 
 
 @compiled

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
-from piezoharvest.engine import tables as tb
 from piezoharvest.engine.advance import DONE, advance
 from piezoharvest.engine.compiled import compiled, entry
+from piezoharvest.engine.crossing import NONE
 from piezoharvest.engine.glide import glide, hold_ramp
 from piezoharvest.engine.many import steady_states
 from piezoharvest.engine.shooting import find
@@ -21,7 +21,7 @@ RUN, FIND, MANY = range(3)
 def _unhurried(L, D):
     """Whether nothing is scheduled or left half done, and the mode last moved in still holds."""
     unfinished = D[st.WAITING] or D[st.CLOSED] or D[st.BETWEEN] or (L[pg.SWITCHED] and D[st.DIRECTION] == 0)
-    if unfinished or L[pg.ELEMENTS] or L[tb.HELD] == 0:
+    if unfinished or L[pg.ELEMENTS] or D[st.MODE] == NONE:
         return False
     return seek(L, D, D[st.CONFIGURATION], D[st.SLIP]) == D[st.MODE]
 

@@ -11,6 +11,7 @@ from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.advance import DONE
 from piezoharvest.engine.compiled import compiled
+from piezoharvest.engine.crossing import NONE
 from piezoharvest.engine.state import stored
 
 # What is kept of a design, before its energies.
@@ -22,8 +23,9 @@ def reset(P, L, S, D):
     """Put a state at rest at time zero, with nothing recorded."""
     for i in range(D[st.END]):
         S[i] = 0.0
-    for k in range(st.MODE + 1):
+    for k in range(st.MODE):
         D[k] = 0
+    D[st.MODE] = NONE
     for j in range(L[pg.H]):
         D[D[st.SLIP] + j] = 0
     S[D[st.CLOCK] + st.OPENS], S[D[st.CLOCK] + st.ACTED] = np.inf, -np.inf

@@ -12,8 +12,8 @@ from piezoharvest.engine.interpolation import doubt, peaks
 from piezoharvest.engine.motion import ARRIVED, FOUND, exact
 from piezoharvest.engine.recording import SAME_TIME, account, observe
 from piezoharvest.engine.state import vector
-from piezoharvest.engine.tables import block_of, slot_of
-from piezoharvest.engine.vector import copy, grow, multiply
+from piezoharvest.engine.tables import block_of, place_of, rows_read, slot_of
+from piezoharvest.engine.vector import LANES, copy, grow, multiply_top
 
 # Doubt of a guard, relative, with which a step is taken, and with which the next is twice or four times as long.
 BELIEVED, SMOOTH, CALM = 0.05, 0.005, 1e-4
@@ -21,24 +21,26 @@ BELIEVED, SMOOTH, CALM = 0.05, 0.005, 1e-4
 
 @compiled
 def read_guards(P, L, S, D, slot, z, out):
-    """Values, rates and second rates of all guards of a mode."""
-    multiply(P, block_of(L, slot) + L[tb.GUARDS], L[tb.GUARD_ROWS], L[pg.COLUMNS], S, z, out)
+    """Values, rates and second rates of the guards of a mode, each register of forms with its rates behind it."""
+    guards, stride, rows = block_of(L, slot) + L[tb.GUARDS], L[tb.GUARD_ROWS], 3 * rows_read(L, D[st.TRACKED], slot)
+    multiply_top(P, guards, stride, rows, L[pg.COLUMNS], S, z, out)
 
 
 @compiled
 def _look(L, S, D, slot, now, then, step):
     """Whether a guard may rise within a step, whether that is too long to tell, how many times it may be doubled."""
-    at, forms, sign_at, offset_at, floor_at = slot_of(L, slot), L[tb.FORMS], D[st.SIGN], D[st.OFFSET], D[st.FLOOR]
+    at, sign_at, offset_at, floor_at = slot_of(L, slot), D[st.SIGN], D[st.OFFSET], D[st.FLOOR]
     count = L[at + tb.GUARD_COUNT]
     events = count - pg.WATCHED
     rises, too_long, longer = False, False, 2
     for g in range(count if D[st.TRACKED] else events):
         row, sign, offset, floor = L[at + tb.FIRST_GUARD + 2 * g + 1], S[sign_at + g], S[offset_at + g], S[floor_at + g]
-        f0, f1 = sign * S[now + row] + offset, sign * S[then + row] + offset
-        row += forms
-        d0, d1 = sign * S[now + row], sign * S[then + row]
-        row += forms
-        s0, s1 = sign * S[now + row], sign * S[then + row]
+        place = place_of(row)
+        f0, f1 = sign * S[now + place] + offset, sign * S[then + place] + offset
+        place += LANES
+        d0, d1 = sign * S[now + place], sign * S[then + place]
+        place += LANES
+        s0, s1 = sign * S[now + place], sign * S[then + place]
         doubtful = doubt(f0, d0, s0, f1, d1, s1, step)
         size = max(abs(f0), abs(f1))
         if g < events:

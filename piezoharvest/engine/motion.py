@@ -23,20 +23,21 @@ ARRIVED, FOUND, TRIAL, SAMPLE, KEPT, FLOW, SWAP, SERIES = range(8)
 def reach(P, L, S, D, slot, x, tau):
     """The finest steps that make up tau, to the nearest: state there, as the first of SERIES; returns what is left.
 
-    Taken as digits of their number, each a product with a table: binary ones, or octal ones where there are tables of
+    Taken as digits of their number, each a product with a table: binary ones, or longer ones where there are tables of
     these, as each product waits for the one before.
     """
     rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     finest, out, square = L[slot_of(L, slot) + tb.FINEST_LEVEL], vector(L, D, SERIES), rows * columns
-    growth, octal, short = block + L[tb.GROWTH] + finest * square, block + L[tb.OCTAL], P[block + L[tb.STEPS] + finest]
+    growth, tables = block + L[tb.GROWTH] + finest * square, block + L[tb.DIGITS]
+    short = P[block + L[tb.STEPS] + finest]
     source, here, there = x, out, vector(L, D, SWAP)
     count = int(tau / short + 0.5)
     rest = tau - count * short
     while count:
         if L[pg.SIGNAL_KIND] == pg.RAMPS:
-            place = trailing_zeros(count) // 3
-            digit = (count >> 3 * place) & 7
-            table, count = octal + (7 * place + digit - 1) * square, count - (digit << 3 * place)
+            place = trailing_zeros(count) // tb.BITS
+            digit = (count >> tb.BITS * place) & tb.LARGEST
+            table, count = tables + (tb.LARGEST * place + digit - 1) * square, count - (digit << tb.BITS * place)
         else:
             table, count = growth - trailing_zeros(count) * square, count & (count - 1)
         grow(P, table, rows, columns, S, source, here)

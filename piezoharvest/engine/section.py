@@ -12,6 +12,7 @@ import numpy as np
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine.compiled import compiled, inlined
+from piezoharvest.engine.crossing import NONE
 from piezoharvest.engine.extraction import ground
 from piezoharvest.engine.state import QUEUE_LENGTH
 
@@ -84,6 +85,7 @@ def load(P, L, S, D, W, V, k, time, sensitivities):
     D[st.CONFIGURATION], D[st.DIRECTION] = V[y + Y_CONFIGURATION], V[y + Y_DIRECTION]
     D[st.WAITING], D[st.CLOSED] = waiting, V[y + Y_CLOSED]
     D[st.BETWEEN] = D[st.LOGGED] = 0
+    D[st.MODE] = NONE
     S[clock + st.NOW], S[clock + st.ACTED] = time, time + W[x + n + QUEUE_LENGTH + 1]
     S[clock + st.OPENS] = time + W[x + n + QUEUE_LENGTH] if V[y + Y_CLOSED] else np.inf
     for j in range(waiting):

@@ -10,7 +10,8 @@ from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.crossing import NONE
 from piezoharvest.engine.events import happen
 from piezoharvest.engine.march import read_guards
-from piezoharvest.engine.tables import block_of, seek, slot_of
+from piezoharvest.engine.tables import block_of, place_of, seek, slot_of
+from piezoharvest.engine.vector import LANES
 
 TINY = 1e-12  # a guard this small, relative to its terms, is zero
 AT_ONCE = 60  # events at one instant beyond which the model chatters
@@ -22,12 +23,16 @@ def settle(P, L, S, D):
 
     Returns the mode, with its guards read at NOW_GUARDS, or NONE where the events do not end.
     """
+    # Where nothing has happened since a mode was moved in, its guards are read as they were.
+    known = NONE if D[st.BETWEEN] else D[st.MODE]
     for _ in range(AT_ONCE):
         slot = seek(L, D, D[st.CONFIGURATION], D[st.SLIP])
         if slot == NONE:
             build(P, L, D, D[st.CONFIGURATION], D[st.SLIP])
             slot = L[tb.HELD] - 1
-        orient(P, L, S, D, slot)
+        if known != slot:
+            orient(P, L, S, D, slot)
+        known = NONE
         read_guards(P, L, S, D, slot, 0, D[st.NOW_GUARDS])
         if L[pg.SWITCHED] and D[st.DIRECTION] == 0:
             leave_rest(P, L, S, D, slot)
@@ -64,19 +69,19 @@ def overdue(P, L, S, D, slot):
 
     Zero is judged against the size of the guard's terms and of what its rate makes of a short step.
     """
-    at, block, forms, now = slot_of(L, slot), block_of(L, slot), L[tb.FORMS], D[st.NOW_GUARDS]
+    at, block, now = slot_of(L, slot), block_of(L, slot), D[st.NOW_GUARDS]
     size = 0.0
     for i in range(L[pg.A]):
         size += abs(S[i])
     short = P[block + L[tb.STEPS] + L[at + tb.FINEST_LEVEL]]
     for g in range(L[at + tb.GUARD_COUNT] - pg.WATCHED):
         row, sign, value = L[at + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g], S[D[st.OFFSET] + g]
-        sizes = block + L[tb.SIZES] + 3 * row
+        sizes, place = block + L[tb.SIZES] + 3 * row, now + place_of(row)
         # What its terms leave of it by rounding; an offset (the limit of a stop) is as large as what it bounds.
         S[D[st.FLOOR] + g] = 1e-13 * (size * P[sizes] + abs(value))
         tolerance = TINY
         for k in range(3):
-            value += sign * S[now + k * forms + row]
+            value += sign * S[place + k * LANES]
             zero = tolerance * size * (P[sizes + k] + (short * P[sizes + k + 1] if k < 2 else 0.0))
             if value > zero:
                 return g
@@ -97,7 +102,7 @@ def leave_rest(P, L, S, D, slot):
             continue
         row = L[at + tb.FIRST_GUARD + 2 * g + 1]
         for k in range(3):
-            value = S[D[st.NOW_GUARDS] + k * L[tb.FORMS] + row]
+            value = S[D[st.NOW_GUARDS] + place_of(row) + k * LANES]
             if abs(value) > TINY * size * P[block + L[tb.SIZES] + 3 * row + k]:
                 D[st.DIRECTION] = 1 if value > 0.0 else -1
                 break

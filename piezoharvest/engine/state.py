@@ -15,7 +15,8 @@ from piezoharvest.engine.vector import lined_up, whole_lines
 QUEUE_LENGTH = 4  # actions of the switch that may be waiting at one time
 VECTORS = 16  # of scratch
 
-# Places in D: the discrete state; BETWEEN marks an event half done, MODE is the slot of the mode last moved in,
+# Places in D: the discrete state; BETWEEN marks an event half done, MODE is the slot of the mode last moved in
+# (-1: none, or another state's),
 (
     CONFIGURATION, DIRECTION, WAITING, CLOSED, LOGGED, SAMPLED, BETWEEN, HAPPENED, MODE,
     # what is recorded,
@@ -70,7 +71,7 @@ class State:
         in_d, in_s = _offsets(lists, END + 1), _offsets(places, rows)
         self.D = np.zeros(in_d[-1], np.int64)
         self.D[[*lists, *places, END]] = [*in_d[:-1], *in_s]
-        self.D[[SENSITIVITIES, ENERGIES, TRACKED]] = sensitivities, energies, track
+        self.D[[MODE, SENSITIVITIES, ENERGIES, TRACKED]] = -1, sensitivities, energies, track
         self.D[[LOG_ROOM, SAMPLES_WANTED, TAPE_ROOM]] = log, len(times), tape
         self.S = lined_up(int(self.D[END]))
         self._place, self._lists = places, lists
@@ -97,6 +98,7 @@ class State:
             self.D[k] = other.D[k]
         for place in (SLIP, POLARITY, CLOCK, QUEUE):
             self[place][:] = other[place]
+        self.D[MODE] = -1
         self.z[:] = other.z
 
 

@@ -13,11 +13,12 @@ import numpy as np
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine.compiled import compiled, inlined
-from piezoharvest.engine.vector import padded, whole_lines
+from piezoharvest.engine.vector import LANES, padded, whole_lines
 
 MODES = 64  # kept at once; met again after that, they are built anew
 LEVELS = 56
-OCTALS = -(-LEVELS // 3)  # digits of a number of finest steps
+BITS = 4  # of a digit of a number of finest steps
+LARGEST = 2**BITS - 1
 ORDER = 10  # Taylor terms: on the finest level the rest is below 1e-20
 TERMS = 8  # of those, what a motion within a finest step needs: the rest is below 1e-16 at its end, 1e-19 half way
 MOST_MAPPED = 4096  # keys of modes that are looked up directly
@@ -28,11 +29,11 @@ OUTPUT_ROWS = padded(len(pg.OUTPUTS))
     TABLES, BLOCK, SLOTS, SLOT, HELD, ROOM, MAP, MAPPED, FORMS, GUARD_ROWS, LEDGER, SCRATCH,
     # places within a mode's block of numbers,
     STEPS, MATRIX, POWERS, GUARDS, LINES, VALUES, DEVIATION, GLIDE, SIZES, OUTPUTS, PRODUCTS, GROWTH,
-    GRAMIAN, OCTAL, GLIDE_ROWS,
+    GRAMIAN, DIGITS, GLIDE_ROWS,
 ) = range(pg.CONTENTS, pg.CONTENTS + 27)  # fmt: skip
-# and within its block of integers: key, finest level, whether its energies are there, number of guards, then for every
-# guard what it is and its row.
-KEY, FINEST_LEVEL, ACCOUNTED, GUARD_COUNT, FIRST_GUARD = range(5)
+# and within its block of integers: key, finest level, whether its energies are there, padded number of the guards' rows
+# but for those that are only watched, number of guards, then for every guard what it is and its row.
+KEY, FINEST_LEVEL, ACCOUNTED, EVENT_ROWS, GUARD_COUNT, FIRST_GUARD = range(6)
 
 
 def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
@@ -52,7 +53,7 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
         GLIDE: glide_rows * columns if sampled else 0,
         SIZES: 3 * forms, OUTPUTS: OUTPUT_ROWS * columns,
         PRODUCTS: products * 2 * rows, GROWTH: LEVELS * square, GRAMIAN: LEVELS * energies * square,
-        OCTAL: OCTALS * 7 * square if sampled else 0,
+        DIGITS: -(-LEVELS // BITS) * LARGEST * square if sampled else 0,
     }  # fmt: skip
     offset = 0
     for place, size in sizes.items():
@@ -82,6 +83,18 @@ def block_of(L, slot):
 def slot_of(L, slot):
     """Where the integers of a mode begin in L."""
     return L[SLOTS] + slot * L[SLOT]
+
+
+@inlined
+def place_of(row):
+    """Where a guard's value stands among those that are read; LANES behind it its rate, then its second rate."""
+    return row + row // LANES * 2 * LANES
+
+
+@inlined
+def rows_read(L, tracked, slot):
+    """How many rows of guards are looked at: those that are only watched stand behind the others."""
+    return L[FORMS] if tracked else L[slot_of(L, slot) + EVENT_ROWS]
 
 
 @compiled
