@@ -56,6 +56,10 @@ class _EntryLibrary(JITCodeLibrary):
         pass
 
     def _optimize_final_module(self) -> None:
+        # Parts are called from here alone: one that has a single caller becomes part of it.
+        for function in self._final_module.functions:
+            if function.linkage == Linkage.linkonce_odr and not function.is_declaration:
+                function.linkage = "internal"
         # Loops here are over a handful of numbers, or laid out for vectors by hand (`vector`).
         options = create_pipeline_tuning_options(speed_level=3)
         options.loop_unrolling = options.loop_interleaving = False

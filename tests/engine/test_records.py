@@ -246,6 +246,26 @@ def test_bound_of_the_deviation_within_a_step(load, tmp_path):
             assert np.all(np.abs(waves - line).max(axis=0) <= deviation @ np.abs(matrix @ matrix @ z) + rounding)
 
 
+def test_tables_of_digits(tmp_path):
+    """What a digit in a place of a number of finest steps does is the exponential of so many of them."""
+    machine = Machine(lower(stack(LOADS[0]), record_of(rough(3), tmp_path)))
+    check(machine.run(machine.state(), 13 / RATE))
+    L, P = machine.L, machine.P
+    rows, columns = L[pg.ROWS], L[pg.COLUMNS]
+    for slot in range(L[tb.HELD]):
+        block, finest = L[tb.TABLES] + slot * L[tb.BLOCK], L[L[tb.SLOTS] + slot * L[tb.SLOT] + tb.FINEST_LEVEL]
+        matrix, short = tables_of(machine, slot)[0], P[block + L[tb.STEPS] + finest]
+        assert finest > 2 * tb.BITS
+        for count in range(1, 2**finest + 1):
+            place = 0 if count <= tb.LARGEST else (count.bit_length() - 1) // tb.BITS
+            digit, rest = divmod(count, 2 ** (tb.BITS * place))
+            if rest:
+                continue
+            at = block + L[tb.DIGITS] + (tb.LARGEST * place + digit - 1) * rows * columns
+            found, wanted = P[at : at + rows * columns].reshape(columns, rows).T, expm(matrix * count * short)
+            assert np.abs(found + np.eye(rows) - wanted).max() <= 1e-11 * np.abs(wanted).max()
+
+
 def test_constant_is_carried_only_where_something_is_constant(tmp_path):
     """And a constant too small to matter gives what the smaller matrices give."""
     record, bare = record_of(rough(0), tmp_path), stack(100.0)
