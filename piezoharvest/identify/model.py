@@ -13,8 +13,10 @@ from piezoharvest.identify.gain import small_response, specimen_gain
 from piezoharvest.predict.lowered import Lowered
 from piezoharvest.predict.parameters import Parameter, put, value_at
 from piezoharvest.predict.prediction import Prediction
-from piezoharvest.predict.sensing import sensed
+from piezoharvest.predict.sensing import delayed_somewhere, sensed
 from piezoharvest.transducer import Transducer
+
+CORNERS = 8  # parts of a sample, by which corners of hysteresis are seen where a channel is delayed
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,8 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
     states, read, added = np.split(own, [len(own) - len(first) - len(more), len(own) - len(more)])
     prediction = model.prediction(data, states)
     h, effects = data.setting.sample_time, model.transducer.effects
-    for block in prediction.blocks(derivatives, channels=data.channels):
+    parts = CORNERS if delayed_somewhere(effects) and len(prediction.matrices.kinds) else 1
+    for block in prediction.blocks(derivatives, channels=data.channels, parts=parts):
         end = block.begin + len(block.values)
         time = (np.arange(block.begin, end) - 0.5 * len(data)) * h
         predicted, slopes = block.values, None
@@ -154,7 +157,7 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
             if slopes is not None:
                 slopes[:, :, : passed_slopes.shape[2]] += passed_slopes
         jumps = data.setting.jumps - block.begin
-        predicted, slopes = sensed(effects, model.parameters, data.scatter, h, predicted, slopes, jumps)
+        predicted, slopes = sensed(effects, model.parameters, data.scatter, h, predicted, slopes, jumps, block.between)
         residual = data.part(block.begin, end) - predicted
         for k, (sample, c) in enumerate(first):
             if block.begin <= sample < end:

@@ -33,11 +33,14 @@ class Block(NamedTuple):
     values : (samples, channels) array
     derivatives : (samples, channels, parameters) array
         To what is varied of the parameters, then to the record's own, as in `Prediction.own_names`.
+    between : ((samples - 1) * parts + 1, channels) array or None
+        Values between the samples, too, if they are wanted; within steps over which a drive jumps they mean nothing.
     """
 
     begin: int
     values: np.ndarray
     derivatives: np.ndarray
+    between: np.ndarray | None
 
 
 class Prediction:
@@ -96,6 +99,13 @@ class Prediction:
             for name in Step._fields
         ))  # fmt: skip
 
+    def steps(self, parts: int, derivatives: bool) -> tuple[Step, Step]:
+        """Step that is a part of a sample's, and its derivatives, of which there are none unless they are wanted."""
+        step = self._lowered.step_by(parts)
+        if not derivatives:
+            return step, Step(*(np.zeros((*array.shape, 0)) for array in step))
+        return step, self.slopes if parts == 1 else self._slopes(step, self._lowered.tangent_steps(parts))
+
     def _start(self, derivatives: bool) -> tuple[np.ndarray, np.ndarray]:
         """Scaled states at the start, and their derivatives."""
         states, inverse, scale = len(self.free), self._lowered.inverse, self.matrices.scale[self.free]
@@ -114,18 +124,8 @@ class Prediction:
             dz[:, count + states] = np.imag(equilibrium(self.matrices, inverse, first + 1j * MAGNIFIED)) / MAGNIFIED
         return z, dz
 
-    def _pace(self, parts: int, derivatives: bool, rows: Sequence[int]) -> Pace:
-        """Pace of steps that are a part of a sample's, with some rows of the outputs."""
-        step = self._lowered.step_by(parts)
-        if not derivatives:
-            slopes = Step(*(np.zeros((*array.shape, 0)) for array in step))
-        else:
-            slopes = self.slopes if parts == 1 else self._slopes(step, self._lowered.tangent_steps(parts))
-        step, slopes = (each._replace(O=each.O[rows]) for each in (step, slopes))
-        return pace_of(self.setting.sample_time / parts, self.share / parts, step, slopes)
-
     def blocks(
-        self, derivatives: bool = True, size: int = BLOCK, channels: Sequence[str] | None = None
+        self, derivatives: bool = True, size: int = BLOCK, channels: Sequence[str] | None = None, parts: int = 1
     ) -> Iterator[Block]:
         """Predict, a block of samples at a time.
 
@@ -137,6 +137,8 @@ class Prediction:
             Samples in a block.
         channels : sequence of str, optional
             Which; default all.
+        parts : int
+            Parts of a sample at whose ends values are wanted.
 
         Raises
         ------
@@ -144,43 +146,98 @@ class Prediction:
             The model's equations have no solution at a sample.
         """
         wanted = self.channels if channels is None else channels
-        setting, outputs, inputs = self.setting, len(wanted), len(self.matrices.O) - len(self.channels)
+        setting, inputs = self.setting, len(self.matrices.O) - len(self.channels)
         rows = [*range(inputs), *(inputs + self.channels.index(channel) for channel in wanted)]
         count = len(self.parameters) + len(self.own_names) if derivatives else 0
         z, dz = self._start(derivatives)
-        run = Run(self.matrices, z, padded(dz))
-        fine = setting.fine if len(self.matrices.kinds) else 1
-        paces = {parts: self._pace(parts, derivatives, rows) for parts in {fine, *setting.parts.values()}}
+        march = _March(self, Run(self.matrices, z, padded(dz)), derivatives, rows)
+        # Values between the samples have a march of their own: their derivatives would take most of the time.
+        finer = _March(self, Run(self.matrices, z.copy(), padded(dz[:, :0])), False, rows, parts) if parts > 1 else None
         for begin, end in pairwise([0, *range(size - 1, setting.count - 1, size), setting.count - 1]):
-            Y, dY = np.empty((end - begin + 1, outputs)), np.empty((end - begin + 1, outputs, run.lanes))
-            inside = [step for step in setting.parts if begin <= step < end]
-            for a, b in pairwise(sorted({begin, *inside, *(step + 1 for step in inside), end})):
-                part = slice(a - begin, b - begin + 1)
-                if a in setting.parts:
-                    failed = self._small(run, paces[setting.parts[a]], a, Y[part], dY[part])
-                else:
-                    motion = divided(setting.motion.coefficients[a:b], fine)
-                    failed = run.go(paces[fine], motion, a * self.share, a == 0, Y[part], dY[part], every=fine)
-                if failed >= 0 or not np.all(np.isfinite(Y[part][1:])):
-                    raise PredictionError(f"no solution at sample {a + max(failed, 0) // fine + 1}")
+            Y, dY = march.through(begin, end)
+            between = None if finer is None else finer.through(begin, end)[0]
             first = 0 if begin == 0 else 1  # the sample before a block is not written again
-            self.local = run.local / (end * fine)
-            yield Block(begin + first, Y[first:], dY[first:, :, :count])
+            self.local = march.local / end
+            yield Block(
+                begin + first, Y[first:], dY[first:, :, :count], None if between is None else between[first * parts :]
+            )
 
-    def _small(self, run: Run, pace: Pace, begin: int, Y: np.ndarray, dY: np.ndarray) -> int:
+
+class _March:
+    """A run through a record and what paces it.
+
+    Parameters
+    ----------
+    prediction : Prediction
+    run : Run
+    derivatives : bool
+        Whether the run has any.
+    rows : sequence of int
+        Of the outputs, inputs of the elements first.
+    written : int
+        Values that are written in a sample.
+    """
+
+    def __init__(
+        self, prediction: Prediction, run: Run, derivatives: bool, rows: Sequence[int], written: int = 1
+    ) -> None:
+        self._of, self._run, self._derivatives, self._rows, self._written = prediction, run, derivatives, rows, written
+        fine = prediction.setting.fine if len(prediction.matrices.kinds) else 1
+        self._fine = written * -(-fine // written)
+        self._paces: dict[int, Pace] = {}
+
+    @property
+    def local(self) -> np.ndarray:
+        """Sum of the elements' slopes over samples so far, as they are on average."""
+        return self._run.local / self._fine
+
+    def through(self, begin: int, end: int) -> tuple[np.ndarray, np.ndarray]:
+        """Values and derivatives from one sample to another.
+
+        Raises
+        ------
+        PredictionError
+            The model's equations have no solution at a sample.
+        """
+        setting, run, fine, written = self._of.setting, self._run, self._fine, self._written
+        outputs = len(self._rows) - run.inputs
+        Y, dY = (np.empty(((end - begin) * written + 1, outputs, *lanes)) for lanes in ((), (run.lanes,)))
+        inside = [step for step in setting.parts if begin <= step < end]
+        for a, b in pairwise(sorted({begin, *inside, *(step + 1 for step in inside), end})):
+            part = slice((a - begin) * written, (b - begin) * written + 1)
+            if a in setting.parts:
+                failed = self._small(a, Y[part], dY[part])
+            else:
+                motion, time = divided(setting.motion.coefficients[a:b], fine), a * self._of.share
+                failed = run.go(self._pace(fine), motion, time, a == 0, Y[part], dY[part], every=fine // written)
+            if failed >= 0 or not np.all(np.isfinite(Y[part][1:])):
+                raise PredictionError(f"no solution at sample {a + max(failed, 0) // fine + 1}")
+        return Y, dY
+
+    def _pace(self, parts: int) -> Pace:
+        """Pace of steps that are a part of a sample's."""
+        if parts not in self._paces:
+            setting, (step, slopes) = self._of.setting, self._of.steps(parts, self._derivatives)
+            step, slopes = (each._replace(O=each.O[self._rows]) for each in (step, slopes))
+            self._paces[parts] = pace_of(setting.sample_time / parts, self._of.share / parts, step, slopes)
+        return self._paces[parts]
+
+    def _small(self, begin: int, Y: np.ndarray, dY: np.ndarray) -> int:
         """March by small steps over one, within which the drive may jump; 0 if it failed, else -1."""
-        motion, jump = self.setting.motion, (-1, -1)
+        of, run = self._of, self._run
+        motion, parts, jump = of.setting.motion, of.setting.parts[begin], (-1, -1)
         line = motion.coefficients[begin]
         if begin in motion.jumps:
-            k = len(self.own_names) - len(motion.jumps) + int(np.searchsorted(motion.jumps, begin))
-            coefficients, place = jumping(line, -self.own[k] / line[1])
+            k = len(of.own_names) - len(motion.jumps) + int(np.searchsorted(motion.jumps, begin))
+            coefficients, place = jumping(line, -of.own[k] / line[1])
             if run.lanes:
-                jump = place, len(self.parameters) + k
+                jump = place, len(of.parameters) + k
         else:
-            coefficients = divided(line[None], self.setting.parts[begin])
+            coefficients = divided(line[None], parts)
         count = len(coefficients) + 1
         fine, dfine = np.empty((count, Y.shape[1])), np.empty((count, *dY.shape[1:]))
-        failed = run.go(pace, coefficients, begin * self.share, begin == 0, fine, dfine, jump=jump, small=True)
-        first = 0 if begin == 0 else 1
-        Y[first:], dY[first:] = fine[[0, -1]][first:], dfine[[0, -1]][first:]
+        pace, time = self._pace(parts), begin * of.share
+        failed = run.go(pace, coefficients, time, begin == 0, fine, dfine, jump=jump, small=True)
+        first, kept = 0 if begin == 0 else 1, np.linspace(0, count - 1, len(Y)).astype(int)
+        Y[first:], dY[first:] = fine[kept][first:], dfine[kept][first:]
         return min(failed, 0)

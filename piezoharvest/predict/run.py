@@ -66,7 +66,7 @@ class Run:
 
     def __init__(self, matrices: Matrices, z: np.ndarray, dz: np.ndarray) -> None:
         inputs, elements, lanes = len(matrices.O) - len(matrices.channels), len(matrices.kinds), dz.shape[1]
-        self._matrices, self.lanes = matrices, lanes
+        self._matrices, self.inputs, self.lanes = matrices, inputs, lanes
         self._limits = np.ascontiguousarray(np.real(matrices.parameters))
         # States, outputs of the elements, their inputs and the rates of these; then the derivatives of all three.
         self._values = (z, np.zeros(elements), np.zeros(inputs))

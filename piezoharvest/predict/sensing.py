@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
-from scipy.ndimage import spline_filter1d
+from scipy.ndimage import map_coordinates, spline_filter1d
 from scipy.special import ndtr
 
 from piezoharvest.effects.base import Effect
@@ -23,6 +23,7 @@ Sensed = tuple[np.ndarray, np.ndarray | None]
 def sensed(
     effects: Sequence[Effect], parameters: Sequence[Parameter], noise: Mapping[str, float], sample_time: float,
     values: np.ndarray, slopes: np.ndarray | None, jumps: Sequence[int] | np.ndarray = (),
+    between: np.ndarray | None = None,
 ) -> Sensed:  # fmt: skip
     """Values of channels as they are read, with the derivatives to all parameters.
 
@@ -40,6 +41,9 @@ def sensed(
     slopes : (samples, channels, derivatives) array or None
     jumps : sequence of int, optional
         Samples after which the drive jumps.
+    between : ((samples - 1) * parts + 1, channels) array, optional
+        What a model predicts between the samples, too: where it has corners, what is delayed by parts of a sample does
+        not lie on a smooth curve through these. To values more may have been added.
     """
     bounds = [0, *(jump + 1 for jump in jumps if 0 <= jump < len(values) - 1), len(values)]
     for n, effect in enumerate(effects):
@@ -47,7 +51,8 @@ def sensed(
             delay, span = effect.late(channel), effect.span(channel)
             place = _place(parameters, n, "delay") if delays(effect, channel) else None
             if delay or place is not None:
-                _delay(values, slopes, c, delay / sample_time, sample_time, place, bounds)
+                corners = None if between is None else between[:, c]
+                _delay(values, slopes, c, delay / sample_time, sample_time, place, bounds, corners)
             if np.isfinite(span):
                 _clip(values, slopes, c, span, scatter, _place(parameters, n, "limit"))
     return values, slopes
@@ -64,7 +69,12 @@ def _place(parameters: Sequence[Parameter], effect: int, field: str) -> int | No
     return next((k for k, parameter in enumerate(parameters) if parameter.path == path), None)
 
 
-def _delay(values, slopes, c: int, samples: float, sample_time: float, place: int | None, bounds) -> None:
+def delayed_somewhere(effects: Sequence[Effect]) -> bool:
+    """Whether one of the effects delays channels."""
+    return any(type(effect).late is not Effect.late for effect in effects)
+
+
+def _delay(values, slopes, c: int, samples: float, sample_time: float, place: int | None, bounds, between) -> None:
     """Shift a channel by a number of samples, each part between jumps by itself; before the record it stood still."""
     at = np.arange(len(values)) - samples
     delayed = np.empty(len(values))
@@ -73,7 +83,11 @@ def _delay(values, slopes, c: int, samples: float, sample_time: float, place: in
         late = np.flatnonzero((at > begin - 1 if begin else True) & (at <= end - 1))
         where = np.maximum(at[late], begin)
         spline = _spline(values[begin:end, c], begin)
-        delayed[late] = spline(where)
+        if between is None or end - begin < SHORT:
+            delayed[late] = spline(where)
+        else:
+            parts = (len(between) - 1) // (len(values) - 1)
+            delayed[late] = _through_corners(values[begin:end, c], begin, between, parts, where)
         if slopes is None:
             continue
         if samples:
@@ -81,6 +95,16 @@ def _delay(values, slopes, c: int, samples: float, sample_time: float, place: in
         if place is not None:
             slopes[late, c, place] = np.where(at[late] > begin, -spline(where, 1) / sample_time, 0.0)
     values[:, c] = delayed
+
+
+def _through_corners(values: np.ndarray, begin: int, between: np.ndarray, parts: int, places: np.ndarray) -> np.ndarray:
+    """Values at places that are counted in samples, from values at parts of these from `begin` on.
+
+    What has been added to the samples has no corners.
+    """
+    part = between[begin * parts : (begin + len(values) - 1) * parts + 1]
+    added = _spline(values - part[::parts], begin)(places)
+    return added + map_coordinates(part, [(places - begin) * parts], order=3, mode="mirror")
 
 
 def _spline(values: np.ndarray, begin: int) -> BSpline:
