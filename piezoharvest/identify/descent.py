@@ -96,6 +96,7 @@ def descend(
     lower = np.concatenate([[p.lower for p in model.parameters], -limits])
     upper = np.concatenate([[p.upper for p in model.parameters], limits])
     leap = np.array([LEAP if p.scaling == "log" else np.inf for p in model.parameters] + [np.inf] * sum(map(len, own)))
+    delaying = np.array([p.path[-1] == "damping" for p in model.parameters] + [False] * sum(map(len, own)))
     mean, precision = prior_of(problem, model, own)
     judge = _Judge(problem, whiteners(problem, model, noise, rough=loose), mean, precision)
     first = judge.at(model, own, np.concatenate([inner_values(model), *own]), scatter=not loose)
@@ -120,7 +121,9 @@ def descend(
             converged, message = True, "converged"
             break
         hopes += [] if rejected else [promise]
-        there = judge.tried(here, values + step)
+        # Along the values, not their logarithms: what stands in for a delay follows that on a straight line.
+        step = np.where(delaying, np.log1p(np.maximum(step, np.expm1(-LEAP))), step)
+        there = judge.tried(here, np.clip(values + step, lower, upper))
         if there is not None and there.cost < here.cost:
             gained = (here.cost - there.cost) / promise
             quiet = quiet + 1 if here.cost - there.cost < limit else 0

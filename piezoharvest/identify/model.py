@@ -13,10 +13,10 @@ from piezoharvest.identify.gain import small_response, specimen_gain
 from piezoharvest.predict.lowered import Lowered
 from piezoharvest.predict.parameters import Parameter, put, value_at
 from piezoharvest.predict.prediction import Prediction
-from piezoharvest.predict.sensing import delayed_somewhere, sensed
+from piezoharvest.predict.sensing import late_somewhere, sensed
 from piezoharvest.transducer import Transducer
 
-CORNERS = 8  # parts of a sample, by which corners of hysteresis are seen where a channel is delayed
+CORNERS = 4  # parts of a sample, by which corners of hysteresis are seen where a channel is delayed
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
     states, read, added = np.split(own, [len(own) - len(first) - len(more), len(own) - len(more)])
     prediction = model.prediction(data, states)
     h, effects = data.setting.sample_time, model.transducer.effects
-    parts = CORNERS if delayed_somewhere(effects) and len(prediction.matrices.kinds) else 1
+    parts = CORNERS if late_somewhere(effects, data.channels) and len(prediction.matrices.kinds) else 1
     for block in prediction.blocks(derivatives, channels=data.channels, parts=parts):
         end = block.begin + len(block.values)
         time = (np.arange(block.begin, end) - 0.5 * len(data)) * h

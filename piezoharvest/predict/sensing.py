@@ -69,9 +69,9 @@ def _place(parameters: Sequence[Parameter], effect: int, field: str) -> int | No
     return next((k for k, parameter in enumerate(parameters) if parameter.path == path), None)
 
 
-def delayed_somewhere(effects: Sequence[Effect]) -> bool:
-    """Whether one of the effects delays channels."""
-    return any(type(effect).late is not Effect.late for effect in effects)
+def late_somewhere(effects: Sequence[Effect], channels: Sequence[str]) -> bool:
+    """Whether one of the effects makes a channel late."""
+    return any(effect.late(channel) for effect in effects for channel in channels)
 
 
 def _delay(values, slopes, c: int, samples: float, sample_time: float, place: int | None, bounds, between) -> None:
