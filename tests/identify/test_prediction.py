@@ -83,6 +83,34 @@ def test_beam_on_a_moving_base_agrees_with_the_bench():
         assert np.abs(found[channel][late] - wanted).max() < 2e-2 * np.abs(wanted).max()
 
 
+def test_a_delayed_voltage_keeps_the_corners_of_its_hysteresis():
+    """Through the samples alone they are rounded; a curve through parts of a sample is nearer by their square."""
+    delay, late = 3e-4, slice(100, None)
+    truth = waves(STACK, SINE, times=np.union1d(TIMES, TIMES[1:] - delay))
+    setting = replace(setting_of("force", build_shunt(LOAD), 1e-3, truth.at(TIMES).sensed("force")), fine=16)
+    wanted = truth.at(TIMES - delay).sensed("voltage")[late]
+
+    def off(parts):
+        (block,) = Prediction(build_transducer(STACK), setting).blocks(False, channels=("voltage",), parts=parts)
+        added = 5.0 * np.cos(TIMES)  # as a line is, on top of what the model predicts
+        values = block.values + added[:, None]
+        read, _ = sensed([ChannelSkew(delay=delay)], (), {"voltage": 0.0}, 1e-3, values, None, (), block.between)
+        return np.linalg.norm(read[late, 0] - 5.0 * np.cos(TIMES[late] - delay) - wanted)
+
+    assert off(4) < 0.3 * off(1)
+    assert off(16) < 0.3 * off(4)
+
+
+@pytest.mark.parametrize("size", [1 << 16, 500])
+def test_values_between_the_samples_are_those_of_a_finer_record(size):
+    force, device = waves(STACK, SINE, times=np.arange(12001) / 4000.0).sensed("force"), build_transducer(STACK)
+    fine = predicted(device, "force", force, step=2.5e-4)[0]["voltage"]
+    setting = setting_of("force", build_shunt(LOAD), 1e-3, force[::4])
+    for block in Prediction(device, setting).blocks(False, size, ("voltage",), 4):
+        wanted = fine[4 * block.begin :][: 4 * (len(block.values) - 1) + 1]
+        assert block.between[:, 0] == pytest.approx(wanted, abs=1e-4 * np.abs(fine).max())
+
+
 def test_voltage_drive_is_the_inverse_of_a_free_actuator():
     """Slowly: the displacement is T (v - v_h)/k, v_h by a Prandtl-Ishlinskii operator of the charge."""
     device = build_transducer(STACK)
