@@ -157,7 +157,10 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
             if slopes is not None:
                 slopes[:, :, : passed_slopes.shape[2]] += passed_slopes
         jumps = data.setting.jumps - block.begin
-        predicted, slopes = sensed(effects, model.parameters, data.scatter, h, predicted, slopes, jumps, block.between)
+        predicted, slopes = sensed(
+            effects, model.parameters, data.scatter, h, predicted, slopes, jumps, block.between,
+            data.setting.abrupt and block.begin == 0,
+        )  # fmt: skip
         residual = data.part(block.begin, end) - predicted
         for k, (sample, c) in enumerate(first):
             if block.begin <= sample < end:

@@ -23,7 +23,7 @@ Sensed = tuple[np.ndarray, np.ndarray | None]
 def sensed(
     effects: Sequence[Effect], parameters: Sequence[Parameter], noise: Mapping[str, float], sample_time: float,
     values: np.ndarray, slopes: np.ndarray | None, jumps: Sequence[int] | np.ndarray = (),
-    between: np.ndarray | None = None,
+    between: np.ndarray | None = None, abrupt: bool = False,
 ) -> Sensed:  # fmt: skip
     """Values of channels as they are read, with the derivatives to all parameters.
 
@@ -44,6 +44,8 @@ def sensed(
     between : ((samples - 1) * parts + 1, channels) array, optional
         What a model predicts between the samples, too: where it has corners, what is delayed by parts of a sample does
         not lie on a smooth curve through these. To values more may have been added.
+    abrupt : bool
+        Whether the drive jumps at the very beginning: then all values between the first two samples come after that.
     """
     bounds = [0, *(jump + 1 for jump in jumps if 0 <= jump < len(values) - 1), len(values)]
     for n, effect in enumerate(effects):
@@ -52,7 +54,7 @@ def sensed(
             place = _place(parameters, n, "delay") if delays(effect, channel) else None
             if delay or place is not None:
                 corners = None if between is None else between[:, c]
-                _delay(values, slopes, c, delay / sample_time, sample_time, place, bounds, corners)
+                _delay(values, slopes, c, delay / sample_time, sample_time, place, bounds, corners, abrupt)
             if np.isfinite(span):
                 _clip(values, slopes, c, span, scatter, _place(parameters, n, "limit"))
     return values, slopes
@@ -74,37 +76,44 @@ def late_somewhere(effects: Sequence[Effect], channels: Sequence[str]) -> bool:
     return any(effect.late(channel) for effect in effects for channel in channels)
 
 
-def _delay(values, slopes, c: int, samples: float, sample_time: float, place: int | None, bounds, between) -> None:
+def _delay(
+    values, slopes, c: int, samples: float, sample_time: float, place: int | None, bounds, between, abrupt: bool
+) -> None:
     """Shift a channel by a number of samples, each part between jumps by itself; before the record it stood still."""
     at = np.arange(len(values)) - samples
     delayed = np.empty(len(values))
     for begin, end in reversed(list(pairwise(bounds))):  # what is written is not read any more
         # From the last sample before a jump on it is at its new value.
         late = np.flatnonzero((at > begin - 1 if begin else True) & (at <= end - 1))
-        where = np.maximum(at[late], begin)
+        where, first = np.maximum(at[late], begin), float(begin)
         spline = _spline(values[begin:end, c], begin)
         if between is None or end - begin < SHORT:
             delayed[late] = spline(where)
         else:
             parts = (len(between) - 1) // (len(values) - 1)
-            delayed[late] = _through_corners(values[begin:end, c], begin, between, parts, where)
+            first -= (parts - 1) / parts if abrupt and begin == 1 else 0.0
+            places = np.maximum(at[late], first)
+            delayed[late] = _through_corners(values[begin:end, c], begin, first, between, parts, places)
         if slopes is None:
             continue
         if samples:
             slopes[late[0] : late[-1] + 1, c] = _shifted(slopes[begin:end, c], where - begin)
         if place is not None:
-            slopes[late, c, place] = np.where(at[late] > begin, -spline(where, 1) / sample_time, 0.0)
+            slopes[late, c, place] = np.where(at[late] > first, -spline(where, 1) / sample_time, 0.0)
     values[:, c] = delayed
 
 
-def _through_corners(values: np.ndarray, begin: int, between: np.ndarray, parts: int, places: np.ndarray) -> np.ndarray:
-    """Values at places that are counted in samples, from values at parts of these from `begin` on.
+def _through_corners(
+    values: np.ndarray, begin: int, first: float, between: np.ndarray, parts: int, places: np.ndarray
+) -> np.ndarray:
+    """Values at places that are counted in samples, from values at parts of these from the first on.
 
-    What has been added to the samples has no corners.
+    What has been added to the samples, which begin later, has no corners.
     """
-    part = between[begin * parts : (begin + len(values) - 1) * parts + 1]
-    added = _spline(values - part[::parts], begin)(places)
-    return added + map_coordinates(part, [(places - begin) * parts], order=3, mode="mirror")
+    added = _spline(values - between[begin * parts :: parts][: len(values)], begin)(np.maximum(places, begin))
+    early = round(first * parts)
+    part = between[early : (begin + len(values) - 1) * parts + 1]
+    return added + map_coordinates(part, [places * parts - early], order=3, mode="mirror")
 
 
 def _spline(values: np.ndarray, begin: int) -> BSpline:

@@ -342,6 +342,23 @@ def stepped(transducer, duration, effects=(), parameters=()):
     return prediction, block, truth, clear
 
 
+@pytest.mark.parametrize("delay", [2e-4, 6.5e-4])
+def test_what_is_read_late_of_an_abrupt_start_has_already_moved(delay):
+    device = build_transducer(STACK)
+    prediction, _, _, _ = stepped(device, 1.0)
+    truth = waves(STACK, STEP, times=np.union1d(TIMES, TIMES[1:] - delay))
+    wanted = truth.at(TIMES - delay).sensed("voltage")[1:100]
+    (block,) = prediction.blocks(False, channels=("voltage",), parts=4)
+    setting, off = prediction.setting, []
+    for abrupt in (True, False):
+        read, _ = sensed(
+            [ChannelSkew(delay=delay)], (), {"voltage": 0.0}, 1e-3, block.values.copy(), None, setting.jumps,
+            block.between, abrupt,
+        )  # fmt: skip
+        off.append(np.abs(read[1:100, 0] - wanted).max())
+    assert off[0] < 0.1 * off[1]
+
+
 @pytest.mark.parametrize("duration", [1.0, 1.00035, 1.00093])
 def test_ideal_steps_agree_with_the_bench(duration):
     """Operators turn where the charge does, within the step: a corner out of place is wrong by a tenth of a volt."""
