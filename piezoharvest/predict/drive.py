@@ -13,6 +13,7 @@ from scipy.interpolate import CubicSpline
 
 JUMP = 0.1  # of the range: more than this from one sample to the next is a jump where the rest is slower
 CALM = 8.0  # times as far as the samples beside it go
+CORNER = 1e-3  # of the range: by so much the slope changes in a sample at a corner
 PIECE = 1 << 18  # samples whose spline is made at a time: making that of millions takes several times its memory
 FORGETS = 32  # samples further on, a spline has forgotten a value: (2 - sqrt 3)^32 of it is left
 
@@ -40,12 +41,15 @@ def drive_of(values: np.ndarray) -> Drive:
     """Interpolate the samples of a drive.
 
     A spline, not straight lines: these lose (w h)^2/12 of a sine of angular frequency w between samples h apart, which
-    a record of ten thousand samples shows. At a jump the spline is broken, for it would ring.
+    a record of ten thousand samples shows. At a jump the spline is broken, and at a corner, for it would ring.
     """
     jumps = jumps_of(values)
     coefficients = np.zeros((len(values) - 1, 4))
     coefficients[:, 0], coefficients[:, 1] = values[:-1], np.diff(values)
-    for begin, end in zip([0, *(jumps + 1)], [*jumps, len(values) - 1], strict=True):
+    corners = np.setdiff1d(corners_of(values), [jumps, jumps + 1])
+    begins = np.union1d(np.concatenate([[0], jumps + 1]), corners)
+    ends = np.union1d(np.concatenate([jumps, [len(values) - 1]]), corners)
+    for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
         if end - begin >= 3:
             for a, b in pairwise([begin, *range(begin + PIECE, end - PIECE // 2, PIECE), end]):
                 first, last = max(a - FORGETS, begin), min(b + FORGETS, end)
@@ -97,3 +101,14 @@ def jumps_of(values: np.ndarray) -> np.ndarray:
     padded = np.pad(steps, 2, mode="edge")
     around = np.minimum(np.maximum(padded[:-4], padded[1:-3]), np.maximum(padded[3:-1], padded[4:]))
     return np.flatnonzero((steps > JUMP * np.ptp(values)) & (steps > CALM * around))
+
+
+def corners_of(values: np.ndarray) -> np.ndarray:
+    """Samples at which a ramp begins or ends: the slope changes there alone."""
+    bends = np.abs(np.diff(values, 2))
+    if len(bends) < 5:
+        return np.zeros(0, int)
+    padded = np.pad(bends, 2, mode="edge")
+    beside = np.max([padded[:-4], padded[1:-3], padded[3:-1], padded[4:]], axis=0)
+    found = np.flatnonzero((bends > CORNER * np.ptp(values)) & (bends > CALM * beside)) + 1
+    return found[(found > 1) & (found < len(values) - 2)]

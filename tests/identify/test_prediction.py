@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from piezoharvest.effects import registered
 from piezoharvest.effects.channel_skew import ChannelSkew
 from piezoharvest.effects.displacement_lag import DisplacementLag
-from piezoharvest.predict.drive import FINE, divided, drive_of, jumping
+from piezoharvest.predict.drive import FINE, corners_of, divided, drive_of, jumping
 from piezoharvest.predict.lowered import setting_of
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
 from piezoharvest.predict.prediction import Prediction
@@ -340,6 +340,34 @@ def stepped(transducer, duration, effects=(), parameters=()):
     (block,) = prediction.blocks(True)
     clear = np.arange(len(TIMES)) != setting.motion.jumps[0] + 1
     return prediction, block, truth, clear
+
+
+def test_a_drive_does_not_ring_at_the_corners_of_a_ramp():
+    time = np.arange(200.0)
+    ramp = 100.0 + 45.0 * np.clip(time - 50.0, 0.0, 20.0) - 90.0 * np.clip(time - 120.0, 0.0, 10.0)
+    assert corners_of(ramp).tolist() == [50, 70, 120, 130]
+    coefficients, jumps = drive_of(ramp)
+    assert len(jumps) == 0
+    assert coefficients[:, :2] == pytest.approx(np.column_stack([ramp[:-1], np.diff(ramp)]), abs=1e-9)
+    assert np.abs(coefficients[:, 2:]).max() < 1e-9
+    noisy = ramp + 0.05 * np.random.default_rng(1).standard_normal(len(ramp))
+    assert {50, 70, 120, 130} <= set(corners_of(noisy).tolist())
+
+
+@pytest.mark.parametrize("tones", [[5.0], [61.0], [0.5, 3.0, 11.0, 29.0, 43.0], [180.0]])
+def test_what_is_smooth_has_no_corners(tones):
+    values = sum(np.sin(2 * np.pi * f * TIMES + f) for f in tones)
+    assert len(corners_of(values)) == 0
+
+
+@pytest.mark.parametrize("corner", [98, 99, 100, 101, 102])
+def test_a_corner_beside_a_jump(corner):
+    time = np.arange(200.0)
+    values = 2.0 * np.clip(time - corner, 0.0, None) + 900.0 * (time > 99.5)
+    coefficients, jumps = drive_of(values)
+    assert jumps.tolist() == [99]
+    assert coefficients[:, 0] == pytest.approx(values[:-1])
+    assert coefficients.sum(axis=1) == pytest.approx(values[1:])
 
 
 @pytest.mark.parametrize("delay", [2e-4, 6.5e-4])
