@@ -168,13 +168,12 @@ def _whole(campaign: Campaign, tell: Callable[[str], None], library: Sequence[ty
 
 def _extended(before: Identification, tell: Callable[[str], None], library: Sequence[type[Effect]] | None) -> Diagnosis:
     """Diagnosis with as many records fitted as it takes."""
-    name = overshadowing(before)  # in sight of it the others show little, and a search among them is made in vain
-    found = _diagnosed(before, tell, library) if name is None else None
-    if found is not None:
+    name = overshadowing(before)
+    if name is None:  # else the others show little beside it, and a search among them is made in vain
+        found = _diagnosed(before, tell, library)
         if found.left or not found.unseen:
             return found
         name = plainest(found.campaign, found.unseen)
-    assert name is not None
     tell(f"{name}: more is left than in the records that were fitted, so that it is fitted, too")
     more = identify(with_fitted(before.campaign, name), offsets=OFFSETS, near=before.found)
     found = _extended(more, tell, library)
