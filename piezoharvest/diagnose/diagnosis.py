@@ -16,6 +16,7 @@ from piezoharvest.diagnose.trials import Step, Trials
 from piezoharvest.diagnose.unseen import overshadowing, plainest, shown_by, spoils, validated, with_fitted
 from piezoharvest.effects import Clipping, Effect
 from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.evaluation import side_by_side
 from piezoharvest.identify.fit import covariance
 from piezoharvest.identify.identification import Estimate, Identification, Quality, identify, judged, prepared, together
 from piezoharvest.identify.problem import Problem
@@ -108,6 +109,7 @@ class Diagnosis:
         return self.search.left
 
 
+@side_by_side
 def diagnose(
     campaign: Campaign,
     tell: Callable[[str], None] = lambda text: None,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from functools import cache, wraps
+from typing import ParamSpec, TypeVar
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
@@ -17,6 +18,9 @@ from piezoharvest.identify.responses import FrequencyData, ResponseWeights
 from piezoharvest.identify.sums import Sums, Whitener
 
 WORKERS = 2
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 def whiteners(
@@ -46,18 +50,28 @@ def sums_of(
     PredictionError
         The model cannot follow a record.
     """
-    # Threads within products of small matrices would wait for each other most of the time.
-    with _threads().limit(limits=1):
-        if len(white) == 1:  # what a thread has had of memory is kept for the next one: with a long record that adds up
-            return (white[0].sums(model, own[0], scatter, highest),)
-        for data in problem.data:
-            if isinstance(data, Data):
-                model.lowered(data)
-        with ThreadPoolExecutor(WORKERS) as pool:
-            jobs = [
-                pool.submit(each.sums, model, mine, scatter, highest) for each, mine in zip(white, own, strict=True)
-            ]
-            return tuple(job.result() for job in jobs)
+    if len(white) == 1:  # what a thread has had of memory is kept for the next one: with a long record that adds up
+        return (white[0].sums(model, own[0], scatter, highest),)
+    for data in problem.data:
+        if isinstance(data, Data):
+            model.lowered(data)
+    with ThreadPoolExecutor(WORKERS) as pool:
+        jobs = [pool.submit(each.sums, model, mine, scatter, highest) for each, mine in zip(white, own, strict=True)]
+        return tuple(job.result() for job in jobs)
+
+
+def side_by_side(function: Callable[P, R]) -> Callable[P, R]:
+    """Decorate what evaluates records side by side: the linear algebra has no threads of its own meanwhile.
+
+    Those would wait for each other within products of small matrices, and spin for some time after each.
+    """
+
+    @wraps(function)
+    def alone(*args: P.args, **kwargs: P.kwargs) -> R:
+        with _threads().limit(limits=1):
+            return function(*args, **kwargs)
+
+    return alone
 
 
 @cache

@@ -9,6 +9,7 @@ import numpy as np
 
 from piezoharvest.identify.data import Data, data_of
 from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.evaluation import side_by_side
 from piezoharvest.identify.fit import covariance, fit
 from piezoharvest.identify.gain import gain_of
 from piezoharvest.identify.identifiable import combination, experiment, undetermined
@@ -130,6 +131,7 @@ def _prepared(campaign: Campaign, record: Record | FrequencyRecord) -> Data | Fr
         raise CampaignError(campaign.path, f"{record.key}.{error.key}", error.message) from None
 
 
+@side_by_side
 def identify(
     campaign: Campaign,
     tell: Tell = lambda text: None,
