@@ -18,6 +18,7 @@ from piezoharvest.effects import Clipping, Effect
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.evaluation import side_by_side
 from piezoharvest.identify.fit import covariance
+from piezoharvest.identify.identifiable import experiment
 from piezoharvest.identify.identification import Estimate, Identification, Quality, identify, judged, prepared, together
 from piezoharvest.identify.problem import Problem
 from piezoharvest.predict.parameters import value_at
@@ -308,12 +309,15 @@ def _estimates(before: Identification, final: Fit):
     places = {parameter.path: k for k, parameter in enumerate(final.model.parameters)}
     for estimate in before.estimates:
         k = places.get(estimate.parameter.path)
-        if k is None:
-            yield estimate
+        if k is None:  # the effects may have taken what seemed to tell it
+            nominal = replace(estimate, value=estimate.nominal, std=None, identifiable=False)
+            yield replace(nominal, experiment=experiment(estimate.parameter)) if estimate.identifiable else estimate
             continue
         value = float(np.real(value_at(final.model.transducer, estimate.parameter.path)))
         slope = estimate.parameter.slope(estimate.parameter.inner(value))
-        yield replace(estimate, value=value, std=float(slope * std[k]))
+        yield replace(
+            estimate, value=value, std=float(slope * std[k]), identifiable=True, combination="", experiment=""
+        )
 
 
 def _experiment(search: Search) -> str | None:

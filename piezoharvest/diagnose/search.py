@@ -114,7 +114,7 @@ class Searcher:
                     now, held = self._surveyed(better)
                     continue
             trials.tell(f"found {', '.join(now.effects)}")
-            now, levels = self._revised(now, levels)
+            now, levels = self._revised(trials.redetermined(now), levels)
             now, held = self._surveyed(now)
             if self._passed_by(before, now):
                 trials.tell("what stands out is as it was: no effect of the library explains it")

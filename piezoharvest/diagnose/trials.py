@@ -13,10 +13,11 @@ from piezoharvest.diagnose.leftover import Leftover, structure
 from piezoharvest.diagnose.scene import Scene
 from piezoharvest.effects import Effect
 from piezoharvest.identify.descent import ITERATIONS, UNFINISHED, Fit
-from piezoharvest.identify.fit import fit, inflation, inverse
+from piezoharvest.identify.fit import fit, inflation, inverse, linearised
+from piezoharvest.identify.identifiable import undetermined
 from piezoharvest.identify.model import Model
-from piezoharvest.identify.problem import Problem
-from piezoharvest.predict.parameters import Parameter, put, value_at
+from piezoharvest.identify.problem import Problem, prior_of
+from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
 from piezoharvest.predict.prediction import PredictionError
 
 STRAYED = 0.4  # of a logarithm: a parameter that is so far from its nominal value may stand in for an effect
@@ -167,6 +168,28 @@ class Trials:
         covariance = inverse(found.information + found.prior)[np.ix_(far, far)]
         wanted = np.dot(away, np.linalg.solve(covariance, away)) > WANTED
         return [found.model.parameters[k] for k in far] if wanted else []
+
+    def redetermined(self, now: Step) -> Step:
+        """The same with what the data determines now: without the effect that was found it told less, or seemed to.
+
+        Whether it tells a parameter that was left at its nominal value is asked of one linearisation there.
+        """
+        model, found, nominal = now.found.model, now.found, self.problem.nominal
+        own = tuple(parameter for parameter in model.parameters if parameter.path[0] == "effects")
+        full = replace(model, parameters=(*parameters_of(nominal, set(self.scene.drives)), *own))
+        if len(full.parameters) > len(model.parameters):
+            information, _, _ = linearised(self.problem, full, found.own, found)
+            prior = np.diag(prior_of(self.problem, full, found.own)[1])
+            found = replace(found, model=full, information=information, prior=prior)
+        out = {full.parameters[k].path for k in undetermined(found)} - {parameter.path for parameter in own}
+        kept = tuple(parameter for parameter in full.parameters if parameter.path not in out)
+        if kept == model.parameters:
+            return now
+        transducer = model.transducer
+        for path in out:
+            transducer = put(transducer, path, value_at(nominal, path))
+        again = self._kept(self._fit(replace(model, transducer=transducer, parameters=kept), now.found.own, now.found))
+        return again or now
 
     def freed(self, held: Step, now: Step) -> Step | None:
         """Full fit from there with all that varies in another step."""
