@@ -17,6 +17,7 @@ from piezoharvest.predict.sensing import late_somewhere, sensed
 from piezoharvest.transducer import Transducer
 
 CORNERS = 4  # parts of a sample, by which corners of hysteresis are seen where a channel is delayed
+LATEST = 2  # samples by which a channel may be late: so many after a jump may be read while it happens
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,13 @@ def first_samples(data: Data) -> list[tuple[int, int]]:
 
     By how much the reading without noise is above what was read.
     """
-    return [(int(jump) + 1, c) for jump in data.setting.motion.jumps for c in range(len(data.channels))]
+    return [
+        (int(jump) + 1 + k, c)
+        for jump in data.setting.motion.jumps
+        for k in range(LATEST)
+        for c in range(len(data.channels))
+        if jump + 1 + k < len(data)
+    ]
 
 
 def own_names(model: Model, data: Data) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from piezoharvest.predict.parameters import value_at
 from piezoharvest.transducer import Transducer
 
 PRIOR = 1.0  # standard deviation of the logarithm of a parameter about its nominal value, where nothing else is known
+ANY_RISE = 2.0  # standard deviation of the logarithm of how long a jump takes
 WEAK = 10.0  # the same for a linear one, in units of its own size
 
 
@@ -91,6 +92,6 @@ def prior_of(problem: Problem, model: Model, own: Sequence[np.ndarray]) -> tuple
         means.append(nominal)
         size = PRIOR if parameter.scaling == "log" else WEAK * (abs(nominal) or 1.0)
         precision.append(size**-2)
-    return np.concatenate([means, np.zeros(sum(map(len, own)))]), np.concatenate(
-        [precision, np.zeros(sum(map(len, own)))]
-    )
+    # How long a jump takes shows in what overshoots, or not at all.
+    rises = [name.startswith("rise") for data in problem.data for name in problem.own_names(model, data)]
+    return np.concatenate([means, np.zeros(len(rises))]), np.concatenate([precision, np.where(rises, ANY_RISE**-2, 0)])

@@ -17,9 +17,9 @@ CORNER = 1e-3  # of the range: by so much the slope changes in a sample at a cor
 PIECE = 1 << 18  # samples whose spline is made at a time: making that of millions takes several times its memory
 FORGETS = 32  # samples further on, a spline has forgotten a value: (2 - sqrt 3)^32 of it is left
 
-# Small steps that one with a jump is taken in. The drive has its mean in that with the instant: a second jump, which
-# would dampen what rings if it came later by a share of the period.
-FINE = 512
+FINE = 512  # small steps that one with a jump is taken in
+RISE = 8.0  # of these, that a jump is first taken to last
+TINY = 1e-4  # by which derivatives of a rise are taken
 
 
 class Drive(NamedTuple):
@@ -30,7 +30,7 @@ class Drive(NamedTuple):
     coefficients : (samples - 1, 4) array
         In powers of the share of the step.
     jumps : (jumps,) array of int
-        Steps in which it jumps, at an instant that nobody knows.
+        Steps in which it jumps, when and how fast nobody knows.
     """
 
     coefficients: np.ndarray
@@ -58,28 +58,42 @@ def drive_of(values: np.ndarray) -> Drive:
     return Drive(coefficients, jumps)
 
 
-def jumping(line: np.ndarray, late: float) -> tuple[np.ndarray, int]:
-    """The small steps of a step in which a drive jumps, between two samples to which it is level.
+def rising(line: np.ndarray, late: float, rise: float) -> tuple[np.ndarray, np.ndarray]:
+    """The small steps of a step in which a drive rises, between two samples to which it is level.
+
+    How long that takes is felt by what overshoots, hence by operators that turn back with it: not at all where it takes
+    longer than what rings.
 
     Parameters
     ----------
     line : (4,) array
         Its coefficients, as if it went straight.
     late : float
-        By how many small steps the jump comes after the middle: half of them at most.
+        By how many small steps the middle of the rise comes after that of the step: half of them at most.
+    rise : float
+        Logarithm of its duration over `RISE` small steps.
 
     Returns
     -------
     (FINE, 4) array
-        Coefficients of the small steps.
-    int
-        That in which it jumps: it has the mean there throughout.
+        Coefficients of the small steps: the mean in each.
+    (FINE, 2) array
+        Derivatives of these means to the integral over the step, in small steps, and to `rise`.
     """
-    instant = FINE / 2 + late
-    place = int(np.clip(np.floor(instant), 0, FINE - 1))
     found = np.zeros((FINE, 4))
-    found[:, 0] = line[0] + line[1] * np.clip(np.arange(1, FINE + 1) - instant, 0.0, 1.0)
-    return found, place
+    found[:, 0] = line[0] + line[1] * _risen(late, rise)
+    to_late = (_risen(late + TINY, rise) - _risen(late - TINY, rise)) / (2.0 * TINY)
+    to_rise = (_risen(late, rise + TINY) - _risen(late, rise - TINY)) / (2.0 * TINY)
+    return found, np.column_stack([-to_late, line[1] * to_rise])
+
+
+def _risen(late: float, rise: float) -> np.ndarray:
+    """Share of a rise that is done, as the mean over each small step; it lies between the samples as a whole."""
+    half = max(min(0.5 * RISE * np.exp(rise), FINE / 2 - abs(late)), TINY)
+    begin, end = FINE / 2 + late - half, FINE / 2 + late + half
+    at = np.arange(FINE + 1.0)
+    inside = (np.clip(at, begin, end) - begin) ** 2 / (2.0 * (end - begin))
+    return np.diff(inside + np.maximum(at - end, 0.0))
 
 
 def divided(coefficients: np.ndarray, parts: int) -> np.ndarray:

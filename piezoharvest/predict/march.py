@@ -219,7 +219,7 @@ def _find(K, base, limits, kinds, places, before, old, h, relaxed, w, trial, slo
 
 @_fast
 def march(
-    coefficients, every, jump, instant, first, share, at_start, h, M, H, O, limits, kinds, places,  # noqa: E741
+    coefficients, every, lane, rise, first, share, at_start, h, M, H, O, limits, kinds, places,  # noqa: E741
     dM, dH, dO, M_at, H_at, O_at, dlimits, z, w, inputs, dz, dw, dinputs, local, sizes, Y, dY,
 ):  # fmt: skip
     """March over a block of samples.
@@ -230,8 +230,10 @@ def march(
         Of the drive in every step.
     every : int
         Steps from one sample that is written to the next.
-    jump, instant : int
-        Step in which a parameter adds to the drive, throughout it, and which parameter; -1 for none.
+    lane : int
+        The first of two parameters that the drive depends on.
+    rise : (steps, 2) array, or (0, 2)
+        Derivatives of the drive in every step to these.
     first : float
         Time at the first sample, as share of the record.
     share : float
@@ -302,9 +304,10 @@ def march(
                 _place(dstates, M_at, 0, dzl)
                 _multiply(Mz, dz, dzl)
                 _multiply(Mw, dw, dzl)
-                if k == jump:
+                if len(rise):
                     for r in range(n):
-                        dzl[r, instant] += M[r, n + nw]
+                        dzl[r, lane] += M[r, n + nw] * rise[k, 0]
+                        dzl[r, lane + 1] += M[r, n + nw] * rise[k, 1]
         old[:], before[:] = inputs, w
         _dot(O[:m], zl, none, e, base)
         for r in range(m):

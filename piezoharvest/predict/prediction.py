@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from piezoharvest.predict.drive import FINE, divided, jumping
+from piezoharvest.predict.drive import FINE, RISE, divided, rising
 from piezoharvest.predict.lowered import MAGNIFIED, Lowered, Setting
 from piezoharvest.predict.parameters import Parameter
-from piezoharvest.predict.run import Pace, Run, pace_of, padded
+from piezoharvest.predict.run import NEVER, Pace, Run, pace_of, padded
 from piezoharvest.predict.steps import Step, equilibrium
 from piezoharvest.transducer import Transducer
 
@@ -55,8 +55,8 @@ class Prediction:
     own : (n,) array, optional
         The record's own numbers, as `own_names` names them: by how much the states at the start are off equilibrium
         (SI units); the value of the drive before a record that begins abruptly; by how much every jump is off the
-        middle of its step, as integral in the drive's unit times the time of a small step. `own_limits` are their
-        largest sizes.
+        middle of its step, as integral in the drive's unit times the time of a small step, and the logarithm of how
+        long it takes over `RISE` of these. `own_limits` are their largest sizes.
     """
 
     def __init__(
@@ -73,12 +73,13 @@ class Prediction:
         self.share, self.step = lowered.share, lowered.step
         self.free = [matrices.states.index(name) for name in setting.free]
         before = ("drive before",) * setting.abrupt
-        jumps = tuple(f"jump{j}" for j in setting.motion.jumps)
+        jumps = tuple(f"{name}{j}" for j in setting.motion.jumps for name in ("jump", "rise"))
         self.own_names = (*(matrices.states[k] for k in self.free), *before, *jumps)
         self.own = np.zeros(len(self.own_names)) if own is None else own
         # A jump lies between its samples.
         far = 0.5 * FINE * np.abs(setting.motion.coefficients[setting.motion.jumps, 1])
-        self.own_limits = np.concatenate([np.full(len(self.own_names) - len(far), np.inf), far])
+        limits = np.column_stack([far, np.full(len(far), np.log(FINE / RISE))]).ravel()
+        self.own_limits = np.concatenate([np.full(len(self.own_names) - len(limits), np.inf), limits])
         self.channels = matrices.channels
         # Mean slopes of the elements to their inputs, (elements, 2): those of relaxed operators that slip, until a
         # march tells.
@@ -225,19 +226,19 @@ class _March:
     def _small(self, begin: int, Y: np.ndarray, dY: np.ndarray) -> int:
         """March by small steps over one, within which the drive may jump; 0 if it failed, else -1."""
         of, run = self._of, self._run
-        motion, parts, jump = of.setting.motion, of.setting.parts[begin], (-1, -1)
+        motion, parts, rise = of.setting.motion, of.setting.parts[begin], NEVER
         line = motion.coefficients[begin]
         if begin in motion.jumps:
-            k = len(of.own_names) - len(motion.jumps) + int(np.searchsorted(motion.jumps, begin))
-            coefficients, place = jumping(line, -of.own[k] / line[1])
+            k = len(of.own_names) - 2 * (len(motion.jumps) - int(np.searchsorted(motion.jumps, begin)))
+            coefficients, slopes = rising(line, -of.own[k] / line[1], of.own[k + 1])
             if run.lanes:
-                jump = place, len(of.parameters) + k
+                rise = len(of.parameters) + k, slopes
         else:
             coefficients = divided(line[None], parts)
         count = len(coefficients) + 1
         fine, dfine = np.empty((count, Y.shape[1])), np.empty((count, *dY.shape[1:]))
         pace, time = self._pace(parts), begin * of.share
-        failed = run.go(pace, coefficients, time, begin == 0, fine, dfine, jump=jump, small=True)
+        failed = run.go(pace, coefficients, time, begin == 0, fine, dfine, rise=rise, small=True)
         first, kept = 0 if begin == 0 else 1, np.linspace(0, count - 1, len(Y)).astype(int)
         Y[first:], dY[first:] = fine[kept][first:], dfine[kept][first:]
         return min(failed, 0)

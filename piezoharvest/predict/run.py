@@ -10,6 +10,7 @@ from piezoharvest.predict.specimen import Matrices
 from piezoharvest.predict.steps import Step
 
 LANES = 8  # derivatives are padded to full vector registers
+NEVER = -1, np.zeros((0, 2))  # drive that depends on no parameter
 
 
 class Pace(NamedTuple):
@@ -76,7 +77,7 @@ class Run:
 
     def go(
         self, pace: Pace, coefficients: np.ndarray, time: float, at_start: bool, Y: np.ndarray, dY: np.ndarray,
-        *, every: int = 1, jump: tuple[int, int] = (-1, -1), small: bool = False,
+        *, every: int = 1, rise: tuple[int, np.ndarray] = NEVER, small: bool = False,
     ) -> int:  # fmt: skip
         """March on; `march` says what the arguments are, and the failed step. Small steps are no samples of `local`."""
         from piezoharvest.predict.march import march
@@ -85,7 +86,7 @@ class Run:
         (M, H, O), (dM, dH, dO), (M_at, H_at, O_at) = pace.arrays, pace.tangents, pace.places  # noqa: E741
         (z, w, inputs), (dz, dw, dinputs) = self._values, self._slopes
         return march(
-            coefficients, every, *jump, time, pace.share, at_start, pace.h, M, H, O, self._limits,
+            coefficients, every, *rise, time, pace.share, at_start, pace.h, M, H, O, self._limits,
             self._matrices.kinds, self._matrices.places, dM, dH, dO, M_at, H_at, O_at, pace.limits,
             z, w, inputs, dz, dw, dinputs, local, self._sizes, Y, dY,
         )  # fmt: skip

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from piezoharvest.effects import registered
 from piezoharvest.effects.channel_skew import ChannelSkew
 from piezoharvest.effects.displacement_lag import DisplacementLag
-from piezoharvest.predict.drive import FINE, corners_of, divided, drive_of, jumping
+from piezoharvest.predict.drive import FINE, RISE, corners_of, divided, drive_of, rising
 from piezoharvest.predict.lowered import setting_of
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
 from piezoharvest.predict.prediction import Prediction
@@ -252,14 +252,25 @@ def test_a_jump_of_the_drive_does_not_ring():
     assert inside.max() <= 1 + 1e-12
 
 
-@pytest.mark.parametrize("late", [-0.5, -0.2, 0.0, 0.3, 0.5])
-def test_a_jump_between_samples_keeps_its_mean(late):
-    small, place = jumping(np.array([2.0, 3.0, 0.0, 0.0]), late * FINE)
+@pytest.mark.parametrize("late", [-0.49, -0.2, 0.0, 0.3, 0.49])
+@pytest.mark.parametrize("rise", [-4.0, 0.0, 0.2])
+def test_a_jump_between_samples_keeps_its_mean(late, rise):
+    small, slopes = rising(np.array([2.0, 3.0, 0.0, 0.0]), late * FINE, rise)
     means = small @ [1.0, 1 / 2, 1 / 3, 1 / 4]
     assert means.mean() == pytest.approx(2.0 + 3.0 * (0.5 - late))
     assert means.min() >= 2.0
     assert means.max() <= 5.0
-    assert np.all(np.delete(np.isin(means, [2.0, 5.0]), place))
+    between = ~np.isclose(means, 2.0) & ~np.isclose(means, 5.0)
+    assert between.sum() <= np.ceil(RISE * np.exp(rise)) + 1
+    assert slopes[:, 0].sum() == pytest.approx(1.0)
+    assert slopes[:, 1].sum() == pytest.approx(0.0, abs=1e-6)
+    away = np.abs(np.arange(FINE) + 0.5 - FINE * (0.5 + late)) > 0.5 * RISE * np.exp(rise) + 1.0
+    assert np.abs(slopes[away]).max() < 1e-9
+
+
+def test_a_jump_that_takes_a_whole_sample_goes_straight():
+    small, _ = rising(np.array([2.0, 3.0, 0.0, 0.0]), 0.0, np.log(FINE / RISE))
+    np.testing.assert_allclose(small[:, 0], 2.0 + 3.0 * (np.arange(FINE) + 0.5) / FINE, rtol=1e-12)
 
 
 def test_small_steps_follow_the_drive():
@@ -327,16 +338,17 @@ def test_derivatives_where_a_lagging_sensor_begins():
 STEP = {"kind": "step_force", "amplitude": 900.0, "offset": 100.0, "duration": 1.0}
 
 
-def stepped(transducer, duration, effects=(), parameters=()):
+def stepped(transducer, duration, effects=(), parameters=(), rise=-4.0):
     """Prediction of a record that begins with a step and ends it after `duration`, and the bench's own waveforms."""
     truth = waves(STACK, {**STEP, "duration": duration}, effects=effects)
     setting = setting_of("force", build_shunt(LOAD), 1e-3, truth.sensed("force"), transducer, abrupt=True)
     instant = duration / 1e-3 - setting.motion.jumps[0]  # share of the step
     own = Prediction(transducer, setting).own_limits.copy()
     fall = setting.motion.coefficients[setting.motion.jumps[0], 1]
-    own[:] = [0.0, STEP["offset"], -fall * FINE * (instant - 0.5)]
+    own[:] = [0.0, STEP["offset"], -fall * FINE * (instant - 0.5), rise]
     prediction = Prediction(transducer, setting, parameters, own)
-    assert prediction.own_names == ("q", "drive before", f"jump{setting.motion.jumps[0]}")
+    jump = setting.motion.jumps[0]
+    assert prediction.own_names == ("q", "drive before", f"jump{jump}", f"rise{jump}")
     (block,) = prediction.blocks(True)
     clear = np.arange(len(TIMES)) != setting.motion.jumps[0] + 1
     return prediction, block, truth, clear
@@ -406,21 +418,23 @@ def test_friction_sees_what_overshoots_at_a_step():
     assert np.abs(found - wanted)[clear].max() < 2e-10
 
 
-@pytest.mark.parametrize("name", ["drive before", "jump1000"])
-def test_derivatives_to_what_begins_and_to_when_it_ends(name):
+@pytest.mark.parametrize("name, by", [("drive before", 1.0), ("jump1000", 20.0), ("rise1000", 1e-3)])
+@pytest.mark.parametrize("rise", [-1.0, 1.0])
+def test_derivatives_to_what_begins_and_to_when_it_ends(name, by, rise):
     device = build_transducer(STACK)
-    prediction, block, _, _ = stepped(device, 1.00035)
+    prediction, block, _, _ = stepped(device, 1.00035, rise=rise)
     k = prediction.own_names.index(name)
     sides = []
     for sign in (1.0, -1.0):
         own = prediction.own.copy()
-        own[k] += sign * (1.0 if name == "drive before" else 20.0)
+        own[k] += sign * by
         (side,) = Prediction(device, prediction.setting, (), own).blocks(False)
         sides.append(side.values)
-    wanted = (sides[0] - sides[1]) / (2.0 if name == "drive before" else 40.0)
+    wanted = (sides[0] - sides[1]) / (2.0 * by)
     for c in range(len(prediction.channels)):
         off = np.abs(block.derivatives[:, c, k] - wanted[:, c])
-        assert np.mean(off > 1e-5 * np.abs(wanted[:, c]).max()) < 0.01
+        rounding = 4.0 * np.finfo(float).eps / by * np.abs(block.values[:, c]).max()
+        assert np.mean(off > 1e-5 * np.abs(wanted[:, c]).max() + rounding) < 0.01
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.4e-3, 2.3e-3])
@@ -440,3 +454,21 @@ def test_a_late_channel_jumps_without_ringing(delay):
     assert np.abs(found[:, 0] - wanted)[clear].max() < 1e-5
     assert np.abs(slopes[:, 0, 0] + rate)[clear].max() < 0.02
     assert np.all((found[:, 0] >= -1.001) & (found[:, 0] <= 4.001))
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 1.0])
+def test_a_rise_within_a_sample_is_that_of_a_record_that_shows_it(share):
+    """What overshoots turns friction back: a rise that lasts leaves another displacement than a jump."""
+    friction = {"friction": {"stiffness": 1e7, "threshold": 3e-7}}
+    device, parts = build_transducer({**STACK, "effects": friction}), 256
+    time = np.arange(200 * parts + 1) / parts
+    shown = 900.0 * np.clip((time - 99.5) / share + 0.5, 0.0, 1.0)
+    fine = setting_of("force", build_shunt(LOAD), 1e-3 / parts, shown, device)
+    assert len(fine.motion.jumps) == 0
+    wanted = next(Prediction(device, fine).blocks(False, size=len(shown))).values[::parts]
+    setting, off = setting_of("force", build_shunt(LOAD), 1e-3, shown[::parts], device), []
+    for rise in (np.log(share * FINE / RISE), -4.0):
+        (block,) = Prediction(device, setting, (), np.array([0.0, 0.0, rise])).blocks(False)
+        off.append(np.abs(block.values - wanted)[101:].max(axis=0) / np.abs(wanted).max(axis=0))
+    assert off[0].max() < 1e-5
+    assert off[1].max() > 5e-4
