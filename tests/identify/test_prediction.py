@@ -460,7 +460,7 @@ def test_a_late_channel_jumps_without_ringing(delay):
 def test_a_rise_within_a_sample_is_that_of_a_record_that_shows_it(share):
     """What overshoots turns friction back: a rise that lasts leaves another displacement than a jump."""
     friction = {"friction": {"stiffness": 1e7, "threshold": 3e-7}}
-    device, parts = build_transducer({**STACK, "effects": friction}), 256
+    device, parts = build_transducer({**STACK, "effects": friction}), 1024
     time = np.arange(200 * parts + 1) / parts
     shown = 900.0 * np.clip((time - 99.5) / share + 0.5, 0.0, 1.0)
     fine = setting_of("force", build_shunt(LOAD), 1e-3 / parts, shown, device)
