@@ -7,7 +7,7 @@ import numpy as np
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
-from piezoharvest.engine.compiled import compiled
+from piezoharvest.engine.compiled import compiled, inlined
 from piezoharvest.engine.interpolation import crossing, peaks, quintic
 from piezoharvest.engine.motion import FOUND, SERIES, TRIAL, exact, expand, reach
 from piezoharvest.engine.state import vector
@@ -23,6 +23,12 @@ TIE = 1e-9  # part of a step: guards that seem to rise so close together are tak
 def noise_of(f0, d0, f1, d1, h, floor):
     """What a guard may be off zero by rounding."""
     return 1e-13 * (abs(f0) + abs(f1) + h * (abs(d0) + abs(d1))) + floor
+
+
+@inlined
+def floor_of(P, L, S, D, slot, place, limit):
+    """What rounding leaves of a guard by its terms; a limit (that of a stop) is as large as what it bounds."""
+    return 1e-13 * (S[D[st.SIZE]] * P[block_of(L, slot) + L[tb.SIZES] + place] + abs(limit))
 
 
 @compiled
@@ -119,7 +125,7 @@ def earliest(P, L, S, D, slot, now, then, step):
     found, trial, guesses = vector(L, D, FOUND), vector(L, D, TRIAL), D[st.GUESS]
     events = L[slot_of(L, slot) + tb.GUARD_COUNT] - pg.WATCHED
     for g in range(events):
-        _estimate(L, S, D, slot, now, then, step, g)
+        _estimate(P, L, S, D, slot, now, then, step, g)
     while True:
         first = 0
         for g in range(1, events):
@@ -143,14 +149,14 @@ def earliest(P, L, S, D, slot, now, then, step):
 
 
 @compiled
-def _estimate(L, S, D, slot, now, then, step, g):
+def _estimate(P, L, S, D, slot, now, then, step, g):
     """Note between which fractions of a step a guard rises, and about where; infinity if it does not."""
     row, sign, offset = L[slot_of(L, slot) + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g], S[D[st.OFFSET] + g]
     place, guess = place_of(row), D[st.GUESS] + g
     S[guess] = np.inf
     f0, f1 = sign * S[now + place] + offset, sign * S[then + place] + offset
     d0, d1 = sign * S[now + place + LANES], sign * S[then + place + LANES]
-    noise = noise_of(f0, d0, f1, d1, step, S[D[st.FLOOR] + g])
+    noise = noise_of(f0, d0, f1, d1, step, floor_of(P, L, S, D, slot, place_of(row), offset))
     s0, s1 = sign * S[now + place + 2 * LANES], sign * S[then + place + 2 * LANES]
     falls = peaks(f0, d0, s0, f1, d1, s1, step, noise)
     if f1 > noise or falls:
@@ -177,7 +183,7 @@ def _rise(P, L, S, D, slot, now, then, step, g, guess, out):
         d0, d1 = sign * S[now + place + LANES], sign * S[then + place + LANES]
         exact(P, L, S, D, slot, 0, high * step, out)
         highest = sign * dot(P, block_of(L, slot) + L[tb.LINES] + 2 * row * L[pg.ROWS], S, out, L[pg.ROWS]) + offset
-        if not highest > noise_of(f0, d0, f1, d1, step, S[D[st.FLOOR] + g]):
+        if not highest > noise_of(f0, d0, f1, d1, step, floor_of(P, L, S, D, slot, place_of(row), offset)):
             return np.inf
         certain = True
     elif certain:
@@ -204,7 +210,7 @@ def _before(P, L, S, D, slot, now, step, best, best_tau, found, trial):
             continue
         # Of the first one found since, there may be another that was before it.
         value = sign * dot(P, block_of(L, slot) + L[tb.LINES] + 2 * row * L[pg.ROWS], S, found, L[pg.ROWS]) + offset
-        if value > S[D[st.FLOOR] + g] + 1e-12 * (abs(f0) + step * abs(d0)):
+        if value > floor_of(P, L, S, D, slot, place_of(row), offset) + 1e-12 * (abs(f0) + step * abs(d0)):
             tau = locate(P, L, S, D, slot, row, sign, offset, 0.0, best_tau, 0.5 * best_tau, True, trial)
             if tau < best_tau:
                 best, best_tau = g, tau

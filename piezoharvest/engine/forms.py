@@ -63,7 +63,8 @@ def forms_of_mode(P, L, D, slot, configuration, slip):
             _enlist(L, slot, own + 1 + 2 * j, row)
         row += 1
     L[at + EVENT_ROWS] = -(-row // LANES) * LANES
-    _outputs(P, L, slot, configuration, matrix, line, row)
+    _clear(P, L, slot, row)
+    _outputs(P, L, slot, configuration, matrix, line, L[at + EVENT_ROWS])
     _products(P, L, D, slot, configuration, slip, matrix)
 
 
@@ -113,7 +114,7 @@ def _guard(P, L, slot, line, row):
                 P[block + L[VALUES] + k * forms + row] = P[here + k]
             if kind < 2:
                 P[block + L[LINES] + (2 * row + kind) * L[pg.ROWS] + k] = P[here + k]
-        P[block + L[SIZES] + 3 * row + kind] = size
+        P[block + L[SIZES] + place_of(row) + kind * LANES] = size
         for k in range(a, L[pg.ROWS]):
             if kind < 2:
                 P[block + L[LINES] + (2 * row + kind) * L[pg.ROWS] + k] = 0.0
@@ -123,6 +124,7 @@ def _guard(P, L, slot, line, row):
 
 @compiled
 def _outputs(P, L, slot, configuration, matrix, line, row):
+    """Lay out the outputs, and from a row on the rates of those that are watched."""
     n, a, block, count = L[pg.N], L[pg.A], block_of(L, slot), len(pg.OUTPUTS)
     for o in range(count):
         k = configuration * count + o
@@ -136,12 +138,7 @@ def _outputs(P, L, slot, configuration, matrix, line, row):
             _guard(P, L, slot, line, row)
             _enlist(L, slot, -1, row)
             row += 1
-    # Rows that the mode does not use, and the column that makes their number even.
-    for r in range(row, L[FORMS]):
-        for j in range(a):
-            for kind in range(3):
-                P[block + L[GUARDS] + j * 3 * L[FORMS] + place_of(r) + kind * LANES] = 0.0
-            P[block + L[VALUES] + j * L[FORMS] + r] = 0.0
+    # The columns that make their number even.
     for j in range(a, L[pg.COLUMNS]):
         for r in range(3 * L[FORMS]):
             P[block + L[GUARDS] + j * 3 * L[FORMS] + r] = 0.0
@@ -149,6 +146,17 @@ def _outputs(P, L, slot, configuration, matrix, line, row):
             P[block + L[VALUES] + j * L[FORMS] + r] = 0.0
         for r in range(OUTPUT_ROWS):
             P[block + L[OUTPUTS] + j * OUTPUT_ROWS + r] = 0.0
+
+
+@compiled
+def _clear(P, L, slot, row):
+    """Set forms from a row on to zero: those that the mode does not use, and what is watched, which comes later."""
+    block, forms = block_of(L, slot), L[FORMS]
+    for r in range(row, forms):
+        for j in range(L[pg.A]):
+            for kind in range(3):
+                P[block + L[GUARDS] + j * 3 * forms + place_of(r) + kind * LANES] = 0.0
+            P[block + L[VALUES] + j * forms + r] = 0.0
 
 
 @compiled

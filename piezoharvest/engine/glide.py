@@ -30,7 +30,8 @@ def glide(P, L, S, D, ramps, last, piece, t_end):
     forms, height = rows_read(L, D[st.TRACKED], slot), L[tb.GLIDE_ROWS]
     if not full and D[st.SAMPLED] >= D[st.SAMPLES_WANTED]:
         height = 2 * rows + 2 * forms
-    _fence(P, L, S, D, slot)
+    if D[st.TRACKED]:
+        _fence_watched(P, L, S, D, slot)
     times, starts, slopes = ramps
     # As in `hold_ramp`, without a division in every sample.
     signal = L[pg.SIGNAL]
@@ -70,21 +71,13 @@ def hold_ramp(P, L, S, D, ramps, last, piece):
 
 
 @compiled
-def _fence(P, L, S, D, slot):
-    """Limits of every form that a guard reads; of what is watched, the sign stays."""
-    at, lower, upper, rows = slot_of(L, slot), D[st.LOWER], D[st.UPPER], L[pg.ROWS]
-    for r in range(L[tb.FORMS]):
-        S[lower + r], S[upper + r] = -np.inf, np.inf
-    count = L[at + tb.GUARD_COUNT]
-    for g in range(count if D[st.TRACKED] else count - pg.WATCHED):
-        row, sign, limit = L[at + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g], -S[D[st.OFFSET] + g]
-        if g >= count - pg.WATCHED:
-            value = dot(P, block_of(L, slot) + L[tb.LINES] + 2 * row * rows, S, 0, rows)
-            sign, limit = -1.0 if value > 0.0 else 1.0, 0.0
-        if sign < 0.0:
-            S[lower + row] = -limit
-        else:
-            S[upper + row] = limit if sign > 0.0 else -np.inf
+def _fence_watched(P, L, S, D, slot):
+    """Limits of what is watched, beside those of the guards: its sign stays."""
+    at, rows = slot_of(L, slot), L[pg.ROWS]
+    for g in range(L[at + tb.GUARD_COUNT] - pg.WATCHED, L[at + tb.GUARD_COUNT]):
+        row = L[at + tb.FIRST_GUARD + 2 * g + 1]
+        positive = dot(P, block_of(L, slot) + L[tb.LINES] + 2 * row * rows, S, 0, rows) > 0.0
+        S[D[st.LOWER] + row], S[D[st.UPPER] + row] = (0.0, np.inf) if positive else (-np.inf, 0.0)
 
 
 @compiled

@@ -82,12 +82,11 @@ def crossing(c, noise, rising, falls):
 def peaks(f0, d0, s0, f1, d1, s1, h, noise):
     """Whether a function that rises at the beginning of a step and falls at its end may be above zero between.
 
-    A function that bends down throughout stays below its tangents, which meet between the ends.
+    A function that bends down throughout stays below its tangents, which meet between the ends. There is no branch, so
+    that vectors are made of it.
     """
-    if not (d0 > 0.0 and d1 < 0.0):
-        return False
-    meet = f0 + d0 * (f1 - f0 - h * d1) / (d0 - d1)
-    return meet > noise or s0 > 0.0 or s1 > 0.0
+    meet = (f0 - noise) * (d0 - d1) + d0 * (f1 - f0 - h * d1)
+    return (d0 > 0.0) & (d1 < 0.0) & ((meet > 0.0) | (s0 > 0.0) | (s1 > 0.0))
 
 
 @compiled

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
-from piezoharvest.engine.compiled import compiled
-from piezoharvest.engine.crossing import NONE, earliest, noise_of
+from piezoharvest.engine.compiled import compiled, inlined
+from piezoharvest.engine.crossing import NONE, earliest, floor_of, noise_of
 from piezoharvest.engine.exponentials import BOLD
 from piezoharvest.engine.interpolation import doubt, peaks
 from piezoharvest.engine.motion import ARRIVED, FOUND, exact
@@ -27,31 +29,56 @@ def read_guards(P, L, S, D, slot, z, out):
 
 
 @compiled
-def _look(L, S, D, slot, now, then, step):
-    """Whether a guard may rise within a step, whether that is too long to tell, how many times it may be doubled."""
-    at, sign_at, offset_at, floor_at = slot_of(L, slot), D[st.SIGN], D[st.OFFSET], D[st.FLOOR]
-    count = L[at + tb.GUARD_COUNT]
-    events = count - pg.WATCHED
-    rises, too_long, longer = False, False, 2
-    for g in range(count if D[st.TRACKED] else events):
-        row, sign, offset, floor = L[at + tb.FIRST_GUARD + 2 * g + 1], S[sign_at + g], S[offset_at + g], S[floor_at + g]
-        place = place_of(row)
-        f0, f1 = sign * S[now + place] + offset, sign * S[then + place] + offset
-        place += LANES
-        d0, d1 = sign * S[now + place], sign * S[then + place]
-        place += LANES
-        s0, s1 = sign * S[now + place], sign * S[then + place]
-        doubtful = doubt(f0, d0, s0, f1, d1, s1, step)
-        size = max(abs(f0), abs(f1))
-        if g < events:
-            noise = noise_of(f0, d0, f1, d1, step, floor)
-            rises |= f1 > noise or peaks(f0, d0, s0, f1, d1, s1, step, noise)
-        else:
-            size += 1e4 * floor
-        too_long |= doubtful > BELIEVED * size
-        if doubtful > CALM * size:
-            longer = min(longer, 1 if doubtful <= SMOOTH * size else 0)
-    return rises, too_long, longer
+def _look(P, L, S, D, slot, now, then, step):
+    """Whether a guard may rise within a step, whether that is too long to tell, how many times it may be doubled.
+
+    Forms are looked at from both limits, a register of them at a time; without a branch, so that vectors are made of
+    it. What is watched has no limits.
+    """
+    lower, upper, events = D[st.LOWER], D[st.UPPER], rows_read(L, False, slot)
+    rises, too_long, bent, uneven = False, False, False, False
+    for row in range(0, events, LANES):
+        for k in range(LANES):
+            f0, d0, s0, f1, d1, s1 = _ends(S, now, then, row, k)
+            high, low = S[upper + row + k], S[lower + row + k]
+            above0, above1, below0, below1 = f0 - high, f1 - high, low - f0, low - f1
+            floor = floor_of(P, L, S, D, slot, place_of(row) + k, high)
+            rises |= _may_rise(above0, d0, s0, above1, d1, s1, step, floor)
+            floor = floor_of(P, L, S, D, slot, place_of(row) + k, low)
+            rises |= _may_rise(below0, -d0, -s0, below1, -d1, -s1, step, floor)
+            size, doubtful = min(_size(above0, above1), _size(below0, below1)), doubt(f0, d0, s0, f1, d1, s1, step)
+            too_long |= doubtful > BELIEVED * size
+            bent |= doubtful > SMOOTH * size
+            uneven |= doubtful > CALM * size
+    for row in range(events, rows_read(L, D[st.TRACKED], slot), LANES):
+        for k in range(LANES):
+            f0, d0, s0, f1, d1, s1 = _ends(S, now, then, row, k)
+            floor = floor_of(P, L, S, D, slot, place_of(row) + k, 0.0)
+            size, doubtful = _size(f0, f1) + 1e4 * floor, doubt(f0, d0, s0, f1, d1, s1, step)
+            too_long |= doubtful > BELIEVED * size
+            bent |= doubtful > SMOOTH * size
+            uneven |= doubtful > CALM * size
+    return rises, too_long, 0 if bent else 1 if uneven else 2
+
+
+@inlined
+def _ends(S, now, then, row, k):
+    """Value, rate and second rate of a form at both ends of a step."""
+    here, there = now + place_of(row) + k, then + place_of(row) + k
+    return S[here], S[here + LANES], S[here + 2 * LANES], S[there], S[there + LANES], S[there + 2 * LANES]
+
+
+@inlined
+def _size(f0, f1):
+    """The larger size of two numbers."""
+    return max(abs(f0), abs(f1))
+
+
+@inlined
+def _may_rise(f0, d0, s0, f1, d1, s1, step, floor):
+    """Whether a guard may rise within a step, one that is infinitely far below zero excepted."""
+    noise = noise_of(f0, d0, f1, d1, step, floor)
+    return (f1 > noise) | (peaks(f0, d0, s0, f1, d1, s1, step, noise) & (f0 > -np.inf))
 
 
 @compiled
@@ -82,7 +109,7 @@ def march(P, L, S, D, slot, t_stop):
             step = left
             exact(P, L, S, D, slot, 0, step, arrived)
         read_guards(P, L, S, D, slot, arrived, then)
-        rises, too_long, longer = _look(L, S, D, slot, now, then, step)
+        rises, too_long, longer = _look(P, L, S, D, slot, now, then, step)
         if too_long and level < finest:
             level, resolved = max(level + 1, resolved), 0
             while level < finest and P[steps + level] >= left:

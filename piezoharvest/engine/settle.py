@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.build import build
-from piezoharvest.engine.compiled import compiled
+from piezoharvest.engine.compiled import compiled, inlined
 from piezoharvest.engine.crossing import NONE
 from piezoharvest.engine.events import happen
 from piezoharvest.engine.march import read_guards
-from piezoharvest.engine.tables import block_of, place_of, seek, slot_of
+from piezoharvest.engine.tables import block_of, place_of, rows_read, seek, slot_of
 from piezoharvest.engine.vector import LANES
 
 TINY = 1e-12  # a guard this small, relative to its terms, is zero
@@ -47,11 +49,14 @@ def settle(P, L, S, D):
 def orient(P, L, S, D, slot):
     """Set how the guards of a mode are read: the extremum by the direction of motion, a stop by its side.
 
-    The direction is 0 at rest, which is left without an extremum.
+    So are the limits between which their forms stay for as long as none rises. The direction is 0 at rest, which is
+    left without an extremum.
     """
-    at, own = slot_of(L, slot), L[pg.G]
-    for g in range(L[at + tb.GUARD_COUNT]):
-        what, sign, offset = L[at + tb.FIRST_GUARD + 2 * g], 1.0, 0.0
+    at, own, lower, upper = slot_of(L, slot), L[pg.G], D[st.LOWER], D[st.UPPER]
+    for r in range(L[tb.FORMS]):
+        S[lower + r], S[upper + r] = -np.inf, np.inf
+    for g in range(L[at + tb.GUARD_COUNT] - pg.WATCHED):
+        what, row, sign, offset = L[at + tb.FIRST_GUARD + 2 * g], L[at + tb.FIRST_GUARD + 2 * g + 1], 1.0, 0.0
         if what == own:
             sign = -D[st.DIRECTION] * 1.0
         elif what > own:
@@ -61,6 +66,10 @@ def orient(P, L, S, D, slot):
             else:
                 sign = -D[D[st.SLIP] + j] * 1.0
         S[D[st.SIGN] + g], S[D[st.OFFSET] + g] = sign, offset
+        if sign > 0.0:
+            S[upper + row] = -offset
+        elif sign < 0.0:
+            S[lower + row] = offset
 
 
 @compiled
@@ -69,26 +78,51 @@ def overdue(P, L, S, D, slot):
 
     Zero is judged against the size of the guard's terms and of what its rate makes of a short step.
     """
-    at, block, now = slot_of(L, slot), block_of(L, slot), D[st.NOW_GUARDS]
     size = 0.0
     for i in range(L[pg.A]):
         size += abs(S[i])
-    short = P[block + L[tb.STEPS] + L[at + tb.FINEST_LEVEL]]
+    S[D[st.SIZE]] = size
+    if not _any_due(P, L, S, D, slot, size):
+        return NONE
+    at, now = slot_of(L, slot), D[st.NOW_GUARDS]
     for g in range(L[at + tb.GUARD_COUNT] - pg.WATCHED):
-        row, sign, value = L[at + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g], S[D[st.OFFSET] + g]
-        sizes, place = block + L[tb.SIZES] + 3 * row, now + place_of(row)
-        # What its terms leave of it by rounding; an offset (the limit of a stop) is as large as what it bounds.
-        S[D[st.FLOOR] + g] = 1e-13 * (size * P[sizes] + abs(value))
-        tolerance = TINY
-        for k in range(3):
-            value += sign * S[place + k * LANES]
-            zero = tolerance * size * (P[sizes + k] + (short * P[sizes + k + 1] if k < 2 else 0.0))
-            if value > zero:
-                return g
-            if value < -zero:
-                break
-            value, tolerance = 0.0, tolerance * 10.0
+        row, sign = L[at + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g]
+        place, zeros = now + place_of(row), _zeros(P, L, slot, size, place_of(row))
+        value = sign * S[place] + S[D[st.OFFSET] + g]
+        if _due(value, sign * S[place + LANES], sign * S[place + 2 * LANES], zeros):
+            return g
     return NONE
+
+
+@inlined
+def _zeros(P, L, slot, size, place):
+    """What is zero of a guard, of its rate and of its second rate."""
+    block = block_of(L, slot)
+    sizes, short = block + L[tb.SIZES] + place, P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
+    first, second, third = P[sizes], P[sizes + LANES], P[sizes + 2 * LANES]
+    return size * TINY * (first + short * second), size * 10 * TINY * (second + short * third), size * 100 * TINY * third
+
+
+@inlined
+def _due(value, rate, bend, zeros):
+    """Whether a guard is above zero, or at zero and about to rise; without a branch, so that vectors are made of it."""
+    rises = (rate > zeros[1]) | ((rate >= -zeros[1]) & (bend > zeros[2]))
+    return (value > zeros[0]) | ((value >= -zeros[0]) & rises)
+
+
+@compiled
+def _any_due(P, L, S, D, slot, size):
+    """Whether any guard is due, looked at by forms, a register of them at a time."""
+    now, lower, upper = D[st.NOW_GUARDS], D[st.LOWER], D[st.UPPER]
+    due = False
+    for row in range(0, rows_read(L, False, slot), LANES):
+        place = place_of(row)
+        for k in range(LANES):
+            zeros, here = _zeros(P, L, slot, size, place + k), now + place + k
+            value, rate, bend = S[here], S[here + LANES], S[here + 2 * LANES]
+            due |= _due(value - S[upper + row + k], rate, bend, zeros)
+            due |= _due(S[lower + row + k] - value, -rate, -bend, zeros)
+    return due
 
 
 @compiled
@@ -103,7 +137,7 @@ def leave_rest(P, L, S, D, slot):
         row = L[at + tb.FIRST_GUARD + 2 * g + 1]
         for k in range(3):
             value = S[D[st.NOW_GUARDS] + place_of(row) + k * LANES]
-            if abs(value) > TINY * size * P[block + L[tb.SIZES] + 3 * row + k]:
+            if abs(value) > TINY * size * P[block + L[tb.SIZES] + place_of(row) + k * LANES]:
                 D[st.DIRECTION] = 1 if value > 0.0 else -1
                 break
     orient(P, L, S, D, slot)

@@ -24,7 +24,7 @@ VECTORS = 16  # of scratch
     # where lists begin in D,
     SLIP, POLARITY, LOG_CODE, TAPE_KIND, PIVOTS,
     # and where in S.
-    CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, FLOOR, LOW, HIGH, GUESS, THERE_GUARDS, LOWER, UPPER, GLIDED,
+    CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, SIZE, LOW, HIGH, GUESS, THERE_GUARDS, LOWER, UPPER, GLIDED,
     CURVE, CURVE_PHI, WORK, EXTREMES, ENERGY, PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME, SAMPLES,
     TAPE, END,
 ) = range(49)  # fmt: skip
@@ -59,8 +59,9 @@ class State:
         curve = 2 + 4 * rows + elements * (elements + 2) if elements else 0
         places = {
             CLOCK: 3, QUEUE: QUEUE_LENGTH, SIGN: guards, OFFSET: guards, NOW_GUARDS: contents[tb.GUARD_ROWS],
-            THEN_GUARDS: contents[tb.GUARD_ROWS], FLOOR: guards, LOW: guards, HIGH: guards, GUESS: guards,
-            THERE_GUARDS: contents[tb.FORMS], LOWER: contents[tb.FORMS], UPPER: contents[tb.FORMS],
+            THEN_GUARDS: contents[tb.GUARD_ROWS], LOW: guards, HIGH: guards, GUESS: guards,
+            SIZE: 1, LOWER: contents[tb.FORMS], UPPER: contents[tb.FORMS],
+            THERE_GUARDS: contents[tb.FORMS],
             GLIDED: contents[tb.GLIDE_ROWS], CURVE: curve, CURVE_PHI: sensitivities * rows if elements else 0,
             WORK: VECTORS * rows,
             EXTREMES: 4, ENERGY: energies, PHI: sensitivities * rows, QUEUE_PHI: QUEUE_LENGTH * sensitivities,

@@ -42,7 +42,8 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
     c, g, h = head[pg.C], head[pg.G], head[pg.H]
     rows, columns = head[pg.ROWS], head[pg.COLUMNS]
     square = columns * rows
-    forms = padded(int(g + 1 + h + pg.WATCHED))  # distinct rows of guards
+    # Distinct rows of guards; those that are only watched begin a register of their own.
+    forms = padded(int(g + 1 + h)) + padded(pg.WATCHED)
     sampled = head[pg.SIGNAL_KIND] == pg.RAMPS
     glide_rows = 2 * rows + 2 * forms + OUTPUT_ROWS
     products, energies = head[pg.PRODUCTS] + h, head[pg.CATEGORY_COUNT] if ledger else 0
