@@ -9,10 +9,10 @@ from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.compiled import compiled, inlined
 from piezoharvest.engine.interpolation import crossing, peaks, quintic
-from piezoharvest.engine.motion import FOUND, SERIES, TRIAL, exact, expand, reach
+from piezoharvest.engine.motion import FOUND, NEAR, SERIES, TRIAL, drift, exact, reach
 from piezoharvest.engine.state import vector
 from piezoharvest.engine.tables import block_of, place_of, rows_read, slot_of
-from piezoharvest.engine.vector import LANES, copy, dot, multiply_top, polynomial
+from piezoharvest.engine.vector import LANES, copy, dot, multiply, multiply_top
 
 NONE = -1
 FINE = 1e-3  # part of the longest step
@@ -39,48 +39,40 @@ def locate(P, L, S, D, slot, row, sign, offset, low, high, tau, rises, out):
     time is infinite where it only comes close to zero. The motion is made once, to the finest step next to the
     estimate; from there its Taylor series gives that of the guard, whose zero is a matter of plain numbers.
     """
-    rows, block = L[pg.ROWS], block_of(L, slot)
-    form, series = block + L[tb.LINES] + 2 * row * rows, vector(L, D, SERIES)
+    block, columns, terms, height = block_of(L, slot), L[pg.COLUMNS], D[st.TAYLOR], tb.TAYLOR_ROWS
+    forms = block + L[tb.TAYLOR] + row * height * columns
     longest, short = P[block + L[tb.STEPS]], P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
     # Of a finest step this short an estimate may be off by many.
     fine = short < FINE * longest
     for _ in range(80):
         share = reach(P, L, S, D, slot, 0, tau) / short
         base = tau - share * short
+        multiply(P, forms, height, columns, S, vector(L, D, SERIES), terms)
+        c = (
+            sign * S[terms] + offset, sign * S[terms + 1], sign * S[terms + 2], sign * S[terms + 3], sign * S[terms + 4],
+            sign * S[terms + 5], sign * S[terms + 6], sign * S[terms + 7], sign * S[terms + 8],
+        )  # fmt: skip
         if fine:
-            value, rate = sign * dot(P, form, S, series, rows) + offset, sign * dot(P, form + rows, S, series, rows)
-            if abs(value) > short * rate > 0.0 and high - low > 1e-15 * longest:
+            if abs(c[0]) > c[1] > 0.0 and high - low > 1e-15 * longest:
                 # No series is needed to come nearer.
-                low, high, rises = (low, base, True) if value > 0.0 else (base, high, rises)
-                tau = base - value / rate
+                low, high, rises = (low, base, True) if c[0] > 0.0 else (base, high, rises)
+                tau = base - short * c[0] / c[1]
                 if not low <= tau <= high:
                     tau = 0.5 * (low + high)
                 continue
-            if rate > 0.0:
-                share = -value / (short * rate)
-        expand(P, L, S, D, slot)
-        c = (
-            sign * dot(P, form, S, series, rows) + offset,
-            sign * dot(P, form, S, series + rows, rows),
-            sign * dot(P, form, S, series + 2 * rows, rows),
-            sign * dot(P, form, S, series + 3 * rows, rows),
-            sign * dot(P, form, S, series + 4 * rows, rows),
-            sign * dot(P, form, S, series + 5 * rows, rows),
-            sign * dot(P, form, S, series + 6 * rows, rows),
-            sign * dot(P, form, S, series + 7 * rows, rows),
-            sign * dot(P, form, S, series + 8 * rows, rows),
-        )
+            if c[1] > 0.0:
+                share = -c[0] / c[1]
         found, share, low, high, rises = _zero(c, share, (low - base) / short, (high - base) / short, rises)
         low, high, tau = base + low * short, base + high * short, base + share * short
         if found or high - low <= 1e-15 * longest:
             break
-    polynomial(S, series, rows, tb.TERMS, share, out)
+    drift(P, L, S, D, slot, share, out)
     return tau if rises else np.inf
 
 
 @compiled
 def _zero(c, x, low, high, rises):
-    """Safeguarded Newton from x for the zero of a guard's Taylor series, for as long as that holds (|x| <= 1).
+    """Safeguarded Newton from x for the zero of a guard's Taylor series, for as long as the motion is known (|x| <= NEAR).
 
     Returns whether it was found, where it is, and what is known by then: the bounds, and whether the guard rises.
     """
@@ -96,7 +88,7 @@ def _zero(c, x, low, high, rises):
         if not low <= target <= high:
             target = 0.5 * (low + high)
         shift, x = target - x, target
-        if abs(x) > 1.0:
+        if abs(x) > NEAR:
             return False, x, low, high, rises
         # Newton's next step would be about the square of this one, in units of 1/|A|.
         if abs(shift) <= 3e-6 and rate > 0.0:

@@ -23,6 +23,8 @@ from piezoharvest.engine.tables import (
     POWERS,
     SCRATCH,
     STEPS,
+    TAYLOR,
+    TAYLOR_ROWS,
     TERMS,
     VALUES,
     block_of,
@@ -69,6 +71,7 @@ def exponentials(P, L, slot, configuration, longest):
     for j in range(columns):
         for k in range(TERMS):
             copy(P, powers + (k + 1) * square + j * rows, block + L[POWERS] + (j * TERMS + k) * rows, rows)
+    _taylor(P, L, slot)
     copy(P, powers + ORDER * square, growth, square)
     for k in range(ORDER - 1, 0, -1):
         accumulate(P, powers + k * square, 1.0, growth, square)
@@ -85,6 +88,19 @@ def exponentials(P, L, slot, configuration, longest):
         if holds:
             hold(P, L, coarser, held)
         growth = coarser
+
+
+@compiled
+def _taylor(P, L, slot):
+    """Taylor series of every guard within a finest step, as forms of the state where it begins."""
+    rows, columns, forms, block, powers = L[pg.ROWS], L[pg.COLUMNS], L[FORMS], block_of(L, slot), L[SCRATCH]
+    out, found = block + L[TAYLOR], powers + (ORDER + 1) * rows * columns
+    for j in range(columns):
+        for k in range(TERMS + 1):
+            column = powers + (k * columns + j) * rows
+            multiply(P, block + L[VALUES], forms, columns, P, column, found)
+            for r in range(forms):
+                P[out + (r * columns + j) * TAYLOR_ROWS + k] = P[found + r]
 
 
 @compiled

@@ -8,7 +8,7 @@ from piezoharvest.engine import tables as tb
 from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.crossing import NONE
 from piezoharvest.engine.gramians import NODES, WEIGHTS, energies_of_steps
-from piezoharvest.engine.motion import FLOW, KEPT, SAMPLE, SERIES, drift, exact, expand
+from piezoharvest.engine.motion import FLOW, KEPT, SAMPLE, SERIES, exact, expand
 from piezoharvest.engine.state import dot_column, vector
 from piezoharvest.engine.tables import block_of, slot_of
 from piezoharvest.engine.vector import copy, dot, grow, multiply, polynomial
@@ -107,7 +107,8 @@ def account(P, L, S, D, slot, tau, level):
         for s in range(D[st.SENSITIVITIES]):
             phi = D[st.PHI] + s * rows
             copy(S, phi, vector(L, D, SERIES), rows)
-            drift(P, L, S, D, slot, rest / P[steps + finest], phi)
+            expand(P, L, S, D, slot)
+            polynomial(S, vector(L, D, SERIES), rows, tb.TERMS, rest / P[steps + finest], phi)
     copy(S, kept, 0, rows)
 
 

@@ -13,7 +13,7 @@ from piezoharvest.engine.crossing import NONE
 from piezoharvest.engine.events import happen
 from piezoharvest.engine.march import read_guards
 from piezoharvest.engine.tables import block_of, place_of, rows_read, seek, slot_of
-from piezoharvest.engine.vector import LANES
+from piezoharvest.engine.vector import LANES, total_size
 
 TINY = 1e-12  # a guard this small, relative to its terms, is zero
 AT_ONCE = 60  # events at one instant beyond which the model chatters
@@ -78,9 +78,7 @@ def overdue(P, L, S, D, slot):
 
     Zero is judged against the size of the guard's terms and of what its rate makes of a short step.
     """
-    size = 0.0
-    for i in range(L[pg.A]):
-        size += abs(S[i])
+    size = total_size(S, 0, L[pg.ROWS])
     S[D[st.SIZE]] = size
     if not _any_due(P, L, S, D, slot, size):
         return NONE
@@ -128,9 +126,7 @@ def _any_due(P, L, S, D, slot, size):
 @compiled
 def leave_rest(P, L, S, D, slot):
     """Direction in which sum T_i x_i begins to move: the sign of its first rate that is not zero to rounding."""
-    at, block, size = slot_of(L, slot), block_of(L, slot), 0.0
-    for i in range(L[pg.A]):
-        size += abs(S[i])
+    at, block, size = slot_of(L, slot), block_of(L, slot), total_size(S, 0, L[pg.ROWS])
     for g in range(L[at + tb.GUARD_COUNT]):
         if L[at + tb.FIRST_GUARD + 2 * g] != L[pg.G]:
             continue

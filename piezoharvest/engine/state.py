@@ -24,10 +24,10 @@ VECTORS = 16  # of scratch
     # where lists begin in D,
     SLIP, POLARITY, LOG_CODE, TAPE_KIND, PIVOTS,
     # and where in S.
-    CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, SIZE, LOW, HIGH, GUESS, THERE_GUARDS, LOWER, UPPER, GLIDED,
+    CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, SIZE, LOW, HIGH, GUESS, THERE_GUARDS, TAYLOR, LOWER, UPPER, GLIDED,
     CURVE, CURVE_PHI, WORK, EXTREMES, ENERGY, PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME, SAMPLES,
     TAPE, END,
-) = range(49)  # fmt: skip
+) = range(50)  # fmt: skip
 # Places from CLOCK on in S: time now, when the switch opens, when it last acted, all in s.
 NOW, OPENS, ACTED = range(3)
 
@@ -61,7 +61,7 @@ class State:
             CLOCK: 3, QUEUE: QUEUE_LENGTH, SIGN: guards, OFFSET: guards, NOW_GUARDS: contents[tb.GUARD_ROWS],
             THEN_GUARDS: contents[tb.GUARD_ROWS], LOW: guards, HIGH: guards, GUESS: guards,
             SIZE: 1, LOWER: contents[tb.FORMS], UPPER: contents[tb.FORMS],
-            THERE_GUARDS: contents[tb.FORMS],
+            THERE_GUARDS: contents[tb.FORMS], TAYLOR: tb.TAYLOR_ROWS,
             GLIDED: contents[tb.GLIDE_ROWS], CURVE: curve, CURVE_PHI: sensitivities * rows if elements else 0,
             WORK: VECTORS * rows,
             EXTREMES: 4, ENERGY: energies, PHI: sensitivities * rows, QUEUE_PHI: QUEUE_LENGTH * sensitivities,

@@ -21,6 +21,7 @@ BITS = 4  # of a digit of a number of finest steps
 LARGEST = 2**BITS - 1
 ORDER = 10  # Taylor terms: on the finest level the rest is below 1e-20
 TERMS = 8  # of those, what a motion within a finest step needs: the rest is below 1e-16 at its end, 1e-19 half way
+TAYLOR_ROWS = padded(TERMS + 1)
 MOST_MAPPED = 4096  # keys of modes that are looked up directly
 OUTPUT_ROWS = padded(len(pg.OUTPUTS))
 
@@ -28,9 +29,9 @@ OUTPUT_ROWS = padded(len(pg.OUTPUTS))
 (
     TABLES, BLOCK, SLOTS, SLOT, HELD, ROOM, MAP, MAPPED, FORMS, GUARD_ROWS, LEDGER, SCRATCH,
     # places within a mode's block of numbers,
-    STEPS, MATRIX, POWERS, GUARDS, LINES, VALUES, DEVIATION, GLIDE, SIZES, OUTPUTS, PRODUCTS, GROWTH,
+    STEPS, MATRIX, POWERS, GUARDS, LINES, VALUES, TAYLOR, DEVIATION, GLIDE, SIZES, OUTPUTS, PRODUCTS, GROWTH,
     GRAMIAN, DIGITS, GLIDE_ROWS,
-) = range(pg.CONTENTS, pg.CONTENTS + 27)  # fmt: skip
+) = range(pg.CONTENTS, pg.CONTENTS + 28)  # fmt: skip
 # and within its block of integers: key, finest level, whether its energies are there, padded number of the guards' rows
 # but for those that are only watched, number of guards, then for every guard what it is and its row.
 KEY, FINEST_LEVEL, ACCOUNTED, EVENT_ROWS, GUARD_COUNT, FIRST_GUARD = range(6)
@@ -49,7 +50,7 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
     products, energies = head[pg.PRODUCTS] + h, head[pg.CATEGORY_COUNT] if ledger else 0
     sizes = {
         STEPS: LEVELS, MATRIX: square, POWERS: TERMS * square, GUARDS: 3 * forms * columns, LINES: 2 * forms * rows,
-        VALUES: forms * columns,
+        VALUES: forms * columns, TAYLOR: forms * TAYLOR_ROWS * columns,
         DEVIATION: forms * columns if sampled else 0,
         GLIDE: glide_rows * columns if sampled else 0,
         SIZES: 3 * forms, OUTPUTS: OUTPUT_ROWS * columns,

@@ -76,10 +76,16 @@ class _Memory:
 class _Sizes(_Memory):
     """Of numbers their sizes."""
 
+    def load(self, offset):
+        return self._size(super().load(offset))
+
     def spread(self, offset):
+        return self._size(super().spread(offset))
+
+    def _size(self, numbers):
         bits = ir.VectorType(_INDEX, LANES)
         without_sign = self.builder.and_(
-            self.builder.bitcast(super().spread(offset), bits), ir.Constant(bits, [2**63 - 1] * LANES)
+            self.builder.bitcast(numbers, bits), ir.Constant(bits, [2**63 - 1] * LANES)
         )
         return self.builder.bitcast(without_sign, _VECTOR)
 
@@ -196,6 +202,20 @@ def accumulate(typing_context: Any, v, x, factor, y, rows):
     return signature, generate
 
 
+def _total(builder, rows, term):
+    """Sum of all numbers of `term(i)`, a register of them from row i on, for a padded number of rows."""
+    total = cgutils.alloca_once_value(builder, ir.Constant(_VECTOR, [0.0] * LANES))
+    with _blocks(builder, rows) as (i, _):
+        builder.store(builder.fadd(builder.load(total), term(i), flags=_FUSED), total)
+    half, lanes = builder.load(total), LANES
+    while lanes > 1:
+        lanes //= 2
+        order = [k % lanes + lanes for k in range(lanes)] + [0] * (LANES - lanes)
+        mask = ir.Constant(ir.VectorType(ir.IntType(32), LANES), order)
+        half = builder.fadd(half, builder.shuffle_vector(half, ir.Constant(_VECTOR, ir.Undefined), mask))
+    return builder.extract_element(half, ir.Constant(ir.IntType(32), 0))
+
+
 @intrinsic
 def dot(typing_context: Any, m, at, v, x, rows):
     """Sum of M[at:] times V[x:], for a padded number of rows."""
@@ -204,18 +224,24 @@ def dot(typing_context: Any, m, at, v, x, rows):
     def generate(context, builder, signature, arguments):
         m, at, v, x, rows = arguments
         row, vector = _Memory(builder, m), _Memory(builder, v)
-        total = cgutils.alloca_once(builder, _VECTOR)
-        builder.store(ir.Constant(_VECTOR, [0.0] * LANES), total)
-        with _blocks(builder, rows) as (i, _):
-            term = builder.fmul(row.load(builder.add(at, i)), vector.load(builder.add(x, i)), flags=_FUSED)
-            builder.store(builder.fadd(builder.load(total), term, flags=_FUSED), total)
-        half, lanes = builder.load(total), LANES
-        while lanes > 1:
-            lanes //= 2
-            order = [k % lanes + lanes for k in range(lanes)] + [0] * (LANES - lanes)
-            mask = ir.Constant(ir.VectorType(ir.IntType(32), LANES), order)
-            half = builder.fadd(half, builder.shuffle_vector(half, ir.Constant(_VECTOR, ir.Undefined), mask))
-        return builder.extract_element(half, ir.Constant(ir.IntType(32), 0))
+
+        def term(i):
+            return builder.fmul(row.load(builder.add(at, i)), vector.load(builder.add(x, i)), flags=_FUSED)
+
+        return _total(builder, rows, term)
+
+    return signature, generate
+
+
+@intrinsic
+def total_size(typing_context: Any, v, x, rows):
+    """Sum of the sizes of V[x:], for a padded number of rows."""
+    signature = types.float64(v, types.intp, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        v, x, rows = arguments
+        vector = _Sizes(builder, v)
+        return _total(builder, rows, lambda i: vector.load(builder.add(x, i)))
 
     return signature, generate
 
@@ -277,6 +303,42 @@ def polynomial(typing_context: Any, v, x, rows, order, factor, y):
                 term = vector.load(builder.add(here, builder.mul(k, rows)))
                 builder.store(builder.fadd(product, term, flags=_FUSED), total)
             vector.store(builder.load(total), builder.add(y, i))
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def combine(typing_context: Any, v, x, rows, factors, y):
+    """V[y:] = sum of four factors, a tuple, times vectors that stand one after the other from V[x:]."""
+    signature = types.void(v, types.intp, types.intp, types.UniTuple(types.float64, 4), types.intp)
+
+    def generate(context, builder, signature, arguments):
+        v, x, rows, factors, y = arguments
+        vector, spreads = _Memory(builder, v), [spread(builder, f) for f in cgutils.unpack_tuple(builder, factors)]
+        with _blocks(builder, rows) as (i, _):
+            here = builder.add(x, i)
+            places = [builder.add(here, builder.mul(rows, ir.Constant(_INDEX, k))) for k in range(len(spreads))]
+            terms = [builder.fmul(vector.load(p), f, flags=_FUSED) for p, f in zip(places, spreads, strict=True)]
+            vector.store(_sum(builder, terms), builder.add(y, i))
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def add_product(typing_context: Any, m, at, stride, rows, columns, v, x, y):
+    """V[y:] = V[y:] + the first rows of M V[x:], of a matrix that has `stride` of them; as in `multiply`."""
+    signature = types.void(m, types.intp, types.intp, types.intp, types.intp, v, types.intp, types.intp)
+
+    def generate(context, builder, signature, arguments):
+        m, at, stride, rows, columns, v, x, y = arguments
+        vector = _Memory(builder, v)
+        _product(
+            builder, _Memory(builder, m), at, stride, rows, columns, vector, x,
+            lambda i: vector.load(builder.add(y, i)),
+            lambda i, found: vector.store(found, builder.add(y, i)),
+        )  # fmt: skip
         return context.get_dummy_value()
 
     return signature, generate
