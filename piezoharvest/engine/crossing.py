@@ -42,15 +42,17 @@ def locate(P, L, S, D, slot, row, sign, offset, low, high, tau, rises, out):
     block, columns, terms, height = block_of(L, slot), L[pg.COLUMNS], D[st.TAYLOR], tb.TAYLOR_ROWS
     forms = block + L[tb.TAYLOR] + row * height * columns
     longest, short = P[block + L[tb.STEPS]], P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
-    # Of a finest step this short an estimate may be off by many.
+    per_second = 1.0 / short
+    # Of finest steps this short an estimate may be off by many.
     fine = short < FINE * longest
     for _ in range(80):
-        share = reach(P, L, S, D, slot, 0, tau) / short
+        share = reach(P, L, S, D, slot, 0, tau) * per_second
         base = tau - share * short
         multiply(P, forms, height, columns, S, vector(L, D, SERIES), terms)
         c = (
-            sign * S[terms] + offset, sign * S[terms + 1], sign * S[terms + 2], sign * S[terms + 3], sign * S[terms + 4],
-            sign * S[terms + 5], sign * S[terms + 6], sign * S[terms + 7], sign * S[terms + 8],
+            sign * S[terms] + offset, sign * S[terms + 1], sign * S[terms + 2],
+            sign * S[terms + 3], sign * S[terms + 4], sign * S[terms + 5],
+            sign * S[terms + 6], sign * S[terms + 7], sign * S[terms + 8],
         )  # fmt: skip
         if fine:
             if abs(c[0]) > c[1] > 0.0 and high - low > 1e-15 * longest:
@@ -62,7 +64,7 @@ def locate(P, L, S, D, slot, row, sign, offset, low, high, tau, rises, out):
                 continue
             if c[1] > 0.0:
                 share = -c[0] / c[1]
-        found, share, low, high, rises = _zero(c, share, (low - base) / short, (high - base) / short, rises)
+        found, share, low, high, rises = _zero(c, share, (low - base) * per_second, (high - base) * per_second, rises)
         low, high, tau = base + low * short, base + high * short, base + share * short
         if found or high - low <= 1e-15 * longest:
             break
@@ -72,7 +74,7 @@ def locate(P, L, S, D, slot, row, sign, offset, low, high, tau, rises, out):
 
 @compiled
 def _zero(c, x, low, high, rises):
-    """Safeguarded Newton from x for the zero of a guard's Taylor series, for as long as the motion is known (|x| <= NEAR).
+    """Safeguarded Newton from x for the zero of a guard's Taylor series, as far as `drift` goes (|x| <= NEAR).
 
     Returns whether it was found, where it is, and what is known by then: the bounds, and whether the guard rises.
     """
@@ -106,23 +108,35 @@ def _value(c, x):
     return c[0] + x * (c[1] + x * (c[2] + x * (c[3] + x * value)))
 
 
+@inlined
+def bit_of(row):
+    """The bit of a form among those that may rise, or fall; after so many one stands for several."""
+    return 1 << (row & 31)
+
+
 @compiled
-def earliest(P, L, S, D, slot, now, then, step):
+def earliest(P, L, S, D, slot, now, then, step, rising, falling):
     """Guard that rises first within a step, and when; the state there is left in the scratch vector FOUND.
+
+    Those that may rise have the bits of their forms set: in `rising` where the form rises then, in `falling` where it
+    falls.
 
     Where each rises is estimated from the ends of the step; it is then located in the order of the estimates. Once one
     is found, its state tells of all that stay above zero whether they have risen before: only the others are located.
     """
     best, best_tau, rows = NONE, np.inf, L[pg.ROWS]
     found, trial, guesses = vector(L, D, FOUND), vector(L, D, TRIAL), D[st.GUESS]
-    events = L[slot_of(L, slot) + tb.GUARD_COUNT] - pg.WATCHED
-    for g in range(events):
-        _estimate(P, L, S, D, slot, now, then, step, g)
-    while True:
+    at, count = slot_of(L, slot), 0
+    for g in range(L[at + tb.GUARD_COUNT] - pg.WATCHED):
+        ways = rising if S[D[st.SIGN] + g] > 0.0 else falling
+        if ways & bit_of(L[at + tb.FIRST_GUARD + 2 * g + 1]) and _estimate(P, L, S, D, slot, now, then, step, g, count):
+            D[D[st.CANDIDATE] + count] = g
+            count += 1
+    for _ in range(count):
         first = 0
-        for g in range(1, events):
-            if S[guesses + g] < S[guesses + first] - TIE:
-                first = g
+        for k in range(1, count):
+            if S[guesses + k] < S[guesses + first] - TIE:
+                first = k
         guess = S[guesses + first]
         if not guess * step < best_tau:
             break
@@ -131,9 +145,9 @@ def earliest(P, L, S, D, slot, now, then, step):
             continue
         tau = _rise(P, L, S, D, slot, now, then, step, first, guess, trial)
         if tau < best_tau:
-            best, best_tau = first, tau
+            best, best_tau = D[D[st.CANDIDATE] + first], tau
             found, trial = trial, found
-    if best != NONE and events > 1:
+    if best != NONE and L[at + tb.GUARD_COUNT] - pg.WATCHED > 1:
         best, best_tau, found = _before(P, L, S, D, slot, now, step, best, best_tau, found, trial)
     if found != vector(L, D, FOUND):
         copy(S, found, vector(L, D, FOUND), rows)
@@ -141,28 +155,28 @@ def earliest(P, L, S, D, slot, now, then, step):
 
 
 @compiled
-def _estimate(P, L, S, D, slot, now, then, step, g):
-    """Note between which fractions of a step a guard rises, and about where; infinity if it does not."""
+def _estimate(P, L, S, D, slot, now, then, step, g, candidate):
+    """Note between which fractions of a step a guard rises, and about where; returns whether it does."""
     row, sign, offset = L[slot_of(L, slot) + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g], S[D[st.OFFSET] + g]
-    place, guess = place_of(row), D[st.GUESS] + g
-    S[guess] = np.inf
+    place = place_of(row)
     f0, f1 = sign * S[now + place] + offset, sign * S[then + place] + offset
     d0, d1 = sign * S[now + place + LANES], sign * S[then + place + LANES]
-    noise = noise_of(f0, d0, f1, d1, step, floor_of(P, L, S, D, slot, place_of(row), offset))
+    noise = noise_of(f0, d0, f1, d1, step, floor_of(P, L, S, D, slot, place, offset))
     s0, s1 = sign * S[now + place + 2 * LANES], sign * S[then + place + 2 * LANES]
     falls = peaks(f0, d0, s0, f1, d1, s1, step, noise)
-    if f1 > noise or falls:
-        c = quintic(f0, d0, s0, f1, d1, s1, step)
-        low, high, x = crossing(c, noise, f1 > noise and d0 > 0.0 and d1 > 0.0, falls)
-        if low <= high:
-            S[guess], S[D[st.LOW] + g], S[D[st.HIGH] + g] = x, low, high
+    if not (f1 > noise or falls):
+        return False
+    c = quintic(f0, d0, s0, f1, d1, s1, step)
+    low, high, x = crossing(c, noise, f1 > noise and d0 > 0.0 and d1 > 0.0, falls)
+    S[D[st.GUESS] + candidate], S[D[st.LOW] + candidate], S[D[st.HIGH] + candidate] = x, low, high
+    return low <= high
 
 
 @compiled
-def _rise(P, L, S, D, slot, now, then, step, g, guess, out):
+def _rise(P, L, S, D, slot, now, then, step, candidate, guess, out):
     """Time at which a guard rises within a step, after what was noted of it; the state there is left at `out`."""
+    g, low, high = D[D[st.CANDIDATE] + candidate], S[D[st.LOW] + candidate], S[D[st.HIGH] + candidate]
     row, sign, offset = L[slot_of(L, slot) + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g], S[D[st.OFFSET] + g]
-    low, high = S[D[st.LOW] + g], S[D[st.HIGH] + g]
     if high == 0.0:
         copy(S, 0, out, L[pg.ROWS])
         return 0.0
@@ -175,7 +189,7 @@ def _rise(P, L, S, D, slot, now, then, step, g, guess, out):
         d0, d1 = sign * S[now + place + LANES], sign * S[then + place + LANES]
         exact(P, L, S, D, slot, 0, high * step, out)
         highest = sign * dot(P, block_of(L, slot) + L[tb.LINES] + 2 * row * L[pg.ROWS], S, out, L[pg.ROWS]) + offset
-        if not highest > noise_of(f0, d0, f1, d1, step, floor_of(P, L, S, D, slot, place_of(row), offset)):
+        if not highest > noise_of(f0, d0, f1, d1, step, floor_of(P, L, S, D, slot, place, offset)):
             return np.inf
         certain = True
     elif certain:
@@ -193,7 +207,12 @@ def _before(P, L, S, D, slot, now, step, best, best_tau, found, trial):
     """
     at, rows, values = slot_of(L, slot), rows_read(L, False, slot), D[st.THERE_GUARDS]
     multiply_top(P, block_of(L, slot) + L[tb.VALUES], L[tb.FORMS], rows, L[pg.COLUMNS], S, found, values)
-    for g in range(L[at + tb.GUARD_COUNT] - pg.WATCHED):
+    own, beyond, lower, upper = L[at + tb.FIRST_GUARD + 2 * best + 1], False, D[st.LOWER], D[st.UPPER]
+    for row in range(0, rows, LANES):
+        for k in range(LANES):
+            value = S[values + row + k]
+            beyond |= ((value > S[upper + row + k]) | (value < S[lower + row + k])) & (row + k != own)
+    for g in range(L[at + tb.GUARD_COUNT] - pg.WATCHED if beyond else 0):
         row, sign, offset = L[at + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g], S[D[st.OFFSET] + g]
         if g == best or not sign * S[values + row] + offset > 0.0:
             continue

@@ -50,7 +50,7 @@ def crossing(c, noise, rising, falls):
     its top is too near to zero to tell, low is -1 and high is where the top is.
     """
     if c[0] < -noise and rising:
-        return 0.0, 1.0, root(c, 0.0, 1.0)
+        return 0.0, 1.0, root(c, 0.0, 1.0, inverse(c))
     low, before = 0.0, c[0]
     end = c[0] + c[1] + c[2] + c[3] + c[4] + c[5]
     for k in range(1, 9):
@@ -63,16 +63,16 @@ def crossing(c, noise, rising, falls):
                 for _ in range(20):
                     inner = 0.5 * x
                     if at(c, inner) < deep:
-                        return inner, x, root(c, inner, x)
+                        return inner, x, root(c, inner, x, secant(c, inner, x))
                     x = inner
                 return 0.0, 0.0, 0.0
-            return low, x, root(c, low, x)
+            return low, x, root(c, low, x, secant(c, low, x))
         low, before = x, value
     if falls:
         x = top(c)
         highest = at(c, x)
         if highest > noise:
-            return 0.0, x, root(c, 0.0, x)
+            return 0.0, x, root(c, 0.0, x, secant(c, 0.0, x))
         if highest > -NEAR * (abs(c[0]) + abs(end)):
             return -1.0, x, x
     return 1.0, 0.0, 0.0
@@ -110,10 +110,25 @@ def top(c):
 
 
 @compiled
-def root(c, low, high):
-    """Where the interpolation rises through zero between low and high: safeguarded Newton from the secant."""
+def secant(c, low, high):
+    """Where the straight line between two points of the interpolation rises through zero."""
     below, above = at(c, low), at(c, high)
-    x = low + (high - low) * below / (below - above) if below < 0.0 < above else 0.5 * (low + high)
+    return low + (high - low) * below / (below - above) if below < 0.0 < above else 0.5 * (low + high)
+
+
+@compiled
+def inverse(c):
+    """Where a function that rises throughout the step is zero, by cubic interpolation of its inverse."""
+    end, rate = at(c, 1.0), slope(c, 1.0)
+    rise = end - c[0]
+    y = -c[0] / rise
+    x = y + y * (1.0 - y) * ((rise / c[1] - 1.0) * (1.0 - y) - (rise / rate - 1.0) * y)
+    return x if 0.0 < x < 1.0 else y
+
+
+@compiled
+def root(c, low, high, x):
+    """Where the interpolation rises through zero between low and high: safeguarded Newton from x."""
     for _ in range(12):
         value = at(c, x)
         if value > 0.0:

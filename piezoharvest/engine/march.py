@@ -8,7 +8,7 @@ from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.compiled import compiled, inlined
-from piezoharvest.engine.crossing import NONE, earliest, floor_of, noise_of
+from piezoharvest.engine.crossing import NONE, bit_of, earliest, floor_of, noise_of
 from piezoharvest.engine.exponentials import BOLD
 from piezoharvest.engine.interpolation import doubt, peaks
 from piezoharvest.engine.motion import ARRIVED, FOUND, exact
@@ -30,22 +30,22 @@ def read_guards(P, L, S, D, slot, z, out):
 
 @compiled
 def _look(P, L, S, D, slot, now, then, step):
-    """Whether a guard may rise within a step, whether that is too long to tell, how many times it may be doubled.
+    """Which guards may rise within a step, whether that is too long to tell, how many times it may be doubled.
 
-    Forms are looked at from both limits, a register of them at a time; without a branch, so that vectors are made of
-    it. What is watched has no limits.
+    Guards are bits as in `earliest`. Forms are looked at from both limits, a register of them at a time; without a
+    branch, so that vectors are made of it. What is watched has no limits.
     """
     lower, upper, events = D[st.LOWER], D[st.UPPER], rows_read(L, False, slot)
-    rises, too_long, bent, uneven = False, False, False, False
+    rising, falling, too_long, bent, uneven = 0, 0, False, False, False
     for row in range(0, events, LANES):
         for k in range(LANES):
             f0, d0, s0, f1, d1, s1 = _ends(S, now, then, row, k)
             high, low = S[upper + row + k], S[lower + row + k]
             above0, above1, below0, below1 = f0 - high, f1 - high, low - f0, low - f1
             floor = floor_of(P, L, S, D, slot, place_of(row) + k, high)
-            rises |= _may_rise(above0, d0, s0, above1, d1, s1, step, floor)
+            rising |= _may_rise(above0, d0, s0, above1, d1, s1, step, floor) * bit_of(row + k)
             floor = floor_of(P, L, S, D, slot, place_of(row) + k, low)
-            rises |= _may_rise(below0, -d0, -s0, below1, -d1, -s1, step, floor)
+            falling |= _may_rise(below0, -d0, -s0, below1, -d1, -s1, step, floor) * bit_of(row + k)
             size, doubtful = min(_size(above0, above1), _size(below0, below1)), doubt(f0, d0, s0, f1, d1, s1, step)
             too_long |= doubtful > BELIEVED * size
             bent |= doubtful > SMOOTH * size
@@ -58,7 +58,7 @@ def _look(P, L, S, D, slot, now, then, step):
             too_long |= doubtful > BELIEVED * size
             bent |= doubtful > SMOOTH * size
             uneven |= doubtful > CALM * size
-    return rises, too_long, 0 if bent else 1 if uneven else 2
+    return rising, falling, too_long, 0 if bent else 1 if uneven else 2
 
 
 @inlined
@@ -109,15 +109,15 @@ def march(P, L, S, D, slot, t_stop):
             step = left
             exact(P, L, S, D, slot, 0, step, arrived)
         read_guards(P, L, S, D, slot, arrived, then)
-        rises, too_long, longer = _look(P, L, S, D, slot, now, then, step)
+        rising, falling, too_long, longer = _look(P, L, S, D, slot, now, then, step)
         if too_long and level < finest:
             level, resolved = max(level + 1, resolved), 0
             while level < finest and P[steps + level] >= left:
                 level += 1
             continue
         guard, tau, target = NONE, step, arrived
-        if rises:
-            guard, tau = earliest(P, L, S, D, slot, now, then, step)
+        if rising | falling:
+            guard, tau = earliest(P, L, S, D, slot, now, then, step, rising, falling)
             if guard != NONE:
                 target = vector(L, D, FOUND)
             else:

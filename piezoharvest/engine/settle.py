@@ -97,8 +97,8 @@ def _zeros(P, L, slot, size, place):
     """What is zero of a guard, of its rate and of its second rate."""
     block = block_of(L, slot)
     sizes, short = block + L[tb.SIZES] + place, P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
-    first, second, third = P[sizes], P[sizes + LANES], P[sizes + 2 * LANES]
-    return size * TINY * (first + short * second), size * 10 * TINY * (second + short * third), size * 100 * TINY * third
+    first, second, third, zero = P[sizes], P[sizes + LANES], P[sizes + 2 * LANES], TINY * size
+    return zero * (first + short * second), 10.0 * zero * (second + short * third), 100.0 * zero * third
 
 
 @inlined

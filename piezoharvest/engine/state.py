@@ -22,12 +22,12 @@ VECTORS = 16  # of scratch
     # what is recorded,
     SENSITIVITIES, ENERGIES, TRACKED, LOG_ROOM, SAMPLES_WANTED, TAPE_ROOM, TAPED,
     # where lists begin in D,
-    SLIP, POLARITY, LOG_CODE, TAPE_KIND, PIVOTS,
+    SLIP, POLARITY, CANDIDATE, LOG_CODE, TAPE_KIND, PIVOTS,
     # and where in S.
-    CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, SIZE, LOW, HIGH, GUESS, THERE_GUARDS, TAYLOR, LOWER, UPPER, GLIDED,
-    CURVE, CURVE_PHI, WORK, EXTREMES, ENERGY, PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME, SAMPLES,
-    TAPE, END,
-) = range(50)  # fmt: skip
+    CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, SIZE, LOW, HIGH, GUESS, THERE_GUARDS, TAYLOR, LOWER, UPPER,
+    GLIDED, CURVE, CURVE_PHI, WORK, EXTREMES, ENERGY, PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME,
+    SAMPLES, TAPE, END,
+) = range(51)  # fmt: skip
 # Places from CLOCK on in S: time now, when the switch opens, when it last acted, all in s.
 NOW, OPENS, ACTED = range(3)
 
@@ -68,7 +68,10 @@ class State:
             OPENS_PHI: sensitivities, EVENT_PHI: sensitivities, LOG_TIME: log, SAMPLE_TIME: len(times),
             SAMPLES: len(times) * outputs, TAPE: tape * (2 + int(contents[pg.A])),
         }  # fmt: skip
-        lists = {SLIP: h, POLARITY: QUEUE_LENGTH, LOG_CODE: log, TAPE_KIND: tape * (3 + int(h)), PIVOTS: elements}
+        lists = {
+            SLIP: h, POLARITY: QUEUE_LENGTH, CANDIDATE: guards, LOG_CODE: log, TAPE_KIND: tape * (3 + int(h)),
+            PIVOTS: elements,
+        }  # fmt: skip
         in_d, in_s = _offsets(lists, END + 1), _offsets(places, rows)
         self.D = np.zeros(in_d[-1], np.int64)
         self.D[[*lists, *places, END]] = [*in_d[:-1], *in_s]

@@ -84,9 +84,7 @@ class _Sizes(_Memory):
 
     def _size(self, numbers):
         bits = ir.VectorType(_INDEX, LANES)
-        without_sign = self.builder.and_(
-            self.builder.bitcast(numbers, bits), ir.Constant(bits, [2**63 - 1] * LANES)
-        )
+        without_sign = self.builder.and_(self.builder.bitcast(numbers, bits), ir.Constant(bits, [2**63 - 1] * LANES))
         return self.builder.bitcast(without_sign, _VECTOR)
 
 

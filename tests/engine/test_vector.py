@@ -9,7 +9,7 @@ from piezoharvest.engine import vector as vc
 from piezoharvest.engine.algebra import radius, solve_conserving
 from piezoharvest.engine.compiled import entry
 
-MULTIPLY, GROW, POLYNOMIAL, COPY, DOT, TOP, INSIDE = range(7)
+MULTIPLY, GROW, POLYNOMIAL, COPY, DOT, TOP, INSIDE, ADD, COMBINE, SIZE = range(10)
 EDGE = 7.25  # what stands around a result and must stay
 
 
@@ -27,6 +27,12 @@ def operate(task, matrix, at, rows, columns, factor, order, vectors, x, y):
         vc.copy(v, x, y, rows)
     elif task == TOP:
         vc.multiply_top(m, at, rows, order, columns, v, x, y)
+    elif task == ADD:
+        vc.add_product(m, at, rows, order, columns, v, x, y)
+    elif task == COMBINE:
+        vc.combine(v, x, rows, (1.0, factor, factor * factor, -2.0), y)
+    elif task == SIZE:
+        return vc.total_size(v, x, rows)
     elif task == INSIDE:
         lower = y + 2 * order
         return 1.0 if vc.inside(m, at, rows, order, columns, v, x, y, lower, lower + order) else 0.0
@@ -113,6 +119,40 @@ def test_polynomial(seed, rows, columns, gap, factor, order):
     assert np.all(np.abs(found - terms.T @ factor ** np.arange(order + 1)) <= 1e-14 * size)
     memory.vectors[memory.y : memory.y + memory.rows] = memory.vector(memory.y)
     assert np.array_equal(memory.vectors, memory.before)
+
+
+@settings(max_examples=100, deadline=None)
+@given(factor=st.floats(-10, 10), **sizes)
+def test_combine(seed, rows, columns, gap, factor):
+    memory = Memory(seed, rows, columns, gap)
+    terms = np.random.default_rng(seed).normal(size=(4, memory.rows))
+    memory.vectors = np.concatenate([memory.vectors, terms.ravel()])
+    memory.before, memory.x = memory.vectors.copy(), len(memory.vectors) - terms.size
+    memory.run(COMBINE, factor)
+    factors = np.array([1.0, factor, factor**2, -2.0])
+    found = memory.vector(memory.y, memory.vectors).copy()
+    assert np.all(np.abs(found - terms.T @ factors) <= 1e-14 * np.abs(terms).T @ np.abs(factors))
+    memory.vectors[memory.y : memory.y + memory.rows] = memory.vector(memory.y)
+    assert np.array_equal(memory.vectors, memory.before)
+
+
+@settings(max_examples=100, deadline=None)
+@given(share=st.floats(0, 1), **sizes)
+def test_add_product(seed, rows, columns, gap, share):
+    memory = Memory(seed, rows, columns, gap)
+    top = vc.padded(int(share * memory.rows))
+    memory.run(ADD, order=top)
+    wanted = memory.vector(memory.y).copy()
+    wanted[:top] += memory.a[:top] @ memory.vector(memory.x, count=memory.columns)
+    memory.check({memory.y: wanted})
+
+
+@settings(max_examples=50, deadline=None)
+@given(**sizes)
+def test_total_size(seed, rows, columns, gap):
+    memory = Memory(seed, rows, columns, gap)
+    wanted = np.abs(memory.vector(memory.x)).sum()
+    assert abs(memory.run(SIZE) - wanted) <= 1e-14 * wanted
 
 
 @settings(max_examples=50, deadline=None)
