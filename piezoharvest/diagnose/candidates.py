@@ -100,12 +100,11 @@ def scores(
 
 
 def _new(start: Effect, found: Fit, present: set[str]) -> bool:
-    """Whether the model does not have it yet: one of a kind, or one for each channel or label."""
+    """Whether the model does not have it yet: one of a kind, or one for each channel."""
     if start.name not in present:
         return True
-    own = [f.name for f in dataclasses.fields(start) if "unit" not in f.metadata]
-    same = [effect for effect in found.model.transducer.effects if effect.name == start.name]
-    return bool(own) and all(any(getattr(start, f) != getattr(e, f) for f in own) for e in same)
+    taken = {getattr(e, "channel", None) for e in found.model.transducer.effects if e.name == start.name}
+    return getattr(start, "channel", None) not in taken
 
 
 def _strength(start: Effect) -> float:

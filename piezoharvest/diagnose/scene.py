@@ -15,6 +15,7 @@ from piezoharvest.shunts.resistor import Resistor
 
 TIMES = 6  # time constants over the plausible range
 _NEAR = np.concatenate([mains + np.arange(-15, 16) * 0.02 for mains in (50.0, 60.0)])  # Hz
+PULLED = 0.01  # of the range of a force
 PLATEAU = 4  # equal extreme samples that make a range
 
 
@@ -27,6 +28,8 @@ class Scene:
     drives, channels : tuple of str
     loaded : bool
         Whether a current into the electrodes shows: not where their voltage is imposed and no current is measured.
+    pulled : bool
+        Whether a force that is imposed ever pulls.
     displacement : float
         Half of its peak-to-peak.
     capacitance : float
@@ -44,6 +47,7 @@ class Scene:
     drives: tuple[str, ...]
     channels: tuple[str, ...]
     loaded: bool
+    pulled: bool
     displacement: float
     capacitance: float
     sample_time: float
@@ -66,6 +70,7 @@ def scene_of(data: Sequence[Data | FrequencyData], found: Fit) -> Scene:
         drives=tuple(sorted({each.drive for each in records})),
         channels=channels,
         loaded="current" in channels or drives != {"voltage"},
+        pulled=any(each.drive == "force" and _pulled(each.record["force"]) for each in records),
         displacement=0.5 * max((float(np.ptp(values)) for values in displacements), default=1e-6),
         capacitance=found.model.transducer.capacitance,
         sample_time=step,
@@ -74,6 +79,11 @@ def scene_of(data: Sequence[Data | FrequencyData], found: Fit) -> Scene:
         peaks={channel: _ranges(records, found, data, channel) for channel in channels},
         mains=_mains(data, found),
     )
+
+
+def _pulled(force: np.ndarray) -> bool:
+    """Whether a force is tension at some time, by more than noise about zero would make it."""
+    return bool(force.min() < -PULLED * np.ptp(force))
 
 
 def _span(data: Sequence[Data | FrequencyData]) -> tuple[float, float]:

@@ -52,7 +52,10 @@ DRAWS: dict[str, Draw] = {
     "voltage_dependent_capacitance": lambda rng, s: {"beta": _sign(rng) * 3.9e-5 * s},
     "creep": lambda rng, s: {"compliance_ratio": 8e-4 * s, "time_constant": _time(rng, 0.1, 3.0)},
     "stiffening": lambda rng, s: {"cubic_stiffness": _sign(rng) * 2e16 * s},
-    "contact_compliance": lambda rng, s: {"coefficient": 5e-10 * s},
+    "contact_compliance": lambda rng, s: {
+        "coefficient": 5e-10 * s,
+        "tension": str(rng.choice(("open", "closed"))),
+    },
     "friction": lambda rng, s: {"stiffness": 3.7e5 * s, "threshold": _time(rng, 1e-7, 6e-7)},
     "nonlinear_coupling": lambda rng, s: {"quadratic_coupling": _sign(rng) * 1.7e3 * s},
     "coupling_drift": lambda rng, s: {"relative_drift": _sign(rng) * 3.8e-4 * s},

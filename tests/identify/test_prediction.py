@@ -472,3 +472,14 @@ def test_a_rise_within_a_sample_is_that_of_a_record_that_shows_it(share):
         off.append(np.abs(block.values - wanted)[101:].max(axis=0) / np.abs(wanted).max(axis=0))
     assert off[0].max() < 1e-5
     assert off[1].max() > 5e-4
+
+
+@pytest.mark.parametrize("tension", ["open", "closed"])
+def test_a_contact_under_tension_agrees_with_the_bench(tension):
+    table, sine = {"coefficient": 3e-9, "tension": tension}, {**SINE, "offset": 50.0}
+    truth = waves(LINEAR, sine, effects=[("contact_compliance", table)])
+    found, setting = predicted(
+        build_transducer({**LINEAR, "effects": {"contact_compliance": table}}), "force", truth.sensed("force")
+    )
+    wanted = truth.sensed("displacement")
+    assert np.abs(found["displacement"] - wanted).max() < 1e-6 * np.abs(wanted).max()

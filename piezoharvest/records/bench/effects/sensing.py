@@ -16,17 +16,27 @@ Channel = Literal["force", "base_acceleration", "displacement", "voltage", "curr
 
 @dataclass(frozen=True, kw_only=True)
 class ContactCompliance(BenchEffect):
-    """Hertzian joint between specimen and target: the sensor reads c F^(2/3) more, for compression (F > 0)."""
+    """Hertzian joint between specimen and target: the sensor reads c F^(2/3) more, for compression (F > 0).
+
+    Closed under tension, it reads as much less there.
+    """
 
     name: ClassVar[str] = "contact_compliance"
 
     coefficient: float = quantity("m/N^(2/3)", "c", null=0.0)
+    tension: Literal["open", "closed"] = "open"
 
     def act(self, model, duration):
         if model.base:
             raise ParameterError("coefficient", "found a base excitation, allowed is a force that presses the joint")
         specimen = model.sensed
-        model.sensed = lambda m: specimen(m) + self.coefficient * np.maximum(m.drive, 0.0) ** (2 / 3)
+        least = -np.inf if self.tension == "closed" else 0.0
+
+        def reading(m):
+            force = np.maximum(m.drive, least)
+            return specimen(m) + self.coefficient * np.sign(force) * np.abs(force) ** (2 / 3)
+
+        model.sensed = reading
         model.smooth = model.smooth or model.reading is not None
 
 
