@@ -10,6 +10,8 @@ from piezoharvest.excitation import Excitation
 from piezoharvest.parameters import ParameterError
 from piezoharvest.terms import Element
 
+ROUNDING = 1e-12  # of its terms, that a sum which ought to be zero may be
+
 
 def equilibrium(layout: Layout, physics: Physics, excitation: Excitation, scale: np.ndarray) -> np.ndarray:
     """Scaled states at rest under the static part of the excitation, the electrodes and all stops relaxed."""
@@ -45,7 +47,11 @@ def inputs_of(layout: Layout, physics: Physics) -> np.ndarray:
 def _bent(elements: list[Element], rest, follows, by_state, by_output) -> np.ndarray:
     """Equilibrium z = rest + follows w of every design, w being the outputs of smooth elements with these inputs."""
     batch, found = np.broadcast_shapes(rest.shape[:-1], follows.shape[:-2], by_state.shape[:-2]), []
-    parts = ((rest, 1), (follows, 2), (by_state @ follows + by_output, 2), ((by_state @ rest[..., None])[..., 0], 1))
+    terms = by_state * rest[..., None, :]
+    at_rest = terms.sum(axis=-1)
+    # The voltage behind a resistor, say: what rounding leaves of it would be taken for a size.
+    at_rest.real[np.abs(at_rest.real) < ROUNDING * np.abs(terms).sum(axis=-1)] = 0.0
+    parts = ((rest, 1), (follows, 2), (by_state @ follows + by_output, 2), (at_rest, 1))
     spread = (np.broadcast_to(part, batch + part.shape[-rank:]) for part, rank in parts)
     for z, bend, inputs, at_rest in zip(*(part.reshape(-1, *part.shape[len(batch) :]) for part in spread), strict=True):
         found.append(z + bend @ _balance(elements, inputs, at_rest))

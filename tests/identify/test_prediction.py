@@ -478,7 +478,7 @@ def test_a_rise_within_a_sample_is_that_of_a_record_that_shows_it(share):
 def test_a_contact_under_tension_agrees_with_the_bench(tension):
     table, sine = {"coefficient": 3e-9, "tension": tension}, {**SINE, "offset": 50.0}
     truth = waves(LINEAR, sine, effects=[("contact_compliance", table)])
-    found, setting = predicted(
+    found, _ = predicted(
         build_transducer({**LINEAR, "effects": {"contact_compliance": table}}), "force", truth.sensed("force")
     )
     wanted = truth.sensed("displacement")
