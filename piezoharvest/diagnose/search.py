@@ -144,11 +144,13 @@ class Searcher:
         small step leads from the one to the other.
         """
         held = self.trials.held(now)
-        if held is not None and now.effects and held.cost < now.cost - CLOSE:
-            # With fewer parameters it fits better: they had strayed into a minimum that is not the lowest.
+        if held is not None and now.effects and held.cost < now.cost + CLOSE:
+            # With fewer parameters it fits as well: they had strayed into a minimum that is no lower.
             freed = self.trials.freed(held, now)
-            if freed is not None and freed.cost < now.cost - CLOSE:
-                return self._surveyed(freed)
+            if freed is not None and (
+                freed.cost < now.cost - CLOSE or (freed.cost < now.cost + CLOSE and not self.trials.strayed(freed))
+            ):
+                return self._surveyed(self.trials.redetermined(freed))
         return now, held
 
     def _passed_by(self, before: Step, now: Step) -> bool:

@@ -1,11 +1,15 @@
 """Parameters that the data wants far from their nominal values are said: they may stand in for what has no name."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
+import pytest
 from diagnose_runs import STACK, campaign
 
 from piezoharvest.diagnose import diagnose
 from piezoharvest.diagnose.account import sentence
+from piezoharvest.diagnose.search import Searcher
+from piezoharvest.diagnose.trials import CLOSE
 from piezoharvest.effects import Leakage
 
 
@@ -24,3 +28,31 @@ def test_nothing_is_said_of_what_is_near(tmp_path):
     near = diagnose(campaign(tmp_path), library=[Leakage])
     assert near.strayed == ()
     assert "nominal" not in sentence(near)
+
+
+class Fits:
+    """Trials of one model with strayed parameters, which are not where they are held or freed again."""
+
+    def __init__(self, cost_when_held: float) -> None:
+        self.held_fit = SimpleNamespace(cost=cost_when_held)
+        self.freed_fit = SimpleNamespace(cost=cost_when_held, effects=("leakage",))
+
+    def held(self, now):
+        return None if now is self.freed_fit else self.held_fit
+
+    def freed(self, held, now):
+        return self.freed_fit
+
+    def redetermined(self, now):
+        return now
+
+    def strayed(self, now):
+        return [] if now is self.freed_fit else ["mass"]
+
+
+@pytest.mark.parametrize("more, back", [(-2 * CLOSE, True), (0.5 * CLOSE, True), (2 * CLOSE, False)])
+def test_what_has_strayed_for_nothing_comes_back(more, back):
+    """A mass of seven times its nominal value once had a standard error of half a percent, and the same likelihood."""
+    now, fits = SimpleNamespace(cost=1000.0, effects=("leakage",)), Fits(1000.0 + more)
+    found, held = Searcher(fits)._surveyed(now)
+    assert (found, held) == ((fits.freed_fit, None) if back else (now, fits.held_fit))
