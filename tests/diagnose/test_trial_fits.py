@@ -1,15 +1,19 @@
 """Trial fits, which look at slow lines of the spectra first, against fits by all lines."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnose_runs import campaign, fitted
 
 from piezoharvest.diagnose.candidates import carried, effect_parameters, extended
-from piezoharvest.diagnose.trials import ROUGHLY
+from piezoharvest.diagnose.trials import ROUGHLY, Step, Trials
 from piezoharvest.effects import Leakage, Stiffening
 from piezoharvest.identify import descent
 from piezoharvest.identify.fit import fit
 from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.problem import Problem
+from piezoharvest.predict.parameters import parameters_of
 
 
 @pytest.fixture(scope="module")
@@ -58,3 +62,22 @@ def test_they_end_where_fits_by_all_lines_do(records, highest, present, start):
     assert quick.cost - thorough.cost < ROUGHLY
     np.testing.assert_allclose(np.diag(quick.information), np.diag(thorough.information), rtol=0.05)
     assert quick.sums[0].count.tolist() == thorough.sums[0].count.tolist()
+
+
+def test_what_the_data_determines_is_asked_again_beside_an_effect(records):
+    """A base fit that lacked the effect may have left out what the data tells, or have kept what it does not."""
+    problem, found, scene = fitted(*records, [Leakage(resistance=3e7)], seed=1)
+    nominal = replace(records[1], capacitance=1.1 * records[1].capacitance)
+    problem = Problem(problem.data, nominal, problem.offset_channels)
+    varied = tuple(p for p in parameters_of(nominal, {"force"}) if p.name in ("mass", "stiffness", "coupling"))
+    model = extended(replace(found.model, transducer=nominal, parameters=varied), [Leakage(resistance=3e7)], [])
+    model = replace(model, parameters=(*varied, *effect_parameters([Leakage(resistance=3e7)])))
+    poor = Step(fit(problem, model, noise=found.noise, estimate_noise=False))
+    trials = Trials(problem, found, scene, None, lambda text: None)
+    better = trials.redetermined(poor)
+    names = [parameter.path[-1] for parameter in better.found.model.parameters]
+    assert names == ["damping", "stiffness", "coupling", "capacitance", "resistance"]
+    assert better.found.model.transducer.mass == nominal.mass
+    assert better.found.model.transducer.capacitance == pytest.approx(records[1].capacitance, rel=1e-3)
+    assert better.cost < poor.cost - 100.0
+    assert trials.redetermined(better) is better
