@@ -92,17 +92,14 @@ def scores(
         Default: all that are registered.
     """
     classes = list(registered().values()) if library is None else list(library)
-    present = {effect.name for effect in found.model.transducer.effects}
-    starts = [start for cls in classes for start in cls.starts(scene) if _new(start, found, present)]
+    starts = [start for cls in classes for start in cls.starts(scene) if _new(start, found)]
     smooth = [start for start in starts if not np.isinf(_strength(start)) and type(start).span is Effect.span]
     jumpy = [start for start in starts if start not in smooth]
     return sorted([*_smooth(problem, found, smooth), *_tried(problem, found, jumpy)], key=lambda c: -c.score)
 
 
-def _new(start: Effect, found: Fit, present: set[str]) -> bool:
+def _new(start: Effect, found: Fit) -> bool:
     """Whether the model does not have it yet: one of a kind, or one for each channel."""
-    if start.name not in present:
-        return True
     taken = {getattr(e, "channel", None) for e in found.model.transducer.effects if e.name == start.name}
     return getattr(start, "channel", None) not in taken
 

@@ -179,7 +179,7 @@ class Trials:
         full = replace(model, parameters=(*parameters_of(nominal, set(self.scene.drives)), *own))
         if len(full.parameters) > len(model.parameters):
             information, _, _ = linearised(self.problem, full, found.own, found)
-            prior = np.diag(prior_of(self.problem, full, found.own)[1])
+            prior = np.diag(prior_of(self.problem, full)[1])
             found = replace(found, model=full, information=information, prior=prior)
         out = {full.parameters[k].path for k in undetermined(found)} - {parameter.path for parameter in own}
         kept = tuple(parameter for parameter in full.parameters if parameter.path not in out)

@@ -97,7 +97,7 @@ def descend(
     upper = np.concatenate([[p.upper for p in model.parameters], limits])
     leap = np.array([LEAP if p.scaling == "log" else np.inf for p in model.parameters] + [np.inf] * sum(map(len, own)))
     delaying = np.array([p.path[-1] == "damping" for p in model.parameters] + [False] * sum(map(len, own)))
-    mean, precision = prior_of(problem, model, own)
+    mean, precision = prior_of(problem, model)
     judge = _Judge(problem, whiteners(problem, model, noise, rough=loose), mean, precision)
     first = judge.at(model, own, np.concatenate([inner_values(model), *own]), scatter=not loose)
     here = first if loose else judge.by_slow_lines(first, enough)

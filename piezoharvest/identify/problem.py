@@ -16,8 +16,8 @@ from piezoharvest.predict.parameters import value_at
 from piezoharvest.transducer import Transducer
 
 PRIOR = 1.0  # standard deviation of the logarithm of a parameter about its nominal value, where nothing else is known
-ANY_RISE = 2.0  # standard deviation of the logarithm of how long a jump takes
 WEAK = 10.0  # the same for a linear one, in units of its own size
+ANY_RISE = 2.0  # standard deviation of the logarithm of how long a jump takes
 
 
 class Problem:
@@ -80,7 +80,7 @@ class Problem:
         )
 
 
-def prior_of(problem: Problem, model: Model, own: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def prior_of(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Means and inverse variances of all parameters."""
     means, precision = [], []
     for parameter in model.parameters:
