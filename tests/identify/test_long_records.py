@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from identify.identify_runs import campaign_file
 from identify.test_identify import within
@@ -18,16 +18,19 @@ from piezoharvest.records import load_campaign
 
 
 @settings(max_examples=60, deadline=None)
+@example(count=417, seed=27341)  # has a corner
 @given(count=st.integers(2, 700), seed=st.integers(0, 10**6))
 def test_a_spline_in_pieces_is_the_spline_of_the_whole(count, seed):
     values = np.cumsum(np.random.default_rng(seed).normal(size=count))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(drive, "PIECE", 64)
         found = drive.drive_of(values)
-    if len(found.jumps) or count < 4:
-        return
-    wanted = CubicSpline(np.arange(count, dtype=float), values).c[::-1].T
+    wanted = drive.drive_of(values).coefficients
     assert np.abs(found.coefficients - wanted).max() <= 1e-12 * np.abs(wanted).max()
+    # A random walk may jump, or have a corner, where the spline is broken.
+    if not len(found.jumps) and not len(drive.corners_of(values)) and count >= 4:
+        wanted = CubicSpline(np.arange(count, dtype=float), values).c[::-1].T
+        assert np.abs(found.coefficients - wanted).max() <= 1e-12 * np.abs(wanted).max()
 
 
 def test_the_beginning_of_a_record_has_all_of_its_channels(tmp_path):
