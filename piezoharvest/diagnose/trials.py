@@ -250,11 +250,12 @@ def aim_beside(others: Sequence[Step]) -> float:
 def inflated(found: Fit, n: int) -> float:
     """How many times as large the variance of the n-th effect's strength is as white noise would make it.
 
-    The errors of a sensor that rounds are alike as long as its load is held: they look like creep, or like a contact.
+    The errors of a sensor that rounds are alike as long as its load is held: they look like creep, like a contact, or
+    like the end of a range.
     """
     effects = found.model.transducer.effects
-    if not effects or type(effects[n]).span is not Effect.span:
-        return 1.0  # where a range ends, readings are alike: its limit does not grow from a null
+    if not effects:
+        return 1.0
     n = n % len(effects)
     path = ("effects", n, type(effects[n]).strength().name)
     places = [k for k, parameter in enumerate(found.model.parameters) if parameter.path == path]
