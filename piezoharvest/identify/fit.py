@@ -131,8 +131,8 @@ def inflation(found: Fit, k: int) -> float:
 
 
 def inverse(information: np.ndarray) -> np.ndarray:
-    """Inverse of an information matrix whose parameters have very different sizes."""
-    size = np.sqrt(np.maximum(np.abs(np.diag(information)), 1e-300))
+    """Inverse of an information matrix whose parameters have very different sizes, or no information at all."""
+    size = np.maximum(np.sqrt(np.abs(np.diag(information))), 1e-50)
     values, vectors = np.linalg.eigh(information / np.outer(size, size))
     found = (vectors / np.maximum(values, 1e-14)) @ vectors.T
     return found / np.outer(size, size)

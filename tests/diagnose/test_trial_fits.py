@@ -4,14 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnose_runs import campaign, fitted
+from diagnose_runs import SIGMA, STEP, campaign, fitted, synthetic
 
 from piezoharvest.diagnose.candidates import carried, effect_parameters, extended
-from piezoharvest.diagnose.trials import ROUGHLY, Step, Trials
-from piezoharvest.effects import Leakage, Stiffening
+from piezoharvest.diagnose.trials import ROUGHLY, Step, Trials, inflated
+from piezoharvest.effects import Clipping, Leakage, Stiffening
 from piezoharvest.identify import descent
 from piezoharvest.identify.fit import fit
 from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.model import Model
+from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem
 from piezoharvest.predict.parameters import parameters_of
 
@@ -81,3 +83,40 @@ def test_what_the_data_determines_is_asked_again_beside_an_effect(records):
     assert better.found.model.transducer.capacitance == pytest.approx(records[1].capacitance, rel=1e-3)
     assert better.cost < poor.cost - 100.0
     assert trials.redetermined(better) is better
+
+
+REACHED = 3.1e-6  # m: of the largest one's 3.2e-6
+HELD = [
+    {"load_resistance": 97.78e3, "excitation": {**STEP, "amplitude": amplitude}}
+    for amplitude in (900.0, 700.0, 500.0, 300.0)
+]
+
+
+def ended(records, transducer, scatter, change, start):
+    """What the end of a range gains in records with changed displacements, and as how much that counts."""
+    rng, made = np.random.default_rng(4), []
+    for each in records:
+        record = synthetic(each, transducer, rng, scatter)
+        place = record.channels.index("displacement")
+        record.values[:, place] = change(record.values[:, place])
+        made.append(record)
+    problem = Problem(made, transducer, ("displacement",))
+    varied = [p for p in parameters_of(transducer, {"force"}) if p.path[0] not in ("mass", "damping")]
+    model = Model(transducer, tuple(varied), ("displacement",))
+    plain = fit(problem, model, noise=Noise(SIGMA), estimate_noise=False)
+    top = max(np.abs(each.values[:, place]).max() for each in made)
+    found = with_effect(problem, plain, Clipping(limit=top - start, channel="displacement"), ROUGHLY)
+    assert found.converged
+    gain = plain.cost - found.cost
+    return gain, gain / inflated(found, -1)
+
+
+def test_rounding_of_a_held_load_does_not_count_as_the_end_of_a_range(tmp_path):
+    """All readings of a plateau are off by the same: far more than white noise for what is fitted to them."""
+    found = campaign(tmp_path, records=HELD)
+    records, step = prepared(found, "fit"), 4 * SIGMA["displacement"]
+    loud, gain = ended(records, found.transducer, 0.3, lambda x: step * np.round(x / step), 0.1 * step)
+    assert loud > 40.0
+    assert gain < 4.0
+    _, gain = ended(records, found.transducer, 1.0, lambda x: np.minimum(x, REACHED), 0.0)
+    assert gain > 1000.0
