@@ -17,7 +17,7 @@ import piezoharvest
 from piezoharvest.output import write_text
 from piezoharvest.report import style
 from reports.diagnosis.figures import confusion_figure, coverage_figure, power_figure, time_figure
-from reports.diagnosis.summary import STRONG, THEORY, Results, coverage, of_kind, power, share, size, smallest
+from reports.diagnosis.summary import STRONG, THEORY, Results, coverage, days, of_kind, power, share, size, smallest
 from reports.diagnosis.trials import DRAWS
 
 NAMES = list(DRAWS)
@@ -76,6 +76,7 @@ def summary(results: Results) -> dict[str, Any]:
         },
         "alarms": sum(not result["right"] for result in of_kind(results, "healthy")),
         "power": {name: one for name in NAMES if (one := _power(results, name))},
+        "power_days": days(of_kind(results, "weak")),
         "theory": THEORY,
         "coverage": {name: list(value) for name, value in sorted(covered.items())},
         "covered": inside / max(1, sum(count for _, count in covered.values())),

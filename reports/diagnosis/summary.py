@@ -28,11 +28,17 @@ def size(result: dict[str, Any]) -> float:
 
 
 def share(results: Results) -> dict[str, Any]:
-    """How many are right of how many, with the 95 % interval of Clopper and Pearson."""
+    """How many are right of how many, with the 95 % interval of Clopper and Pearson, and when they were diagnosed."""
     n, k = len(results), sum(result["right"] for result in results)
     low = float(beta.ppf(0.025, k, n - k + 1)) if k else 0.0
     high = float(beta.ppf(0.975, k + 1, n - k)) if k < n else 1.0
-    return {"right": k, "count": n, "low": low, "high": high}
+    return {"right": k, "count": n, "low": low, "high": high, "days": days(results)}
+
+
+def days(results: Results) -> str:
+    """When these were diagnosed: a search that has changed since may answer otherwise."""
+    found = sorted({result["diagnosed"][:10] for result in results if "diagnosed" in result})
+    return " to ".join(dict.fromkeys((found[0], found[-1]))) if found else "–"
 
 
 def confusion(results: Results, names: Sequence[str]) -> tuple[list[str], np.ndarray]:

@@ -6,6 +6,7 @@ import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -162,7 +163,8 @@ def run(trial: Trial) -> dict[str, Any]:
         found = diagnose(campaign, library=library)
         cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
     return {
-        "key": trial.key, **asdict(trial), "truth": tables, "cpu": cpu, "wall": wall, "verdict": found.verdict,
+        "key": trial.key, **asdict(trial), "diagnosed": datetime.now(UTC).isoformat(timespec="minutes"),
+        "truth": tables, "cpu": cpu, "wall": wall, "verdict": found.verdict,
         "found": [named.effect.name for named in found.effects], "alternatives": [list(a) for a in found.alternatives],
         "values": [{k: list(v) for k, v in named.values.items()} for named in found.effects],
         "reached": reached(found, trial.names), "right": right(trial, found.verdict, found),

@@ -11,11 +11,11 @@ from reports.diagnosis.summary import confusion, coverage, power, smallest
 from reports.diagnosis.trials import DRAWS, Trial, effects_of
 
 
-def made_up(kind, names, sigma, found, verdict, right, value=1.0, seed=1):
+def made_up(kind, names, sigma, found, verdict, right, value=1.0, seed=1, day="2026-01-02"):
     return {
         "key": f"{kind} {names} {sigma} {seed}", "kind": kind, "names": list(names), "sigma": sigma, "seed": seed,
         "found": found, "verdict": verdict, "right": right, "alternatives": [], "reached": sigma or None,
-        "cpu": 12.0, "wall": 20.0,
+        "cpu": 12.0, "wall": 20.0, "diagnosed": f"{day}T10:00+00:00",
         "truth": {name: {"size": 1.0} for name in names}, "values": [{"size": [value, 0.1, "V"]} for _ in found],
         "parameters": {"stiffness": [1.0, 1.02, 0.01]}, "left": [["0 to 0.25 Hz", "a.csv", "voltage", 1e-9]],
     }  # fmt: skip
@@ -28,7 +28,7 @@ RESULTS = [
     made_up("single", ("friction",), 50.0, [], "unexplained", False),
     made_up("healthy", (), 0.0, [], "adequate", True),
     made_up("withheld", ("creep",), 40.0, [], "unexplained", True),
-    made_up("weak", ("creep",), 3.5, [], "adequate", False),
+    made_up("weak", ("creep",), 3.5, [], "adequate", False, day="2026-01-01"),
     *(made_up("weak", ("creep",), sigma, ["creep"], "effect", True, value=1.5) for sigma in (5.0, 7.0, 9.0)),
 ]
 
@@ -67,6 +67,8 @@ def test_power_is_told_by_the_sizes_without_the_noise():
 def test_page(tmp_path):
     page = write_page(RESULTS, tmp_path).read_text(encoding="utf-8")
     assert "10 campaigns" in page
+    assert "These campaigns were diagnosed 2026-01-01 to 2026-01-02." in page
+    assert "<td>2026-01-02</td>" in page
     json.loads((tmp_path / "results.json").read_text())
     for figure in ("confusion", "power", "coverage", "time"):
         assert (tmp_path / f"{figure}.png").stat().st_size > 5_000
