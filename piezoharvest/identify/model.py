@@ -13,7 +13,7 @@ from piezoharvest.identify.gain import small_response, specimen_gain
 from piezoharvest.predict.lowered import Lowered
 from piezoharvest.predict.parameters import Parameter, put, value_at
 from piezoharvest.predict.prediction import Prediction
-from piezoharvest.predict.sensing import late_somewhere, sensed
+from piezoharvest.predict.sensing import Course, late_somewhere, sensed
 from piezoharvest.transducer import Transducer
 
 CORNERS = 4  # parts of a sample, by which corners of hysteresis are seen where a channel is delayed
@@ -163,11 +163,9 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
             predicted += passed
             if slopes is not None:
                 slopes[:, :, : passed_slopes.shape[2]] += passed_slopes
-        jumps = data.setting.jumps - block.begin
-        predicted, slopes = sensed(
-            effects, model.parameters, data.scatter, h, predicted, slopes, jumps, block.between,
-            data.setting.abrupt and block.begin == 0,
-        )  # fmt: skip
+        abrupt = data.setting.abrupt and block.begin == 0
+        course = Course(h, data.setting.jumps - block.begin, block.between, abrupt)
+        predicted, slopes = sensed(effects, model.parameters, data.scatter, course, predicted, slopes)
         residual = data.part(block.begin, end) - predicted
         for k, (sample, c) in enumerate(first):
             if block.begin <= sample < end:

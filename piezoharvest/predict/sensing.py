@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -20,10 +21,37 @@ LEAST = 1e-12  # of the range, that a noise is at least
 Sensed = tuple[np.ndarray, np.ndarray | None]
 
 
+@dataclass(frozen=True, eq=False)
+class Course:
+    """How predicted channels go on between their samples.
+
+    Attributes
+    ----------
+    sample_time : float
+        s.
+    jumps : sequence of int
+        Samples after which the drive jumps.
+    between : ((samples - 1) * parts + 1, channels) array or None
+        What a model predicts between the samples, too: where it has corners, what is delayed by parts of a sample does
+        not lie on a smooth curve through these. To the samples more may have been added.
+    abrupt : bool
+        Whether the drive jumps at the very beginning: then all values between the first two samples come after that.
+    """
+
+    sample_time: float
+    jumps: Sequence[int] | np.ndarray = ()
+    between: np.ndarray | None = None
+    abrupt: bool = False
+
+    def pieces(self, samples: int) -> list[tuple[int, int]]:
+        """First sample of each piece without a jump, and the one after its last."""
+        inner = (jump + 1 for jump in self.jumps if 0 <= jump < samples - 1)
+        return list(pairwise([0, *inner, samples]))
+
+
 def sensed(
-    effects: Sequence[Effect], parameters: Sequence[Parameter], noise: Mapping[str, float], sample_time: float,
-    values: np.ndarray, slopes: np.ndarray | None, jumps: Sequence[int] | np.ndarray = (),
-    between: np.ndarray | None = None, abrupt: bool = False,
+    effects: Sequence[Effect], parameters: Sequence[Parameter], noise: Mapping[str, float], course: Course,
+    values: np.ndarray, slopes: np.ndarray | None,
 ) -> Sensed:  # fmt: skip
     """Values of channels as they are read, with the derivatives to all parameters.
 
@@ -35,26 +63,16 @@ def sensed(
         Of the derivatives, which may be more.
     noise : mapping of str to float
         Of every channel, in their order, what scatters it before it comes to the end of its range.
-    sample_time : float
-        s.
+    course : Course
     values : (samples, channels) array
     slopes : (samples, channels, derivatives) array or None
-    jumps : sequence of int, optional
-        Samples after which the drive jumps.
-    between : ((samples - 1) * parts + 1, channels) array, optional
-        What a model predicts between the samples, too: where it has corners, what is delayed by parts of a sample does
-        not lie on a smooth curve through these. To values more may have been added.
-    abrupt : bool
-        Whether the drive jumps at the very beginning: then all values between the first two samples come after that.
     """
-    bounds = [0, *(jump + 1 for jump in jumps if 0 <= jump < len(values) - 1), len(values)]
     for n, effect in enumerate(effects):
         for c, (channel, scatter) in enumerate(noise.items()):
             delay, span = effect.late(channel), effect.span(channel)
             place = _place(parameters, n, "delay") if delays(effect, channel) else None
             if delay or place is not None:
-                corners = None if between is None else between[:, c]
-                _delay(values, slopes, c, delay / sample_time, sample_time, place, bounds, corners, abrupt)
+                _delay(values, slopes, c, course, delay, place)
             if np.isfinite(span):
                 _clip(values, slopes, c, span, scatter, _place(parameters, n, "limit"))
     return values, slopes
@@ -76,30 +94,29 @@ def late_somewhere(effects: Sequence[Effect], channels: Sequence[str]) -> bool:
     return any(effect.late(channel) for effect in effects for channel in channels)
 
 
-def _delay(
-    values, slopes, c: int, samples: float, sample_time: float, place: int | None, bounds, between, abrupt: bool
-) -> None:
-    """Shift a channel by a number of samples, each part between jumps by itself; before the record it stood still."""
+def _delay(values, slopes, c: int, course: Course, delay: float, place: int | None) -> None:
+    """Shift a channel by a time, each piece between jumps by itself; before the record it stood still."""
+    samples = delay / course.sample_time
     at = np.arange(len(values)) - samples
     delayed = np.empty(len(values))
-    for begin, end in reversed(list(pairwise(bounds))):  # what is written is not read any more
+    for begin, end in reversed(course.pieces(len(values))):  # what is written is not read any more
         # From the last sample before a jump on it is at its new value.
         late = np.flatnonzero((at > begin - 1 if begin else True) & (at <= end - 1))
         where, first = np.maximum(at[late], begin), float(begin)
         spline = _spline(values[begin:end, c], begin)
-        if between is None or end - begin < SHORT:
+        if course.between is None or end - begin < SHORT:
             delayed[late] = spline(where)
         else:
-            parts = (len(between) - 1) // (len(values) - 1)
-            first -= (parts - 1) / parts if abrupt and begin == 1 else 0.0
+            parts = (len(course.between) - 1) // (len(values) - 1)
+            first -= (parts - 1) / parts if course.abrupt and begin == 1 else 0.0
             places = np.maximum(at[late], first)
-            delayed[late] = _through_corners(values[begin:end, c], begin, first, between, parts, places)
+            delayed[late] = _through_corners(values[begin:end, c], begin, first, course.between[:, c], parts, places)
         if slopes is None:
             continue
         if samples:
             slopes[late[0] : late[-1] + 1, c] = _shifted(slopes[begin:end, c], where - begin)
         if place is not None:
-            slopes[late, c, place] = np.where(at[late] > first, -spline(where, 1) / sample_time, 0.0)
+            slopes[late, c, place] = np.where(at[late] > first, -spline(where, 1) / course.sample_time, 0.0)
     values[:, c] = delayed
 
 

@@ -223,10 +223,10 @@ def test_an_effect_at_its_null_changes_nothing(name, records):
 
 def values(transducer, data, effects):
     """Sizes of the channels as they are predicted, sensors included."""
-    from piezoharvest.predict.sensing import sensed
+    from piezoharvest.predict.sensing import Course, sensed
 
     prediction = Prediction(dataclasses.replace(transducer, effects=tuple(effects)), data.setting)
     found = np.concatenate([block.values for block in prediction.blocks(False)])
     noise = dict.fromkeys(prediction.channels, 0.0)
-    found, _ = sensed(effects, (), noise, data.setting.sample_time, found.copy(), None)
+    found, _ = sensed(effects, (), noise, Course(data.setting.sample_time), found.copy(), None)
     return np.abs(found).max(axis=0)

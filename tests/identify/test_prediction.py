@@ -17,7 +17,7 @@ from piezoharvest.predict.drive import FINE, RISE, corners_of, divided, drive_of
 from piezoharvest.predict.lowered import setting_of
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
 from piezoharvest.predict.prediction import Prediction
-from piezoharvest.predict.sensing import sensed
+from piezoharvest.predict.sensing import Course, sensed
 from piezoharvest.records.bench.effects import registered as bench_effects
 from piezoharvest.records.bench.solver import CIRCUITS, Model, integrate
 from piezoharvest.study import build, build_excitation, build_shunt, build_transducer
@@ -94,7 +94,8 @@ def test_a_delayed_voltage_keeps_the_corners_of_its_hysteresis():
         (block,) = Prediction(build_transducer(STACK), setting).blocks(False, channels=("voltage",), parts=parts)
         added = 5.0 * np.cos(TIMES)  # as a line is, on top of what the model predicts
         values = block.values + added[:, None]
-        read, _ = sensed([ChannelSkew(delay=delay)], (), {"voltage": 0.0}, 1e-3, values, None, (), block.between)
+        course = Course(1e-3, between=block.between)
+        read, _ = sensed([ChannelSkew(delay=delay)], (), {"voltage": 0.0}, course, values, None)
         return np.linalg.norm(read[late, 0] - 5.0 * np.cos(TIMES[late] - delay) - wanted)
 
     assert off(4) < 0.3 * off(1)
@@ -391,10 +392,8 @@ def test_what_is_read_late_of_an_abrupt_start_has_already_moved(delay):
     (block,) = prediction.blocks(False, channels=("voltage",), parts=4)
     setting, off = prediction.setting, []
     for abrupt in (True, False):
-        read, _ = sensed(
-            [ChannelSkew(delay=delay)], (), {"voltage": 0.0}, 1e-3, block.values.copy(), None, setting.jumps,
-            block.between, abrupt,
-        )  # fmt: skip
+        course = Course(1e-3, setting.jumps, block.between, abrupt)
+        read, _ = sensed([ChannelSkew(delay=delay)], (), {"voltage": 0.0}, course, block.values.copy(), None)
         off.append(np.abs(read[1:100, 0] - wanted).max())
     assert off[0] < 0.1 * off[1]
 
@@ -445,7 +444,9 @@ def test_a_late_channel_jumps_without_ringing(delay):
     values = np.where(time < 0.1 - 0.5 * h, before, after)[:, None]
     parameters = (Parameter(("effects", 0, "delay"), "s", "linear", 0.0, np.inf),)
     slopes = np.zeros((200, 1, 1))
-    found, slopes = sensed([ChannelSkew(delay=delay)], parameters, {"voltage": 0.0}, h, values.copy(), slopes, [99])
+    found, slopes = sensed(
+        [ChannelSkew(delay=delay)], parameters, {"voltage": 0.0}, Course(h, [99]), values.copy(), slopes
+    )
     late = time - delay
     wanted = np.where(late < 0.1 - 0.5 * h, np.sin(20.0 * late), 3.0 + np.cos(15.0 * late))
     rate = np.where(late < 0.1 - 0.5 * h, 20.0 * np.cos(20.0 * late), -15.0 * np.sin(15.0 * late))

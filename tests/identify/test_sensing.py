@@ -9,7 +9,7 @@ import pytest
 
 from piezoharvest.effects import ChannelSkew, Clipping
 from piezoharvest.predict.parameters import parameter_of
-from piezoharvest.predict.sensing import sensed
+from piezoharvest.predict.sensing import Course, sensed
 
 LIMIT, NOISE = 2.0, 0.1
 
@@ -19,7 +19,7 @@ def read(values, limit=LIMIT, noise=NOISE, slopes=None):
     effect = Clipping(limit=limit, channel="voltage")
     field = next(f for f in effect.__dataclass_fields__.values() if f.name == "limit")
     parameter = parameter_of(effect, field, ("effects", 0, "limit"))
-    return sensed([effect], [parameter], {"voltage": noise}, 1e-3, values[:, None].copy(), slopes)
+    return sensed([effect], [parameter], {"voltage": noise}, Course(1e-3), values[:, None].copy(), slopes)
 
 
 @pytest.mark.parametrize("value", [-2.05, -1.9, 0.0, 1.8, 1.95, 2.0, 2.1, 3.0])
@@ -47,7 +47,7 @@ def test_derivatives():
     values, h = np.linspace(-2.3, 2.3, 93), 1e-6
     # In the column of the limit first a derivative to something else, which moves the values one to one.
     _, to_values = sensed(
-        [Clipping(limit=LIMIT, channel="voltage")], [], {"voltage": NOISE}, 1e-3,
+        [Clipping(limit=LIMIT, channel="voltage")], [], {"voltage": NOISE}, Course(1e-3),
         values[:, None].copy(), np.ones((93, 1, 1)),
     )  # fmt: skip
     moved = [read(values + step)[0][:, 0] for step in (h, -h)]
@@ -66,7 +66,7 @@ def test_derivatives_to_a_delay_are_those_of_the_channels_that_it_delays():
 
     def late(delay, slopes=None):
         channels = {"displacement": 0.0, "voltage": 0.0}
-        return sensed([ChannelSkew(delay=delay)], both, channels, 1e-3, values.copy(), slopes)
+        return sensed([ChannelSkew(delay=delay)], both, channels, Course(1e-3), values.copy(), slopes)
 
     for delay in (0.0, 3e-4):
         # First comes something that moves all values in proportion to time: its derivative is delayed with them.
