@@ -97,7 +97,9 @@ def sentence(diagnosis: Diagnosis) -> str:
             f"{each.parameter.name} at {each.value / each.nominal:.2g} times its nominal value"
             for each in diagnosis.strayed
         )
-        parts.append(f"The fit wants {far}, which may stand in for what no known effect has.")
+        parts.append(
+            f"The fit wants {far}, which may stand in for what no known effect has, unless that value was wrong."
+        )
     if diagnosis.cut:
         after = "after the drive was cut off is left out."
         parts.append(f"What {', '.join(diagnosis.cut)} hold{_s(diagnosis.cut)} {after}")

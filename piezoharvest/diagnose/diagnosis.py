@@ -26,6 +26,7 @@ from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.campaign import Campaign
 
 OFFSETS = ("displacement",)  # whose origin is where the sensor was put
+ASTRAY = 10.0  # times or parts of its nominal value: what a parameter has there is not its own
 LITTLE = 9.0  # of the sum of squares: less above the noise is not shared out, it may be chance
 
 
@@ -203,8 +204,10 @@ def _diagnosed(
     alternatives = tuple(step.effects for step, _ in search.alternatives)
     after, final = squares[-1], search.final
     estimates = tuple(_estimates(before, final))
-    strayed = {parameter.path for parameter in trials.strayed(Step(final))}
-    verdict = _verdict(bool(search.left) or any(each.spoils for each in named), named, alternatives)
+    far = {parameter.path for parameter in trials.strayed(Step(final))}
+    strayed = tuple(estimate for estimate in estimates if estimate.parameter.path in far)
+    missing = bool(search.left) or any(each.spoils for each in named) or any(map(_astray, strayed))
+    verdict = _verdict(missing, named, alternatives)
     return Diagnosis(
         campaign, verdict, named, alternatives if verdict == "ambiguous" else (),
         estimates, before,
@@ -212,7 +215,7 @@ def _diagnosed(
         max(0.0, (after[0] - after[1]) / after[0]),
         _experiment(search) if verdict == "ambiguous" else None,
         trials.structure(before.found), search, shown_by(unseen, checks[-1]),
-        strayed=tuple(estimate for estimate in estimates if estimate.parameter.path in strayed),
+        strayed=strayed,
     )  # fmt: skip
 
 
@@ -238,6 +241,11 @@ def _chance(trials: Trials, search: Search, named: Sequence[Named]) -> bool:
     without = search.before_last
     # A model that has no solution without the effect has the next larger one in its place.
     return len(without.model.transducer.effects) < len(named) and not trials.structure(without)
+
+
+def _astray(estimate: Estimate) -> bool:
+    """Whether a parameter is so far from its nominal value that it takes the place of what the model has not."""
+    return not 1.0 / ASTRAY < estimate.value / estimate.nominal < ASTRAY
 
 
 def _verdict(missing: bool, named: Sequence[Named], alternatives: Sequence) -> str:

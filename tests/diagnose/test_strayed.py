@@ -4,7 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from diagnose_runs import STACK, campaign
+from diagnose_runs import RECORDS, STACK, campaign
 
 from piezoharvest.diagnose import diagnose
 from piezoharvest.diagnose.account import sentence
@@ -22,6 +22,20 @@ def test_what_is_far_from_its_nominal_value_is_said(tmp_path):
     (far,) = told.strayed
     assert far.parameter.name == "stiffness"
     assert "The fit wants stiffness at 2 times its nominal value, which may stand in" in sentence(told)
+
+
+@pytest.mark.parametrize(("times", "verdict"), [(5, "effect"), (30, "unexplained")])
+def test_no_verdict_rests_on_a_parameter_beyond_belief(times, verdict, tmp_path):
+    """Damping makes a displacement late as a lag of its sensor does: once it took that in, 38 times its own value."""
+    quick = {"load_resistance": 97.78e3, "excitation": {"frequency": 100.0}}
+    measured = campaign(tmp_path, {"leakage": {"resistance": 3e6}}, [*RECORDS, quick])
+    nominal = replace(measured.transducer, damping=STACK["damping"] / times)
+    told = diagnose(replace(measured, transducer=nominal), library=[Leakage])
+    assert [named.effect.name for named in told.effects] == ["leakage"]
+    assert told.verdict == verdict
+    (far,) = told.strayed
+    assert far.value / far.nominal == pytest.approx(times, rel=0.2)
+    assert "times its nominal value, which may stand in" in sentence(told)
 
 
 def test_nothing_is_said_of_what_is_near(tmp_path):
