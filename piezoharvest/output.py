@@ -74,6 +74,19 @@ def check_directory(path: str | Path, *, create: bool = False) -> Path:
         raise OutputError(f"{path}: {found}, allowed is one that exists and may be written to") from None
 
 
+def check_new_directory(path: str | Path) -> Path:
+    """Make sure, before any work is done, that a directory can be written to, or made; nothing is left behind.
+
+    Raises
+    ------
+    OutputError
+        It, or the first above it that is there, is not a directory, or cannot be written to.
+    """
+    path = Path(path)
+    check_directory(next(place for place in (path, *path.absolute().parents) if os.path.exists(place)))
+    return path
+
+
 @contextmanager
 def atomic(path: str | Path) -> Iterator[Path]:
     """Name of a temporary file beside `path`, which takes the place of `path` once the block has ended without error.

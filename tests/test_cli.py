@@ -371,6 +371,10 @@ class TestBadInput:
             ("export", "study.toml", "--format", "ltspice", "--out", "x.cir"),
             ("export", "study.toml", "--out", "nowhere/x.cir"),
             ("design", "study.toml", "--report", "study.toml"),
+            ("design", "study.toml", "--report", "study.toml/below"),
+            ("design", "nowhere.toml", "--report", "new/report"),
+            ("identify", "nowhere.toml", "--report", "new/report"),
+            ("diagnose", "study.toml", "--report", "new/report"),
             ("demo", "--out", "study.toml"),
         ],
     )
@@ -592,4 +596,4 @@ class TestDemo:
         monkeypatch.setattr(piezoharvest.report, "write_report", report, raising=False)
         status, out, _ = run("demo")
         assert (status, out.splitlines()[-1]) == (0, os.path.join("piezoharvest-demo", "index.html"))
-        assert (tmp_path / "piezoharvest-demo").is_dir()
+        assert folders == [Path("piezoharvest-demo")]

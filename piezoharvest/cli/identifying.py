@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from piezoharvest.cli import show
 from piezoharvest.cli.work import note
-from piezoharvest.output import check_directory
+from piezoharvest.output import check_new_directory
 
 if TYPE_CHECKING:
     from piezoharvest.identify import Estimate, Identification
@@ -35,7 +35,7 @@ def on_campaign(path: Path, report: Path | None, run: Callable[..., _T]) -> _T |
     from piezoharvest.records import load_campaign
 
     if report is not None:
-        check_directory(report, create=True)
+        check_new_directory(report)
     campaign = load_campaign(path)
     for finding in campaign.warnings:
         note(f"warning: {finding}")

@@ -13,8 +13,8 @@ from piezoharvest.cli import show
 from piezoharvest.output import (
     TABLE_SUFFIXES,
     OutputError,
-    check_directory,
     check_file,
+    check_new_directory,
     waveform_table,
     write_table,
     write_text,
@@ -83,7 +83,7 @@ def _design(study: Study, *, as_json: bool, report: Path | None) -> int:
     study = replace(study, design=study.design or DesignOptions())
     _refuse_what_is_to_come(study)
     if report is not None:
-        check_directory(report, create=True)
+        check_new_directory(report)
     from piezoharvest.design import design as run
 
     result = run(study, progress=lambda *what: note(" ".join(map(str, what))))

@@ -11,7 +11,7 @@ from typing import Any
 
 import tomli_w
 
-from piezoharvest.output import OutputError, check_directory, write_table, write_text
+from piezoharvest.output import OutputError, check_directory, check_new_directory, write_table, write_text
 from piezoharvest.parameters import Component
 from piezoharvest.records.bench.measuring import BenchCampaign, BenchRecord
 from piezoharvest.records.bench.sensors import channels
@@ -29,10 +29,10 @@ def check_folder(path: str | Path) -> Path:
     Raises
     ------
     OutputError
-        Something else is there, or the folder above cannot be written to.
+        Something else is there, or the folder above cannot be made or written to.
     """
     path = Path(path)
-    check_directory(path.resolve().parent, create=True)
+    check_new_directory(path.resolve().parent)
     if path.exists() and not _replaceable(path):
         found = "found a folder with other files" if path.is_dir() else "found something that is not a folder"
         raise OutputError(f"{path}: {found}, allowed is a new or empty one, or one that measure has written")
@@ -65,6 +65,7 @@ def write_campaign(campaign: BenchCampaign, path: str | Path) -> Path:
     """
     path = check_folder(path)
     target = path.resolve()
+    check_directory(target.parent, create=True)
     new, old = (target.with_name(f".{target.name}.{os.getpid()}.{part}") for part in ("part", "old"))
     try:
         new.mkdir()
