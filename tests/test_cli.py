@@ -596,4 +596,4 @@ class TestDemo:
         monkeypatch.setattr(piezoharvest.report, "write_report", report, raising=False)
         status, out, _ = run("demo")
         assert (status, out.splitlines()[-1]) == (0, os.path.join("piezoharvest-demo", "index.html"))
-        assert folders == [Path("piezoharvest-demo")]
+        assert list(map(str, folders)) == ["piezoharvest-demo"]
