@@ -144,8 +144,10 @@ def _smooth(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[Cand
     tested = sorted({k for some in columns for k in some})
     weight = information.copy()
     weight[:base, :base] += found.prior[:base, :base]
-    # A range that no value comes to, say, has no information at all.
-    rest = [k for k in range(len(information)) if k not in set(tested) and weight[k, k] > 0.0]
+    # A range that no value comes to, say, has no information at all; what is at its limit stays there.
+    away = np.abs(np.concatenate(own)) < problem.own_limits(model)
+    free = (np.diag(weight) > 0.0) & np.pad(away, (len(weight) - len(away), 0), constant_values=True)
+    rest = [k for k in range(len(weight)) if free[k] and k not in set(tested)]
     # Parameters of the fit projected out.
     gain = inverse(weight[np.ix_(rest, rest)]) @ information[np.ix_(rest, tested)]
     projected = information[np.ix_(tested, tested)] - information[np.ix_(tested, rest)] @ gain

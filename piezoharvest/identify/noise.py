@@ -164,12 +164,13 @@ def rounding(values: np.ndarray, sigma: float) -> Rounding:
     sigma : float
         Standard deviation of the noise with the rounding.
     """
-    moves = np.abs(np.diff(values))
-    moves = moves[moves > 1e-9 * np.abs(values).max(initial=0.0)]
-    if not len(moves):
+    # Of all values: from sample to sample a fast sine may never move by little.
+    gaps = np.diff(np.unique(values))
+    gaps = gaps[gaps > 1e-9 * np.abs(values).max(initial=0.0)]
+    if not len(gaps):
         return Rounding(1.0, 0.0, 0.0)
-    # The smallest moves are one step; behind a second device they differ by its step.
-    least = moves[moves < 1.5 * moves.min()]
+    # The smallest gaps are one step; behind a second device they differ by its step.
+    least = gaps[gaps < 1.5 * gaps.min()]
     step = float(least.mean())
     before = max(sigma**2 - step**2 / 12.0, 0.0)
     size = step / np.pi * float(np.exp(-2.0 * np.pi**2 * before / step**2))

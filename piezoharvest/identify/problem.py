@@ -17,7 +17,9 @@ from piezoharvest.transducer import Transducer
 
 PRIOR = 1.0  # standard deviation of the logarithm of a parameter about its nominal value, where nothing else is known
 WEAK = 10.0  # the same for a linear one, in units of its own size
-ANY_RISE = 2.0  # standard deviation of the logarithm of how long a jump takes
+# Standard deviations of numbers of a record that may not show in it: the logarithm of how long a jump takes, which
+# shows in what overshoots or not at all, and where stops are at its beginning, as share of their thresholds.
+UNSEEN = {"rise": 2.0, "history": 1.0}
 
 
 class Problem:
@@ -92,6 +94,9 @@ def prior_of(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
         means.append(nominal)
         size = PRIOR if parameter.scaling == "log" else WEAK * (abs(nominal) or 1.0)
         precision.append(size**-2)
-    # How long a jump takes shows in what overshoots, or not at all.
-    rises = [name.startswith("rise") for data in problem.data for name in problem.own_names(model, data)]
-    return np.concatenate([means, np.zeros(len(rises))]), np.concatenate([precision, np.where(rises, ANY_RISE**-2, 0)])
+    known = [
+        next((size**-2 for start, size in UNSEEN.items() if name.startswith(start)), 0.0)
+        for data in problem.data
+        for name in problem.own_names(model, data)
+    ]
+    return np.concatenate([means, np.zeros(len(known))]), np.concatenate([precision, known])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from functools import reduce
+from functools import cached_property, reduce
 from operator import add
 
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.gain import gain_of, gain_slopes
 from piezoharvest.identify.model import Model, residual_blocks
-from piezoharvest.identify.noise import Noise, rounding
+from piezoharvest.identify.noise import Noise, Rounding, rounding
 from piezoharvest.identify.spectra import (
     by_bands,
     components,
@@ -88,7 +88,12 @@ class Whitener:
         self._prediction, self._noise, self._data = prediction, noise, data
         self._corrected = data.drive in noise.sigma and not rough
         self._matrices: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
-        self._steps = [rounding(data.record[channel], noise.sigma[channel]) for channel in data.channels]
+
+    @cached_property
+    def _steps(self) -> list[Rounding]:
+        """To what the channels are rounded."""
+        data = self._data
+        return [rounding(data.record[channel], self._noise.sigma[channel]) for channel in data.channels]
 
     def of(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Matrices (f, channels, channels) for a block of so many samples, and squares (f,) of the drive's noise."""

@@ -173,19 +173,20 @@ def _solve(K, slopes, places, J, right):
 
 
 @_fast
-def _find(K, base, limits, kinds, places, before, old, h, relaxed, w, trial, slopes, J, residual, sizes, move):
+def _find(K, base, limits, kinds, places, before, old, h, held, w, trial, slopes, J, residual, sizes, move):
     """Outputs `w` of the elements and their inputs `trial`, by Newton from `trial`; whether they were found.
 
     base are the inputs but for what the outputs add, K w; `before` and `old` are outputs and inputs a sample ago. With
-    `relaxed` the stops give nothing.
+    `held` the stops give what they did.
     """
     half, worst, best, share = len(base) // 2, 0.0, np.inf, 1.0
     for _ in range(_TRIES):
         for j in range(len(w)):
             a, b = places[j, 0], places[j, 1]
-            if relaxed and kinds[j] == _STOP:
-                w[j] = 0.0
+            if held and kinds[j] == _STOP:
+                w[j] = before[j]
                 slopes[j] = 0.0
+                slopes[j, 0] = 1.0
                 continue
             s = _element(kinds[j], limits[j], before[j], old[a], old[half + a], trial[a], trial[half + a], trial[b], h)
             w[j] = s[0]
@@ -341,8 +342,6 @@ def march(
             s0, s1, s2, s6 = slopes[j, 0], slopes[j, 1], slopes[j, 2], slopes[j, 6]
             for p in range(P):
                 dw[j, p] = s0 * dw[j, p] + s1 * dinputs[a, p] + s2 * dinputs[b, p] + s6 * dlimits[j, p]
-            if k < 0:
-                dw[j] = 0.0
         right[:] = 0.0
         _place(drows[:inner], O_at[:inner], 0, right)
         _multiply(Oz, dzl, right)

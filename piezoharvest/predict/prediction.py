@@ -13,6 +13,7 @@ from piezoharvest.predict.drive import FINE, RISE, divided, rising
 from piezoharvest.predict.lowered import MAGNIFIED, Lowered, Setting
 from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.run import NEVER, Pace, Run, pace_of, padded
+from piezoharvest.predict.specimen import STOP, Matrices
 from piezoharvest.predict.steps import Step, equilibrium
 from piezoharvest.transducer import Transducer
 
@@ -54,7 +55,8 @@ class Prediction:
         What derivatives are wanted to.
     own : (n,) array, optional
         The record's own numbers, as `own_names` names them: by how much the states at the start are off equilibrium
-        (SI units); the value of the drive before a record that begins abruptly; by how much every jump is off the
+        (SI units); the value of the drive before a record that begins abruptly; the share of its
+        threshold that every stop is at, for it remembers what came before the record; by how much every jump is off the
         middle of its step, as integral in the drive's unit times the time of a small step, and the logarithm of how
         long it takes over `RISE` of these. `own_limits` are their largest sizes.
     """
@@ -73,13 +75,16 @@ class Prediction:
         self.share, self.step = lowered.share, lowered.step
         self.free = [matrices.states.index(name) for name in setting.free]
         before = ("drive before",) * setting.abrupt
+        self.stops = np.flatnonzero(matrices.kinds == STOP)
         jumps = tuple(f"{name}{j}" for j in setting.motion.jumps for name in ("jump", "rise"))
-        self.own_names = (*(matrices.states[k] for k in self.free), *before, *jumps)
+        self.own_names = (*(matrices.states[k] for k in self.free), *before, *matrices.memories, *jumps)
         self.own = np.zeros(len(self.own_names)) if own is None else own
         # A jump lies between its samples.
         far = 0.5 * FINE * np.abs(setting.motion.coefficients[setting.motion.jumps, 1])
         limits = np.column_stack([far, np.full(len(far), np.log(FINE / RISE))]).ravel()
-        self.own_limits = np.concatenate([np.full(len(self.own_names) - len(limits), np.inf), limits])
+        self.own_limits = np.concatenate(
+            [np.full(len(self.free) + len(before), np.inf), np.ones(len(self.stops)), limits]
+        )
         self.channels = matrices.channels
         # Mean slopes of the elements to their inputs, (elements, 2): those of relaxed operators that slip, until a
         # march tells.
@@ -107,23 +112,29 @@ class Prediction:
             return step, Step(*(np.zeros((*array.shape, 0)) for array in step))
         return step, self.slopes if parts == 1 else self._slopes(step, self._lowered.tangent_steps(parts))
 
-    def _start(self, derivatives: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Scaled states at the start, and their derivatives."""
-        states, inverse, scale = len(self.free), self._lowered.inverse, self.matrices.scale[self.free]
-        first = self.own[states] if self.setting.abrupt else self.setting.first
-        off = np.zeros(len(self.matrices.states))
-        off[self.free] = self.own[:states] / scale
-        z = equilibrium(self.matrices, inverse, first) + self.matrices.follow @ off
-        if not derivatives:
-            return z, np.zeros((len(z), 0))
-        count = len(self.parameters)
-        dz = np.zeros((len(z), count + len(self.own_names)))
-        for k, tangent in enumerate(self._lowered.tangents):
-            dz[:, k] = np.imag(equilibrium(tangent, inverse, first) + tangent.follow @ off) / MAGNIFIED
-        dz[:, count : count + states] = self.matrices.follow[:, self.free] / scale
-        if self.setting.abrupt:
-            dz[:, count + states] = np.imag(equilibrium(self.matrices, inverse, first + 1j * MAGNIFIED)) / MAGNIFIED
-        return z, dz
+    def _start(self, derivatives: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Scaled states at the start and their derivatives; outputs of the elements and theirs."""
+        own = self.own.astype(complex)
+
+        def begun(matrices: Matrices) -> np.ndarray:
+            off, w = np.zeros(len(matrices.states), complex), np.zeros(len(matrices.kinds), complex)
+            states, rest = np.split(own, [len(self.free)])
+            off[self.free] = states / self.matrices.scale[self.free]
+            first, rest = (rest[0], rest[1:]) if self.setting.abrupt else (self.setting.first, rest)
+            w[self.stops] = rest[: len(self.stops)] * matrices.parameters[self.stops]
+            z = equilibrium(matrices, self._lowered.inverse, first, w) + matrices.follow @ off
+            return np.concatenate([z, w])
+
+        start, found = np.real(begun(self.matrices)), []
+        if derivatives:
+            found += [begun(tangent) for tangent in self._lowered.tangents]
+            for k in range(len(own)):
+                own[k] += 1j * MAGNIFIED
+                found.append(begun(self.matrices))
+                own[k] = self.own[k]
+        slopes = np.imag(np.array(found).reshape(-1, len(start))).T / MAGNIFIED
+        (z, w), (dz, dw) = (np.split(some, [len(self.matrices.states)]) for some in (start, slopes))
+        return z, dz, w, dw
 
     def blocks(
         self, derivatives: bool = True, size: int = BLOCK, channels: Sequence[str] | None = None, parts: int = 1
@@ -150,10 +161,11 @@ class Prediction:
         setting, inputs = self.setting, len(self.matrices.O) - len(self.channels)
         rows = [*range(inputs), *(inputs + self.channels.index(channel) for channel in wanted)]
         count = len(self.parameters) + len(self.own_names) if derivatives else 0
-        z, dz = self._start(derivatives)
-        march = _March(self, Run(self.matrices, z, padded(dz)), derivatives, rows)
+        z, dz, w, dw = self._start(derivatives)
+        march = _March(self, Run(self.matrices, z, padded(dz), w, padded(dw)), derivatives, rows)
         # Values between the samples have a march of their own: their derivatives would take most of the time.
-        finer = _March(self, Run(self.matrices, z.copy(), padded(dz[:, :0])), False, rows, parts) if parts > 1 else None
+        plain = Run(self.matrices, z.copy(), padded(dz[:, :0]), w.copy(), padded(dw[:, :0]))
+        finer = _March(self, plain, False, rows, parts) if parts > 1 else None
         for begin, end in pairwise([0, *range(size - 1, setting.count - 1, size), setting.count - 1]):
             Y, dY = march.through(begin, end)
             between = None if finer is None else finer.through(begin, end)[0]

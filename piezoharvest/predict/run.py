@@ -63,15 +63,19 @@ class Run:
         At the start.
     dz : (states, lanes) array
         Its derivatives.
+    w : (elements,) array
+        Outputs of the stops at the start.
+    dw : (elements, lanes) array
+        Their derivatives.
     """
 
-    def __init__(self, matrices: Matrices, z: np.ndarray, dz: np.ndarray) -> None:
+    def __init__(self, matrices: Matrices, z: np.ndarray, dz: np.ndarray, w: np.ndarray, dw: np.ndarray) -> None:
         inputs, elements, lanes = len(matrices.O) - len(matrices.channels), len(matrices.kinds), dz.shape[1]
         self._matrices, self.inputs, self.lanes = matrices, inputs, lanes
         self._limits = np.ascontiguousarray(np.real(matrices.parameters))
         # States, outputs of the elements, their inputs and the rates of these; then the derivatives of all three.
-        self._values = (z, np.zeros(elements), np.zeros(inputs))
-        self._slopes = (dz, np.zeros((elements, lanes)), np.zeros((inputs, lanes)))
+        self._values = (z, w, np.zeros(inputs))
+        self._slopes = (dz, dw, np.zeros((inputs, lanes)))
         self._sizes = np.zeros(inputs)
         self.local = np.zeros((elements, 2))  # sum of the elements' slopes to their inputs
 

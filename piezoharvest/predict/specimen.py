@@ -58,6 +58,8 @@ class Matrices:
     channels : tuple of str
         Outputs.
     states : tuple of str
+    memories : tuple of str
+        Names of what the stops remember, after the state that each one follows.
     follow : (n, n) array
         Where states begin when some of them are off equilibrium: a sensor that lags has followed what it sees.
     """
@@ -72,6 +74,7 @@ class Matrices:
     places: np.ndarray
     channels: tuple[str, ...]
     states: tuple[str, ...]
+    memories: tuple[str, ...]
     follow: np.ndarray
 
 
@@ -289,12 +292,15 @@ class Specimen:
         slopes = [rate_of.get(_content(row), 0.0 * row) for row in inputs]
         channels = tuple(name for name in outputs if name != self.drive_name)
         observed = explicit([*inputs, *slopes, *(outputs[name] for name in channels)])
+        name_of = {_content(row): name for name, row, _, _ in self._states}
+        followed = [name_of.get(_content(e.first), "drive") for e in elements if e.kind == STOP]
+        memories = tuple(f"history {name}{followed[:k].count(name)}" for k, name in enumerate(followed))
         w = len(elements)
         return Matrices(
             A=rates[:, :n], W=rates[:, n : n + w], B=rates[:, n + w :], O=observed, scale=scale,
             kinds=np.array([e.kind for e in elements], np.int64), parameters=np.array([e.parameter for e in elements]),
             places=places, channels=channels, states=tuple(state[0] for state in self._states),
-            follow=self._followed(states, scale),
+            memories=memories, follow=self._followed(states, scale),
         )  # fmt: skip
 
     def _followed(self, states: list[int], scale: np.ndarray) -> np.ndarray:

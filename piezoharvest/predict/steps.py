@@ -74,8 +74,8 @@ def inverse_of(matrices: Matrices) -> np.ndarray:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def equilibrium(matrices: Matrices, inverse: np.ndarray, first: complex) -> np.ndarray:
-    """State that does not move under the first value of the drive; stops give nothing.
+def equilibrium(matrices: Matrices, inverse: np.ndarray, first: complex, stops: np.ndarray) -> np.ndarray:
+    """State that does not move under the first value of the drive.
 
     Parameters
     ----------
@@ -85,13 +85,15 @@ def equilibrium(matrices: Matrices, inverse: np.ndarray, first: complex) -> np.n
         That of the real A.
     first : float or complex
         First value of the drive.
+    stops : (elements,) array
+        Outputs of the stops; of the other elements none.
     """
     A, B, W = matrices.A, matrices.B, matrices.W
     if np.iscomplexobj(A):
         inverse = inverse - 1j * (inverse @ np.imag(A) @ inverse)
     e = np.array([first, 0.0, 1.0, 0.0])
-    kind = np.result_type(A, e)
-    w = np.zeros(len(matrices.kinds), kind)
+    kind = np.result_type(A, e, stops)
+    w = stops.astype(kind)
     z = np.zeros(len(A), kind)
     for _ in range(REST):
         before, z = z, -inverse @ (B @ e + W @ w)

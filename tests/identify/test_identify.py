@@ -218,6 +218,10 @@ def test_the_step_of_a_sensor_is_read_off_its_values():
     means = [np.mean(3e-8 * np.round((x + 1.2e-8 * rng.standard_normal(40000)) / 3e-8)) - x for x in places]
     assert found.size == pytest.approx(np.sqrt(2) * np.std(means), rel=0.15)
     assert rounding(rng.standard_normal(1000), 1.0).size == pytest.approx(0.0, abs=1e-12)
+    # Fifty samples a period, one of them at the turning point: the least that it moves by is no step of a sensor.
+    fast = 2000.0 * np.cos(2 * np.pi * 0.02 * np.arange(10_000)) + rng.standard_normal(10_000)
+    assert np.abs(np.diff(fast)).min() > 9.0
+    assert max(rounding(fast, 1.0)[1:]) < 1e-3
 
 
 def test_codes_that_do_not_occur_take_no_memory():

@@ -112,6 +112,20 @@ def test_values_between_the_samples_are_those_of_a_finer_record(size):
         assert block.between[:, 0] == pytest.approx(wanted, abs=1e-4 * np.abs(fine).max())
 
 
+@pytest.mark.parametrize(("begin", "rise", "history"), [(100.0, 900.0, 1.0), (1000.0, -900.0, -1.0)])
+def test_a_load_before_the_record_has_left_its_history_in_the_operators(begin, rise, history):
+    """Cut out of a longer one, a record begins while the load is held, when the charge of its rise has drained."""
+    load = {"kind": "step_force", "offset": begin, "amplitude": rise, "duration": 4.0, "rise_time": 0.1}
+    truth, cut = waves(STACK, load, times=np.arange(6001) / 1000.0), slice(3500, None)
+    setting = setting_of("force", build_shunt(LOAD), 1e-3, truth.sensed("force")[cut])
+    wanted, off = truth.sensed("voltage")[cut], []
+    for ran in (history, 0.0):
+        (block,) = Prediction(build_transducer(STACK), setting, (), np.full(3, ran)).blocks(False)
+        off.append(np.abs(block.values[:, 1] - wanted).max() / np.abs(wanted).max())
+    assert off[0] < 1e-4
+    assert off[1] > 0.03
+
+
 def test_voltage_drive_is_the_inverse_of_a_free_actuator():
     """Slowly: the displacement is T (v - v_h)/k, v_h by a Prandtl-Ishlinskii operator of the charge."""
     device = build_transducer(STACK)
@@ -344,12 +358,12 @@ def stepped(transducer, duration, effects=(), parameters=(), rise=-4.0):
     truth = waves(STACK, {**STEP, "duration": duration}, effects=effects)
     setting = setting_of("force", build_shunt(LOAD), 1e-3, truth.sensed("force"), transducer, abrupt=True)
     instant = duration / 1e-3 - setting.motion.jumps[0]  # share of the step
-    own = Prediction(transducer, setting).own_limits.copy()
-    fall = setting.motion.coefficients[setting.motion.jumps[0], 1]
-    own[:] = [0.0, STEP["offset"], -fall * FINE * (instant - 0.5), rise]
-    prediction = Prediction(transducer, setting, parameters, own)
-    jump = setting.motion.jumps[0]
-    assert prediction.own_names == ("q", "drive before", f"jump{jump}", f"rise{jump}")
+    fall, jump = setting.motion.coefficients[setting.motion.jumps[0], 1], setting.motion.jumps[0]
+    history = [f"history q{j}" for j in range(len(STACK["hysteresis"]["weights"]))] if transducer.hysteresis else []
+    own = {"q": 0.0, "drive before": STEP["offset"], **dict.fromkeys(history, 0.0)}
+    own |= {f"jump{jump}": -fall * FINE * (instant - 0.5), f"rise{jump}": rise}
+    prediction = Prediction(transducer, setting, parameters, np.array([*own.values()]))
+    assert prediction.own_names == tuple(own)
     (block,) = prediction.blocks(True)
     clear = np.arange(len(TIMES)) != setting.motion.jumps[0] + 1
     return prediction, block, truth, clear
@@ -469,7 +483,7 @@ def test_a_rise_within_a_sample_is_that_of_a_record_that_shows_it(share):
     wanted = next(Prediction(device, fine).blocks(False, size=len(shown))).values[::parts]
     setting, off = setting_of("force", build_shunt(LOAD), 1e-3, shown[::parts], device), []
     for rise in (np.log(share * FINE / RISE), -4.0):
-        (block,) = Prediction(device, setting, (), np.array([0.0, 0.0, rise])).blocks(False)
+        (block,) = Prediction(device, setting, (), np.array([0.0] * 6 + [rise])).blocks(False)
         off.append(np.abs(block.values - wanted)[101:].max(axis=0) / np.abs(wanted).max(axis=0))
     assert off[0].max() < 1e-5
     assert off[1].max() > 5e-4

@@ -1,0 +1,26 @@
+"""Records of a specimen with hysteresis that begin in the midst of a motion: operators remember what came before."""
+
+import pytest
+from diagnose_runs import RECORDS, STACK, campaign
+
+from piezoharvest.diagnose import diagnose
+from piezoharvest.effects import CouplingDrift, Leakage, NonlinearCoupling, Stiffening
+from piezoharvest.records import load_campaign
+
+LIBRARY = [CouplingDrift, Leakage, NonlinearCoupling, Stiffening]
+HYSTERESIS = {"thresholds": [0.1e-6, 0.3e-6, 0.7e-6], "weights": [0.5e6, 1.5e6, 0.5e6]}
+BEFORE = 640  # samples that are thrown away
+
+
+@pytest.mark.parametrize("effects", [{}, {"leakage": {"resistance": 3e6}}], ids=["healthy", "leakage"])
+def test_what_came_before_the_record_is_no_effect(effects, tmp_path, monkeypatch):
+    monkeypatch.setitem(STACK, "hysteresis", HYSTERESIS)
+    whole = campaign(tmp_path, effects, RECORDS[1:], duration=2.0 + 1e-3 * BEFORE)
+    for file in whole.path.parent.glob("*.csv"):
+        head, *rows = file.read_text().splitlines(keepends=True)
+        file.write_text(head + "".join(rows[BEFORE:]))
+    found = diagnose(load_campaign(whole.path), library=LIBRARY)
+    assert [named.effect.name for named in found.effects] == list(effects)
+    assert found.verdict == ("effect" if effects else "adequate")
+    first, *_ = found.before.records
+    assert max(abs(first.own[f"history q{j}"]) for j in range(3)) > 0.95
