@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import comb
 
 import numpy as np
 
@@ -96,7 +97,7 @@ def data_of(record: Record, transducer: Transducer) -> Data:
     drive = record[record.drive]
     clean = denoised(drive, sigma.get(record.drive, first_guess(drive)))
     scatter = {c: sigma.get(c, first_guess(record[c])) for c in channels}
-    abrupt = any(begins_abruptly(record[c], scatter[c]) for c in channels) and not begins_abruptly(clean, 0.0)
+    abrupt = any(begins_abruptly(record[c], scatter[c]) for c in channels) and not begins_abruptly(clean, 0.0, (1,))
     setting = setting_of(record.drive, record.shunt, step, clean, transducer, abrupt=abrupt)
     bends = (bend_of(record[c], scatter[c], setting.jumps) for c in channels)
     fine = int(np.clip(np.ceil(np.sqrt(max(bends) / (12.0 * STRAIGHT))), 1, FINEST))
@@ -116,7 +117,13 @@ def bend_of(values: np.ndarray, sigma: float, jumps: np.ndarray) -> float:
     return float(np.sqrt(max(above, 0.0) / np.var(values))) if above > 0.0 else 0.0
 
 
-def begins_abruptly(values: np.ndarray, sigma: float) -> bool:
-    """Whether the first sample is of another state than those after it: the drive came upon a specimen at rest."""
-    steps = np.abs(np.diff(values[: BESIDE + 2]))
-    return len(steps) > BESIDE and bool(steps[0] > CALM * max(steps[1:].max(), np.sqrt(2.0) * sigma))
+def begins_abruptly(values: np.ndarray, sigma: float, orders: Sequence[int] = (1, 3)) -> bool:
+    """Whether the first sample is of another state than those after it: the drive came upon a specimen at rest.
+
+    Its differences of some order stand out then: of the first where the record is slow, of the third where it is fast.
+    """
+    for order in orders:
+        found = np.abs(np.diff(values[: BESIDE + 1 + order], order))
+        if len(found) > BESIDE and found[0] > CALM * max(found[1:].max(), np.sqrt(comb(2 * order, order)) * sigma):
+            return True
+    return False

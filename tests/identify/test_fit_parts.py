@@ -54,6 +54,9 @@ def test_a_record_begins_abruptly_where_its_first_sample_alone_is_of_another_sta
     at_rest = np.where(time > 0, sine + 2.0, 0.0)
     assert all(begins_abruptly(at_rest + each, 1e-2) for each in noise)
     assert not any(begins_abruptly(sine + each, 1e-2) for each in noise)  # it begins fast, as it goes on
+    quick = [np.where(time > 0.0, np.sin(2 * np.pi * 20.0 * time + phase), 0.0) for phase in (0.5, 2.0, 4.0)]
+    assert all(begins_abruptly(each + 0.1 * noise[0], 1e-3) for each in quick)
+    assert not any(begins_abruptly(np.sin(2 * np.pi * 20.0 * time + phase), 1e-2) for phase in (0.5, 2.0, 4.0))
     assert not any(begins_abruptly(each, 1e-2) for each in noise)
     assert not begins_abruptly(np.where(time < 0.002, 0.0, 1.0), 1e-2)
     assert not begins_abruptly(at_rest[:3], 1e-2)
