@@ -96,13 +96,20 @@ def data_of(record: Record, transducer: Transducer) -> Data:
     sigma = {c: s.sigma for c, s in record.signals.items() if s.sigma is not None}
     drive = record[record.drive]
     clean = denoised(drive, sigma.get(record.drive, first_guess(drive)))
-    scatter = {c: sigma.get(c, first_guess(record[c])) for c in channels}
+    scatter = {c: sigma.get(c, scatter_of(record[c])) for c in channels}
     abrupt = any(begins_abruptly(record[c], scatter[c]) for c in channels) and not begins_abruptly(clean, 0.0, (1,))
     setting = setting_of(record.drive, record.shunt, step, clean, transducer, abrupt=abrupt)
     bends = (bend_of(record[c], scatter[c], setting.jumps) for c in channels)
     fine = int(np.clip(np.ceil(np.sqrt(max(bends) / (12.0 * STRAIGHT))), 1, FINEST))
     setting = replace(setting, fine=fine)
     return Data(record.name, record.role, record, setting, drive - clean, channels, sigma, scatter)
+
+
+def scatter_of(values: np.ndarray) -> float:
+    """Standard deviation of the noise of a channel before it comes to the end of its range, where it has none."""
+    ends = np.abs(values) == np.abs(values).max()
+    inside = ~np.lib.stride_tricks.sliding_window_view(ends, 5).any(axis=1) if len(ends) > 4 else np.zeros(0, bool)
+    return first_guess(values, inside if np.any(inside) else slice(None))
 
 
 def bend_of(values: np.ndarray, sigma: float, jumps: np.ndarray) -> float:

@@ -47,9 +47,9 @@ class Noise:
         return own + self.sigma.get(drive, 0.0) ** 2 * gain[:, :, None] * np.conj(gain[:, None, :])
 
 
-def first_guess(values: np.ndarray) -> float:
-    """Noise of a channel from its fourth differences, which a smooth signal hardly has."""
-    fourth = np.diff(values, 4)
+def first_guess(values: np.ndarray, kept: np.ndarray | slice = slice(None)) -> float:
+    """Noise of a channel from its fourth differences, or those that are kept: a smooth signal hardly has any."""
+    fourth = np.diff(values, 4)[kept]
     return float(np.sqrt(np.median(fourth**2) / 0.4549 / FOURTH)) if len(fourth) else 0.0
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from piezoharvest.identify.data import begins_abruptly
+from piezoharvest.identify.data import begins_abruptly, scatter_of
 from piezoharvest.identify.descent import _bent, _pace
 from piezoharvest.identify.gain import _solved
-from piezoharvest.identify.noise import Noise, estimate
+from piezoharvest.identify.noise import Noise, estimate, first_guess
 from piezoharvest.identify.spectra import gram, whitened
 
 
@@ -45,6 +45,16 @@ def test_products_with_the_frequencies_last_are_those_of_matrices():
     np.testing.assert_allclose(found.transpose(2, 0, 1), white @ spectra)
     flat = (white @ spectra).reshape(-1, 4)
     np.testing.assert_allclose(gram(found), np.real(flat.conj().T @ flat))
+
+
+def test_noise_is_guessed_where_a_channel_is_not_at_the_end_of_its_range():
+    rng, time = np.random.default_rng(5), np.arange(10_000) / 1000.0
+    values = 4.0 * (time < 5.0) + 0.02 * rng.standard_normal(len(time))
+    clipped = np.minimum(values, 3.99)
+    assert scatter_of(clipped) == pytest.approx(0.02, rel=0.03)
+    assert scatter_of(clipped) > 1.2 * first_guess(clipped)
+    assert scatter_of(values) == pytest.approx(first_guess(values), rel=1e-3)
+    assert scatter_of(np.zeros(20)) == scatter_of(np.arange(3.0)) == 0.0
 
 
 def test_a_record_begins_abruptly_where_its_first_sample_alone_is_of_another_state():
