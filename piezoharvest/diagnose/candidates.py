@@ -19,7 +19,7 @@ from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.evaluation import whole
 from piezoharvest.identify.fit import inverse, linearised
 from piezoharvest.identify.model import Model
-from piezoharvest.identify.problem import Problem
+from piezoharvest.identify.problem import Problem, carried
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.predict.parameters import Parameter, parameter_of, put
 
@@ -114,20 +114,6 @@ def extended(model: Model, effects: Sequence[Effect], parameters: Sequence[Param
     return replace(model, transducer=transducer, parameters=(*model.parameters, *parameters))
 
 
-def carried(problem: Problem, before: Model, own: Sequence[np.ndarray], after: Model) -> tuple[np.ndarray, ...]:
-    """The records' own numbers in another model: those of the same name stay, new ones are zero."""
-    found = []
-    for data, mine in zip(problem.data, own, strict=True):
-        old = _numbered(problem.own_names(before, data))
-        values = dict(zip(old, mine, strict=True))
-        found.append(np.array([values.get(name, 0.0) for name in _numbered(problem.own_names(after, data))]))
-    return tuple(found)
-
-
-def _numbered(names: Sequence[str]) -> list[tuple[str, int]]:
-    return [(name, list(names[:k]).count(name)) for k, name in enumerate(names)]
-
-
 def _smooth(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[Candidate]:
     """Effects that grow smoothly from their null, all in one linearisation."""
     if not starts:
@@ -220,4 +206,4 @@ def cosine(first: Candidate, second: Candidate) -> float:
     return float(first.signature[second.place] / size) if size > 0 else 0.0
 
 
-__all__ = ["Candidate", "carried", "cosine", "effect_line", "effect_parameters", "extended", "scores"]
+__all__ = ["Candidate", "cosine", "effect_line", "effect_parameters", "extended", "scores"]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from piezoharvest.diagnose.candidates import Candidate, carried, effect_parameters, extended, scores
+from piezoharvest.diagnose.candidates import Candidate, effect_parameters, extended, scores
 from piezoharvest.diagnose.leftover import Leftover, structure
 from piezoharvest.diagnose.scene import Scene
 from piezoharvest.effects import Effect
@@ -16,7 +16,7 @@ from piezoharvest.identify.descent import ITERATIONS, UNFINISHED, Fit
 from piezoharvest.identify.fit import fit, inflation, inverse, linearised
 from piezoharvest.identify.identifiable import undetermined
 from piezoharvest.identify.model import Model
-from piezoharvest.identify.problem import Problem, prior_of
+from piezoharvest.identify.problem import Problem, carried, prior_of
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
 from piezoharvest.predict.prediction import PredictionError
 

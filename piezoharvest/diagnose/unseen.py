@@ -7,14 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from piezoharvest.diagnose.candidates import carried
 from piezoharvest.diagnose.leftover import Leftover, structure
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.fit import fit
 from piezoharvest.identify.identification import Identification, prepared
 from piezoharvest.identify.noise import Noise
-from piezoharvest.identify.problem import Problem
+from piezoharvest.identify.problem import Problem, carried
 from piezoharvest.identify.sums import Sums
 from piezoharvest.records.campaign import Campaign
 

@@ -108,7 +108,9 @@ def data_of(record: Record, transducer: Transducer) -> Data:
 def scatter_of(values: np.ndarray) -> float:
     """Standard deviation of the noise of a channel before it comes to the end of its range, where it has none."""
     ends = np.abs(values) == np.abs(values).max()
-    inside = ~np.lib.stride_tricks.sliding_window_view(ends, 5).any(axis=1) if len(ends) > 4 else np.zeros(0, bool)
+    if len(ends) < 5:
+        return first_guess(values)
+    inside: np.ndarray = ~np.lib.stride_tricks.sliding_window_view(ends, 5).any(axis=1)
     return first_guess(values, inside if np.any(inside) else slice(None))
 
 

@@ -10,12 +10,12 @@ import numpy as np
 from piezoharvest.identify.data import Data, data_of
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.evaluation import side_by_side
-from piezoharvest.identify.fit import covariance, fit
+from piezoharvest.identify.fit import covariance, fit, inverse
 from piezoharvest.identify.gain import gain_of
 from piezoharvest.identify.identifiable import combination, experiment, undetermined
 from piezoharvest.identify.model import Model, residual_blocks
 from piezoharvest.identify.noise import Noise
-from piezoharvest.identify.problem import Problem
+from piezoharvest.identify.problem import Problem, carried
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.identify.starts import started
 from piezoharvest.parameters import ParameterError
@@ -27,6 +27,8 @@ from piezoharvest.records.record import FrequencyRecord, Record
 from piezoharvest.transducer import Transducer
 
 Tell = Callable[[str], None]
+LOADED = 0.1  # of its threshold: a stop that is nearer to zero at the beginning of a record has no history,
+CERTAIN = 4.0  # standard errors, nor one that is nearer than these
 LONG = 1 << 19  # samples of a record that a fit begins with
 
 
@@ -164,13 +166,15 @@ def identify(
     parameters = parameters_of(campaign.transducer, {r.drive for r in campaign.records if isinstance(r, Record)})
     model = Model(campaign.transducer, tuple(parameters), tuple(offsets))
     first = _first_fit(problem, model, tell) if near is None else _fit_near(problem, model, near, tell)
+    model = first.model if remembers(problem, first) else replace(first.model, relaxed=True)
+    own = carried(problem, first.model, first.own, model)
     fixed = undetermined(first)
     kept = [p for k, p in enumerate(parameters) if k not in fixed]
     nominal = _with_nominal(first.model.transducer, campaign.transducer, [parameters[k] for k in fixed])
     last = fit(
         problem,
-        replace(first.model, transducer=nominal, parameters=tuple(kept)),
-        first.own,
+        replace(model, transducer=nominal, parameters=tuple(kept)),
+        own,
         first.noise,
         tell=tell,
         rounds=1,
@@ -211,6 +215,18 @@ def _fit_near(problem: Problem, model: Model, near: Fit, tell: Tell) -> Fit:
     own = fit(problem, replace(near.model, parameters=()), noise=noise, estimate_noise=False, tell=tell).own
     model = replace(model, transducer=near.model.transducer)
     return fit(problem, model, own, noise, estimate_noise=False, tell=tell)
+
+
+def remembers(problem: Problem, found: Fit) -> bool:
+    """Whether stops of some record plainly were not at zero when it began.
+
+    Nearly all are told by a few samples, and take as much time as parameters do: where they are not needed, they go.
+    """
+    own = np.concatenate(found.own)
+    std = np.sqrt(np.diag(inverse(found.information + found.prior)))[len(found.model.parameters) :]
+    names = [name for data in problem.data for name in problem.own_names(found.model, data)]
+    told = [name.startswith("history") for name in names] & (np.abs(own) > np.maximum(LOADED, CERTAIN * std))
+    return bool(np.any(told)) or not any(name.startswith("history") for name in names)
 
 
 def _with_nominal(transducer: Transducer, nominal: Transducer, parameters: Sequence[Parameter]) -> Transducer:

@@ -31,16 +31,20 @@ class Model:
         What is varied for all records.
     offset_channels : tuple of str
         Channels whose offset is free in every record.
+    relaxed : bool
+        Whether every record begins with stops at zero, whatever came before it.
     """
 
     transducer: Transducer
     parameters: tuple[Parameter, ...]
     offset_channels: tuple[str, ...]
+    relaxed: bool = False
     _lowered: dict = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def prediction(self, data: Data, own: np.ndarray | None = None) -> Prediction:
         """Prediction of a record; `own` as its `own_names` name them."""
-        return Prediction(self.transducer, data.setting, self.parameters, own, self.lowered(data))
+        lowered = self.lowered(data)
+        return Prediction(self.transducer, data.setting, self.parameters, own, lowered, relaxed=self.relaxed)
 
     def lowered(self, data: Data) -> Lowered:
         """Equations for a record, which others share."""

@@ -82,6 +82,20 @@ class Problem:
         )
 
 
+def carried(problem: Problem, before: Model, own: Sequence[np.ndarray], after: Model) -> tuple[np.ndarray, ...]:
+    """The records' own numbers in another model: those of the same name stay, new ones are zero."""
+    found = []
+    for data, mine in zip(problem.data, own, strict=True):
+        old = _numbered(problem.own_names(before, data))
+        values = dict(zip(old, mine, strict=True))
+        found.append(np.array([values.get(name, 0.0) for name in _numbered(problem.own_names(after, data))]))
+    return tuple(found)
+
+
+def _numbered(names: Sequence[str]) -> list[tuple[str, int]]:
+    return [(name, list(names[:k]).count(name)) for k, name in enumerate(names)]
+
+
 def prior_of(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Means and inverse variances of all parameters."""
     means, precision = [], []

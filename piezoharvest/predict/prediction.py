@@ -55,10 +55,14 @@ class Prediction:
         What derivatives are wanted to.
     own : (n,) array, optional
         The record's own numbers, as `own_names` names them: by how much the states at the start are off equilibrium
-        (SI units); the value of the drive before a record that begins abruptly; the share of its
-        threshold that every stop is at, for it remembers what came before the record; by how much every jump is off the
-        middle of its step, as integral in the drive's unit times the time of a small step, and the logarithm of how
-        long it takes over `RISE` of these. `own_limits` are their largest sizes.
+        (SI units); the value of the drive before a record that begins abruptly; the share of its threshold that every
+        stop is at, for it remembers what came before the record; by how much every jump is off the middle of its step,
+        as integral in the drive's unit times the time of a small step, and the logarithm of how long it takes over
+        `RISE` of these. `own_limits` are their largest sizes.
+    lowered : Lowered, optional
+        The equations, if they are known.
+    relaxed : bool
+        Whether stops begin at zero.
     """
 
     def __init__(
@@ -68,6 +72,8 @@ class Prediction:
         parameters: Sequence[Parameter] = (),
         own: np.ndarray | None = None,
         lowered: Lowered | None = None,
+        *,
+        relaxed: bool = False,
     ) -> None:
         self.setting, self.transducer, self.parameters = setting, transducer, tuple(parameters)
         self._lowered = lowered = lowered or Lowered(transducer, setting, parameters)
@@ -75,9 +81,10 @@ class Prediction:
         self.share, self.step = lowered.share, lowered.step
         self.free = [matrices.states.index(name) for name in setting.free]
         before = ("drive before",) * setting.abrupt
-        self.stops = np.flatnonzero(matrices.kinds == STOP)
+        self.stops = np.flatnonzero((matrices.kinds == STOP) & (not relaxed))
+        memories = () if relaxed else matrices.memories
         jumps = tuple(f"{name}{j}" for j in setting.motion.jumps for name in ("jump", "rise"))
-        self.own_names = (*(matrices.states[k] for k in self.free), *before, *matrices.memories, *jumps)
+        self.own_names = (*(matrices.states[k] for k in self.free), *before, *memories, *jumps)
         self.own = np.zeros(len(self.own_names)) if own is None else own
         # A jump lies between its samples.
         far = 0.5 * FINE * np.abs(setting.motion.coefficients[setting.motion.jumps, 1])

@@ -8,7 +8,7 @@ import pytest
 from diagnose_runs import SIGMA, campaign, fitted, synthetic
 from scipy.stats import kstest
 
-from piezoharvest.diagnose.candidates import _tried, carried, cosine, effect_parameters, extended, scores
+from piezoharvest.diagnose.candidates import _tried, cosine, effect_parameters, extended, scores
 from piezoharvest.diagnose.leftover import Block, _bursts, blocks_of, leftovers, structure
 from piezoharvest.diagnose.unseen import spoils
 from piezoharvest.effects import BiasCurrent, Clipping, DielectricRelaxation, Leakage, LoadError, Stiffening, registered
@@ -16,7 +16,7 @@ from piezoharvest.identify.fit import fit
 from piezoharvest.identify.identification import prepared
 from piezoharvest.identify.model import Model
 from piezoharvest.identify.noise import Noise
-from piezoharvest.identify.problem import Problem
+from piezoharvest.identify.problem import Problem, carried
 from piezoharvest.identify.sums import spectra_of
 from piezoharvest.predict.prediction import Prediction
 

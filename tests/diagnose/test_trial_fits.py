@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from diagnose_runs import SIGMA, STEP, campaign, fitted, synthetic
 
-from piezoharvest.diagnose.candidates import carried, effect_parameters, extended
+from piezoharvest.diagnose.candidates import effect_parameters, extended
 from piezoharvest.diagnose.trials import ROUGHLY, Step, Trials, inflated
 from piezoharvest.effects import Clipping, Leakage, Stiffening
 from piezoharvest.identify import descent
@@ -14,7 +14,7 @@ from piezoharvest.identify.fit import fit
 from piezoharvest.identify.identification import prepared
 from piezoharvest.identify.model import Model
 from piezoharvest.identify.noise import Noise
-from piezoharvest.identify.problem import Problem
+from piezoharvest.identify.problem import Problem, carried
 from piezoharvest.predict.parameters import parameters_of
 
 
