@@ -110,8 +110,8 @@ def scatter_of(values: np.ndarray) -> float:
     ends = np.abs(values) == np.abs(values).max()
     if len(ends) < 5:
         return first_guess(values)
-    inside: np.ndarray = ~np.lib.stride_tricks.sliding_window_view(ends, 5).any(axis=1)
-    return first_guess(values, inside if np.any(inside) else slice(None))
+    inside = np.flatnonzero(np.lib.stride_tricks.sliding_window_view(ends, 5).sum(axis=1) == 0)
+    return first_guess(values, inside if len(inside) else slice(None))
 
 
 def bend_of(values: np.ndarray, sigma: float, jumps: np.ndarray) -> float:
