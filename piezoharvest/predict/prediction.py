@@ -81,6 +81,8 @@ class Prediction:
         self.share, self.step = lowered.share, lowered.step
         self.free = [matrices.states.index(name) for name in setting.free]
         before = ("drive before",) * setting.abrupt
+        # Where the drive comes upon a specimen at rest, its first jump leaves little of what was before.
+        relaxed = relaxed or setting.abrupt
         self.stops = np.flatnonzero((matrices.kinds == STOP) & (not relaxed))
         memories = () if relaxed else matrices.memories
         jumps = tuple(f"{name}{j}" for j in setting.motion.jumps for name in ("jump", "rise"))
