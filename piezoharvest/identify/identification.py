@@ -212,8 +212,9 @@ def _fit_near(problem: Problem, model: Model, near: Fit, tell: Tell) -> Fit:
     """Fit of all parameters from where fewer records have led to, whose noise is kept."""
     noise = Noise({**problem.noise().sigma, **near.noise.sigma})
     # Numbers of the records' own first: when exactly a drive jumped looks like anything else until it is told.
-    own = fit(problem, replace(near.model, parameters=()), noise=noise, estimate_noise=False, tell=tell).own
+    held = fit(problem, replace(near.model, parameters=()), noise=noise, estimate_noise=False, tell=tell)
     model = replace(model, transducer=near.model.transducer)
+    own = carried(problem, held.model, held.own, model)
     return fit(problem, model, own, noise, estimate_noise=False, tell=tell)
 
 
@@ -225,8 +226,8 @@ def remembers(problem: Problem, found: Fit) -> bool:
     own = np.concatenate(found.own)
     std = np.sqrt(np.diag(inverse(found.information + found.prior)))[len(found.model.parameters) :]
     names = [name for data in problem.data for name in problem.own_names(found.model, data)]
-    told = [name.startswith("history") for name in names] & (np.abs(own) > np.maximum(LOADED, CERTAIN * std))
-    return bool(np.any(told)) or not any(name.startswith("history") for name in names)
+    history = np.array([name.startswith("history") for name in names], bool)
+    return not np.any(history) or bool(np.any(np.abs(own) > np.maximum(LOADED, CERTAIN * std), where=history))
 
 
 def _with_nominal(transducer: Transducer, nominal: Transducer, parameters: Sequence[Parameter]) -> Transducer:
