@@ -275,7 +275,8 @@ def _named(problem: Problem, search: Search, n: int, squares: Sequence[tuple[flo
     """The n-th effect with its gain and its parameters."""
     final, (before, _), (after, _) = search.final, squares[n], squares[n + 1]
     gain = (before - after) / max(squares[0][0] - _noise(*squares[-1]), LITTLE)
-    std = np.sqrt(np.diag(covariance(final)))
+    scatter = covariance(final)
+    std = np.sqrt(np.diag(scatter))
     values: dict[str, tuple[float, float | None, str]] = {}
     for k, parameter in enumerate(final.model.parameters):
         if parameter.path[:2] == ("effects", n):
@@ -285,20 +286,21 @@ def _named(problem: Problem, search: Search, n: int, squares: Sequence[tuple[flo
             values[str(parameter.path[2])] = (value, float(slope * std[k]), parameter.unit)
     effect = search.order[n]
     if effect_line(effect):
-        values["amplitude"] = (_amplitude(problem, final, effect), None, "")
+        values["amplitude"] = (*_amplitude(problem, final, effect, scatter), "")
     costs = [search.base.cost, *(each.cost for each in search.nested)]
     spoiled = spoils(before, after, costs[n] - costs[n + 1])
     return Named(effect, search.p_values[n], float(np.clip(gain, -1.0, 1.0)), values, spoiled)
 
 
-def _amplitude(problem: Problem, final: Fit, effect: Effect) -> float:
-    """Root mean square over records of a line's amplitude."""
-    squares = []
-    for data, own in zip(problem.data, final.own, strict=True):
-        names = problem.own_names(final.model, data)
-        mine = [size**2 for name, size in zip(names, own, strict=True) if _of(effect, name)]
-        squares += [sum(mine)] if mine else []
-    return float(np.sqrt(np.mean(squares)))
+def _amplitude(problem: Problem, final: Fit, effect: Effect, scatter: np.ndarray) -> tuple[float, float]:
+    """Root mean square over records of a line's amplitude, and its standard error."""
+    names = [problem.own_names(final.model, data) for data in problem.data]
+    mine = np.array([_of(effect, name) for some in names for name in some])
+    parts = np.concatenate(final.own) * mine
+    records = sum(any(_of(effect, name) for name in some) for some in names)
+    amplitude = float(np.sqrt(parts @ parts / records))
+    slopes = np.pad(parts / (records * amplitude), (len(scatter) - len(parts), 0))
+    return amplitude, float(np.sqrt(slopes @ scatter @ slopes))
 
 
 def _of(effect: Effect, name: str) -> bool:

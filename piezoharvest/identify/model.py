@@ -202,4 +202,5 @@ def _add(model: Model, more: Sequence[Extra], sizes: np.ndarray, time, predicted
         slopes[:, :, k - len(more)] = np.real(column)
         for p, parameter in enumerate(model.parameters):
             if extra.effect is not None and parameter.path == ("effects", extra.effect, "frequency"):
-                slopes[:, :, p] += size * np.real(2j * np.pi * time[:, None] * column)
+                varied = parameter.slope(parameter.inner(extra.frequency))
+                slopes[:, :, p] += size * varied * np.real(2j * np.pi * time[:, None] * column)

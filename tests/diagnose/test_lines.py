@@ -1,0 +1,44 @@
+"""Lines: what is told of their frequency and their amplitude, against the Cramer-Rao bound."""
+
+import numpy as np
+import pytest
+from diagnose_runs import SIGMA, campaign, fitted
+
+from piezoharvest.diagnose import diagnose
+from piezoharvest.diagnose.candidates import effect_parameters, extended
+from piezoharvest.effects import Leakage, MainsHum
+from piezoharvest.identify.fit import covariance, fit
+from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.problem import carried
+
+FREQUENCY, AMPLITUDE = 50.013, 2e-3  # Hz, V
+
+
+def test_the_frequency_is_told_as_well_as_it_can_be(tmp_path):
+    measured = campaign(tmp_path)
+    problem, found, _ = fitted(prepared(measured, "fit"), measured.transducer)
+    bound = 0.0
+    for n, data in enumerate(problem.data):
+        time = np.arange(len(data)) * data.setting.sample_time
+        data.values[:, data.channels.index("voltage")] += AMPLITUDE * np.sin(2 * np.pi * FREQUENCY * time + n)
+        bound += 0.5 * (2 * np.pi * AMPLITUDE / SIGMA["voltage"]) ** 2 * np.sum((time - time.mean()) ** 2)
+    start = MainsHum(amplitude=0.0, frequency=50.1, channel="voltage")
+    model = extended(found.model, [start], effect_parameters([start], 0))
+    own = carried(problem, found.model, found.own, model)
+    line = fit(problem, model, own, found.noise, estimate_noise=False)
+    assert line.converged
+    (k,) = (k for k, parameter in enumerate(model.parameters) if parameter.path[0] == "effects")
+    (hum,) = line.model.transducer.effects
+    std = hum.frequency * np.sqrt(covariance(line)[k, k])  # the logarithm is varied
+    assert std == pytest.approx(bound**-0.5, rel=0.05)
+    assert abs(hum.frequency - FREQUENCY) < 4.0 * std
+
+
+def test_the_amplitude_has_a_standard_error(tmp_path):
+    table = {"amplitude": AMPLITUDE, "frequency": FREQUENCY, "channel": "voltage"}
+    found = diagnose(campaign(tmp_path, {"mains_hum": table}), library=[Leakage, MainsHum])
+    (named,) = found.effects
+    value, std, _ = named.values["amplitude"]
+    noise, count = found.validation_after.noise["voltage"], 3 * 2000  # that of the drive with it; samples fitted
+    assert std == pytest.approx(noise * np.sqrt(2.0 / count), rel=0.2)
+    assert abs(value - AMPLITUDE) < 4.0 * std
