@@ -10,7 +10,7 @@ import numpy as np
 from piezoharvest.diagnose.leftover import Leftover, structure
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.descent import Fit
-from piezoharvest.identify.fit import fit
+from piezoharvest.identify.histories import held
 from piezoharvest.identify.identification import Identification, prepared
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem, carried
@@ -39,11 +39,11 @@ def validated(campaign: Campaign, before: Identification, found: Sequence[Fit]) 
     problem = Problem(data, campaign.transducer, before.offsets)
     noise = Noise({**problem.noise().sigma, **before.noise.sigma})
     fits: list[Fit] = []
-    for model in (replace(each.model, parameters=()) for each in found):
+    for model in (each.model for each in found):
         starts = [carried(problem, fits[-1].model, fits[-1].own, model)] if fits else []
         if not fits or any(len(each.setting.jumps) for each in data if isinstance(each, Data)):
             starts.append(problem.start(model))  # when a drive jumped may be caught beside the instant
-        tried = (fit(problem, model, own, noise, estimate_noise=False) for own in starts)
+        tried = (held(problem, model, own, noise) for own in starts)
         fits.append(min(tried, key=lambda each: each.cost))
     return problem, fits
 

@@ -10,8 +10,9 @@ import numpy as np
 from piezoharvest.identify.data import Data, data_of
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.evaluation import side_by_side
-from piezoharvest.identify.fit import covariance, fit, inverse
+from piezoharvest.identify.fit import covariance, fit
 from piezoharvest.identify.gain import gain_of
+from piezoharvest.identify.histories import held, recalled, remembers
 from piezoharvest.identify.identifiable import combination, experiment, undetermined
 from piezoharvest.identify.model import Model, residual_blocks
 from piezoharvest.identify.noise import Noise
@@ -27,8 +28,6 @@ from piezoharvest.records.record import FrequencyRecord, Record
 from piezoharvest.transducer import Transducer
 
 Tell = Callable[[str], None]
-LOADED = 0.1  # of its threshold: a stop that is nearer to zero at the beginning of a record has no history,
-CERTAIN = 4.0  # standard errors, nor one that is nearer than these
 LONG = 1 << 19  # samples of a record that a fit begins with
 
 
@@ -166,6 +165,10 @@ def identify(
     parameters = parameters_of(campaign.transducer, {r.drive for r in campaign.records if isinstance(r, Record)})
     model = Model(campaign.transducer, tuple(parameters), tuple(offsets))
     first = _first_fit(problem, model, tell) if near is None else _fit_near(problem, model, near, tell)
+    begun = recalled(problem, first)
+    if begun is not None:
+        tell("some records begin after a load that is not recorded")
+        first = fit(problem, first.model, begun, first.noise, tell=tell, rounds=2)
     model = first.model if remembers(problem, first) else replace(first.model, relaxed=True)
     own = carried(problem, first.model, first.own, model)
     fixed = undetermined(first)
@@ -212,22 +215,10 @@ def _fit_near(problem: Problem, model: Model, near: Fit, tell: Tell) -> Fit:
     """Fit of all parameters from where fewer records have led to, whose noise is kept."""
     noise = Noise({**problem.noise().sigma, **near.noise.sigma})
     # Numbers of the records' own first: when exactly a drive jumped looks like anything else until it is told.
-    held = fit(problem, replace(near.model, parameters=()), noise=noise, estimate_noise=False, tell=tell)
+    alone = held(problem, near.model, None, noise, tell)
     model = replace(model, transducer=near.model.transducer)
-    own = carried(problem, held.model, held.own, model)
+    own = carried(problem, alone.model, alone.own, model)
     return fit(problem, model, own, noise, estimate_noise=False, tell=tell)
-
-
-def remembers(problem: Problem, found: Fit) -> bool:
-    """Whether stops of some record plainly were not at zero when it began.
-
-    Nearly all are told by a few samples, and take as much time as parameters do: where they are not needed, they go.
-    """
-    own = np.concatenate(found.own)
-    std = np.sqrt(np.diag(inverse(found.information + found.prior)))[len(found.model.parameters) :]
-    names = [name for data in problem.data for name in problem.own_names(found.model, data)]
-    history = np.array([name.startswith("history") for name in names], bool)
-    return not np.any(history) or bool(np.any(np.abs(own) > np.maximum(LOADED, CERTAIN * std), where=history))
 
 
 def _with_nominal(transducer: Transducer, nominal: Transducer, parameters: Sequence[Parameter]) -> Transducer:
@@ -260,8 +251,7 @@ def _validated(campaign: Campaign, last: Fit, offsets: tuple[str, ...], tell: Te
         return []
     problem = Problem(data, campaign.transducer, offsets)
     sigma = {**problem.noise().sigma, **last.noise.sigma}
-    model = replace(last.model, parameters=())
-    return judged(data, fit(problem, model, None, Noise(sigma), estimate_noise=False, tell=tell))
+    return judged(data, held(problem, last.model, None, Noise(sigma), tell))
 
 
 def judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuality]:
