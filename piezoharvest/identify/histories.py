@@ -33,6 +33,7 @@ def remembers(problem: Problem, found: Fit) -> bool:
     """
     own = np.concatenate(found.own)
     std = np.sqrt(np.diag(inverse(found.information + found.prior)))[len(found.model.parameters) :]
+    std[np.abs(own) >= problem.own_limits(found.model)] = 0.0  # a stop that slips there hides how surely it does
     history = np.concatenate([_histories(problem, found.model, data) for data in problem.data])
     return not np.any(history) or bool(np.any(np.abs(own) > np.maximum(LOADED, CERTAIN * std), where=history))
 
