@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from piezoharvest.identify.data import Data
+from piezoharvest.identify.data import EQUAL, PLATEAU, Data
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.model import residual_blocks
 from piezoharvest.identify.responses import FrequencyData
@@ -16,7 +16,9 @@ from piezoharvest.shunts.resistor import Resistor
 TIMES = 6  # time constants over the plausible range
 _NEAR = np.concatenate([mains + np.arange(-15, 16) * 0.02 for mains in (50.0, 60.0)])  # Hz
 PULLED = 0.01  # of the range of a force
-PLATEAU = 4  # equal extreme samples that make a range
+BEYOND = (0.0, 2.0, 4.0)  # standard deviations below the largest reading, where a range may end,
+HELD = 2.0  # up to these where readings are held there;
+PASSED = 50.0  # squares above noise that have to go if there is one
 
 
 @dataclass(frozen=True)
@@ -98,22 +100,26 @@ def _span(data: Sequence[Data | FrequencyData]) -> tuple[float, float]:
 
 
 def _ranges(records: Sequence[Data], found: Fit, data: Sequence, channel: str) -> tuple[float, ...]:
-    """Where a channel may end: at an extreme value that it has many times, or that the model passes and it does not."""
+    """Where a channel may end: at an extreme value that it has many times, or that the model passes and it does not.
+
+    Noise that comes after the range takes readings beyond it.
+    """
     largest = max(float(np.abs(each.record[channel]).max()) for each in records if channel in each.channels)
     sigma = found.noise.sigma[channel]
-    equal = 0
-    over = 0.0
+    limits = np.array([largest - k * sigma for k in BEYOND])
+    equal, gains = 0, np.zeros(len(limits))
     for each, own in zip(data, found.own, strict=True):
         if not isinstance(each, Data) or channel not in each.channels:
             continue
         values = each.record[channel]
-        equal += int(np.sum(np.abs(values) >= largest - 1e-9 * largest))
+        equal += int(np.sum(np.abs(values) >= (1.0 - EQUAL) * largest))
         c = each.channels.index(channel)
         for _, begin, residual, _ in residual_blocks(_bare(found), each, own, False):
-            measured = values[begin : begin + len(residual)]
-            beyond = np.abs(measured - residual[:, c]) > largest + 2.0 * sigma
-            over += float(np.sum((residual[beyond, c] / sigma) ** 2))
-    return (largest, largest - 2.0 * sigma) if equal >= PLATEAU or over > 50.0 else ()
+            measured, left = values[begin : begin + len(residual)], residual[:, c]
+            predicted = measured - left
+            cut = np.clip(predicted, -limits[:, None], limits[:, None])
+            gains += np.sum((left**2 - (measured - cut) ** 2) / sigma**2, axis=1)
+    return tuple(limits[(gains > PASSED) | ((equal >= PLATEAU) & (np.array(BEYOND) <= HELD))].tolist())
 
 
 def _mains(data: Sequence, found: Fit) -> dict[str, tuple[float, ...]]:

@@ -21,6 +21,7 @@ JITTER = 1e-2  # of the sample time, that stamps may be off a uniform grid
 STRAIGHT = 5e-4  # relative error of what runs straight within a step of a model with elements
 FINEST = 16  # such steps in a sample
 SCATTERED = 1.2  # times the noise: bends that are no larger are none
+PLATEAU, EQUAL = 4, 1e-9  # extreme samples that are equal, but for so much of them, at the end of a range
 BESIDE = 4  # steps between samples, beside which the first one stands out
 RESPONSES = ("displacement", "voltage", "current", "force")
 
@@ -42,7 +43,8 @@ class Data:
     sigma : mapping of str to float
         Known standard deviations.
     scatter : mapping of str to float
-        Standard deviations of the responses, in the order of `channels`: those known, or what the samples show.
+        Standard deviations of what scatters the responses before they come to the end of a range, in the order of
+        `channels`: none where no range cuts the noise off, too, for then a sensor's range ends before its noise.
     """
 
     name: str
@@ -96,13 +98,20 @@ def data_of(record: Record, transducer: Transducer) -> Data:
     sigma = {c: s.sigma for c, s in record.signals.items() if s.sigma is not None}
     drive = record[record.drive]
     clean = denoised(drive, sigma.get(record.drive, first_guess(drive)))
-    scatter = {c: sigma.get(c, scatter_of(record[c])) for c in channels}
-    abrupt = any(begins_abruptly(record[c], scatter[c]) for c in channels) and not begins_abruptly(clean, 0.0, (1,))
+    noise = {c: sigma.get(c, scatter_of(record[c])) for c in channels}
+    abrupt = any(begins_abruptly(record[c], noise[c]) for c in channels) and not begins_abruptly(clean, 0.0, (1,))
     setting = setting_of(record.drive, record.shunt, step, clean, transducer, abrupt=abrupt)
-    bends = (bend_of(record[c], scatter[c], setting.jumps) for c in channels)
+    bends = (bend_of(record[c], noise[c], setting.jumps) for c in channels)
     fine = int(np.clip(np.ceil(np.sqrt(max(bends) / (12.0 * STRAIGHT))), 1, FINEST))
     setting = replace(setting, fine=fine)
+    scatter = {c: noise[c] if pinned(record[c]) else 0.0 for c in channels}
     return Data(record.name, record.role, record, setting, drive - clean, channels, sigma, scatter)
+
+
+def pinned(values: np.ndarray) -> bool:
+    """Whether extreme samples are equal, as at the end of a converter's range."""
+    sizes = np.abs(values)
+    return int(np.sum(sizes >= (1.0 - EQUAL) * sizes.max())) >= PLATEAU
 
 
 def scatter_of(values: np.ndarray) -> float:
