@@ -14,6 +14,7 @@ from piezoharvest.diagnose.scene import Scene
 from piezoharvest.effects import Effect
 from piezoharvest.identify.descent import ITERATIONS, UNFINISHED, Fit
 from piezoharvest.identify.fit import fit, inflation, inverse, linearised
+from piezoharvest.identify.histories import recalled
 from piezoharvest.identify.identifiable import undetermined
 from piezoharvest.identify.model import Model
 from piezoharvest.identify.problem import Problem, carried, prior_of
@@ -172,6 +173,8 @@ class Trials:
     def redetermined(self, now: Step) -> Step:
         """The same with what the data determines now: without the effect that was found it told less, or seemed to.
 
+        So it is asked again where stops were when the records began.
+
         Whether it tells a parameter that was left at its nominal value is asked of one linearisation there.
         """
         model, found, nominal = now.found.model, now.found, self.problem.nominal
@@ -183,12 +186,15 @@ class Trials:
             found = replace(found, model=full, information=information, prior=prior)
         out = {full.parameters[k].path for k in undetermined(found)} - {parameter.path for parameter in own}
         kept = tuple(parameter for parameter in full.parameters if parameter.path not in out)
-        if kept == model.parameters:
+        begun = recalled(self.problem, now.found)
+        if kept == model.parameters and begun is None:
             return now
         transducer = model.transducer
         for path in out:
             transducer = put(transducer, path, value_at(nominal, path))
-        again = self._kept(self._fit(replace(model, transducer=transducer, parameters=kept), now.found.own, now.found))
+        again = self._kept(
+            self._fit(replace(model, transducer=transducer, parameters=kept), begun or now.found.own, now.found)
+        )
         return again or now
 
     def freed(self, held: Step, now: Step) -> Step | None:

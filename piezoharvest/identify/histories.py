@@ -14,15 +14,13 @@ from piezoharvest.identify.model import Model
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem, prior_of
 from piezoharvest.identify.responses import FrequencyData
-from piezoharvest.identify.sums import Sums
 from piezoharvest.predict.prediction import PredictionError
 
 Tell = Callable[[str], None]
 
 LOADED = 0.1  # of its threshold: a stop that is nearer to zero at the beginning of a record has no history,
 CERTAIN = 4.0  # standard errors, nor one that is nearer than these
-POOR = 1.05  # mean square of a record's whitened residuals, above which its stops may have begun elsewhere
-BETTER = 20.0  # of -2 ln L, by which they have to
+BETTER = 4.0  # of -2 ln L, by which a record has to fit better for that
 ENDS = (1.0, -1.0)  # of a stop's range, to which any large load before the record has taken it
 
 
@@ -39,10 +37,10 @@ def remembers(problem: Problem, found: Fit) -> bool:
 
 
 def recalled(problem: Problem, found: Fit) -> tuple[np.ndarray, ...] | None:
-    """The records' own numbers, where some record is plainly explained better by stops that began at an end.
+    """The records' own numbers, where some record is explained better by stops that began at an end of their range.
 
     No small step may lead there: a stop that slips at once hides where it was, and the charge at the beginning stands
-    in for it. Only records that are left with more than noise are asked.
+    in for it.
 
     Parameters
     ----------
@@ -54,11 +52,36 @@ def recalled(problem: Problem, found: Fit) -> tuple[np.ndarray, ...] | None:
     tuple of (o,) array, or None where nothing is better
     """
     bare = replace(found.model, parameters=())
-    own = [
-        _recalled(problem, bare, found, k) if _excess(found.sums[k]) > POOR else mine
-        for k, mine in enumerate(found.own)
+    history = [_histories(problem, bare, data) for data in problem.data]
+    if not any(map(np.any, history)):
+        return None
+    states = [
+        np.isin(problem.own_names(bare, data), data.setting.free if isinstance(data, Data) else ())
+        for data in problem.data
     ]
+    own, costs = list(found.own), [cost - BETTER for cost in _costs(problem, bare, found)]
+    for end in ENDS:
+        start = [
+            np.where(past, end, np.where(moved, 0.0, mine))
+            for past, moved, mine in zip(history, states, found.own, strict=True)
+        ]
+        try:
+            other = fit(problem, bare, start, found.noise, estimate_noise=False)
+        except (PredictionError, np.linalg.LinAlgError):
+            continue
+        for k, cost in enumerate(_costs(problem, bare, other)):
+            if np.any(history[k]) and cost < costs[k]:
+                own[k], costs[k] = other.own[k], cost
     return None if all(new is old for new, old in zip(own, found.own, strict=True)) else tuple(own)
+
+
+def _costs(problem: Problem, bare: Model, found: Fit) -> list[float]:
+    """-2 ln L of each record, with the priors of its own numbers."""
+    precision = np.split(prior_of(problem, bare)[1], np.cumsum([len(mine) for mine in found.own])[:-1])
+    return [
+        float(sums.squares.sum() + weight @ mine**2)
+        for sums, weight, mine in zip(found.sums, precision, found.own, strict=True)
+    ]
 
 
 def held(
@@ -69,31 +92,6 @@ def held(
     found = fit(problem, bare, own, noise, estimate_noise=False, tell=tell)
     begun = recalled(problem, found)
     return found if begun is None else fit(problem, bare, begun, noise, estimate_noise=False, tell=tell)
-
-
-def _recalled(problem: Problem, bare: Model, found: Fit, k: int) -> np.ndarray:
-    """Own numbers of one record, the best that is found from both ends of the stops' range."""
-    data, best = problem.data[k], found.own[k]
-    history = _histories(problem, bare, data)
-    if not isinstance(data, Data) or not np.any(history):
-        return best
-    alone = Problem([data], problem.nominal, problem.offset_channels)
-    cost = float(found.sums[k].squares.sum() + prior_of(alone, bare)[1] @ best**2) - BETTER
-    states = np.isin(problem.own_names(bare, data), data.setting.free)
-    for end in ENDS:
-        start = np.where(history, end, np.where(states, 0.0, found.own[k]))
-        try:
-            other = fit(alone, bare, [start], found.noise, estimate_noise=False)
-        except (PredictionError, np.linalg.LinAlgError):
-            continue
-        if other.cost < cost:
-            best, cost = other.own[0], other.cost
-    return best
-
-
-def _excess(sums: Sums) -> float:
-    """Mean square of a record's whitened residuals."""
-    return float(sums.squares.sum() / max(sums.count.sum(), 1.0))
 
 
 def _histories(problem: Problem, model: Model, data: Data | FrequencyData) -> np.ndarray:
