@@ -9,6 +9,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from scipy.fft import dct, idct
 
 from piezoharvest.predict.drive import jumps_of
@@ -19,6 +20,7 @@ LEVELS = 13  # windows of 3, 7, 15, ... samples
 SPARE = 2  # levels: averages are over a quarter of the samples that agree, so that their bias is far below the noise
 HELD = 4.0  # standard deviations of the averages within which a drive counts as held at one value
 LOUD = 1.5  # times the noise: a drive whose highest frequencies are stronger has them all
+CORNERS = 4  # degree of the polynomials that have slopes and bends at the ends
 SHORT = 32  # lines that are always kept
 EXACT = 1e-6  # of its range: a drive with less noise is known exactly
 OCTAVE = 0.5  # of the lines: the highest octave has to be noise for a floor to be seen
@@ -73,13 +75,23 @@ def noise_floor(values: np.ndarray) -> tuple[float, int] | None:
 
 
 def _slow(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Values without what is noise alone at high frequencies."""
+    """Values without what is noise alone at high frequencies.
+
+    A cosine transform has a corner at either end unless the drive begins and ends at rest. Of the lines that this adds
+    each may be less than noise, and all together many times as much at the ends: polynomials with the same corners are
+    fitted to them and kept.
+    """
     spectrum = np.asarray(dct(values, norm="ortho"))
     end = _signal_end(spectrum**2)
     if end == len(values) or np.sqrt(np.mean(spectrum[end:] ** 2)) > LOUD * sigma:
         return values
-    spectrum[end:] = 0.0
-    return np.asarray(idct(spectrum, norm="ortho"))
+    corners = dct(legvander(np.linspace(-1.0, 1.0, len(values)), CORNERS)[:, 1:], axis=0, norm="ortho")
+    noise = spectrum
+    for _ in range(2):  # without the corners the noise begins at a lower line, which tells them better
+        noise = spectrum - corners @ np.linalg.lstsq(corners[end:], spectrum[end:])[0]
+        end = min(end, _signal_end(noise**2))
+    noise[:end] = 0.0
+    return values - np.asarray(idct(noise, norm="ortho"))
 
 
 def _signal_end(power: np.ndarray) -> int:

@@ -39,6 +39,8 @@ class Setting:
         Samples.
     free : tuple of str
         States whose start is free.
+    swift : tuple of str
+        Those that have come to rest about these long before the record, as fast as they are.
     abrupt : bool
         Whether the drive jumps to its first value at the first sample, from one that is free.
     fine : int
@@ -52,6 +54,7 @@ class Setting:
     motion: Drive
     count: int
     free: tuple[str, ...] = ()
+    swift: tuple[str, ...] = ()
     abrupt: bool = False
     fine: int = 1
 
@@ -88,7 +91,8 @@ def setting_of(
     bare = Lowered(replace(transducer, effects=()), setting, ())
     M, n = bare.step.M, len(bare.step.M)
     kept = np.abs(np.linalg.matrix_power(M[:, :n], int(SLOW))).max(axis=0)
-    return replace(setting, free=tuple(name for name, k in zip(bare.matrices.states, kept, strict=True) if k > LASTS))
+    free = tuple(name for name, k in zip(bare.matrices.states, kept, strict=True) if k > LASTS)
+    return replace(setting, free=free, swift=tuple(name for name in bare.matrices.states if name not in free))
 
 
 class Lowered:

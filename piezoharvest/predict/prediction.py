@@ -79,7 +79,9 @@ class Prediction:
         self._lowered = lowered = lowered or Lowered(transducer, setting, parameters)
         self.matrices = matrices = lowered.matrices
         self.share, self.step = lowered.share, lowered.step
-        self.free = [matrices.states.index(name) for name in setting.free]
+        self.free, self.swift = (
+            [matrices.states.index(name) for name in some] for some in (setting.free, setting.swift)
+        )
         before = ("drive before",) * setting.abrupt
         # Where the drive comes upon a specimen at rest, its first jump leaves little of what was before.
         relaxed = relaxed or setting.abrupt
@@ -129,6 +131,9 @@ class Prediction:
             off, w = np.zeros(len(matrices.states), complex), np.zeros(len(matrices.kinds), complex)
             states, rest = np.split(own, [len(self.free)])
             off[self.free] = states / self.matrices.scale[self.free]
+            if self.free and self.swift:
+                A = matrices.A[self.swift]
+                off[self.swift] = -np.linalg.solve(A[:, self.swift], A[:, self.free] @ off[self.free])
             first, rest = (rest[0], rest[1:]) if self.setting.abrupt else (self.setting.first, rest)
             w[self.stops] = rest[: len(self.stops)] * matrices.parameters[self.stops]
             z = equilibrium(matrices, self._lowered.inverse, first, w) + matrices.follow @ off
