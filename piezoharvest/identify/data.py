@@ -18,7 +18,7 @@ from piezoharvest.records.record import Record
 from piezoharvest.transducer import Transducer
 
 JITTER = 1e-2  # of the sample time, that stamps may be off a uniform grid
-STRAIGHT = 5e-4  # relative error of what runs straight within a step of a model with elements
+STRAIGHT = 1.0  # times the noise: error of what runs straight within a step of a model with elements
 FINEST = 16  # such steps in a sample
 SCATTERED = 1.2  # times the noise: bends that are no larger are none
 PLATEAU, EQUAL = 4, 1e-9  # extreme samples that are equal, but for so much of them, at the end of a range
@@ -124,7 +124,7 @@ def scatter_of(values: np.ndarray) -> float:
 
 
 def bend_of(values: np.ndarray, sigma: float, jumps: np.ndarray) -> float:
-    """How far a response bends between samples, relative to how it moves: (w h)^2 for a sine of frequency w.
+    """How far a response bends between samples, in units of its noise: (w h)^2 times as far as a sine moves.
 
     A twelfth of it is the error of what is taken to run straight from sample to sample.
     """
@@ -132,7 +132,7 @@ def bend_of(values: np.ndarray, sigma: float, jumps: np.ndarray) -> float:
     beside = jumps[:, None] + np.arange(-2, SOON)  # these steps are small ones anyway
     bends[beside[(beside >= 0) & (beside < len(bends))]] = 0.0
     above = np.mean(bends**2) - SCATTERED * 6.0 * sigma**2 if len(bends) else 0.0
-    return float(np.sqrt(max(above, 0.0) / np.var(values))) if above > 0.0 else 0.0
+    return float(np.sqrt(max(above, 0.0)) / sigma)
 
 
 def begins_abruptly(values: np.ndarray, sigma: float, orders: Sequence[int] = (1, 3)) -> bool:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
-from piezoharvest.identify.data import Data
+from piezoharvest.identify.data import Data, data_of
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.fit import fit, inverse
 from piezoharvest.identify.model import Model
 from piezoharvest.identify.noise import Noise
-from piezoharvest.identify.problem import Problem, prior_of
+from piezoharvest.identify.problem import Problem, prior_of, renamed
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.predict.prediction import PredictionError
 
@@ -21,7 +22,8 @@ Tell = Callable[[str], None]
 LOADED = 0.1  # of its threshold: a stop that is nearer to zero at the beginning of a record has no history,
 CERTAIN = 4.0  # standard errors, nor one that is nearer than these
 BETTER = 4.0  # of -2 ln L, by which a record has to fit better for that
-ENDS = (1.0, -1.0)  # of a stop's range, to which any large load before the record has taken it
+NEARLY = 0.9  # of its threshold: next to the end of its range, where any large load has taken a stop
+BRIEF, MOVED = 1000, 0.05  # samples of a record after its drive has moved, by a part of its range
 
 
 def remembers(problem: Problem, found: Fit) -> bool:
@@ -37,10 +39,10 @@ def remembers(problem: Problem, found: Fit) -> bool:
 
 
 def recalled(problem: Problem, found: Fit) -> tuple[np.ndarray, ...] | None:
-    """The records' own numbers, where some record is explained better by stops that began at an end of their range.
+    """The records' own numbers, where some record is explained better by stops that began elsewhere.
 
     No small step may lead there: a stop that slips at once hides where it was, and the charge at the beginning stands
-    in for it.
+    in for it. Where other starts come to is tried on the beginnings of the records, which show nearly all of it.
 
     Parameters
     ----------
@@ -52,27 +54,51 @@ def recalled(problem: Problem, found: Fit) -> tuple[np.ndarray, ...] | None:
     tuple of (o,) array, or None where nothing is better
     """
     bare = replace(found.model, parameters=())
-    history = [_histories(problem, bare, data) for data in problem.data]
-    if not any(map(np.any, history)):
+    if not any(np.any(_histories(problem, bare, data)) for data in problem.data):
         return None
-    states = [
-        np.isin(problem.own_names(bare, data), data.setting.free if isinstance(data, Data) else ())
-        for data in problem.data
-    ]
-    own, costs = list(found.own), [cost - BETTER for cost in _costs(problem, bare, found)]
-    for end in ENDS:
-        start = [
-            np.where(past, end, np.where(moved, 0.0, mine))
-            for past, moved, mine in zip(history, states, found.own, strict=True)
-        ]
+    short = Problem([_beginning(data, problem) for data in problem.data], problem.nominal, problem.offset_channels)
+    near = fit(short, bare, renamed(problem, found.own, short, bare), found.noise, estimate_noise=False)
+    own = renamed(short, _best(short, near), problem, bare, found.own)
+    again = fit(problem, bare, own, found.noise, estimate_noise=False)
+    costs = zip(_costs(problem, bare, again), _costs(problem, bare, found), strict=True)
+    better = [new < old - BETTER for new, old in costs]
+    if not any(better):
+        return None
+    return tuple(new if some else old for some, new, old in zip(better, again.own, found.own, strict=True))
+
+
+def _beginning(data: Data | FrequencyData, problem: Problem) -> Data | FrequencyData:
+    """First part of a record, until its drive has moved for some time."""
+    if not isinstance(data, Data):
+        return data
+    drive = data.record[data.drive]
+    count = BRIEF + int(np.argmax(np.abs(drive - drive[0]) > MOVED * np.ptp(drive)))
+    return data_of(data.record.beginning(count), problem.nominal) if count < len(data) else data
+
+
+def _best(problem: Problem, near: Fit) -> tuple[np.ndarray, ...]:
+    """Own numbers of the records, the best that are found from several histories.
+
+    A load that turned before it came to the record has left small stops at one end and large ones at the other.
+    """
+    bare = near.model
+    history = [_histories(problem, bare, data) for data in problem.data]
+    free = [np.isin(problem.own_names(bare, d), d.setting.free if isinstance(d, Data) else ()) for d in problem.data]
+    own, costs = list(near.own), _costs(problem, bare, near)
+    for turned, sign, kept in product(range(max(map(np.count_nonzero, history))), (1.0, -1.0), (1.0, 0.0)):
+        start = []
+        for past, states, mine in zip(history, free, near.own, strict=True):
+            begun = np.where(states, kept * mine, mine)
+            begun[past] = NEARLY * sign * np.where(np.arange(np.count_nonzero(past)) < turned, -1.0, 1.0)
+            start.append(begun)
         try:
-            other = fit(problem, bare, start, found.noise, estimate_noise=False)
+            other = fit(problem, bare, start, near.noise, estimate_noise=False)
         except (PredictionError, np.linalg.LinAlgError):
             continue
         for k, cost in enumerate(_costs(problem, bare, other)):
-            if np.any(history[k]) and cost < costs[k]:
+            if cost < costs[k]:
                 own[k], costs[k] = other.own[k], cost
-    return None if all(new is old for new, old in zip(own, found.own, strict=True)) else tuple(own)
+    return tuple(own)
 
 
 def _costs(problem: Problem, bare: Model, found: Fit) -> list[float]:

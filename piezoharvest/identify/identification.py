@@ -16,7 +16,7 @@ from piezoharvest.identify.histories import held, recalled, remembers
 from piezoharvest.identify.identifiable import combination, experiment, undetermined
 from piezoharvest.identify.model import Model, residual_blocks
 from piezoharvest.identify.noise import Noise
-from piezoharvest.identify.problem import Problem, carried
+from piezoharvest.identify.problem import Problem, carried, renamed
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.identify.starts import started
 from piezoharvest.parameters import ParameterError
@@ -201,13 +201,7 @@ def _first_fit(problem: Problem, model: Model, tell: Tell) -> Fit:
         return started(problem, model, tell)
     part = Problem(data, problem.nominal, problem.offset_channels)
     near = started(part, model, tell)
-    known = [
-        dict(zip(part.own_names(near.model, each), own, strict=True)) for each, own in zip(data, near.own, strict=True)
-    ]
-    own = [
-        np.array([values.get(name, 0.0) for name in problem.own_names(near.model, each)])
-        for each, values in zip(problem.data, known, strict=True)
-    ]
+    own = renamed(part, near.own, problem, near.model)
     return fit(problem, near.model, own, near.noise, tell=tell, rounds=2)
 
 

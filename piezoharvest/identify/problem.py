@@ -92,6 +92,28 @@ def carried(problem: Problem, before: Model, own: Sequence[np.ndarray], after: M
     return tuple(found)
 
 
+def renamed(
+    before: Problem, own: Sequence[np.ndarray], after: Problem, model: Model, rest: Sequence[np.ndarray] | None = None
+) -> tuple[np.ndarray, ...]:
+    """The own numbers of records that are cut elsewhere: those of the same name stay, others are as in the rest.
+
+    Parameters
+    ----------
+    before, after : Problem
+        Of the same records.
+    own : sequence of (o,) array
+    model : Model
+    rest : sequence of (o,) array, optional
+        Default zero.
+    """
+    found = []
+    for old, new, mine, other in zip(before.data, after.data, own, rest or after.start(model), strict=True):
+        values = dict(zip(_numbered(before.own_names(model, old)), mine, strict=True))
+        names = _numbered(after.own_names(model, new))
+        found.append(np.array([values.get(name, value) for name, value in zip(names, other, strict=True)]))
+    return tuple(found)
+
+
 def _numbered(names: Sequence[str]) -> list[tuple[str, int]]:
     return [(name, list(names[:k]).count(name)) for k, name in enumerate(names)]
 
