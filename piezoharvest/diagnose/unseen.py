@@ -10,8 +10,9 @@ import numpy as np
 from piezoharvest.diagnose.leftover import Leftover, structure
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.descent import Fit
-from piezoharvest.identify.histories import held
+from piezoharvest.identify.fit import fit
 from piezoharvest.identify.identification import Identification, prepared
+from piezoharvest.identify.model import Model
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem, carried
 from piezoharvest.identify.sums import Sums
@@ -39,13 +40,24 @@ def validated(campaign: Campaign, before: Identification, found: Sequence[Fit]) 
     problem = Problem(data, campaign.transducer, before.offsets)
     noise = Noise({**problem.noise().sigma, **before.noise.sigma})
     fits: list[Fit] = []
-    for model in (each.model for each in found):
-        starts = [carried(problem, fits[-1].model, fits[-1].own, model)] if fits else []
-        if not fits or any(len(each.setting.jumps) for each in data if isinstance(each, Data)):
+    for model in (replace(each.model, parameters=()) for each in found):
+        starts = [
+            carried(problem, fits[-1].model, fits[-1].own, model) if fits else _identified(problem, before, model)
+        ]
+        if any(len(each.setting.jumps) for each in data if isinstance(each, Data)):
             starts.append(problem.start(model))  # when a drive jumped may be caught beside the instant
-        tried = (held(problem, model, own, noise) for own in starts)
+        tried = (fit(problem, model, own, noise, estimate_noise=False) for own in starts)
         fits.append(min(tried, key=lambda each: each.cost))
     return problem, fits
+
+
+def _identified(problem: Problem, before: Identification, model: Model) -> tuple[np.ndarray, ...]:
+    """Own numbers of the records as they were identified."""
+    known = {record.name: record.own for record in before.records}
+    return tuple(
+        np.array([known.get(data.name, {}).get(name, 0.0) for name in problem.own_names(model, data)])
+        for data in problem.data
+    )
 
 
 def shown_by(unseen: Problem, check: Fit) -> tuple[Leftover, ...]:

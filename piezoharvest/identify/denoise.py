@@ -85,7 +85,7 @@ def _slow(values: np.ndarray, sigma: float) -> np.ndarray:
     end = _signal_end(spectrum**2)
     if end == len(values) or np.sqrt(np.mean(spectrum[end:] ** 2)) > LOUD * sigma:
         return values
-    corners = dct(legvander(np.linspace(-1.0, 1.0, len(values)), CORNERS)[:, 1:], axis=0, norm="ortho")
+    corners = np.asarray(dct(legvander(np.linspace(-1.0, 1.0, len(values)), CORNERS)[:, 1:], axis=0, norm="ortho"))
     noise = spectrum
     for _ in range(2):  # without the corners the noise begins at a lower line, which tells them better
         noise = spectrum - corners @ np.linalg.lstsq(corners[end:], spectrum[end:])[0]

@@ -149,7 +149,7 @@ def descend(
         if here.cost - AHEAD * _pace(costs, hopes) > aim:
             message = "given up: it would not come to what others have reached"
             break
-    if here.model is first.model:
+    if here.values is first.values:
         here = first
     elif not loose:
         # Models pass on the noise of the drive in their own ways: each is judged by residuals that its own way makes

@@ -23,6 +23,7 @@ LOADED = 0.1  # of its threshold: a stop that is nearer to zero at the beginning
 CERTAIN = 4.0  # standard errors, nor one that is nearer than these
 BETTER = 4.0  # of -2 ln L, by which a record has to fit better for that
 NEARLY = 0.9  # of its threshold: next to the end of its range, where any large load has taken a stop
+ROUGHLY, FEW = 1.0, 6  # of -2 ln L that may still be promised, and iterations, of what only leads to the next fit
 BRIEF, MOVED = 1000, 0.05  # samples of a record after its drive has moved, by a part of its range
 
 
@@ -57,7 +58,8 @@ def recalled(problem: Problem, found: Fit) -> tuple[np.ndarray, ...] | None:
     if not any(np.any(_histories(problem, bare, data)) for data in problem.data):
         return None
     short = Problem([_beginning(data, problem) for data in problem.data], problem.nominal, problem.offset_channels)
-    near = fit(short, bare, renamed(problem, found.own, short, bare), found.noise, estimate_noise=False)
+    begun = renamed(problem, found.own, short, bare)
+    near = fit(short, bare, begun, found.noise, estimate_noise=False, enough=ROUGHLY)
     own = renamed(short, _best(short, near), problem, bare, found.own)
     again = fit(problem, bare, own, found.noise, estimate_noise=False)
     costs = zip(_costs(problem, bare, again), _costs(problem, bare, found), strict=True)
@@ -92,7 +94,7 @@ def _best(problem: Problem, near: Fit) -> tuple[np.ndarray, ...]:
             begun[past] = NEARLY * sign * np.where(np.arange(np.count_nonzero(past)) < turned, -1.0, 1.0)
             start.append(begun)
         try:
-            other = fit(problem, bare, start, near.noise, estimate_noise=False)
+            other = fit(problem, bare, start, near.noise, estimate_noise=False, enough=ROUGHLY, most=FEW)
         except (PredictionError, np.linalg.LinAlgError):
             continue
         for k, cost in enumerate(_costs(problem, bare, other)):

@@ -61,6 +61,8 @@ def inner_values(model: Model) -> np.ndarray:
 
 def moved(model: Model, values: np.ndarray) -> Model:
     """Model with other values of what is varied."""
+    if not model.parameters:
+        return model  # with its equations, which take longer than a short record
     transducer = model.transducer
     for parameter, value in zip(model.parameters, values, strict=True):
         transducer = put(transducer, parameter.path, float(np.real(parameter.outer(float(value)))))
