@@ -18,6 +18,7 @@ from piezoharvest.records.record import Record
 from piezoharvest.transducer import Transducer
 
 JITTER = 1e-2  # of the sample time, that stamps may be off a uniform grid
+FAINT = 5e-5  # of how far a response moves: less noise does not ask for more
 STRAIGHT = 1.0  # times the noise: error of what runs straight within a step of a model with elements
 FINEST = 16  # such steps in a sample
 SCATTERED = 1.2  # times the noise: bends that are no larger are none
@@ -126,13 +127,15 @@ def scatter_of(values: np.ndarray) -> float:
 def bend_of(values: np.ndarray, sigma: float, jumps: np.ndarray) -> float:
     """How far a response bends between samples, in units of its noise: (w h)^2 times as far as a sine moves.
 
+    What is all but free of noise is only asked to be right to a small part of how far it moves.
+
     A twelfth of it is the error of what is taken to run straight from sample to sample.
     """
     bends = np.diff(values, 2)
     beside = jumps[:, None] + np.arange(-2, SOON)  # these steps are small ones anyway
     bends[beside[(beside >= 0) & (beside < len(bends))]] = 0.0
     above = np.mean(bends**2) - SCATTERED * 6.0 * sigma**2 if len(bends) else 0.0
-    return float(np.sqrt(max(above, 0.0)) / sigma)
+    return float(np.sqrt(above) / max(sigma, FAINT * values.std())) if above > 0.0 else 0.0
 
 
 def begins_abruptly(values: np.ndarray, sigma: float, orders: Sequence[int] = (1, 3)) -> bool:

@@ -5,18 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from piezoharvest.identify.data import bend_of
+from piezoharvest.identify.data import FAINT, bend_of
 
 TIME = np.arange(10_000) / 1000.0
 NONE = np.zeros(0, int)
 
 
-@pytest.mark.parametrize("frequency", [1.0, 48.0, 150.0])
-def test_a_sine_bends_by_the_square_of_what_it_turns_in_a_sample(frequency):
-    turn = 2 * np.pi * frequency * 1e-3
-    noise = 1e-5 * np.random.default_rng(1).standard_normal(len(TIME))
-    found = bend_of(np.sin(2 * np.pi * frequency * TIME) + noise, 1e-5, NONE)
-    assert found == pytest.approx(2.0 * (1.0 - np.cos(turn)), rel=0.2 if frequency == 1.0 else 0.01)
+@pytest.mark.parametrize(
+    ("frequency", "sigma"), [(1.0, 1e-5), (48.0, 1e-5), (150.0, 1e-5), (48.0, 1e-3), (150.0, 1e-3)]
+)
+def test_a_sine_bends_by_the_square_of_what_it_turns_in_a_sample(frequency, sigma):
+    turn, size = 2 * np.pi * frequency * 1e-3, np.sqrt(0.5)
+    noise = sigma * np.random.default_rng(1).standard_normal(len(TIME))
+    found = bend_of(np.sin(2 * np.pi * frequency * TIME) + noise, sigma, NONE)
+    bend = 2.0 * (1.0 - np.cos(turn)) * size / max(sigma, FAINT * size)
+    assert found == pytest.approx(bend, rel=0.2 if frequency == 1.0 else 0.01)
 
 
 def test_noise_alone_does_not_bend():
@@ -25,5 +28,5 @@ def test_noise_alone_does_not_bend():
 
 def test_a_step_that_small_steps_follow_does_not_bend():
     values = np.where(TIME < 5.0, 0.0, 1.0 - 0.3 * np.exp(-np.maximum(TIME - 5.0, 0.0) / 1e-3))
-    assert bend_of(values, 0.0, NONE) > 1e-2
-    assert bend_of(values, 0.0, np.array([4999])) < 1e-6
+    assert bend_of(values, 0.0, NONE) > 1e-2 / FAINT
+    assert bend_of(values, 0.0, np.array([4999])) < 1e-6 / FAINT

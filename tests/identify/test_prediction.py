@@ -335,6 +335,18 @@ def test_a_sensor_that_lags_has_followed_what_it_sees_before_the_record():
     np.testing.assert_allclose(without - little, 1e-5 * velocity, atol=0.05 * np.abs(1e-5 * velocity).max())
 
 
+def test_a_charge_that_is_off_equilibrium_has_moved_the_displacement_before_the_record():
+    device = build_transducer(LINEAR)
+    setting = setting_of("force", build_shunt(LOAD), 1e-3, np.full(50, 300.0), device)
+    prediction = Prediction(device, setting, own=np.array([4e-6]))
+    (block,) = prediction.blocks(False)
+    displacement, voltage, _ = block.values.T
+    assert prediction.channels[:2] == ("displacement", "voltage")
+    assert abs(voltage[0]) > 0.5
+    quasistatic = (300.0 + device.coupling * voltage) / device.stiffness
+    assert displacement == pytest.approx(quasistatic, rel=1e-6)
+
+
 def test_derivatives_where_a_lagging_sensor_begins():
     own, varied = (
         np.array([1e-4, 0.02, 1e-8]),

@@ -1,0 +1,31 @@
+"""A range that ends before the noise: no two readings at it are alike."""
+
+import numpy as np
+import pytest
+from diagnose_runs import RECORDS, campaign
+
+from piezoharvest.diagnose import diagnose
+from piezoharvest.effects import Clipping, Leakage, Stiffening
+from piezoharvest.identify import identify
+from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.model import residual_blocks
+
+
+@pytest.mark.parametrize("channel", ["voltage", "current"])
+def test_a_range_that_ends_before_the_noise_is_found(channel, tmp_path):
+    measured = campaign(tmp_path, records=RECORDS[:3])
+    before = identify(measured, offsets=("displacement",))
+    data = prepared(measured, "fit")
+    limit = 0.95 * max(np.abs(each.record[channel]).max() for each in data)
+    for each, own in zip(data, before.found.own, strict=True):
+        for _, begin, residual, _ in residual_blocks(before.found.model, each, own, False):
+            values = each.record[channel][begin : begin + len(residual)]
+            noise = residual[:, each.channels.index(channel)]
+            values[:] = np.clip(values - noise, -limit, limit) + noise
+    assert sum(np.count_nonzero(np.abs(each.record[channel]) > limit) for each in data) > 10
+    found = diagnose(measured, library=[Clipping, Leakage, Stiffening])
+    assert found.verdict == "effect"
+    (named,) = found.effects
+    assert (named.effect.name, named.effect.channel) == ("clipping", channel)
+    value, std, _ = named.values["limit"]
+    assert value == pytest.approx(limit, abs=4.0 * std)
