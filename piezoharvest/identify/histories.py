@@ -87,7 +87,9 @@ def _best(problem: Problem, near: Fit) -> tuple[np.ndarray, ...]:
     history = [_histories(problem, bare, data) for data in problem.data]
     free = [np.isin(problem.own_names(bare, d), d.setting.free if isinstance(d, Data) else ()) for d in problem.data]
     own, costs = list(near.own), _costs(problem, bare, near)
-    for turned, sign, kept in product(range(max(map(np.count_nonzero, history))), (1.0, -1.0), (1.0, 0.0)):
+    alike = product((0,), (1.0, -1.0), (0.0,))  # and at rest
+    several = product(range(max(map(np.count_nonzero, history))), (1.0, -1.0), (1.0,))
+    for turned, sign, kept in (*alike, *several):
         start = []
         for past, states, mine in zip(history, free, near.own, strict=True):
             begun = np.where(states, kept * mine, mine)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -403,3 +405,17 @@ class TestDynamics:
         of, device = stack_sine()
         assert device.short_circuit_frequency > 20 * of.sample_rate
         assert check(of, device) == ()
+
+
+@pytest.mark.parametrize("excitation", [sine(), sine(5.0), hold(1250.0)], ids=["sine", "fast", "step"])
+def test_noise_that_is_stated_in_another_unit(excitation):
+    clean, device = generator(STACK, resistor(), excitation, duration=6.0)
+    of = measured(clean, noise=2e-3, bits=16)
+    sigma = {channel: 2e-3 * float(np.std(clean[channel])) for channel in of.signals}
+
+    def stated(factor):
+        signals = {c: replace(s, sigma=sigma[c] * (factor if c == "voltage" else 1.0)) for c, s in of.signals.items()}
+        return replace(of, signals=signals)
+
+    assert check(stated(1.0), device) == check(of, device) == ()
+    assert only(stated(1e-3), device, "sigma", "voltage", "warning").message.startswith("found noise")

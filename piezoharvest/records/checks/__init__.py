@@ -13,6 +13,7 @@ from piezoharvest.records.checks.frequency import check_frequency
 from piezoharvest.records.checks.hum import mains_hum
 from piezoharvest.records.checks.model import against_model
 from piezoharvest.records.checks.raw import clock, not_a_number
+from piezoharvest.records.checks.stated import stated_noise
 from piezoharvest.records.checks.stuck import constant, standing_still
 from piezoharvest.records.finding import Finding
 from piezoharvest.records.record import FrequencyRecord, Record
@@ -43,6 +44,7 @@ def check(record: Record | FrequencyRecord, transducer: Transducer) -> tuple[Fin
     found = list(_raw(record))
     if _errors(found):
         return tuple(found)
+    found += stated_noise(record)
     spectra = Spectra(record)
     lost = lost_between_samples(record, spectra, transducer)
     if lost < _ALIASED:
