@@ -26,7 +26,7 @@ from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.campaign import Campaign
 
 OFFSETS = ("displacement",)  # whose origin is where the sensor was put
-ASTRAY = 10.0  # times or parts of its nominal value: what a parameter has there is not its own
+ASTRAY = 5.0  # times or parts of its nominal value: what a parameter has there is not its own
 LITTLE = 9.0  # of the sum of squares: less above the noise is not shared out, it may be chance
 
 

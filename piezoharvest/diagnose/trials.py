@@ -173,9 +173,8 @@ class Trials:
     def redetermined(self, now: Step) -> Step:
         """The same with what the data determines now: without the effect that was found it told less, or seemed to.
 
-        So it is asked again where stops were when the records began.
-
-        Whether it tells a parameter that was left at its nominal value is asked of one linearisation there.
+        So it is asked again where stops were when the records began. Whether it tells a parameter that was left at its
+        nominal value is asked of one linearisation there.
         """
         model, found, nominal = now.found.model, now.found, self.problem.nominal
         own = tuple(parameter for parameter in model.parameters if parameter.path[0] == "effects")
