@@ -139,22 +139,21 @@ class _Part(Compiler):
 
 
 @contextmanager
-def _types_remembered(typing: Any) -> Iterator[None]:
+def _types_remembered() -> Iterator[None]:
     """Look up once what an operation on given types results in: there are few, and each is met thousands of times."""
-    find, known = typing.resolve_function_type, {}
+    find, known = types.Function.get_call_type, {}
 
-    def resolve(function: Any, args: tuple, keywords: dict) -> Any:
-        if keywords or not isinstance(function, types.Function):
-            return find(function, args, keywords)
-        if (function, args) not in known:
-            known[function, args] = find(function, args, keywords)
-        return known[function, args]
+    def call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
+        operation = self, context, tuple(args), *kws.items()
+        if operation not in known:
+            known[operation] = find(self, context, args, kws)
+        return known[operation]
 
-    typing.resolve_function_type = resolve
+    types.Function.get_call_type = call_type
     try:
         yield
     finally:
-        del typing.resolve_function_type
+        types.Function.get_call_type = find
 
 
 class _Entry(Compiler):
@@ -165,7 +164,7 @@ class _Entry(Compiler):
         collecting = gc.isenabled()
         gc.disable()
         try:
-            with _types_remembered(self.state.typingctx):
+            with _types_remembered():
                 return super().compile_extra(func)
         finally:
             if collecting:
@@ -182,8 +181,16 @@ class _Entry(Compiler):
 def _part(function: Callable, **options: Any) -> Any:
     """A part, compiled once for whole numbers and not again for every constant that a caller gives it."""
     dispatcher: Any = njit(pipeline_class=_Part, **_OPTIONS, **options)(function)
-    find = dispatcher.get_call_template
-    dispatcher.get_call_template = lambda args, kws: find(tuple(map(types.unliteral, args)), kws)
+    find, known = dispatcher.get_call_template, {}
+
+    def template(args: tuple, kws: dict) -> Any:
+        numbers = tuple(map(types.unliteral, args))
+        call = *numbers, *kws.items()
+        if call not in known:
+            known[call] = find(numbers, kws)
+        return known[call]
+
+    dispatcher.get_call_template = template
     return dispatcher
 
 
