@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 
 from piezoharvest.identify.data import Data, data_of
 from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.evaluation import WORKERS
 from piezoharvest.identify.fit import fit, inverse
 from piezoharvest.identify.model import Model
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem, prior_of, renamed
 from piezoharvest.identify.responses import FrequencyData
+from piezoharvest.identify.sums import Sums
 from piezoharvest.predict.prediction import PredictionError
 
 Tell = Callable[[str], None]
@@ -24,7 +29,13 @@ CERTAIN = 4.0  # standard errors, nor one that is nearer than these
 BETTER = 4.0  # of -2 ln L, by which a record has to fit better for that
 NEARLY = 0.9  # of its threshold: next to the end of its range, where any large load has taken a stop
 ROUGHLY, FEW = 1.0, 6  # of -2 ln L that may still be promised, and iterations, of what only leads to the next fit
-BRIEF, MOVED = 1000, 0.05  # samples of a record after its drive has moved, by a part of its range
+UNDECIDED = 10.0  # of -2 ln L of its beginning, that a history may cost more and still be the record's
+BRIEF, WIPED = 1000, 0.95  # samples of a record after its drive has gone through a part of its range
+
+
+def memories(problem: Problem, model: Model) -> bool:
+    """Whether some record may begin with stops that are not at zero."""
+    return any(np.any(_histories(problem, model, data)) for data in problem.data)
 
 
 def remembers(problem: Problem, found: Fit) -> bool:
@@ -36,14 +47,14 @@ def remembers(problem: Problem, found: Fit) -> bool:
     std = np.sqrt(np.diag(inverse(found.information + found.prior)))[len(found.model.parameters) :]
     std[np.abs(own) >= problem.own_limits(found.model)] = 0.0  # a stop that slips there hides how surely it does
     history = np.concatenate([_histories(problem, found.model, data) for data in problem.data])
-    return not np.any(history) or bool(np.any(np.abs(own) > np.maximum(LOADED, CERTAIN * std), where=history))
+    return bool(np.any(np.abs(own) > np.maximum(LOADED, CERTAIN * std), where=history))
 
 
 def recalled(problem: Problem, found: Fit) -> tuple[np.ndarray, ...] | None:
     """The records' own numbers, where some record is explained better by stops that began elsewhere.
 
     No small step may lead there: a stop that slips at once hides where it was, and the charge at the beginning stands
-    in for it. Where other starts come to is tried on the beginnings of the records, which show nearly all of it.
+    in for it. Where other starts come to is tried on the beginnings of the records, which show it.
 
     Parameters
     ----------
@@ -55,63 +66,53 @@ def recalled(problem: Problem, found: Fit) -> tuple[np.ndarray, ...] | None:
     tuple of (o,) array, or None where nothing is better
     """
     bare = replace(found.model, parameters=())
-    if not any(np.any(_histories(problem, bare, data)) for data in problem.data):
-        return None
-    short = Problem([_beginning(data, problem) for data in problem.data], problem.nominal, problem.offset_channels)
-    begun = renamed(problem, found.own, short, bare)
-    near = fit(short, bare, begun, found.noise, estimate_noise=False, enough=ROUGHLY)
-    own = renamed(short, _best(short, near), problem, bare, found.own)
-    again = fit(problem, bare, own, found.noise, estimate_noise=False)
-    costs = zip(_costs(problem, bare, again), _costs(problem, bare, found), strict=True)
-    better = [new < old - BETTER for new, old in costs]
-    if not any(better):
-        return None
-    return tuple(new if some else old for some, new, old in zip(better, again.own, found.own, strict=True))
+
+    def better(one: Problem, mine: np.ndarray, sums: Sums) -> np.ndarray:
+        if not np.any(_histories(one, bare, one.data[0])):
+            return mine
+        begun = _begun(one, bare, mine, found.noise)
+        again = min((_alone(one, bare, own, found.noise) for own in begun), key=lambda each: each.cost)
+        cost = float(sums.squares.sum() + prior_of(one, bare)[1] @ mine**2)
+        return again.own[0] if again.cost < cost - BETTER else mine
+
+    own = _apart(better, problem, found.own, found.sums)
+    return None if all(new is old for new, old in zip(own, found.own, strict=True)) else own
 
 
-def _beginning(data: Data | FrequencyData, problem: Problem) -> Data | FrequencyData:
-    """First part of a record, until its drive has moved for some time."""
-    if not isinstance(data, Data):
-        return data
-    drive = data.record[data.drive]
-    count = BRIEF + int(np.argmax(np.abs(drive - drive[0]) > MOVED * np.ptp(drive)))
-    return data_of(data.record.beginning(count), problem.nominal) if count < len(data) else data
-
-
-def _best(problem: Problem, near: Fit) -> tuple[np.ndarray, ...]:
-    """Own numbers of the records, the best that are found from several histories.
+def _begun(one: Problem, bare: Model, own: np.ndarray, noise: Noise) -> list[np.ndarray]:
+    """Own numbers of a record that several histories lead to, those between which its beginning does not decide.
 
     A load that turned before it came to the record has left small stops at one end and large ones at the other.
     """
-    bare = near.model
-    history = [_histories(problem, bare, data) for data in problem.data]
-    free = [np.isin(problem.own_names(bare, d), d.setting.free if isinstance(d, Data) else ()) for d in problem.data]
-    own, costs = list(near.own), _costs(problem, bare, near)
+    short = Problem([_beginning(one.data[0], one)], one.nominal, one.offset_channels)
+    near = _alone(short, bare, renamed(one, [own], short, bare)[0], noise, enough=ROUGHLY)
+    past = _histories(short, bare, short.data[0])
+    states = np.isin(short.own_names(bare, short.data[0]), _free(short))
     alike = product((0,), (1.0, -1.0), (0.0,))  # and at rest
-    several = product(range(max(map(np.count_nonzero, history))), (1.0, -1.0), (1.0,))
+    several = product(range(np.count_nonzero(past)), (1.0, -1.0), (1.0,))
+    ends = [near]
     for turned, sign, kept in (*alike, *several):
-        start = []
-        for past, states, mine in zip(history, free, near.own, strict=True):
-            begun = np.where(states, kept * mine, mine)
-            begun[past] = NEARLY * sign * np.where(np.arange(np.count_nonzero(past)) < turned, -1.0, 1.0)
-            start.append(begun)
-        try:
-            other = fit(problem, bare, start, near.noise, estimate_noise=False, enough=ROUGHLY, most=FEW)
-        except (PredictionError, np.linalg.LinAlgError):
-            continue
-        for k, cost in enumerate(_costs(problem, bare, other)):
-            if cost < costs[k]:
-                own[k], costs[k] = other.own[k], cost
-    return tuple(own)
+        start = np.where(states, kept * near.own[0], near.own[0])
+        start[past] = NEARLY * sign * np.where(np.arange(np.count_nonzero(past)) < turned, -1.0, 1.0)
+        with suppress(PredictionError, np.linalg.LinAlgError):
+            ends.append(_alone(short, bare, start, noise, enough=ROUGHLY, most=FEW))
+    ends.sort(key=lambda each: each.cost)
+    apart: list[Fit] = []
+    for end in ends:
+        new = all(np.abs(end.own[0] - other.own[0])[past].max() > LOADED for other in apart)
+        if new and end.cost < ends[0].cost + UNDECIDED:
+            apart.append(end)
+    return [renamed(short, each.own, one, bare, [own])[0] for each in apart]
 
 
-def _costs(problem: Problem, bare: Model, found: Fit) -> list[float]:
-    """-2 ln L of each record, with the priors of its own numbers."""
-    precision = np.split(prior_of(problem, bare)[1], np.cumsum([len(mine) for mine in found.own])[:-1])
-    return [
-        float(sums.squares.sum() + weight @ mine**2)
-        for sums, weight, mine in zip(found.sums, precision, found.own, strict=True)
-    ]
+def _beginning(data: Data | FrequencyData, problem: Problem) -> Data | FrequencyData:
+    """First part of a record, until its drive has moved far enough to take all stops to an end of their range."""
+    if not isinstance(data, Data):
+        return data
+    drive = data.record[data.drive]
+    moved = np.maximum.accumulate(drive) - np.minimum.accumulate(drive)
+    count = BRIEF + int(np.argmax(moved > WIPED * moved[-1]))
+    return data_of(data.record.beginning(count), problem.nominal) if count < len(data) else data
 
 
 def held(
@@ -119,9 +120,30 @@ def held(
 ) -> Fit:
     """Fit of the records' own numbers alone."""
     bare = replace(model, parameters=())
-    found = fit(problem, bare, own, noise, estimate_noise=False, tell=tell)
+
+    def fitted(own: Sequence[np.ndarray]) -> Fit:
+        each = _apart(lambda one, mine: _alone(one, bare, mine, noise).own[0], problem, own)
+        return fit(problem, bare, each, noise, estimate_noise=False, tell=tell)
+
+    found = fitted(problem.start(bare) if own is None else own)
     begun = recalled(problem, found)
-    return found if begun is None else fit(problem, bare, begun, noise, estimate_noise=False, tell=tell)
+    return found if begun is None else fitted(begun)
+
+
+def _apart(function: Callable[..., np.ndarray], problem: Problem, *each: Sequence) -> tuple[np.ndarray, ...]:
+    """What a function says of every record, and of what belongs to it: no record knows of another's own numbers."""
+    alone = [Problem([data], problem.nominal, problem.offset_channels) for data in problem.data]
+    with ThreadPoolExecutor(WORKERS) as pool:
+        return tuple(pool.map(function, alone, *each))
+
+
+def _alone(one: Problem, bare: Model, own: np.ndarray, noise: Noise, **options: Any) -> Fit:
+    return fit(one, bare, [own], noise, estimate_noise=False, **options)
+
+
+def _free(one: Problem) -> tuple[str, ...]:
+    """States of a record whose start is free."""
+    return one.data[0].setting.free if isinstance(one.data[0], Data) else ()
 
 
 def _histories(problem: Problem, model: Model, data: Data | FrequencyData) -> np.ndarray:

@@ -12,7 +12,7 @@ from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.evaluation import side_by_side
 from piezoharvest.identify.fit import covariance, fit
 from piezoharvest.identify.gain import gain_of
-from piezoharvest.identify.histories import held, recalled, remembers
+from piezoharvest.identify.histories import held, memories, recalled, remembers
 from piezoharvest.identify.identifiable import combination, experiment, undetermined
 from piezoharvest.identify.model import Model, residual_blocks
 from piezoharvest.identify.noise import Noise
@@ -169,7 +169,8 @@ def identify(
     if begun is not None:
         tell("some records begin after a load that is not recorded")
         first = fit(problem, first.model, begun, first.noise, tell=tell, rounds=2)
-    model = first.model if remembers(problem, first) else replace(first.model, relaxed=True)
+    relaxed = memories(problem, first.model) and not remembers(problem, first)
+    model = replace(first.model, relaxed=True) if relaxed else first.model
     own = carried(problem, first.model, first.own, model)
     fixed = undetermined(first)
     kept = [p for k, p in enumerate(parameters) if k not in fixed]

@@ -12,6 +12,7 @@ from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.evaluation import sums_of, whiteners
 from piezoharvest.identify.first_values import first_values
 from piezoharvest.identify.fit import fit
+from piezoharvest.identify.histories import held, remembers
 from piezoharvest.identify.model import Model
 from piezoharvest.identify.problem import Problem
 from piezoharvest.predict.parameters import put, value_at
@@ -54,14 +55,37 @@ def started(problem: Problem, model: Model, tell: Callable[[str], None]) -> Fit:
     best = fit(problem, first, own, tell=tell, rounds=2)
     if _excess(best) < POOR:
         return best
-    found = best
+    other = _remembering(problem, replace(first, parameters=model.parameters), own, best, tell)
+    if other is None:
+        other = _restretched(problem, first, own, best, tell)
+    return best if other is None else fit(problem, other.model, other.own, tell=tell, rounds=2)
+
+
+def _remembering(problem: Problem, first: Model, own, best: Fit, tell: Callable[[str], None]) -> Fit | None:
+    """Fit from stops that began where the first values want them, if it is better than the best.
+
+    While stops are taken to begin elsewhere than they did, operators exchange their parts to explain it.
+    """
+    begun = held(problem, first, own, best.noise)
+    if not remembers(problem, begun):
+        return None
+    tell("another start: stops that began elsewhere")
+    return _better(problem, first, begun.own, best)
+
+
+def _restretched(problem: Problem, first: Model, own, best: Fit, tell: Callable[[str], None]) -> Fit | None:
+    """The best fit from other thresholds, if it is better than the best."""
+    found = None
     for stretch in STRETCHES:
         tell(f"another start: thresholds {stretch:g} times the first ones")
-        start = _stretched(first, stretch)
-        other = fit(problem, start, own, best.noise, estimate_noise=False, enough=_enough(problem), tell=tell)
-        if other.cost < found.cost - _enough(problem):
-            found = other
-    return best if found is best else fit(problem, found.model, found.own, tell=tell, rounds=2)
+        found = _better(problem, _stretched(first, stretch), own, found or best) or found
+    return found
+
+
+def _better(problem: Problem, start: Model, own, best: Fit) -> Fit | None:
+    """Rough fit from there, if it is better than the best."""
+    other = fit(problem, start, own, best.noise, estimate_noise=False, enough=_enough(problem))
+    return other if other.cost < best.cost - _enough(problem) else None
 
 
 def _cheaper(problem: Problem, nominal: Model, told: Model) -> Model:
