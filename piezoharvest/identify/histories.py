@@ -28,7 +28,7 @@ LOADED = 0.1  # of its threshold: a stop that is nearer to zero at the beginning
 CERTAIN = 4.0  # standard errors, nor one that is nearer than these
 BETTER = 4.0  # of -2 ln L, by which a record has to fit better for that
 NEARLY = 0.9  # of its threshold: next to the end of its range, where any large load has taken a stop
-ROUGHLY, FEW = 1.0, 6  # of -2 ln L that may still be promised, and iterations, of what only leads to the next fit
+ROUGHLY, FEW = 1.0, 15  # of -2 ln L that may still be promised, and iterations, of what only leads to the next fit
 UNDECIDED = 10.0  # of -2 ln L of its beginning, that a history may cost more and still be the record's
 BRIEF, WIPED = 1000, 0.95  # samples of a record after its drive has gone through a part of its range
 

@@ -15,12 +15,12 @@ FAST = {"kind": "sine_force", "amplitude": 500.0, "offset": 600.0, "frequency": 
 CUT_OUT = [*RECORDS[1:3], {"load_resistance": 143.8e3, "excitation": FAST}, RECORDS[3]]
 
 
-def cut_out(folder, before):
+def cut_out(folder, records, duration, before):
     """Campaign of the bench whose records have lost their first samples."""
     tables = {
         "transducer": STACK, "shunts": [{"kind": "resistor", "resistance": 97.78e3}],
         "excitation": {"kind": "sine_force", "amplitude": 450.0, "offset": 550.0, "frequency": 4.0},
-        "bench": {"duration": 2.0 + 1e-3 * before, "seed": before, "records": CUT_OUT},
+        "bench": {"duration": duration + 1e-3 * before, "seed": before, "records": records},
     }  # fmt: skip
     whole = write_campaign(measure(study_from(tables, Path("study.toml"))), Path(folder) / "campaign")
     for file in whole.parent.glob("*.csv"):
@@ -29,12 +29,42 @@ def cut_out(folder, before):
     return load_campaign(whole)
 
 
-@pytest.mark.parametrize("before", [523, 671])
-def test_wherever_records_begin_they_are_explained(before, tmp_path):
-    found = identify(cut_out(tmp_path, before), offsets=("displacement",))
+def preloads(folder, overshoot, before):
+    """Records under a preload that was once higher, of which small motions about it tell the stops late."""
+    rng, rate = np.random.default_rng(before), 4000.0
+    time = np.arange(int(rate * (4.0 + 1e-3 * before)) + 1) / rate - 1e-3 * before
+
+    def rise(begin, duration):
+        share = np.clip((time - begin) / duration, 0.0, 1.0)
+        return share**2 * (3.0 - 2.0 * share)
+
+    preload = 200.0 * (overshoot * rise(time[0], 0.5) - (overshoot - 1.0) * rise(time[0] + 0.6, 0.4))
+    turns = np.outer([0.5, 1.25, 2.75, 5.5, 9.0], time)
+    waves = [np.sin(2 * np.pi * (turns + rng.uniform(size=(5, 1)))).sum(axis=0) for _ in range(2)]
+    motions = [600.0 * (rise(0.5, 0.1) - rise(2.5, 0.1)), *(60.0 * rise(0.0, 0.3) * w / np.ptp(w) for w in waves)]
+    for k, (load, motion) in enumerate(zip((51.43e3, 97.78e3, 143.8e3), motions, strict=True)):
+        file = Path(folder) / f"force{k}.csv"
+        np.savetxt(file, preload + motion, fmt="%.9g", header="force_N", comments="")
+        drive = {"kind": "record", "file": str(file), "column": "force_N", "sample_rate": rate}
+        yield {"load_resistance": load, "excitation": drive}
+
+
+def explained(campaign):
+    """Whether all records of a campaign are explained to their noise."""
+    found = identify(campaign, offsets=("displacement",))
     for sums in found.found.sums:
         count = sums.count.sum()
         assert sums.squares.sum() == pytest.approx(count, abs=5.0 * np.sqrt(2.0 * count))
     for record in found.records:
         noise = record.quality.noise
         assert all(rms == pytest.approx(noise[channel], rel=0.06) for channel, rms in record.quality.rms.items())
+
+
+@pytest.mark.parametrize("before", [523, 671])
+def test_wherever_records_begin_they_are_explained(before, tmp_path):
+    explained(cut_out(tmp_path, CUT_OUT, 2.0, before))
+
+
+@pytest.mark.parametrize("overshoot", [1.0, 1.3])
+def test_stops_that_a_preload_has_left_within_their_range_are_found(overshoot, tmp_path):
+    explained(cut_out(tmp_path, list(preloads(tmp_path, overshoot, 2000)), 4.0, 2000))
