@@ -29,6 +29,7 @@ CERTAIN = 4.0  # standard errors, nor one that is nearer than these
 BETTER = 4.0  # of -2 ln L, by which a record has to fit better for that
 NEARLY = 0.9  # of its threshold: next to the end of its range, where any large load has taken a stop
 ROUGHLY, FEW = 1.0, 15  # of -2 ln L that may still be promised, and iterations, of what only leads to the next fit
+VAGUE = 0.3  # of its threshold: standard error of a stop that the beginning of a record hardly tells
 UNDECIDED = 10.0  # of -2 ln L of its beginning, that a history may cost more and still be the record's
 BRIEF, WIPED = 1000, 0.95  # samples of a record after its drive has gone through a part of its range
 
@@ -102,7 +103,12 @@ def _begun(one: Problem, bare: Model, own: np.ndarray, noise: Noise) -> list[np.
         new = all(np.abs(end.own[0] - other.own[0])[past].max() > LOADED for other in apart)
         if new and end.cost < ends[0].cost + UNDECIDED:
             apart.append(end)
-    return [renamed(short, each.own, one, bare, [own])[0] for each in apart]
+    found = [each.own[0] for each in apart]
+    # A stop that has not slipped looks like an offset, and stays where it is: it may still come to its end.
+    vague = past & (np.sqrt(np.diag(inverse(apart[0].information + apart[0].prior))) > VAGUE)
+    if np.any(vague):
+        found += [np.where(vague, sign * NEARLY, found[0]) for sign in (1.0, -1.0)]
+    return [renamed(short, [each], one, bare, [own])[0] for each in found]
 
 
 def _beginning(data: Data | FrequencyData, problem: Problem) -> Data | FrequencyData:
