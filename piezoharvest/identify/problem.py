@@ -83,12 +83,23 @@ class Problem:
 
 
 def carried(problem: Problem, before: Model, own: Sequence[np.ndarray], after: Model) -> tuple[np.ndarray, ...]:
-    """The records' own numbers in another model: those of the same name stay, new ones are zero."""
+    """The records' own numbers in another model: those of the same name stay, new ones are zero.
+
+    But a new stop begins where the last one of the old does, for the same load has moved it before.
+    """
     found = []
     for data, mine in zip(problem.data, own, strict=True):
         old = _numbered(problem.own_names(before, data))
         values = dict(zip(old, mine, strict=True))
-        found.append(np.array([values.get(name, 0.0) for name in _numbered(problem.own_names(after, data))]))
+        past = next((value for (name, _), value in reversed(values.items()) if name.startswith("history")), 0.0)
+        found.append(
+            np.array(
+                [
+                    values.get(name, past if name[0].startswith("history") else 0.0)
+                    for name in _numbered(problem.own_names(after, data))
+                ]
+            )
+        )
     return tuple(found)
 
 
