@@ -4,7 +4,11 @@ import pytest
 from diagnose_runs import RECORDS, STACK, campaign
 
 from piezoharvest.diagnose import diagnose
-from piezoharvest.effects import CouplingDrift, Leakage, NonlinearCoupling, Stiffening
+from piezoharvest.diagnose.candidates import extended
+from piezoharvest.effects import CouplingDrift, Friction, Leakage, NonlinearCoupling, Stiffening
+from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.model import Model
+from piezoharvest.identify.problem import Problem, carried
 from piezoharvest.records import load_campaign
 
 LIBRARY = [CouplingDrift, Leakage, NonlinearCoupling, Stiffening]
@@ -24,3 +28,16 @@ def test_what_came_before_the_record_is_no_effect(effects, tmp_path, monkeypatch
     assert found.verdict == ("effect" if effects else "adequate")
     first, *_ = found.before.records
     assert max(abs(first.own[f"history q{j}"]) for j in range(3)) > 0.95
+
+
+def test_the_stop_of_a_new_effect_begins_where_the_last_known_one_does(tmp_path, monkeypatch):
+    monkeypatch.setitem(STACK, "hysteresis", HYSTERESIS)
+    measured = campaign(tmp_path, records=RECORDS[1:3])
+    problem = Problem(prepared(measured, "fit"), measured.transducer, ("displacement",))
+    before = Model(measured.transducer, (), ("displacement",))
+    after = extended(before, [Friction(stiffness=1e6, threshold=1e-6)], [])
+    names = problem.own_names(before, problem.data[0])
+    own = [[share if name == "history q2" else 0.0 for name in names] for share in (0.8, -0.3)]
+    for data, mine, last in zip(problem.data, carried(problem, before, own, after), (0.8, -0.3), strict=True):
+        values = dict(zip(problem.own_names(after, data), mine, strict=True))
+        assert (values["history x10"], values["history q2"], values["history q1"]) == (last, last, 0.0)
