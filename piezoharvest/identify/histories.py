@@ -55,7 +55,8 @@ def recalled(problem: Problem, found: Fit) -> tuple[np.ndarray, ...] | None:
     """The records' own numbers, where some record is explained better by stops that began elsewhere.
 
     No small step may lead there: a stop that slips at once hides where it was, and the charge at the beginning stands
-    in for it. Where other starts come to is tried on the beginnings of the records, which show it.
+    in for it. Where other starts come to is tried on the beginnings of the records, and on the whole of those where
+    these do not decide.
 
     Parameters
     ----------
@@ -71,10 +72,9 @@ def recalled(problem: Problem, found: Fit) -> tuple[np.ndarray, ...] | None:
     def better(one: Problem, mine: np.ndarray, sums: Sums) -> np.ndarray:
         if not np.any(_histories(one, bare, one.data[0])):
             return mine
-        begun = _begun(one, bare, mine, found.noise)
-        again = min((_alone(one, bare, own, found.noise) for own in begun), key=lambda each: each.cost)
         cost = float(sums.squares.sum() + prior_of(one, bare)[1] @ mine**2)
-        return again.own[0] if again.cost < cost - BETTER else mine
+        again = _ends(one, bare, _begun(one, bare, mine, found.noise), found.noise)
+        return again[0].own[0] if again and again[0].cost < cost - BETTER else mine
 
     own = _apart(better, problem, found.own, found.sums)
     return None if all(new is old for new, old in zip(own, found.own, strict=True)) else own
@@ -91,12 +91,11 @@ def _begun(one: Problem, bare: Model, own: np.ndarray, noise: Noise) -> list[np.
     states = np.isin(short.own_names(bare, short.data[0]), _free(short))
     alike = product((0,), (1.0, -1.0), (0.0,))  # and at rest
     several = product(range(np.count_nonzero(past)), (1.0, -1.0), (1.0,))
-    ends = [near]
+    starts = []
     for turned, sign, kept in (*alike, *several):
-        start = np.where(states, kept * near.own[0], near.own[0])
-        start[past] = NEARLY * sign * np.where(np.arange(np.count_nonzero(past)) < turned, -1.0, 1.0)
-        with suppress(PredictionError, np.linalg.LinAlgError):
-            ends.append(_alone(short, bare, start, noise, enough=ROUGHLY, most=FEW))
+        starts.append(np.where(states, kept * near.own[0], near.own[0]))
+        starts[-1][past] = NEARLY * sign * np.where(np.arange(np.count_nonzero(past)) < turned, -1.0, 1.0)
+    ends = [near, *_ends(short, bare, starts, noise, enough=ROUGHLY, most=FEW)]
     ends.sort(key=lambda each: each.cost)
     apart: list[Fit] = []
     for end in ends:
@@ -145,6 +144,15 @@ def _apart(function: Callable[..., np.ndarray], problem: Problem, *each: Sequenc
 
 def _alone(one: Problem, bare: Model, own: np.ndarray, noise: Noise, **options: Any) -> Fit:
     return fit(one, bare, [own], noise, estimate_noise=False, **options)
+
+
+def _ends(one: Problem, bare: Model, starts: Sequence[np.ndarray], noise: Noise, **options: Any) -> list[Fit]:
+    """Fits of a record's own numbers from several starts, but for those that it cannot be followed from; best first."""
+    found = []
+    for start in starts:
+        with suppress(PredictionError, np.linalg.LinAlgError):
+            found.append(_alone(one, bare, start, noise, **options))
+    return sorted(found, key=lambda each: each.cost)
 
 
 def _free(one: Problem) -> tuple[str, ...]:
