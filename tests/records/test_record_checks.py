@@ -217,6 +217,21 @@ class TestStuck:
         assert len(covered) > 0.8 * np.sum(values > limit)
         assert f"{limit:.6g}" in finding.message
 
+    @pytest.mark.parametrize("channel", ["force", "displacement", "voltage", "current"])
+    @pytest.mark.parametrize("bits", [None, 12])
+    def test_an_end_of_the_range_that_only_noise_reaches(self, channel, bits):
+        """Single samples far apart: no run of equal ones gives them away, but there are too many at one value."""
+        of, device = stack_sine(noise=0.01)
+        values = of[channel]
+        if bits:
+            step = np.ptp(values) / 2**bits
+            values = step * np.round(values / step)
+        limit = np.sort(values)[-60]
+        assert check(with_values(of, **{channel: values}), device) == ()
+        finding = only(with_values(of, **{channel: np.minimum(values, limit)}), device, "clipped", channel, "warning")
+        covered = np.concatenate([np.arange(first, last + 1) for first, last in finding.rows]) - 2
+        assert covered.tolist() == np.flatnonzero(values >= limit).tolist()
+
     @pytest.mark.parametrize("channel", ["displacement", "voltage", "current"])
     def test_clipped_without_noise(self, channel):
         of, device = stack_sine(noise=0.0)

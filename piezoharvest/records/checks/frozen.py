@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from piezoharvest.records.checks.level import Level, white_noise
+from piezoharvest.records.finding import runs
 from piezoharvest.records.record import Record
 
 _BESIDE = (64, 1024)  # samples on either side of a run that tell the noise there, least and most
@@ -14,6 +15,9 @@ _AS_USUAL = 0.3  # of the usual motion in so many samples
 _ABOVE_NOISE = 3.0
 _WINDOWS = 200  # that tell what is usual
 _JUMP = 6.0  # times the usual step from one sample to the next
+_PILED = 8  # samples at an end of the range
+_STEEPER = 4.0  # times as many as any value next to it has
+_NEXT = 3  # values
 
 
 def unlikely(flat: np.ndarray, values: np.ndarray, level: Level) -> np.ndarray:
@@ -31,6 +35,19 @@ def unlikely(flat: np.ndarray, values: np.ndarray, level: Level) -> np.ndarray:
     for n in np.flatnonzero(inner):
         inner[n] = _noise_stops(values, flat[n, 0], flat[n, 1], level)
     return unlikely | inner
+
+
+def piled(values: np.ndarray, level: Level) -> np.ndarray:
+    """Runs of any length at an end of the range that no more than noise reaches.
+
+    Noise thins out towards its extremes: a largest value that is taken more often than those next to it is a limit.
+    """
+    found = [np.zeros((0, 2), int)]
+    taken, times = np.unique(values, return_counts=True)
+    for at, beside in ((-1, times[-1 - _NEXT : -1]), (0, times[1 : 1 + _NEXT])):
+        if level.noisy and times[at] >= max(_PILED, _STEEPER * beside.max(initial=1)):
+            found.append(runs(values == taken[at]))
+    return np.concatenate(found)
 
 
 def _noise_stops(values: np.ndarray, begin: int, end: int, level: Level) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from piezoharvest.records.checks.frozen import go_on, jumps, unlikely
+from piezoharvest.records.checks.frozen import go_on, jumps, piled, unlikely
 from piezoharvest.records.checks.level import Level, flat_runs, level_of
 from piezoharvest.records.finding import Finding, shifted
 from piezoharvest.records.record import Record, Signal
@@ -48,14 +48,17 @@ def _silent(record: Record) -> set[str]:
 def standing_still(record: Record) -> Iterator[Finding]:
     """Stretches of exactly equal values that neither the signal's own course nor a resting drive explains."""
     flat = {channel: flat_runs(signal.values) for channel, signal in record.signals.items()}
-    if not any(map(len, flat.values())):
-        return
     levels = {channel: level_of(record[channel], runs_of) for channel, runs_of in flat.items()}
     for channel, signal in record.signals.items():
-        if not len(flat[channel]) or levels[channel].range == 0 or channel in _silent(record):
+        if levels[channel].range == 0 or channel in _silent(record):
             continue
         judge = _drive_stuck if channel == record.drive else _response_stuck
-        yield from _findings(signal, channel, *judge(record, channel, flat[channel], levels))
+        found, sure = judge(record, channel, flat[channel], levels)
+        values = record[channel]
+        thin = piled(values, levels[channel])
+        other = ~np.isin(values[found[:, 0]], values[thin[:, 0]])
+        ranges, sure = np.concatenate((found[other], thin)), np.append(sure[other], np.zeros(len(thin), bool))
+        yield from _findings(signal, channel, ranges, sure)
 
 
 def _findings(signal: Signal, channel: str, ranges: np.ndarray, sure: np.ndarray) -> Iterator[Finding]:
