@@ -14,7 +14,7 @@ import numpy as np
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.evaluation import whiteners
 from piezoharvest.identify.fit import inverse
-from piezoharvest.identify.model import residual_blocks
+from piezoharvest.identify.model import noise_passed, residual_blocks
 from piezoharvest.identify.problem import Problem
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.identify.sums import spectra_of
@@ -87,7 +87,7 @@ class _Normal:
         self.names: list[tuple[str, str]] = []
         sums: dict[tuple[str, str], int] = {}
         parts = []
-        white = whiteners(problem, final.model, final.noise)
+        white = whiteners(problem, final.model, final.own, final.noise)
         for data, own, each in zip(problem.data, final.own, white, strict=True):
             if isinstance(data, FrequencyData):
                 continue
@@ -122,10 +122,13 @@ class _Normal:
 def _record(data, own, white, final, terms: Terms, scales):
     """Sums of one record over its parameters, then terms; and the names of its terms."""
     products, gradient, rounded, names = 0.0, 0.0, 0.0, []
-    for _, begin, residual, slopes in residual_blocks(final.model, data, own, True):
+    for prediction, begin, residual, slopes in residual_blocks(final.model, data, own, True):
         W = white.of(len(residual))[0]
         assert slopes is not None
-        signals = _signals(data, begin, residual)
+        # Without the noise of the drive, which residuals have, too: that is no slope of what they are left by.
+        passed, passed_slopes = noise_passed(prediction, data, begin, begin + len(residual), True)
+        slopes[:, :, : passed_slopes.shape[2]] -= passed_slopes
+        signals = _signals(data, begin, residual + passed)
         told = list(terms(signals, data.setting.sample_time, scales))
         spectra = spectra_of(np.column_stack([values for _, values in told]))
         # A term in a channel: that column of the whitener.
@@ -140,11 +143,11 @@ def _record(data, own, white, final, terms: Terms, scales):
     return (products, gradient, rounded), names
 
 
-def _signals(data, begin: int, residual: np.ndarray) -> Signals:
-    """The drive without its noise, and the other channels as predicted, so that noise is not explained by itself."""
-    end = begin + len(residual)
+def _signals(data, begin: int, left: np.ndarray) -> Signals:
+    """The drive and the other channels as predicted of it, both without its noise: that is not explained by itself."""
+    end = begin + len(left)
     found = {data.drive: (data.record[data.drive] - data.rest)[begin:end]}
-    predicted = data.values[begin:end] - residual
+    predicted = data.values[begin:end] - left
     return {**found, **dict(zip(data.channels, predicted.T, strict=True))}
 
 

@@ -129,7 +129,8 @@ class Block:
 def blocks_of(problem: Problem, found: Fit) -> Iterator[Block]:
     """Blocks of the records over time."""
     model = replace(found.model, parameters=())
-    for data, own, white in zip(problem.data, found.own, whiteners(problem, found.model, found.noise), strict=True):
+    white_of = whiteners(problem, found.model, found.own, found.noise)
+    for data, own, white in zip(problem.data, found.own, white_of, strict=True):
         if isinstance(data, Data) and isinstance(white, Whitener):
             for _, begin, residual, _ in residual_blocks(model, data, own, False):
                 spectrum = (white.of(len(residual))[0] @ spectra_of(residual)[:, :, None])[:, :, 0]

@@ -9,7 +9,7 @@ import numpy as np
 
 from piezoharvest.identify.data import EQUAL, PLATEAU, Data
 from piezoharvest.identify.descent import Fit
-from piezoharvest.identify.model import residual_blocks
+from piezoharvest.identify.model import noise_passed, residual_blocks
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.shunts.resistor import Resistor
 
@@ -114,10 +114,11 @@ def _ranges(records: Sequence[Data], found: Fit, data: Sequence, channel: str) -
         values = each.record[channel]
         equal += int(np.sum(np.abs(values) >= (1.0 - EQUAL) * largest))
         c = each.channels.index(channel)
-        for _, begin, residual, _ in residual_blocks(_bare(found), each, own, False):
+        for prediction, begin, residual, _ in residual_blocks(_bare(found), each, own, False):
             measured, left = values[begin : begin + len(residual)], residual[:, c]
-            predicted = measured - left
-            cut = np.clip(predicted, -limits[:, None], limits[:, None])
+            passed = noise_passed(prediction, each, begin, begin + len(residual))[0][:, c]
+            predicted = measured - left - passed
+            cut = np.clip(predicted, -limits[:, None], limits[:, None]) + passed
             gains += np.sum((left**2 - (measured - cut) ** 2) / sigma**2, axis=1)
     return tuple(limits[(gains > PASSED) | ((equal >= PLATEAU) & (np.array(BEYOND) <= HELD))].tolist())
 

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from piezoharvest.diagnose.candidates import Candidate, effect_line, effect_parameters
 from piezoharvest.diagnose.leftover import Leftover
-from piezoharvest.diagnose.trials import CLOSE, Made, Step, Trials, aim_beside, inflated, key_of
+from piezoharvest.diagnose.trials import CLOSE, Made, Step, Trials, aim_beside, inflated, key_of, significance
 from piezoharvest.effects import Effect
 from piezoharvest.identify.descent import Fit
 
@@ -23,7 +23,7 @@ PROMISING = 0.15  # of the best score: what a full fit may still turn round
 FITS = 4  # full fits a stage
 STAND_INS = 2  # of these against a model whose strayed parameters are held
 BRIEF = 6  # iterations after which a full fit waits for the others of its stage
-DOUBTED = 100.0  # of -2 ln L: with less an effect may owe its gain to a better minimum
+DOUBTED = 100.0  # of -2 ln L, or of Wald's test: with less an effect may owe its gain to a better minimum
 OUTSTANDING = 0.3  # of the squares that the worst place has above noise: places with more have to be explained
 KEPT = 0.5  # of its squares above noise: a place that keeps more is not explained
 
@@ -130,9 +130,9 @@ class Searcher:
 
         What a small effect gains may be that of a minimum beside the one in which the model before was caught.
         """
-        if before.cost - now.cost > DOUBTED:
-            return None
         last = len(now.effects) - 1
+        if before.cost - now.cost > DOUBTED and significance(now.found, last) > DOUBTED:
+            return None
         self.trials.drop(now, last)
         less = self.trials.without(now, last)
         return less if less is not None and less.cost < before.cost - 1.0 else None

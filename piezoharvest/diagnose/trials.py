@@ -13,7 +13,7 @@ from piezoharvest.diagnose.leftover import Leftover, structure
 from piezoharvest.diagnose.scene import Scene
 from piezoharvest.effects import Effect
 from piezoharvest.identify.descent import ITERATIONS, UNFINISHED, Fit
-from piezoharvest.identify.fit import fit, inflation, inverse, linearised
+from piezoharvest.identify.fit import covariance, fit, inflation, inverse, linearised
 from piezoharvest.identify.histories import recalled
 from piezoharvest.identify.identifiable import undetermined
 from piezoharvest.identify.model import Model
@@ -258,13 +258,29 @@ def inflated(found: Fit, n: int) -> float:
     The errors of a sensor that rounds are alike as long as its load is held: they look like creep, like a contact, or
     like the end of a range.
     """
+    place = _strength_of(found, n)
+    return 1.0 if place is None else inflation(found, place)
+
+
+def significance(found: Fit, n: int) -> float:
+    """Square of the n-th effect's strength in its standard errors (Wald); endless for a line."""
+    place = _strength_of(found, n)
+    if place is None:
+        return np.inf
+    parameter = found.model.parameters[place]
+    inner = parameter.inner(value_at(found.model.transducer, parameter.path))
+    size = 1.0 if parameter.scaling == "log" else float(np.real(inner))
+    return size**2 / float(covariance(found)[place, place])
+
+
+def _strength_of(found: Fit, n: int) -> int | None:
+    """Column of the n-th effect's strength; none of a line, whose are the records' own, or where there is no effect."""
     effects = found.model.transducer.effects
     if not effects:
-        return 1.0
+        return None
     n = n % len(effects)
     path = ("effects", n, type(effects[n]).strength().name)
-    places = [k for k, parameter in enumerate(found.model.parameters) if parameter.path == path]
-    return inflation(found, places[0]) if places else 1.0  # a line's are the records' own
+    return next((k for k, parameter in enumerate(found.model.parameters) if parameter.path == path), None)
 
 
 def key_of(effect: Effect) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 from scipy.fft import dct, idct
 
+from piezoharvest.identify.tones import tones
 from piezoharvest.predict.drive import jumps_of
 from piezoharvest.records.finding import runs
 
@@ -24,6 +25,9 @@ CORNERS = 4  # degree of the polynomials that have slopes and bends at the ends
 SHORT = 32  # lines that are always kept
 EXACT = 1e-6  # of its range: a drive with less noise is known exactly
 OCTAVE = 0.5  # of the lines: the highest octave has to be noise for a floor to be seen
+BEYOND = 5.0  # standard deviations that noise may take single samples
+AFTER = 256  # samples after a rest, from which on a drive has certainly set off
+GROWN = (8, 4)  # parts of a record, of which the first may be what sines take to grow
 LEAST = 5  # level from which on an average is taken; what moves faster stays as it is
 
 
@@ -45,20 +49,8 @@ def denoised(values: np.ndarray, sigma: float) -> np.ndarray:
     -------
     (n,) array
     """
-    sums = np.concatenate([[0.0], np.cumsum(values - values[0])])
-    levels = _agreeing(values, sums, sigma) - SPARE
-    found = np.empty(len(values))
-    for begin, end in pairwise([0, *(jumps_of(values) + 1), len(values)]):
-        found[begin:end] = _slow(values[begin:end], sigma)
-    for level in range(LEAST, LEVELS - SPARE + 1):
-        places = np.flatnonzero(levels == level)
-        found[places] = _average(sums, places, level) + values[0]
-    for first, last in runs(levels >= LEAST):
-        part = slice(first, last + 1)
-        off = (found[part] - values[part].mean()) * np.sqrt(2.0 ** (levels[part] + 1))
-        if np.abs(off).max() < HELD * sigma:
-            found[part] = values[part].mean()
-    return found
+    found, held = _smooth(values, sigma)
+    return _by_tones(values, held, sigma, found)
 
 
 def noise_floor(values: np.ndarray) -> tuple[float, int] | None:
@@ -72,6 +64,77 @@ def noise_floor(values: np.ndarray) -> tuple[float, int] | None:
     begin = _signal_end(power)
     sigma = float(np.sqrt(power[begin:].mean())) if begin <= OCTAVE * len(values) else 0.0
     return (sigma, len(values) - begin) if sigma > EXACT * np.ptp(values) else None
+
+
+def _smooth(values: np.ndarray, sigma: float) -> tuple[np.ndarray, list[tuple[int, int]]]:
+    """Drive without noise whatever it is, and the runs (first, last) in which it is held."""
+    sums = np.concatenate([[0.0], np.cumsum(values - values[0])])
+    levels = _agreeing(values, sums, sigma) - SPARE
+    found, held = np.empty(len(values)), []
+    bounds = np.array([0, *(jumps_of(values) + 1), len(values)])
+    for begin, end in pairwise(bounds):
+        found[begin:end] = _slow(values[begin:end], sigma)
+    for level in range(LEAST, LEVELS - SPARE + 1):
+        places = np.flatnonzero(levels == level)
+        found[places] = _average(sums, places, level) + values[0]
+    for first, last in runs(levels >= LEAST):
+        part = slice(first, last + 1)
+        mean = values[part].mean()
+        off = (found[part] - mean) * np.sqrt(2.0 ** (levels[part] + 1))
+        if np.abs(off).max() < HELD * sigma:
+            begin, end = bounds[bounds <= first].max(), bounds[bounds > last].min()
+            first = begin if _holds(values[begin:first][::-1], mean, sigma) else first
+            last = end - 1 if _holds(values[last + 1 : end], mean, sigma) else last
+            found[first : last + 1] = values[first : last + 1].mean()
+            held.append((int(first), int(last)))
+    for (_, last), (first, _) in pairwise(held):
+        _between(values, found, last, first, sigma)
+    return found, held
+
+
+def _between(values: np.ndarray, found: np.ndarray, last: int, first: int, sigma: float) -> None:
+    """Bring a drive to between two values at which it is held before and after, if only noise takes it beyond.
+
+    Operators would remember by how much it seemed to go too far.
+    """
+    low, high = sorted((found[last], found[first]))
+    part = slice(last + 1, first)
+    if np.all((values[part] > low - BEYOND * sigma) & (values[part] < high + BEYOND * sigma)):
+        found[part] = np.clip(found[part], low, high)
+
+
+def _by_tones(values: np.ndarray, held: list[tuple[int, int]], sigma: float, otherwise: np.ndarray) -> np.ndarray:
+    """Drive as a sum of sines, from where on these leave noise alone: at once, after a rest or once grown."""
+    count = len(values)
+    rest = held[0][1] + 1 if held and held[0][0] == 0 else 0
+    if rest > OCTAVE * count or len(jumps_of(values)) or count < 4 * SHORT:
+        return otherwise
+    for begin in (rest + AFTER if rest else 0, *(max(rest, count // part) for part in GROWN)):
+        fitted = tones(values[begin:])
+        if fitted is None or not _is_noise(values[begin:] - fitted.since(0), sigma):
+            continue
+        found = fitted.since(begin)
+        if rest:
+            # It sets off where the sines follow what was measured better than the rest does.
+            better = np.cumsum((values[:begin] - otherwise[0]) ** 2 - (values[:begin] - found[:begin]) ** 2)
+            found[: int(np.argmin(better)) + 1] = otherwise[0]
+        if begin and not _is_noise(values - found, sigma):
+            found[:begin] = otherwise[:begin]
+        return found
+    return otherwise
+
+
+def _is_noise(left: np.ndarray, sigma: float) -> bool:
+    """Whether a spectrum is level, as white noise is, and no more than the noise."""
+    power = np.asarray(dct(left, norm="ortho")) ** 2
+    return _signal_end(power) <= SHORT and power.mean() < (LOUD * sigma) ** 2
+
+
+def _holds(values: np.ndarray, held: float, sigma: float) -> bool:
+    """Whether all averages from the first sample on, and from the last one back, are those of a drive that is held."""
+    each = np.sqrt(np.arange(1.0, len(values) + 1.0))
+    off = [np.abs(np.cumsum(part - held)) / each for part in (values, values[::-1])]
+    return bool(np.max(off, initial=0.0) < HELD * sigma)
 
 
 def _slow(values: np.ndarray, sigma: float) -> np.ndarray:

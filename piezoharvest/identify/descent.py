@@ -98,7 +98,7 @@ def descend(
     leap = np.array([LEAP if p.scaling == "log" else np.inf for p in model.parameters] + [np.inf] * sum(map(len, own)))
     delaying = np.array([p.path[-1] == "damping" for p in model.parameters] + [False] * sum(map(len, own)))
     mean, precision = prior_of(problem, model)
-    judge = _Judge(problem, whiteners(problem, model, noise, rough=loose), mean, precision)
+    judge = _Judge(problem, whiteners(problem, model, own, noise, rough=loose), mean, precision)
     first = judge.at(model, own, np.concatenate([inner_values(model), *own]), scatter=not loose)
     here = first if loose else judge.by_slow_lines(first, enough)
     damping, converged, message = FAR if loose else NEAR, False, UNFINISHED
@@ -154,7 +154,7 @@ def descend(
     elif not loose:
         # Models pass on the noise of the drive in their own ways: each is judged by residuals that its own way makes
         # white.
-        own_way = _Judge(problem, whiteners(problem, here.model, noise), mean, precision)
+        own_way = _Judge(problem, whiteners(problem, here.model, here.own, noise), mean, precision)
         here = own_way.at(here.model, here.own, here.values, scatter=True)
     return Fit(
         here.model, here.own, noise, here.cost, here.sums, here.information, np.diag(precision), converged, iteration,

@@ -11,7 +11,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from piezoharvest.identify.data import Data
-from piezoharvest.identify.model import Model
+from piezoharvest.identify.model import Model, begun
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem
 from piezoharvest.identify.responses import FrequencyData, ResponseWeights
@@ -24,14 +24,14 @@ R = TypeVar("R")
 
 
 def whiteners(
-    problem: Problem, model: Model, noise: Noise, *, rough: bool = False
+    problem: Problem, model: Model, own: Sequence[np.ndarray], noise: Noise, *, rough: bool = False
 ) -> tuple[Whitener | ResponseWeights, ...]:
     """Whiteners of all records, by a model that need not be the best."""
     return tuple(
         ResponseWeights(noise.sigma[data.name], data)
         if isinstance(data, FrequencyData)
-        else Whitener(model.prediction(data), noise, data, rough=rough and data.drive not in problem.known)
-        for data in problem.data
+        else Whitener(begun(model, data, mine), noise, data, rough=rough and data.drive not in problem.known)
+        for data, mine in zip(problem.data, own, strict=True)
     )
 
 

@@ -100,7 +100,7 @@ def linearised(
     problem: Problem, model: Model, own: Sequence[np.ndarray], found: Fit
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Information, gradient and sum of squares of a model, residuals weighed as in another fit of the same records."""
-    return whole(model, own, sums_of(problem, model, own, whiteners(problem, found.model, found.noise)))
+    return whole(model, own, sums_of(problem, model, own, whiteners(problem, found.model, found.own, found.noise)))
 
 
 def covariance(found: Fit) -> np.ndarray:

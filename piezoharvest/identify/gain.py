@@ -110,12 +110,14 @@ def small_response(
     if not np.any(drive):
         return np.zeros((n, len(channels))), np.zeros((n, len(channels), wanted))
     frequencies = lines(n, prediction.setting.sample_time, highest)
-    gain, spectrum = _gain(prediction, channels, frequencies), fft.rfft(drive)[: len(frequencies)]
+    spectrum = fft.rfft(drive)[: len(frequencies)]
     # The samples lie together in memory, as the frequencies do.
-    values = np.asarray(fft.irfft(gain.value.T * spectrum, n)).T
     if not wanted:
-        return values, np.zeros((n, len(channels), 0))
-    return values, np.asarray(fft.irfft(gain.slopes.transpose(1, 2, 0) * spectrum, n)).transpose(2, 0, 1)
+        gain = gain_of(prediction, channels, frequencies)
+        return np.asarray(fft.irfft(gain.T * spectrum, n)).T, np.zeros((n, len(channels), 0))
+    gain, slopes = gain_slopes(prediction, channels, frequencies)
+    values = np.asarray(fft.irfft(gain.T * spectrum, n)).T
+    return values, np.asarray(fft.irfft(slopes.transpose(1, 2, 0) * spectrum, n)).transpose(2, 0, 1)
 
 
 def _gain(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> _Gain:

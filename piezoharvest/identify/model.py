@@ -146,6 +146,11 @@ def own_limits(model: Model, data: Data) -> np.ndarray:
     return np.pad(limits, (0, len(own_names(model, data)) - len(limits)), constant_values=np.inf)
 
 
+def begun(model: Model, data: Data, own: np.ndarray) -> Prediction:
+    """Prediction of a record that begins and jumps as its own numbers say."""
+    return model.prediction(data, own[: len(model.prediction(data).own_names)])
+
+
 def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool, highest: float = np.inf):
     """Blocks (prediction, begin, residuals, derivatives) of a record; `own` as `own_names` names it.
 
@@ -163,15 +168,14 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
         if derivatives:
             slopes = _widened(block.derivatives, len(model.parameters) + len(own))
         _add(model, more, added, time, predicted, slopes)
-        rest = data.rest[block.begin : end]
-        if np.any(rest):
-            passed, passed_slopes = small_response(prediction, data.channels, rest, derivatives, highest)
-            predicted += passed
-            if slopes is not None:
-                slopes[:, :, : passed_slopes.shape[2]] += passed_slopes
         abrupt = data.setting.abrupt and block.begin == 0
         course = Course(h, data.setting.jumps - block.begin, block.between, abrupt)
         predicted, slopes = sensed(effects, model.parameters, data.scatter, course, predicted, slopes)
+        # What is noise in the measured drive comes after the sensors: their range has not cut it off.
+        passed, passed_slopes = noise_passed(prediction, data, block.begin, end, derivatives, highest)
+        predicted += passed
+        if slopes is not None:
+            slopes[:, :, : passed_slopes.shape[2]] += passed_slopes
         residual = data.part(block.begin, end) - predicted
         for k, (sample, c) in enumerate(first):
             if block.begin <= sample < end:
@@ -181,6 +185,13 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
                     slopes[sample - block.begin, c] = 0.0
                     slopes[sample - block.begin, c, k - len(first) - len(more)] = 1.0
         yield prediction, block.begin, residual, slopes
+
+
+def noise_passed(
+    prediction: Prediction, data: Data, begin: int, end: int, derivatives: bool = False, highest: float = np.inf
+) -> tuple[np.ndarray, np.ndarray]:
+    """What the prediction of some samples, (samples, channels), has of the noise of the drive, and its derivatives."""
+    return small_response(prediction, data.channels, data.rest[begin:end], derivatives, highest)
 
 
 def _widened(derivatives: np.ndarray, count: int) -> np.ndarray:

@@ -16,7 +16,8 @@ import numpy as np
 from scipy.optimize import nnls
 
 UPPER = 0.5  # share of the band from which noise is estimated: what is slower may be structure
-BANDS = 16  # whose median tells noise from lines
+BANDS = 16  # that tell noise from lines
+FAR = 6.0  # standard deviations that a band is above the median where a line spoils it
 LEAST = 0.1  # of the noise before: a channel that seems to have less is not given all the weight at once
 SCORINGS, SETTLED = 50, 1e-6  # iterations to the most likely noise; relative change at their end
 ALIKE = 1e-12  # relative eigenvalue of an information that tells nothing
@@ -69,7 +70,7 @@ def estimate(
         Weights, and what is kept where the residuals do not tell.
     """
     names = list(start.sigma)
-    parts = [_part(names, start, *one) for one in spectra]
+    parts = [part for one in spectra for part in _parts(names, start, *one)]
     shares = np.array([(known.get(name, start.sigma[name]) / start.sigma[name]) ** 2 for name in names])
     free = np.array([k for k, name in enumerate(names) if name not in known and any(p.told[k] for p in parts)], int)
     for _ in range(SCORINGS if len(free) else 0):
@@ -91,7 +92,7 @@ def _nonnegative(information: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 class _Part(NamedTuple):
-    """Mean cross-spectrum of a record's residuals, in units of the start, and what each source of noise makes of it.
+    """Mean cross-spectrum of residuals in a band, in units of the start, and what each source of noise makes of it.
 
     Attributes
     ----------
@@ -108,16 +109,30 @@ class _Part(NamedTuple):
     told: np.ndarray
 
 
-def _part(names, start: Noise, channels: Sequence[str], drive: str, residual: np.ndarray, gain: np.ndarray) -> _Part:
+def _parts(
+    names: Sequence[str], start: Noise, channels: Sequence[str], drive: str, residual: np.ndarray, gain: np.ndarray
+) -> list[_Part]:
+    """Bands of a record without those that a line spoils.
+
+    Where the noise of the drive is many times that of a sensor, this shows in how the channels go together alone: each
+    band is taken as a whole, and so narrow that the response hardly changes in it.
+    """
     upper = slice(int(len(residual) * UPPER), None)
     size = np.array([start.sigma[channel] for channel in channels])
-    sources = np.zeros((len(names), len(channels), len(channels)))
+    own = np.zeros((len(names), len(channels), len(channels)))
     for c, channel in enumerate(channels):
-        sources[names.index(channel), c, c] = 1.0
-    if drive in names:
-        sources[names.index(drive)] = start.sigma[drive] ** 2 * np.real(_cross(gain[upper] / size)).mean(axis=0)
-    cross, told = _median_of_means(_cross(residual[upper] / size)), np.asarray(sources.any(axis=(1, 2)))
-    return _Part(cross, sources, len(residual), told)
+        own[names.index(channel), c, c] = 1.0
+    found = []
+    count = min(BANDS, len(residual[upper]))
+    for left, passed in zip(*(np.array_split(some[upper] / size, count) for some in (residual, gain)), strict=True):
+        sources = own.copy()
+        if drive in names:
+            sources[names.index(drive)] = start.sigma[drive] ** 2 * np.real(_cross(passed)).mean(axis=0)
+        cross, told = np.real(_cross(left)).mean(axis=0), np.asarray(sources.any(axis=(1, 2)))
+        found.append(_Part(cross, sources, len(left), told))
+    times = np.array([np.diag(part.cross) / np.diag(part.sources.sum(axis=0)) for part in found])
+    spoilt = np.any(times > np.median(times, axis=0) * (1.0 + FAR / np.sqrt(found[-1].count)), axis=1)
+    return [part for part, bad in zip(found, spoilt, strict=True) if not bad]
 
 
 def _scoring(part: _Part, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -134,12 +149,6 @@ def _scoring(part: _Part, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _cross(values: np.ndarray) -> np.ndarray:
     return values[:, :, None] * np.conj(values[:, None, :])
-
-
-def _median_of_means(cross: np.ndarray) -> np.ndarray:
-    """Median over bands of the mean in each: a line spoils one band only."""
-    bands = np.array_split(np.real(cross), min(BANDS, len(cross)))
-    return np.median([band.mean(axis=0) for band in bands], axis=0)
 
 
 class Rounding(NamedTuple):

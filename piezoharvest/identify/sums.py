@@ -77,7 +77,7 @@ class Whitener:
     Parameters
     ----------
     prediction : Prediction
-        Of the record, by which the noise of the drive passes.
+        Of the record, by whose mean slopes the noise of the drive passes.
     noise : Noise
     data : Data
     rough : bool
@@ -103,6 +103,8 @@ class Whitener:
         """Those of `of`, and the matrices once more with the frequencies last, lower triangular."""
         if count not in self._matrices:
             data = self._data
+            if len(self._prediction.matrices.kinds) and data.drive in self._noise.sigma:
+                self._prediction.settle()
             gain = gain_of(self._prediction, data.channels, np.fft.rfftfreq(count, data.setting.sample_time))
             white = np.linalg.inv(np.linalg.cholesky(self._noise.covariance(data.channels, data.drive, gain)))
             rows = np.ascontiguousarray(white.transpose(1, 2, 0))

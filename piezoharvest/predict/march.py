@@ -17,6 +17,7 @@ _STOP, _PRODUCT, _POWER = 0, 1, 2
 _TRIES = 60
 _LEAST_SHARE = 0.01  # of a Newton step
 _CLOSE = 1e-13  # relative residual of the inputs at which Newton ends
+_ROUNDED = 0.1  # share of an input, which times that is well above its rounding
 _NEAR = 1e-8  # the same, which is still good enough where rounding stands in the way
 _fast = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 
@@ -197,7 +198,8 @@ def _find(K, base, limits, kinds, places, before, old, h, held, w, trial, slopes
             total, size = base[r], max(abs(base[r]), sizes[r])
             for j in range(len(w)):
                 total += K[r, j] * w[j]
-                size += abs(K[r, j] * w[j])
+                # A stop at rest gives the difference of two inputs: it is rounded as these are.
+                size += abs(K[r, j]) * (abs(w[j]) + _ROUNDED * abs(trial[places[j, 0]]))
             residual[r, 0] = total - trial[r]
             worst = max(worst, abs(residual[r, 0]) / (size + 1e-300))
         if worst < _CLOSE:

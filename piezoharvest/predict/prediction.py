@@ -150,6 +150,12 @@ class Prediction:
         (z, w), (dz, dw) = (np.split(some, [len(self.matrices.states)]) for some in (start, slopes))
         return z, dz, w, dw
 
+    def settle(self) -> None:
+        """March through the record, if nobody has yet, so that `local` holds the slopes of its elements."""
+        if not self.local.any():
+            for _ in self.blocks(derivatives=False):
+                pass
+
     def blocks(
         self, derivatives: bool = True, size: int = BLOCK, channels: Sequence[str] | None = None, parts: int = 1
     ) -> Iterator[Block]:

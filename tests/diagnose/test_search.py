@@ -135,15 +135,21 @@ def test_a_search_ends_where_nothing_in_the_library_is_the_cause(tmp_path, effec
 
 
 @pytest.mark.parametrize(
-    ("gain", "left", "taken"), [(50.0, 5.0, True), (50.0, 49.9, False), (500.0, 5.0, False)],
-    ids=["to a better minimum", "by itself", "by far"],
+    ("gain", "left", "wald", "taken"), [(50.0, 5.0, 50.0, True), (50.0, 49.9, 50.0, False), (500.0, 5.0, 500.0, False),
+                                        (500.0, 5.0, 0.3, True)],
+    ids=["to a better minimum", "by itself", "by far", "by far, though hardly told from none"],
 )  # fmt: skip
-def test_a_model_that_was_caught_is_taken_from_where_a_small_effect_has_led(gain, left, taken):
-    """`left` is what the effect still gains beside the model without it that is fitted from there."""
+def test_a_model_that_was_caught_is_taken_from_where_a_small_effect_has_led(monkeypatch, gain, left, wald, taken):
+    """`left` is what the effect still gains beside the model without it that is fitted from there.
+
+    An effect whose strength its own standard error exceeds owes its gain to something else, however large that is.
+    """
     made = []
+    monkeypatch.setattr("piezoharvest.diagnose.search.significance", lambda found, n: wald)
     less = SimpleNamespace(cost=1000.0 - gain + left, effects=())
     trials = SimpleNamespace(drop=lambda now, n: made.append((now.effects, n)), without=lambda now, n: less)
-    before, now = SimpleNamespace(cost=1000.0), SimpleNamespace(cost=1000.0 - gain, effects=("clipping", "load_error"))
+    before = SimpleNamespace(cost=1000.0)
+    now = SimpleNamespace(cost=1000.0 - gain, effects=("clipping", "load_error"), found=None)
     found = Searcher(trials)._led_to(before, now)
     assert found is (less if taken else None)
-    assert made == ([] if gain > DOUBTED else [(("clipping", "load_error"), 1)])
+    assert made == ([(("clipping", "load_error"), 1)] if min(gain, wald) <= DOUBTED else [])
