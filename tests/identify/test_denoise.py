@@ -17,3 +17,70 @@ def test_a_drive_that_is_in_motion_at_its_ends_is_followed_there(phase, frequenc
     off = denoised(true + sigma * np.random.default_rng(4).standard_normal(len(TIME)), sigma) - true
     assert np.abs(np.concatenate([off[:10], off[-10:]])).max() < 4.0 * sigma
     assert off.std() < sigma
+
+
+def noise(sigma, count=len(TIME), seed=4):
+    return sigma * np.random.default_rng(seed).standard_normal(count)
+
+
+def test_a_value_that_is_held_is_held_up_to_the_jump_that_ends_it():
+    true = np.where(TIME < 3.0, 100.0, np.where(TIME < 7.0, 900.0, 300.0))
+    off = denoised(true + noise(5.0), 5.0) - true
+    assert np.abs(off).max() < 4.0 * 5.0 / np.sqrt(1000)  # the sample before a jump and the one after it, too
+
+
+def test_a_drive_that_goes_from_one_held_value_to_another_does_not_seem_to_go_beyond():
+    """Operators would remember that; how it went between them stays what it was measured to be."""
+    true = np.interp(TIME, [3.0, 3.05, 7.0, 7.05], [100.0, 900.0, 900.0, 100.0])
+    found = denoised(true + noise(2.0), 2.0)
+    assert found.min() == found[:2000].max()
+    assert found.max() == found[4000:6000].min() == pytest.approx(900.0, abs=0.2)
+    assert np.abs(found - true)[3000:3050].max() < 6.0 * 2.0
+
+
+def test_a_drive_that_does_go_beyond_is_followed():
+    true = np.interp(TIME, [3.0, 3.05, 3.2, 7.0, 7.05], [100.0, 960.0, 900.0, 900.0, 100.0])
+    found = denoised(true + noise(2.0), 2.0)
+    assert found.max() == pytest.approx(960.0, abs=8.0)
+
+
+def sines(time, tones):
+    return sum(size * np.sin(2 * np.pi * frequency * time + phase) for frequency, size, phase in tones)
+
+
+PLAIN = [(4.0, 450.0, 0.0)]
+MANY = [(1.3, 60.0, 0.4), (3.1, 80.0, 2.0), (7.7, 50.0, 1.0), (12.9, 70.0, 4.0), (23.3, 40.0, 5.0), (37.1, 30.0, 3.0)]
+
+
+@pytest.mark.parametrize("tones", [PLAIN, MANY], ids=["sine", "multisine"])
+def test_a_drive_of_sines_has_the_noise_of_their_sizes_alone(tones):
+    """That is sigma sqrt(p / n) for p numbers from n samples, wherever their frequencies are between the lines."""
+    true = 550.0 + sines(TIME, tones)
+    off = denoised(true + noise(5.0), 5.0) - true
+    expected = 5.0 * np.sqrt((1 + 3 * len(tones)) / len(TIME))
+    assert np.sqrt(np.mean(off**2)) < 1.5 * expected
+    assert np.abs(off).max() < 6.0 * expected  # as small at the ends
+
+
+def test_sines_that_set_off_from_a_rest_are_that_rest_before():
+    since = np.maximum(TIME - 1.2, 0.0)
+    true = 550.0 + sines(since, PLAIN)
+    found = denoised(true + noise(5.0), 5.0)
+    assert np.ptp(found[:1150]) == 0.0
+    assert np.abs(found - true)[1300:].max() < 0.7
+    assert np.abs(found - true).max() < 6.0 * 5.0
+
+
+def test_sines_that_grow_are_followed_while_they_do_and_are_sines_then():
+    true = 550.0 + np.minimum(TIME / 0.5, 1.0) * sines(TIME, MANY)
+    off = denoised(true + noise(5.0), 5.0) - true
+    assert np.sqrt(np.mean(off[2500:] ** 2)) < 0.5
+    assert np.abs(off).max() < 4.0 * 5.0
+
+
+@pytest.mark.parametrize("beside", [3.0, 20.0])
+def test_what_is_no_sine_is_not_taken_for_some(beside):
+    """A triangle has harmonics without end; those that stand out of the noise are not all there are."""
+    true = 550.0 + 450.0 * np.abs(2.0 * np.mod(4.0 * TIME, 1.0) - 1.0) + beside * np.exp(-TIME)
+    off = denoised(true + noise(0.05), 0.05) - true
+    assert np.sqrt(np.mean(off**2)) < 0.1
