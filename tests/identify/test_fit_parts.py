@@ -98,6 +98,29 @@ def test_noise_that_channels_have_in_common_does_not_hide_their_own(known):
         assert free[name] == pytest.approx(sigma, rel=0.03), name
 
 
+def test_noise_of_sensors_is_told_beside_a_far_larger_one_of_the_drive_and_a_line():
+    """It shows in how channels go together alone: a median over bands of each product by itself has lost that."""
+    rng, count = np.random.default_rng(9), 5001
+    truth = {"displacement": 3e-9, "voltage": 1.5e-3, "current": 2e-8, "force": 10.0}
+    channels = ("displacement", "voltage", "current")
+
+    def drawn(size):
+        return size * np.sqrt(0.5) * (rng.standard_normal(count) + 1j * rng.standard_normal(count))
+
+    spectra = []
+    for load in (51.43e3, 97.78e3, 143.8e3):
+        turn = np.linspace(0.1, 1.0, count)  # the response changes over frequency
+        voltage = 7.3e-3 * turn / (turn + 0.05j)
+        gain = np.column_stack([np.full(count, 3.3e-9), voltage, voltage / load])
+        residual = np.column_stack([drawn(truth[c]) for c in channels]) - drawn(truth["force"])[:, None] * gain
+        residual[4000] += 1e3 * np.array([truth[channel] for channel in channels])  # mains hum
+        spectra.append((channels, "force", residual, gain))
+    start = Noise({name: 3.0 * sigma for name, sigma in truth.items()})
+    for known in ({}, {"force": 10.0}):
+        found = estimate(spectra, known, start).sigma
+        for name, sigma in truth.items():
+            assert found[name] == pytest.approx(sigma, rel=0.05), name
+
 @pytest.mark.parametrize("known", [{}, {"force": 0.5}])
 def test_noise_of_one_channel_alone_cannot_be_told_from_that_of_its_drive(known):
     """Their sum is right all the same, and nothing fails."""
