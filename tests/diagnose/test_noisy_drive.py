@@ -1,14 +1,25 @@
 """A load cell whose noise is larger than that of all other sensors: what it says of the drive is not what drove it."""
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from piezoharvest.diagnose import diagnose
-from piezoharvest.effects import registered
+from piezoharvest.diagnose.hint import hints
+from piezoharvest.diagnose.scene import scene_of
+from piezoharvest.identify.evaluation import whiteners
+from piezoharvest.identify.fit import fit
+from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.model import Model, residual_blocks
+from piezoharvest.identify.noise import Noise
+from piezoharvest.identify.problem import Problem
+from piezoharvest.identify.sums import spectra_of
+from piezoharvest.predict.parameters import parameters_of
 from piezoharvest.records import load_campaign
 from piezoharvest.records.bench import measure, write_campaign
-from piezoharvest.study import study_from
+from piezoharvest.study import build_transducer, study_from
 
 STACK = {
     "mass": 0.0158, "damping": 1250.0, "stiffness": 3.125e8, "coupling": 7.822, "capacitance": 3.2e-6,
@@ -43,3 +54,48 @@ def test_noise_of_the_drive_is_no_effect_and_hides_none(tmp_path, effects):
     found = diagnose(noisy(tmp_path, 3, effects))
     assert [named.effect.name for named in found.effects] == list(effects)
     assert found.verdict == ("effect" if effects else "adequate")
+
+
+@pytest.fixture(scope="module")
+def slow(tmp_path_factory):
+    """Records that the specimen follows without a jump, with the transducer that stood on the bench."""
+    found = noisy(tmp_path_factory.mktemp("slow"), 5)
+    kept = tuple(record for record in found.records if not record.name.startswith("01"))
+    return Problem(prepared(replace(found, records=kept), "fit"), build_transducer(STACK), ("displacement",))
+
+
+def sigma(problem):
+    """Of the sensors, rounded by the converter: of the bench's own channels those of the voltage and the current."""
+    rounded = {"displacement": 3e-9, "voltage": np.hypot(1.5e-3, 3.05e-4 / 12**0.5), "current": 3.48e-8, "force": 5.0}
+    assert set(rounded) == {*problem.data[0].channels, "force"}
+    return Noise(rounded)
+
+
+def test_residuals_of_the_truth_are_white_as_every_operator_passes_the_noise_on_average(slow):
+    """Those that slip pass none on: a third of the voltage's slow noise."""
+    model = Model(slow.nominal, (), ("displacement",))
+    own = slow.start(model)
+    for data, mine, white in zip(slow.data, own, whiteners(slow, model, own, sigma(slow)), strict=True):
+        ((_, _, residual, _),) = residual_blocks(model, data, mine, False)
+        spectrum = (white.of(len(residual))[0] @ spectra_of(residual)[:, :, None])[:, :, 0]
+        if "step" in data.name:
+            continue  # where it began is not fitted here
+        for lines in (slice(24, 120), slice(120, -1)):  # from 6 and from 30 Hz on, above the drive itself
+            squares = 0.5 * np.abs(spectrum[lines]) ** 2
+            assert squares.mean(axis=0) == pytest.approx(1.0, abs=5.0 / np.sqrt(len(squares))), data.name
+
+
+@pytest.fixture(scope="module")
+def healthy(slow):
+    kept = tuple(p for p in parameters_of(slow.nominal, {"force"}) if p.path[0] not in ("mass", "damping"))
+    model = Model(slow.nominal, kept, ("displacement",))
+    return fit(slow, model, noise=sigma(slow), estimate_noise=False)
+
+
+def test_no_channel_seems_to_end_where_the_noise_of_the_drive_would_have_taken_it(slow, healthy):
+    peaks = scene_of(slow.data, healthy).peaks
+    assert peaks["voltage"] == peaks["current"] == ()
+
+
+def test_the_noise_of_the_drive_is_no_hint(slow, healthy):
+    assert hints(slow, healthy) == []

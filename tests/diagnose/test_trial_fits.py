@@ -7,7 +7,7 @@ import pytest
 from diagnose_runs import SIGMA, STEP, campaign, fitted, synthetic
 
 from piezoharvest.diagnose.candidates import effect_parameters, extended
-from piezoharvest.diagnose.trials import ROUGHLY, Step, Trials, inflated
+from piezoharvest.diagnose.trials import ROUGHLY, Step, Trials, inflated, significance
 from piezoharvest.effects import Clipping, Leakage, Stiffening
 from piezoharvest.identify import descent
 from piezoharvest.identify.fit import fit
@@ -83,6 +83,15 @@ def test_what_the_data_determines_is_asked_again_beside_an_effect(records):
     assert better.found.model.transducer.capacitance == pytest.approx(records[1].capacitance, rel=1e-3)
     assert better.cost < poor.cost - 100.0
     assert trials.redetermined(better) is better
+
+
+@pytest.mark.parametrize("resistance", [3e7, 3e8])
+def test_an_effect_that_gains_by_itself_is_as_significant_as_what_it_gains(records, resistance):
+    """The likelihood ratio and Wald's test are one where an effect is small; a line has no strength of its own."""
+    problem, found, _ = fitted(*records, [Leakage(resistance=resistance)], seed=1)
+    more = with_effect(problem, found, Leakage(resistance=resistance), 1e-4)
+    assert significance(more, -1) == pytest.approx(found.cost - more.cost, rel=0.1, abs=3.0)
+    assert significance(found, -1) == np.inf
 
 
 REACHED = 3.1e-6  # m: of the largest one's 3.2e-6

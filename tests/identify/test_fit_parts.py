@@ -121,6 +121,7 @@ def test_noise_of_sensors_is_told_beside_a_far_larger_one_of_the_drive_and_a_lin
         for name, sigma in truth.items():
             assert found[name] == pytest.approx(sigma, rel=0.05), name
 
+
 @pytest.mark.parametrize("known", [{}, {"force": 0.5}])
 def test_noise_of_one_channel_alone_cannot_be_told_from_that_of_its_drive(known):
     """Their sum is right all the same, and nothing fails."""

@@ -126,6 +126,18 @@ def test_a_load_before_the_record_has_left_its_history_in_the_operators(begin, r
     assert off[1] > 0.03
 
 
+@pytest.mark.parametrize("held", [0.0, 1e-3, -0.03, 1.0])
+def test_a_drive_that_is_held_exactly_has_a_prediction_at_rest(held):
+    """All that is left of the operators' inputs is rounded: their differences are, too."""
+    force = np.concatenate([np.full(300, held), held + 0.1 * np.sin(0.1 * np.arange(200)), np.full(100, held)])
+    found, _ = predicted(build_transducer(STACK), "force", force)
+    assert np.abs(np.diff(found["displacement"][:300])).max() < 1e-15
+    assert np.all(np.isfinite(found["voltage"]))
+    smooth = held + np.concatenate([force[:1] - held, np.diff(force)]).cumsum()
+    again, _ = predicted(build_transducer(STACK), "force", smooth + 1e-9 * np.sin(TIMES[:600] * 40.0))
+    assert np.abs(again["voltage"] - found["voltage"]).max() < 1e-9
+
+
 def test_voltage_drive_is_the_inverse_of_a_free_actuator():
     """Slowly: the displacement is T (v - v_h)/k, v_h by a Prandtl-Ishlinskii operator of the charge."""
     device = build_transducer(STACK)

@@ -11,7 +11,9 @@ TIME = np.arange(COUNT)
 
 def drawn(rng, count):
     """Angles at least two lines apart, sizes and phases."""
-    angles = 2 * np.pi / COUNT * (rng.choice(np.arange(5, 500, 2), count, replace=False) + rng.uniform(-0.3, 0.3, count))
+    angles = (
+        2 * np.pi / COUNT * (rng.choice(np.arange(5, 500, 2), count, replace=False) + rng.uniform(-0.3, 0.3, count))
+    )
     return np.sort(angles), rng.uniform(2.0, 200.0, count), rng.uniform(0.0, 2 * np.pi, count)
 
 
