@@ -19,8 +19,8 @@ def test_a_drive_that_is_in_motion_at_its_ends_is_followed_there(phase, frequenc
     assert off.std() < sigma
 
 
-def noise(sigma, count=len(TIME), seed=4):
-    return sigma * np.random.default_rng(seed).standard_normal(count)
+def noise(sigma, seed=4):
+    return sigma * np.random.default_rng(seed).standard_normal(len(TIME))
 
 
 def test_a_value_that_is_held_is_held_up_to_the_jump_that_ends_it():

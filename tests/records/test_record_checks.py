@@ -305,6 +305,32 @@ class TestStuck:
         assert check(with_values(of, displacement=coarse), device) == ()
 
 
+class TestSpikes:
+    @pytest.mark.parametrize("channel", ["force", "displacement", "voltage", "current"])
+    @pytest.mark.parametrize(("noise", "size"), [(0.0, 0.2), (1e-3, 0.3), (0.02, 2.0)])
+    @pytest.mark.parametrize("at", [[777], [2500, 2501, 2502], [100, 3000]])
+    def test_samples_that_leap_away_and_come_back(self, channel, noise, size, at):
+        of, device = stack_sine(noise=noise)
+        values = of[channel].copy()
+        values[at] += size * np.ptp(values)
+        finding = only(with_values(of, **{channel: values}), device, "spike", channel, "warning")
+        covered = np.concatenate([np.arange(first, last + 1) for first, last in finding.rows]) - 2
+        assert covered.tolist() == at
+
+    @pytest.mark.parametrize("noise", [0.0, 1e-3, 0.02])
+    def test_a_last_number_that_is_cut_off(self, noise):
+        """6.1e-05 becomes 6.1: the last line of a copy that was not finished."""
+        of, device = stack_sine(noise=noise)
+        values = of["current"].copy()
+        values[-1] = 6.1
+        all_found = found(with_values(of, current=values), device)
+        assert all_found["spike", "current"].rows == rows(len(of) - 1, len(of) - 1)
+
+    def test_a_pulse_that_others_follow_is_none(self):
+        of, device = generator(STACK, resistor(1e3), hold(900.0), duration=6.0)
+        assert ("spike", "current") not in found(measured(of, noise=1e-4), device)
+
+
 class TestAgainstTheModel:
     @pytest.mark.parametrize("channel", ["displacement", "voltage", "current"])
     @pytest.mark.parametrize(("factor", "unit"), [(1e3, "m"), (1e6, "u"), (1e-3, "k"), (1e9, "n")])

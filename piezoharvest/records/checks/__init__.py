@@ -13,6 +13,7 @@ from piezoharvest.records.checks.frequency import check_frequency
 from piezoharvest.records.checks.hum import mains_hum
 from piezoharvest.records.checks.model import against_model
 from piezoharvest.records.checks.raw import clock, not_a_number
+from piezoharvest.records.checks.spikes import spikes
 from piezoharvest.records.checks.stated import stated_noise
 from piezoharvest.records.checks.stuck import constant, standing_still
 from piezoharvest.records.finding import Finding
@@ -68,3 +69,4 @@ def _raw(record: Record) -> Iterator[Finding]:
     if not missing:
         yield from constant(record)
         yield from standing_still(record)
+        yield from spikes(record)

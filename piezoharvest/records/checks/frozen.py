@@ -18,6 +18,7 @@ _JUMP = 6.0  # times the usual step from one sample to the next
 _PILED = 8  # samples at an end of the range
 _STEEPER = 4.0  # times as many as any value next to it has
 _NEXT = 3  # values
+_NEAR = 6.0  # times the noise
 
 
 def unlikely(flat: np.ndarray, values: np.ndarray, level: Level) -> np.ndarray:
@@ -41,12 +42,16 @@ def piled(values: np.ndarray, level: Level) -> np.ndarray:
     """Runs of any length at an end of the range that no more than noise reaches.
 
     Noise thins out towards its extremes: a largest value that is taken more often than those next to it is a limit.
+    Pulses that are all alike come from afar, which noise does not.
     """
     found = [np.zeros((0, 2), int)]
     taken, times = np.unique(values, return_counts=True)
     for at, beside in ((-1, times[-1 - _NEXT : -1]), (0, times[1 : 1 + _NEXT])):
         if level.noisy and times[at] >= max(_PILED, _STEEPER * beside.max(initial=1)):
-            found.append(runs(values == taken[at]))
+            pile = runs(values == taken[at])
+            ends = np.abs(values[np.clip(pile + np.array([-1, 1]), 0, len(values) - 1)] - taken[at])
+            if np.median(ends) < _NEAR * level.noise:
+                found.append(pile)
     return np.concatenate(found)
 
 
