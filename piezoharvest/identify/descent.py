@@ -99,12 +99,12 @@ def descend(
     delaying = np.array([p.path[-1] == "damping" for p in model.parameters] + [False] * sum(map(len, own)))
     mean, precision = prior_of(problem, model)
     judge = _Judge(problem, whiteners(problem, model, own, noise, rough=loose), mean, precision)
-    first = judge.at(model, own, np.concatenate([inner_values(model), *own]), scatter=not loose)
-    here = first if loose else judge.by_slow_lines(first, enough)
+    final = judge.at(model, own, np.concatenate([inner_values(model), *own]), scatter=not loose)
+    here = final if loose else judge.by_slow_lines(final, enough)
     damping, converged, message = FAR if loose else NEAR, False, UNFINISHED
     iteration, quiet, bend = 0, 0, np.zeros_like(here.information)
     costs, hopes, rejected = [here.cost], list[float](), False
-    count = sum(float(part.count.sum()) for part in first.sums)
+    count = sum(float(part.count.sum()) for part in final.sums)
     for iteration in range(1, most + 1):
         values = here.values
         shown = _shown(here.information, precision, here.sums, len(model.parameters))
@@ -115,7 +115,8 @@ def descend(
         limit = max(1.0, ROUGH * here.squares) if loose else max(enough, FINE * (here.squares - count))
         if promise < limit or quiet == QUIET:
             if np.isfinite(judge.highest):
-                here = judge.by_all_lines(here)
+                judge, here = judge.by_own_way(here, noise)
+                final = here
                 quiet, bend, costs, hopes = 0, np.zeros_like(bend), [here.cost], []
                 continue
             converged, message = True, "converged"
@@ -149,13 +150,10 @@ def descend(
         if here.cost - AHEAD * _pace(costs, hopes) > aim:
             message = "given up: it would not come to what others have reached"
             break
-    if here.values is first.values:
-        here = first
+    if here.values is final.values:
+        here = final
     elif not loose:
-        # Models pass on the noise of the drive in their own ways: each is judged by residuals that its own way makes
-        # white.
-        own_way = _Judge(problem, whiteners(problem, here.model, here.own, noise), mean, precision)
-        here = own_way.at(here.model, here.own, here.values, scatter=True)
+        _, here = judge.by_own_way(here, noise)
     return Fit(
         here.model, here.own, noise, here.cost, here.sums, here.information, np.diag(precision), converged, iteration,
         message,
@@ -214,10 +212,14 @@ class _Judge:
                 return self._judged(here.model, here.own, here.values, here.sums)
         return here
 
-    def by_all_lines(self, here: _Place) -> _Place:
-        """The same place, judged by all lines from now on."""
-        self.highest, self._bands, self._beyond = np.inf, slice(None), 0.0
-        return self.at(here.model, here.own, here.values)
+    def by_own_way(self, here: _Place, noise: Noise) -> tuple[_Judge, _Place]:
+        """The same place by all lines of residuals that its own way of passing on the noise of the drive makes white.
+
+        Models pass it on in their own ways, and each is judged by its own in the end.
+        """
+        white = whiteners(self.problem, here.model, here.own, noise)
+        judge = _Judge(self.problem, white, self.mean, self.precision)
+        return judge, judge.at(here.model, here.own, here.values, scatter=True)
 
     def _judged(self, model: Model, own: Sequence[np.ndarray], values: np.ndarray, sums: tuple[Sums, ...]) -> _Place:
         information, gradient, squares = whole(model, own, sums, self._bands)

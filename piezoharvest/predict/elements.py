@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from piezoharvest.predict.specimen import POSITIVE_POWER, POWER, PRODUCT, STOP, Matrices
+from piezoharvest.predict.specimen import POSITIVE_POWER, POWER, PRODUCT
 
 
-def outputs_of(matrices: Matrices, z: np.ndarray, w: np.ndarray, e: np.ndarray) -> np.ndarray:
-    """Outputs of the elements for given states, outputs before, and inputs; stops stay as they are."""
-    inputs = matrices.O @ np.concatenate([z, w, e])
-    found = np.zeros_like(w)
-    for j, (kind, (first, second)) in enumerate(zip(matrices.kinds, matrices.places, strict=True)):
-        value, exponent = inputs[first], np.real(matrices.parameters[j])
-        if kind == STOP:
-            found[j] = w[j]
-        elif kind == PRODUCT:
-            found[j] = value * inputs[second]
-        elif kind == POWER or (kind == POSITIVE_POWER and np.real(value) > 0):
-            found[j] = value**exponent
+def outputs_of(
+    kinds: np.ndarray, places: np.ndarray, exponents: np.ndarray, inputs: np.ndarray, w: np.ndarray
+) -> np.ndarray:
+    """Outputs (k, elements) of the elements for inputs (k, inputs) and outputs before; stops stay as they are."""
+    found = w.copy()
+    for j, (kind, (first, second), exponent) in enumerate(zip(kinds, places, exponents, strict=True)):
+        value = inputs[:, first]
+        if kind == PRODUCT:
+            found[:, j] = value * inputs[:, second]
+        elif kind == POWER:
+            found[:, j] = value**exponent
+        elif kind == POSITIVE_POWER:
+            above = np.real(value) > 0
+            found[:, j] = np.where(above, np.where(above, value, 1.0) ** exponent, 0.0)
     return found

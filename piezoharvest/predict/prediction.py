@@ -14,7 +14,7 @@ from piezoharvest.predict.lowered import MAGNIFIED, Lowered, Setting
 from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.run import NEVER, Pace, Run, pace_of, padded
 from piezoharvest.predict.specimen import STOP, Matrices
-from piezoharvest.predict.steps import Step, equilibrium
+from piezoharvest.predict.steps import Step, equilibria
 from piezoharvest.transducer import Transducer
 
 BLOCK = 1 << 16  # samples at a time: a record of millions of samples is never in memory with its derivatives
@@ -125,30 +125,34 @@ class Prediction:
 
     def _start(self, derivatives: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Scaled states at the start and their derivatives; outputs of the elements and theirs."""
-        own = self.own.astype(complex)
-
-        def begun(matrices: Matrices) -> np.ndarray:
-            off, w = np.zeros(len(matrices.states), complex), np.zeros(len(matrices.kinds), complex)
-            states, rest = np.split(own, [len(self.free)])
-            off[self.free] = states / self.matrices.scale[self.free]
-            if self.free and self.swift:
-                A = matrices.A[self.swift]
-                off[self.swift] = -np.linalg.solve(A[:, self.swift], A[:, self.free] @ off[self.free])
-            first, rest = (rest[0], rest[1:]) if self.setting.abrupt else (self.setting.first, rest)
-            w[self.stops] = rest[: len(self.stops)] * matrices.parameters[self.stops]
-            z = equilibrium(matrices, self._lowered.inverse, first, w) + matrices.follow @ off
-            return np.concatenate([z, w])
-
-        start, found = np.real(begun(self.matrices)), []
-        if derivatives:
-            found += [begun(tangent) for tangent in self._lowered.tangents]
-            for k in range(len(own)):
-                own[k] += 1j * MAGNIFIED
-                found.append(begun(self.matrices))
-                own[k] = self.own[k]
-        slopes = np.imag(np.array(found).reshape(-1, len(start))).T / MAGNIFIED
-        (z, w), (dz, dw) = (np.split(some, [len(self.matrices.states)]) for some in (start, slopes))
+        tangents = self._lowered.tangents if derivatives else []
+        several = [self.matrices, *tangents, *[self.matrices] * (len(self.own) * derivatives)]
+        own = np.tile(self.own.astype(complex), (len(several), 1))
+        steps = own[1 + len(tangents) :]
+        steps += 1j * MAGNIFIED * np.eye(len(steps), len(self.own))
+        start = self._begun(several, own)
+        slopes = np.imag(start[1:]).T / MAGNIFIED
+        (z, w), (dz, dw) = (np.split(some, [len(self.matrices.states)]) for some in (np.real(start[0]), slopes))
         return z, dz, w, dw
+
+    def _begun(self, several: Sequence[Matrices], own: np.ndarray) -> np.ndarray:
+        """Scaled states and outputs of the elements at the start, (k, n + elements), of k equations and own numbers."""
+        count, matrices = len(several), self.matrices
+        off, w = np.zeros((count, len(matrices.states)), complex), np.zeros((count, len(matrices.kinds)), complex)
+        states, rest = np.split(own, [len(self.free)], axis=1)
+        off[:, self.free] = states / matrices.scale[self.free]
+        if self.free and self.swift:
+            A = np.array([each.A for each in several])[:, self.swift]
+            pushed = A[:, :, self.free] @ off[:, self.free, None]
+            off[:, self.swift] = -np.linalg.solve(A[:, :, self.swift], pushed)[:, :, 0]
+        first = np.full(count, self.setting.first, complex)
+        if self.setting.abrupt:
+            first, rest = rest[:, 0], rest[:, 1:]
+        parameters = np.array([each.parameters for each in several]).reshape(w.shape)
+        w[:, self.stops] = rest[:, : len(self.stops)] * parameters[:, self.stops]
+        follow = np.array([each.follow for each in several])
+        z = equilibria(several, self._lowered.inverse, first, w) + (follow @ off[:, :, None])[:, :, 0]
+        return np.hstack([z, w])
 
     def settle(self) -> None:
         """March through the record, if nobody has yet, so that `local` holds the slopes of its elements."""

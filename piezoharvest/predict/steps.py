@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import factorial
 from typing import NamedTuple
 
@@ -74,30 +75,38 @@ def inverse_of(matrices: Matrices) -> np.ndarray:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def equilibrium(matrices: Matrices, inverse: np.ndarray, first: complex, stops: np.ndarray) -> np.ndarray:
-    """State that does not move under the first value of the drive.
+def equilibria(several: Sequence[Matrices], inverse: np.ndarray, first: np.ndarray, stops: np.ndarray) -> np.ndarray:
+    """States that do not move under the first value of the drive, of a specimen and of some that hardly differ from it.
 
     Parameters
     ----------
-    matrices : Matrices
-        Real, or with a complex step.
+    several : sequence of k Matrices
+        With complex steps.
     inverse : (n, n) array
         That of the real A.
-    first : float or complex
-        First value of the drive.
-    stops : (elements,) array
+    first : (k,) array
+        First values of the drive.
+    stops : (k, elements) array
         Outputs of the stops; of the other elements none.
+
+    Returns
+    -------
+    (k, n) array
     """
-    A, B, W = matrices.A, matrices.B, matrices.W
-    if np.iscomplexobj(A):
-        inverse = inverse - 1j * (inverse @ np.imag(A) @ inverse)
-    e = np.array([first, 0.0, 1.0, 0.0])
-    kind = np.result_type(A, e, stops)
-    w = stops.astype(kind)
-    z = np.zeros(len(A), kind)
+    A, B, W, O = (np.array([getattr(each, name) for each in several]) for name in ("A", "B", "W", "O"))  # noqa: E741
+    kinds, places, exponents = several[0].kinds, several[0].places, np.real(several[0].parameters)
+    inverses = inverse - 1j * (inverse @ np.imag(A) @ inverse)
+    e = first[:, None] * (1.0, 0.0, 0.0, 0.0) + (0.0, 0.0, 1.0, 0.0)
+    forced = _applied(B, e)
+    w, z = stops, np.zeros(A.shape[:2], complex)
     for _ in range(REST):
-        before, z = z, -inverse @ (B @ e + W @ w)
-        if np.abs(z - before).max() <= 1e-14 * np.abs(z).max() or not np.any(matrices.kinds != STOP):
+        before, z = z, -_applied(inverses, forced + _applied(W, w))
+        if np.all(kinds == STOP) or np.abs(z - before).max() <= 1e-14 * np.abs(z).max():
             break
-        w = outputs_of(matrices, z, w, e)
+        w = outputs_of(kinds, places, exponents, _applied(O, np.hstack([z, w, e])), w)
     return z
+
+
+def _applied(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Every matrix (k, n, m) times its vector (k, m)."""
+    return (matrices @ vectors[:, :, None])[:, :, 0]
