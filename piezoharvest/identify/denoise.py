@@ -19,7 +19,7 @@ from piezoharvest.records.finding import runs
 WIDTH = 4.0  # half width of a confidence interval in standard deviations
 LEVELS = 13  # windows of 3, 7, 15, ... samples
 SPARE = 2  # levels: averages are over a quarter of the samples that agree, so that their bias is far below the noise
-HELD = 4.0  # standard deviations of the averages within which a drive counts as held at one value
+HELD = 5.0  # standard deviations of the averages within which a drive counts as held at one value
 LOUD = 1.5  # times the noise: a drive whose highest frequencies are stronger has them all
 CORNERS = 4  # degree of the polynomials that have slopes and bends at the ends
 SHORT = 32  # lines that are always kept
