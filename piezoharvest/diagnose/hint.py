@@ -14,7 +14,7 @@ import numpy as np
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.evaluation import whiteners
 from piezoharvest.identify.fit import inverse
-from piezoharvest.identify.model import noise_passed, residual_blocks
+from piezoharvest.identify.model import residual_blocks
 from piezoharvest.identify.problem import Problem
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.identify.sums import spectra_of
@@ -122,13 +122,11 @@ class _Normal:
 def _record(data, own, white, final, terms: Terms, scales):
     """Sums of one record over its parameters, then terms; and the names of its terms."""
     products, gradient, rounded, names = 0.0, 0.0, 0.0, []
-    for prediction, begin, residual, slopes in residual_blocks(final.model, data, own, True):
-        W = white.of(len(residual))[0]
+    for _, begin, residual, slopes in residual_blocks(final.model, data, own, True):
+        W = white.of(len(residual))
         assert slopes is not None
-        # Without the noise of the drive, which residuals have, too: that is no slope of what they are left by.
-        passed, passed_slopes = noise_passed(prediction, data, begin, begin + len(residual), True)
-        slopes[:, :, : passed_slopes.shape[2]] -= passed_slopes
-        signals = _signals(data, begin, residual + passed)
+        signals = _signals(data, begin, residual)
+        residual -= white.passed(begin, begin + len(residual))
         told = list(terms(signals, data.setting.sample_time, scales))
         spectra = spectra_of(np.column_stack([values for _, values in told]))
         # A term in a channel: that column of the whitener.

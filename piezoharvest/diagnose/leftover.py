@@ -14,7 +14,7 @@ from piezoharvest.diagnose.hint import along_squares
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.evaluation import whiteners
-from piezoharvest.identify.model import residual_blocks
+from piezoharvest.identify.model import unexplained_blocks
 from piezoharvest.identify.noise import first_guess, rounding
 from piezoharvest.identify.problem import Problem
 from piezoharvest.identify.responses import FrequencyData, relative_error
@@ -121,19 +121,18 @@ class Block:
         channels = np.arange(predicted.shape[1])
         parts = np.zeros((len(self.spectrum), len(channels), len(channels), 2), complex)
         parts[line, channels, channels] = 1.0, 1j
-        matrices = self.white.of(len(self.residual))[0]
+        matrices = self.white.of(len(self.residual))
         scatter = self.white.scatter(predicted, parts.reshape(*parts.shape[:2], -1), matrices)
         return np.diag(scatter).reshape(-1, 2).mean(axis=1) / self.level**2
 
 
 def blocks_of(problem: Problem, found: Fit) -> Iterator[Block]:
     """Blocks of the records over time."""
-    model = replace(found.model, parameters=())
     white_of = whiteners(problem, found.model, found.own, found.noise)
     for data, own, white in zip(problem.data, found.own, white_of, strict=True):
         if isinstance(data, Data) and isinstance(white, Whitener):
-            for _, begin, residual, _ in residual_blocks(model, data, own, False):
-                spectrum = (white.of(len(residual))[0] @ spectra_of(residual)[:, :, None])[:, :, 0]
+            for _, begin, residual in unexplained_blocks(found.model, data, own):
+                spectrum = (white.of(len(residual)) @ spectra_of(residual)[:, :, None])[:, :, 0]
                 yield Block(data, white, begin, residual, spectrum)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from piezoharvest.identify.data import EQUAL, PLATEAU, Data
 from piezoharvest.identify.descent import Fit
-from piezoharvest.identify.model import noise_passed, residual_blocks
+from piezoharvest.identify.model import noise_passed, residual_blocks, unexplained_blocks
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.shunts.resistor import Resistor
 
@@ -116,10 +116,9 @@ def _ranges(records: Sequence[Data], found: Fit, data: Sequence, channel: str) -
         c = each.channels.index(channel)
         for prediction, begin, residual, _ in residual_blocks(_bare(found), each, own, False):
             measured, left = values[begin : begin + len(residual)], residual[:, c]
-            passed = noise_passed(prediction, each, begin, begin + len(residual))[0][:, c]
-            predicted = measured - left - passed
-            cut = np.clip(predicted, -limits[:, None], limits[:, None]) + passed
-            gains += np.sum((left**2 - (measured - cut) ** 2) / sigma**2, axis=1)
+            passed = noise_passed(prediction, each, begin, begin + len(residual))[:, c]
+            cut = np.clip(measured - left, -limits[:, None], limits[:, None]) + passed
+            gains += np.sum(((left - passed) ** 2 - (measured - cut) ** 2) / sigma**2, axis=1)
     return tuple(limits[(gains > PASSED) | ((equal >= PLATEAU) & (np.array(BEYOND) <= HELD))].tolist())
 
 
@@ -129,7 +128,7 @@ def _mains(data: Sequence, found: Fit) -> dict[str, tuple[float, ...]]:
     for each, own in zip(data, found.own, strict=True):
         if not isinstance(each, Data):
             continue
-        for _, begin, residual, _ in residual_blocks(_bare(found), each, own, False):
+        for _, begin, residual in unexplained_blocks(found.model, each, own):
             time = (begin + np.arange(len(residual))) * each.setting.sample_time
             lines = np.exp(-2j * np.pi * _NEAR[:, None] * time) @ (residual / residual.std(axis=0))
             for c, channel in enumerate(each.channels):

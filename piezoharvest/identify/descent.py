@@ -98,7 +98,7 @@ def descend(
     leap = np.array([LEAP if p.scaling == "log" else np.inf for p in model.parameters] + [np.inf] * sum(map(len, own)))
     delaying = np.array([p.path[-1] == "damping" for p in model.parameters] + [False] * sum(map(len, own)))
     mean, precision = prior_of(problem, model)
-    judge = _Judge(problem, whiteners(problem, model, own, noise, rough=loose), mean, precision)
+    judge = _Judge(problem, whiteners(problem, model, own, noise), mean, precision)
     final = judge.at(model, own, np.concatenate([inner_values(model), *own]), scatter=not loose)
     here = final if loose else judge.by_slow_lines(final, enough)
     damping, converged, message = FAR if loose else NEAR, False, UNFINISHED
@@ -107,10 +107,9 @@ def descend(
     count = sum(float(part.count.sum()) for part in final.sums)
     for iteration in range(1, most + 1):
         values = here.values
-        shown = _shown(here.information, precision, here.sums, len(model.parameters))
         step, promise = _step(
             here.information + np.diag(precision) + bend, here.slope, damping,
-            np.maximum(lower - values, -leap), np.minimum(upper - values, leap), shown,
+            np.maximum(lower - values, -leap), np.minimum(upper - values, leap), np.diag(here.information) != 0.0,
         )  # fmt: skip
         limit = max(1.0, ROUGH * here.squares) if loose else max(enough, FINE * (here.squares - count))
         if promise < limit or quiet == QUIET:
@@ -232,17 +231,6 @@ def _pace(costs: Sequence[float], hopes: Sequence[float]) -> float:
     """By how much an iteration may be expected to lower the cost, after those so far and what they promised."""
     gained = (costs[-1 - PACE] - costs[-1]) / PACE if len(costs) > PACE else np.inf
     return min(gained, max(hopes[-HOPES:]) if len(hopes) >= HOPES else np.inf)
-
-
-def _shown(information: np.ndarray, precision: np.ndarray, sums: Sequence[Sums], p: int) -> np.ndarray:
-    """Whether the records show a parameter better than its prior does, each for itself.
-
-    What the noise of the drive adds to the products of the derivatives says nothing about a parameter, but scatters the
-    slope: pushed by that, one that nothing else tells would run away.
-    """
-    own, noisy = np.diag(information).copy(), np.zeros(len(precision))
-    noisy[:p] = sum(np.diag(part.noisy.sum(axis=0))[:p] for part in sums)
-    return (own != 0.0) & ((own > 0.0) & (own**2 >= precision * (own + noisy)) | (noisy == 0.0))
 
 
 def _bent(bend: np.ndarray, information: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:

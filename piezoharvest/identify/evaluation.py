@@ -24,13 +24,13 @@ R = TypeVar("R")
 
 
 def whiteners(
-    problem: Problem, model: Model, own: Sequence[np.ndarray], noise: Noise, *, rough: bool = False
+    problem: Problem, model: Model, own: Sequence[np.ndarray], noise: Noise
 ) -> tuple[Whitener | ResponseWeights, ...]:
     """Whiteners of all records, by a model that need not be the best."""
     return tuple(
         ResponseWeights(noise.sigma[data.name], data)
         if isinstance(data, FrequencyData)
-        else Whitener(begun(model, data, mine), noise, data, rough=rough and data.drive not in problem.known)
+        else Whitener(begun(model, data, mine), noise, data)
         for data, mine in zip(problem.data, own, strict=True)
     )
 

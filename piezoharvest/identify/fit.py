@@ -13,7 +13,7 @@ import numpy as np
 from piezoharvest.identify.descent import ITERATIONS, Fit, descend
 from piezoharvest.identify.evaluation import sums_of, whiteners, whole
 from piezoharvest.identify.gain import gain_of
-from piezoharvest.identify.model import Model, residual_blocks
+from piezoharvest.identify.model import Model, unexplained_blocks
 from piezoharvest.identify.noise import Noise, estimate
 from piezoharvest.identify.problem import Problem
 from piezoharvest.identify.responses import FrequencyData
@@ -91,7 +91,7 @@ def _residual_spectra(problem: Problem, found: Fit) -> Iterator[tuple[Sequence[s
     for data, own in zip(problem.data, found.own, strict=True):
         if isinstance(data, FrequencyData):
             continue
-        for prediction, _, residual, _ in residual_blocks(found.model, data, own, False):
+        for prediction, _, residual in unexplained_blocks(found.model, data, own):
             gain = gain_of(prediction, data.channels, np.fft.rfftfreq(len(residual), data.setting.sample_time))
             yield data.channels, data.drive, spectra_of(residual) / np.sqrt(2.0), gain
 
@@ -119,7 +119,7 @@ def covariance(found: Fit) -> np.ndarray:
     excess = np.maximum(excess, 1.0)
     for mine, part in zip(own, found.sums, strict=True):
         places = np.concatenate([np.arange(p), np.arange(at, at + len(mine))])
-        meat[np.ix_(places, places)] += np.einsum("b,bij->ij", excess, part.information + part.noisy) + part.scatter
+        meat[np.ix_(places, places)] += np.einsum("b,bij->ij", excess, part.information) + part.scatter
         at += len(mine)
     bread = inverse(found.information + found.prior)
     return bread @ (meat + found.prior) @ bread

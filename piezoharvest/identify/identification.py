@@ -14,7 +14,7 @@ from piezoharvest.identify.fit import covariance, fit
 from piezoharvest.identify.gain import gain_of
 from piezoharvest.identify.histories import held, memories, recalled, remembers
 from piezoharvest.identify.identifiable import combination, experiment, undetermined
-from piezoharvest.identify.model import Model, residual_blocks
+from piezoharvest.identify.model import Model, unexplained_blocks
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem, carried, renamed
 from piezoharvest.identify.responses import FrequencyData
@@ -261,7 +261,7 @@ def judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuali
             each_record.append(RecordQuality(each.name, each.role, Quality({output: rms}, {output: noise}), {}))
             continue
         squares, count = np.zeros(len(each.channels)), 0
-        for _, _, residual, _ in residual_blocks(replace(found.model, parameters=()), each, own, False):
+        for _, _, residual in unexplained_blocks(found.model, each, own):
             squares += (residual**2).sum(axis=0)
             count += len(residual)
         rms = dict(zip(each.channels, np.sqrt(squares / count).tolist(), strict=True))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -151,10 +151,10 @@ def begun(model: Model, data: Data, own: np.ndarray) -> Prediction:
     return model.prediction(data, own[: len(model.prediction(data).own_names)])
 
 
-def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool, highest: float = np.inf):
+def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool):
     """Blocks (prediction, begin, residuals, derivatives) of a record; `own` as `own_names` names it.
 
-    They may be wanted right up to a highest frequency (Hz) only.
+    Residuals of what the drive does without its noise.
     """
     first, more = first_samples(data), extras(model, data, model.prediction(data))
     states, read, added = np.split(own, [len(own) - len(first) - len(more), len(own) - len(more)])
@@ -171,11 +171,6 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
         abrupt = data.setting.abrupt and block.begin == 0
         course = Course(h, data.setting.jumps - block.begin, block.between, abrupt)
         predicted, slopes = sensed(effects, model.parameters, data.scatter, course, predicted, slopes)
-        # What is noise in the measured drive comes after the sensors: their range has not cut it off.
-        passed, passed_slopes = noise_passed(prediction, data, block.begin, end, derivatives, highest)
-        predicted += passed
-        if slopes is not None:
-            slopes[:, :, : passed_slopes.shape[2]] += passed_slopes
         residual = data.part(block.begin, end) - predicted
         for k, (sample, c) in enumerate(first):
             if block.begin <= sample < end:
@@ -187,11 +182,18 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
         yield prediction, block.begin, residual, slopes
 
 
-def noise_passed(
-    prediction: Prediction, data: Data, begin: int, end: int, derivatives: bool = False, highest: float = np.inf
-) -> tuple[np.ndarray, np.ndarray]:
-    """What the prediction of some samples, (samples, channels), has of the noise of the drive, and its derivatives."""
-    return small_response(prediction, data.channels, data.rest[begin:end], derivatives, highest)
+def noise_passed(prediction: Prediction, data: Data, begin: int, end: int) -> np.ndarray:
+    """What the noise of the drive would do in some samples, (samples, channels), if the specimen felt it.
+
+    It comes after the sensors: their range has not cut it off.
+    """
+    return small_response(prediction, data.channels, data.rest[begin:end])
+
+
+def unexplained_blocks(model: Model, data: Data, own: np.ndarray) -> Iterator[tuple[Prediction, int, np.ndarray]]:
+    """Blocks (prediction, begin, residuals) of a record, less the noise of the drive as the model itself passes it."""
+    for prediction, begin, residual, _ in residual_blocks(replace(model, parameters=()), data, own, False):
+        yield prediction, begin, residual - noise_passed(prediction, data, begin, begin + len(residual))
 
 
 def _widened(derivatives: np.ndarray, count: int) -> np.ndarray:

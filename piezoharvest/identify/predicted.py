@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from piezoharvest.identify.identification import Identification, RecordQuality, prepared
-from piezoharvest.identify.model import residual_blocks
+from piezoharvest.identify.model import unexplained_blocks
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.records.finding import Finding
 from piezoharvest.records.record import FrequencyRecord, Record
@@ -48,5 +48,5 @@ def predictions(found: Identification) -> Iterator[Predicted]:
                 yield Predicted(record, findings, one, (), data.response(model)[0])
                 continue
             own = np.array(list(one.own.values()))
-            residuals = [residual for _, _, residual, _ in residual_blocks(model, data, own, False)]
+            residuals = [residual for _, _, residual in unexplained_blocks(model, data, own)]
             yield Predicted(record, findings, one, data.channels, data.part(0, len(data)) - np.concatenate(residuals))

@@ -29,17 +29,6 @@ def gram(D: np.ndarray) -> np.ndarray:
     return sum((part @ part.T for part in parts(D)), np.zeros((D.shape[1],) * 2))
 
 
-def passed_on(white: np.ndarray, gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened response to the drive, (channels, f), and its squares, (f,)."""
-    passed = whitened(white, gain)
-    return passed, (np.abs(passed) ** 2).sum(axis=0)
-
-
-def by_bands(values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Sums over the first axis from edge to edge."""
-    return np.diff(np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])[edges], axis=0)
-
-
 def lines(count: int, sample_time: float, highest: float) -> np.ndarray:
     """Frequencies of a real spectrum below the highest, Hz."""
     frequencies = np.fft.rfftfreq(count, sample_time)

@@ -95,7 +95,7 @@ def _cheaper(problem: Problem, nominal: Model, told: Model) -> Model:
     """
     if told.transducer == nominal.transducer:
         return nominal
-    white = whiteners(problem, nominal, problem.start(nominal), problem.noise(), rough=True)
+    white = whiteners(problem, nominal, problem.start(nominal), problem.noise())
 
     def cost(model: Model) -> float:
         bare = replace(model, parameters=())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property, reduce
@@ -11,20 +10,10 @@ from operator import add
 import numpy as np
 
 from piezoharvest.identify.data import Data
-from piezoharvest.identify.gain import gain_of, gain_slopes
-from piezoharvest.identify.model import Model, residual_blocks
+from piezoharvest.identify.gain import gain_of
+from piezoharvest.identify.model import Model, noise_passed, residual_blocks
 from piezoharvest.identify.noise import Noise, Rounding, rounding
-from piezoharvest.identify.spectra import (
-    by_bands,
-    components,
-    gram,
-    in_time,
-    line_spectra,
-    lines,
-    parts,
-    passed_on,
-    whitened,
-)
+from piezoharvest.identify.spectra import gram, in_time, line_spectra, lines, parts, whitened
 from piezoharvest.predict.prediction import Prediction
 
 EDGES = np.array([0.0, 0.1, 0.3, 0.6, 1.2, 2.4, 5, 10, 20, 40, 80, 160, 320, 640, 1e9])  # Hz: bands of the colour
@@ -47,8 +36,6 @@ class Sums:
         How many squares.
     scatter : (p, p) array
         Covariance of the gradient that rounded sensors add.
-    noisy : (bands, p, p) array
-        What the noise of the drive adds to the products of the derivatives; `information` is without it.
     """
 
     information: np.ndarray
@@ -56,16 +43,14 @@ class Sums:
     squares: np.ndarray
     count: np.ndarray
     scatter: np.ndarray
-    noisy: np.ndarray
 
     @classmethod
     def empty(cls, p: int) -> Sums:
         """Sums of nothing, for so many parameters."""
         bands = len(EDGES) - 1
         return cls(
-            np.zeros((bands, p, p)), np.zeros((bands, p)), np.zeros(bands), np.zeros(bands), np.zeros((p, p)),
-            np.zeros((bands, p, p)),
-        )  # fmt: skip
+            np.zeros((bands, p, p)), np.zeros((bands, p)), np.zeros(bands), np.zeros(bands), np.zeros((p, p))
+        )
 
     def __add__(self, other: Sums) -> Sums:
         return Sums(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
@@ -74,20 +59,22 @@ class Sums:
 class Whitener:
     """Makes the spectra of a record's residuals white; it stays as it is while a model is fitted.
 
+    Residuals have the noise of the drive once it is taken for real, as the specimen would pass it on. How that is does
+    not matter for them to be white, only that it is one and the same way by which they are whitened: the way of another
+    model would be no worse, and what differs between the ways of two models says nothing about these.
+
     Parameters
     ----------
     prediction : Prediction
         Of the record, by whose mean slopes the noise of the drive passes.
     noise : Noise
     data : Data
-    rough : bool
-        Far from the solution, where what the noise of the drive leads to expect means little: it is not taken off.
     """
 
-    def __init__(self, prediction: Prediction, noise: Noise, data: Data, *, rough: bool = False) -> None:
+    def __init__(self, prediction: Prediction, noise: Noise, data: Data) -> None:
         self._prediction, self._noise, self._data = prediction, noise, data
-        self._corrected = data.drive in noise.sigma and not rough
-        self._matrices: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+        self._matrices: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self._passed: dict[tuple[int, int], np.ndarray] = {}
 
     @cached_property
     def _steps(self) -> list[Rounding]:
@@ -95,51 +82,50 @@ class Whitener:
         data = self._data
         return [rounding(data.record[channel], self._noise.sigma[channel]) for channel in data.channels]
 
-    def of(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Matrices (f, channels, channels) for a block of so many samples, and squares (f,) of the drive's noise."""
-        return self._of(count)[:2]
+    def of(self, count: int) -> np.ndarray:
+        """Matrices (f, channels, channels) for a block of so many samples."""
+        return self._of(count)[0]
 
-    def _of(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Those of `of`, and the matrices once more with the frequencies last, lower triangular."""
+    def _of(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Those of `of`, and once more with the frequencies last, lower triangular."""
         if count not in self._matrices:
             data = self._data
-            if len(self._prediction.matrices.kinds) and data.drive in self._noise.sigma:
-                self._prediction.settle()
+            self._settle()
             gain = gain_of(self._prediction, data.channels, np.fft.rfftfreq(count, data.setting.sample_time))
             white = np.linalg.inv(np.linalg.cholesky(self._noise.covariance(data.channels, data.drive, gain)))
-            rows = np.ascontiguousarray(white.transpose(1, 2, 0))
-            self._matrices = {count: (white, passed_on(rows, gain.T)[1], rows)}
+            self._matrices = {count: (white, np.ascontiguousarray(white.transpose(1, 2, 0)))}
         return self._matrices[count]
+
+    def passed(self, begin: int, end: int) -> np.ndarray:
+        """What the noise of the drive would do in some samples, (samples, channels)."""
+        if (begin, end) not in self._passed:
+            self._settle()
+            self._passed = {(begin, end): noise_passed(self._prediction, self._data, begin, end)}
+        return self._passed[begin, end]
+
+    def _settle(self) -> None:
+        """Have mean slopes of the elements where they matter."""
+        noisy = self._data.drive in self._noise.sigma or np.any(self._data.rest)
+        if len(self._prediction.matrices.kinds) and noisy:
+            self._prediction.settle()
 
     def sums(self, model: Model, own: np.ndarray, scatter: bool = False, highest: float = np.inf) -> Sums:
         """Sums of the record for a model below a highest frequency (Hz), with what rounded sensors scatter if wanted.
-
-        The derivatives of a prediction carry the same noise of the drive as its residuals, so that a model that passes
-        on less of it would seem better: what each model is expected to pass on is taken off.
 
         Raises
         ------
         PredictionError
             The model cannot follow the record.
         """
-        h, parts, passed = self._data.setting.sample_time, [], {}
-        for prediction, begin, residual, slopes in residual_blocks(model, self._data, own, True, highest):
-            count = len(residual)
-            white, at_first, rows = self._of(count)
-            frequencies = lines(count, h, highest)
-            predicted = self._data.part(begin, begin + count) - residual
+        parts = []
+        for _, begin, residual, slopes in residual_blocks(model, self._data, own, True):
+            end = begin + len(residual)
+            residual -= self.passed(begin, end)
+            white, rows = self._of(len(residual))
+            predicted = self._data.part(begin, end) - residual
             rounded = (lambda D, x=predicted, W=white: self.scatter(x, D, W)) if scatter else None
-            part = _whitened(residual, slopes, rows, frequencies, rounded)
-            if self._corrected:
-                if count not in passed:
-                    passed = {count: self._drive_noise(prediction, count, frequencies, rows, at_first)}
-                information, gradient, squares = passed[count]
-                p = gradient.shape[1]
-                part.information[:, :p, :p] -= information
-                part.noisy[:, :p, :p] += information
-                part.gradient[:, :p] += gradient
-                part.squares[:] -= squares
-            parts.append(part)
+            some = lines(len(residual), self._data.setting.sample_time, highest)
+            parts.append(_whitened(residual, slopes, rows, some, rounded))
         return reduce(add, parts)
 
     def scatter(self, predicted: np.ndarray, whitened: np.ndarray, white: np.ndarray) -> np.ndarray:
@@ -166,25 +152,6 @@ class Whitener:
             each = rounded.second * by_code(turns, slopes)
             found += waves.T @ waves + each @ each.T
         return found
-
-    def _drive_noise(
-        self, prediction: Prediction, count: int, frequencies: np.ndarray, white: np.ndarray, at_first: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What the noise of the drive is expected to give, by bands.
-
-        Products of the derivatives, (bands, p, p), of derivatives and passed noise, (bands, p), and squares beyond
-        those at first.
-        """
-        some = len(frequencies)
-        gain, slopes = gain_slopes(prediction, self._data.channels, frequencies)
-        power = self._noise.sigma[self._data.drive] ** 2 * components(count)[:some]
-        passed, squares = passed_on(white[:, :, :some], gain.T)
-        D = whitened(white[:, :, :some], slopes.transpose(1, 2, 0))
-        products = np.real(np.einsum("cf,cpf->fp", np.conj(passed), D)) * power[:, None]
-        edges = np.minimum(np.searchsorted(frequencies, EDGES), len(frequencies))
-        D *= np.sqrt(power)
-        information = np.array([gram(D[:, :, a:b]) for a, b in itertools.pairwise(edges)])
-        return information, by_bands(products, edges), by_bands((squares - at_first[:some]) * power, edges)
 
 
 def by_code(turns: np.ndarray, slopes: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from piezoharvest.diagnose import diagnose
 from piezoharvest.effects import Clipping, Leakage, Stiffening
 from piezoharvest.identify import identify
 from piezoharvest.identify.identification import prepared
-from piezoharvest.identify.model import residual_blocks
+from piezoharvest.identify.model import unexplained_blocks
 
 
 @pytest.mark.parametrize("channel", ["voltage", "current"])
@@ -18,7 +18,7 @@ def test_a_range_that_ends_before_the_noise_is_found(channel, tmp_path):
     data = prepared(measured, "fit")
     limit = 0.95 * max(np.abs(each.record[channel]).max() for each in data)
     for each, own in zip(data, before.found.own, strict=True):
-        for _, begin, residual, _ in residual_blocks(before.found.model, each, own, False):
+        for _, begin, residual in unexplained_blocks(before.found.model, each, own):
             values = each.record[channel][begin : begin + len(residual)]
             noise = residual[:, each.channels.index(channel)]
             values[:] = np.clip(values - noise, -limit, limit) + noise

@@ -12,7 +12,7 @@ from piezoharvest.diagnose.scene import scene_of
 from piezoharvest.identify.evaluation import whiteners
 from piezoharvest.identify.fit import fit
 from piezoharvest.identify.identification import prepared
-from piezoharvest.identify.model import Model, residual_blocks
+from piezoharvest.identify.model import Model, unexplained_blocks
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem
 from piezoharvest.identify.sums import spectra_of
@@ -76,8 +76,8 @@ def test_residuals_of_the_truth_are_white_as_every_operator_passes_the_noise_on_
     model = Model(slow.nominal, (), ("displacement",))
     own = slow.start(model)
     for data, mine, white in zip(slow.data, own, whiteners(slow, model, own, sigma(slow)), strict=True):
-        ((_, _, residual, _),) = residual_blocks(model, data, mine, False)
-        spectrum = (white.of(len(residual))[0] @ spectra_of(residual)[:, :, None])[:, :, 0]
+        ((_, _, residual),) = unexplained_blocks(model, data, mine)
+        spectrum = (white.of(len(residual)) @ spectra_of(residual)[:, :, None])[:, :, 0]
         if "step" in data.name:
             continue  # where it began is not fitted here
         for lines in (slice(24, 120), slice(120, -1)):  # from 6 and from 30 Hz on, above the drive itself

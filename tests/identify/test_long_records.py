@@ -11,8 +11,6 @@ from identify.test_identify import within
 from scipy.interpolate import CubicSpline
 
 from piezoharvest.identify import identification, identify
-from piezoharvest.identify.descent import _shown
-from piezoharvest.identify.sums import Sums
 from piezoharvest.predict import drive
 from piezoharvest.records import load_campaign
 
@@ -56,13 +54,3 @@ def test_records_whose_beginning_is_fitted_first_give_the_same(tmp_path, monkeyp
         if one.identifiable:
             assert abs(one.value - other.value) < 0.2 * one.std, one.parameter.name
             assert other.std == pytest.approx(one.std, rel=0.1)
-
-
-def test_what_only_the_noise_of_the_drive_sees_is_not_shown():
-    """Information 1, 100 and 4 with a noise of 0, 10,000 and 0.1 against priors of 1, 1 and 5; and none at all."""
-    information = np.diag([1.0, 100.0, 4.0, 0.0, -2.0])
-    sums = Sums.empty(5)
-    sums.noisy[3] = np.diag([0.0, 1e4, 0.1, 0.0, 3.0])
-    shown = _shown(information, np.array([1.0, 1.0, 5.0, 1.0, 0.0]), [sums], 5)
-    assert shown.tolist() == [True, False, False, False, False]
-    assert _shown(information, np.zeros(5), [sums], 5).tolist() == [True, True, True, False, False]
