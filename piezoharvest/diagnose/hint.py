@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezoharvest.identify.descent import Fit
-from piezoharvest.identify.evaluation import whiteners
 from piezoharvest.identify.fit import inverse
 from piezoharvest.identify.model import residual_blocks
 from piezoharvest.identify.problem import Problem
@@ -87,8 +86,7 @@ class _Normal:
         self.names: list[tuple[str, str]] = []
         sums: dict[tuple[str, str], int] = {}
         parts = []
-        white = whiteners(problem, final.model, final.own, final.noise)
-        for data, own, each in zip(problem.data, final.own, white, strict=True):
+        for data, own, each in zip(problem.data, final.own, final.white, strict=True):
             if isinstance(data, FrequencyData):
                 continue
             own_columns = np.arange(at, at + len(own))

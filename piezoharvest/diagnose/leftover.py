@@ -13,8 +13,7 @@ from scipy.stats import chi2
 from piezoharvest.diagnose.hint import along_squares
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.descent import Fit
-from piezoharvest.identify.evaluation import whiteners
-from piezoharvest.identify.model import unexplained_blocks
+from piezoharvest.identify.model import residual_blocks
 from piezoharvest.identify.noise import first_guess, rounding
 from piezoharvest.identify.problem import Problem
 from piezoharvest.identify.responses import FrequencyData, relative_error
@@ -128,10 +127,11 @@ class Block:
 
 def blocks_of(problem: Problem, found: Fit) -> Iterator[Block]:
     """Blocks of the records over time."""
-    white_of = whiteners(problem, found.model, found.own, found.noise)
-    for data, own, white in zip(problem.data, found.own, white_of, strict=True):
+    model = replace(found.model, parameters=())
+    for data, own, white in zip(problem.data, found.own, found.white, strict=True):
         if isinstance(data, Data) and isinstance(white, Whitener):
-            for _, begin, residual in unexplained_blocks(found.model, data, own):
+            for _, begin, residual, _ in residual_blocks(model, data, own, False):
+                residual -= white.passed(begin, begin + len(residual))
                 spectrum = (white.of(len(residual)) @ spectra_of(residual)[:, :, None])[:, :, 0]
                 yield Block(data, white, begin, residual, spectrum)
 

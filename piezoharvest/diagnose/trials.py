@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -220,7 +220,11 @@ class Trials:
     def polished(self, now: Step) -> Step:
         """The same fit to the end."""
         found = now.found
-        return Step(fit(self.problem, found.model, found.own, found.noise, estimate_noise=False))
+        return Step(self._descended(found.model, found.own, found))
+
+    def _descended(self, model: Model, own, before: Fit, **options: Any) -> Fit:
+        """Fit with the noise and the whiteners of another."""
+        return fit(self.problem, model, own, before.noise, white=before.white, estimate_noise=False, **options)
 
     def remember(self, step: Step | None) -> Step | None:
         """The step; the best with its effects is known from now on."""
@@ -237,7 +241,7 @@ class Trials:
         self, model: Model, own, before: Fit, *, aim: float = np.inf, enough: float = ROUGHLY, most: int = ITERATIONS
     ) -> Step | None:
         try:
-            found = fit(self.problem, model, own, before.noise, estimate_noise=False, enough=enough, aim=aim, most=most)
+            found = self._descended(model, own, before, enough=enough, aim=aim, most=most)
         except (PredictionError, np.linalg.LinAlgError):
             return None
         step = Step(found)

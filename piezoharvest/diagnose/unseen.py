@@ -46,7 +46,8 @@ def validated(campaign: Campaign, before: Identification, found: Sequence[Fit]) 
         ]
         if any(len(each.setting.jumps) for each in data if isinstance(each, Data)):
             starts.append(problem.start(model))  # when a drive jumped may be caught beside the instant
-        tried = (fit(problem, model, own, noise, estimate_noise=False) for own in starts)
+        white = fits[0].white if fits else None
+        tried = (fit(problem, model, own, noise, white=white, estimate_noise=False) for own in starts)
         fits.append(min(tried, key=lambda each: each.cost))
     return problem, fits
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -14,7 +14,8 @@ from piezoharvest.identify.evaluation import sums_of, whiteners, whole
 from piezoharvest.identify.model import Model, inner_values, moved
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem, prior_of
-from piezoharvest.identify.sums import EDGES, Sums
+from piezoharvest.identify.responses import ResponseWeights
+from piezoharvest.identify.sums import EDGES, Sums, Whitener
 from piezoharvest.parameters import ParameterError
 from piezoharvest.predict.prediction import PredictionError
 
@@ -34,6 +35,8 @@ SPARED = 0.5  # of what is enough, that it may miss by that
 WORTH = 0.3  # of the squares, that have to be left out for it
 LEAST = 1e-12  # relative eigenvalue of an information matrix
 
+White: TypeAlias = tuple[Whitener | ResponseWeights, ...]
+
 
 @dataclass(frozen=True)
 class Fit:
@@ -51,6 +54,8 @@ class Fit:
         For each record at the solution.
     information, prior : (p, p) array
         Of all parameters, those of the records behind those of the model.
+    white : tuple of Whitener or ResponseWeights
+        For each record what made its residuals white.
     converged : bool
     iterations : int
     message : str
@@ -63,6 +68,7 @@ class Fit:
     sums: tuple[Sums, ...]
     information: np.ndarray
     prior: np.ndarray
+    white: White
     converged: bool
     iterations: int
     message: str
@@ -70,7 +76,7 @@ class Fit:
 
 def descend(
     problem: Problem, model: Model, own: Sequence[np.ndarray], noise: Noise, tell: Callable[[str], None],
-    *, loose: bool, enough: float, aim: float, most: int,
+    *, white: White | None, loose: bool, enough: float, aim: float, most: int,
 ) -> Fit:  # fmt: skip
     """Levenberg-Marquardt with bounds, from a model and the records' own numbers.
 
@@ -83,6 +89,8 @@ def descend(
         As it is throughout.
     tell : callable
         Told about every iteration that gains.
+    white : tuple of Whitener or ResponseWeights, optional
+        Kept to the end. Without them the model's own way makes residuals white: at the start, and again at the end.
     loose : bool
         A rough descent: the noise of a drive that is not known is passed on by a model that is not fitted yet.
     enough : float
@@ -98,7 +106,7 @@ def descend(
     leap = np.array([LEAP if p.scaling == "log" else np.inf for p in model.parameters] + [np.inf] * sum(map(len, own)))
     delaying = np.array([p.path[-1] == "damping" for p in model.parameters] + [False] * sum(map(len, own)))
     mean, precision = prior_of(problem, model)
-    judge = _Judge(problem, whiteners(problem, model, own, noise), mean, precision)
+    judge = _Judge(problem, white or whiteners(problem, model, own, noise), mean, precision)
     final = judge.at(model, own, np.concatenate([inner_values(model), *own]), scatter=not loose)
     here = final if loose else judge.by_slow_lines(final, enough)
     damping, converged, message = FAR if loose else NEAR, False, UNFINISHED
@@ -114,7 +122,7 @@ def descend(
         limit = max(1.0, ROUGH * here.squares) if loose else max(enough, FINE * (here.squares - count))
         if promise < limit or quiet == QUIET:
             if np.isfinite(judge.highest):
-                judge, here = judge.by_own_way(here, noise)
+                judge, here = judge.in_the_end(here, white, noise)
                 final = here
                 quiet, bend, costs, hopes = 0, np.zeros_like(bend), [here.cost], []
                 continue
@@ -152,10 +160,10 @@ def descend(
     if here.values is final.values:
         here = final
     elif not loose:
-        _, here = judge.by_own_way(here, noise)
+        judge, here = judge.in_the_end(here, white, noise)
     return Fit(
-        here.model, here.own, noise, here.cost, here.sums, here.information, np.diag(precision), converged, iteration,
-        message,
+        here.model, here.own, noise, here.cost, here.sums, here.information, np.diag(precision), judge.white,
+        converged, iteration, message,
     )  # fmt: skip
 
 
@@ -178,7 +186,7 @@ class _Place(NamedTuple):
 class _Judge:
     """What records and priors say of a model, whitened by one that stays as it is."""
 
-    def __init__(self, problem: Problem, white: Sequence[Any], mean: np.ndarray, precision: np.ndarray) -> None:
+    def __init__(self, problem: Problem, white: White, mean: np.ndarray, precision: np.ndarray) -> None:
         self.problem, self.white, self.mean, self.precision = problem, white, mean, precision
         self.highest, self._bands, self._beyond = np.inf, slice(None), 0.0
 
@@ -211,12 +219,9 @@ class _Judge:
                 return self._judged(here.model, here.own, here.values, here.sums)
         return here
 
-    def by_own_way(self, here: _Place, noise: Noise) -> tuple[_Judge, _Place]:
-        """The same place by all lines of residuals that its own way of passing on the noise of the drive makes white.
-
-        Models pass it on in their own ways, and each is judged by its own in the end.
-        """
-        white = whiteners(self.problem, here.model, here.own, noise)
+    def in_the_end(self, here: _Place, white: White | None, noise: Noise) -> tuple[_Judge, _Place]:
+        """The same place by all lines, of residuals that these whiteners make white, or else its own way does."""
+        white = white or whiteners(self.problem, here.model, here.own, noise)
         judge = _Judge(self.problem, white, self.mean, self.precision)
         return judge, judge.at(here.model, here.own, here.values, scatter=True)
 

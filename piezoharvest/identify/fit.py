@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from piezoharvest.identify.descent import ITERATIONS, Fit, descend
-from piezoharvest.identify.evaluation import sums_of, whiteners, whole
+from piezoharvest.identify.descent import ITERATIONS, Fit, White, descend
+from piezoharvest.identify.evaluation import sums_of, whole
 from piezoharvest.identify.gain import gain_of
 from piezoharvest.identify.model import Model, unexplained_blocks
 from piezoharvest.identify.noise import Noise, estimate
@@ -29,6 +29,7 @@ def fit(
     own: Sequence[np.ndarray] | None = None,
     noise: Noise | None = None,
     *,
+    white: White | None = None,
     estimate_noise: bool = True,
     rounds: int = ROUNDS,
     enough: float = ENOUGH,
@@ -46,6 +47,9 @@ def fit(
     own : sequence of arrays, optional
         Start of the records' own numbers.
     noise : Noise, optional
+    white : tuple of Whitener or ResponseWeights, optional
+        Of another fit of the same records, and kept: what differs between models in the ways by which they pass on the
+        noise of the drive says nothing about them, but would scatter their costs.
     estimate_noise : bool
         Whether the noise is estimated from the residuals, alternating with the fit.
     rounds : int
@@ -65,7 +69,7 @@ def fit(
     rounds = rounds if estimate_noise else 1
     for n in range(rounds):
         loose = n < rounds - 1
-        found = descend(problem, model, own, noise, tell, loose=loose, enough=enough, aim=aim, most=most)
+        found = descend(problem, model, own, noise, tell, white=white, loose=loose, enough=enough, aim=aim, most=most)
         model, own = found.model, found.own
         if loose:
             noise = reestimated(problem, found)
@@ -100,7 +104,7 @@ def linearised(
     problem: Problem, model: Model, own: Sequence[np.ndarray], found: Fit
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Information, gradient and sum of squares of a model, residuals weighed as in another fit of the same records."""
-    return whole(model, own, sums_of(problem, model, own, whiteners(problem, found.model, found.own, found.noise)))
+    return whole(model, own, sums_of(problem, model, own, found.white))
 
 
 def covariance(found: Fit) -> np.ndarray:

@@ -18,8 +18,8 @@ from piezoharvest.identify.fit import fit, inverse
 from piezoharvest.identify.model import Model
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem, prior_of, renamed
-from piezoharvest.identify.responses import FrequencyData
-from piezoharvest.identify.sums import Sums
+from piezoharvest.identify.responses import FrequencyData, ResponseWeights
+from piezoharvest.identify.sums import Sums, Whitener
 from piezoharvest.predict.prediction import PredictionError
 
 Tell = Callable[[str], None]
@@ -69,14 +69,14 @@ def recalled(problem: Problem, found: Fit) -> tuple[np.ndarray, ...] | None:
     """
     bare = replace(found.model, parameters=())
 
-    def better(one: Problem, mine: np.ndarray, sums: Sums) -> np.ndarray:
+    def better(one: Problem, mine: np.ndarray, sums: Sums, white: Whitener | ResponseWeights) -> np.ndarray:
         if not np.any(_histories(one, bare, one.data[0])):
             return mine
         cost = float(sums.squares.sum() + prior_of(one, bare)[1] @ mine**2)
-        again = _ends(one, bare, _begun(one, bare, mine, found.noise), found.noise)
+        again = _ends(one, bare, _begun(one, bare, mine, found.noise), found.noise, white=(white,))
         return again[0].own[0] if again and again[0].cost < cost - BETTER else mine
 
-    own = _apart(better, problem, found.own, found.sums)
+    own = _apart(better, problem, found.own, found.sums, found.white)
     return None if all(new is old for new, old in zip(own, found.own, strict=True)) else own
 
 
