@@ -23,6 +23,7 @@ HELD = 5.0  # standard deviations of the averages within which a drive counts as
 LOUD = 1.5  # times the noise: a drive whose highest frequencies are stronger has them all
 CORNERS = 4  # degree of the polynomials that have slopes and bends at the ends
 SHORT = 32  # lines that are always kept
+LARGEST = 20.0  # times the mean power of noise, beyond what the largest of many lines is expected to have
 EXACT = 1e-6  # of its range: a drive with less noise is known exactly
 OCTAVE = 0.5  # of the lines: the highest octave has to be noise for a floor to be seen
 BEYOND = 5.0  # standard deviations that noise may take single samples
@@ -125,9 +126,14 @@ def _by_tones(values: np.ndarray, held: list[tuple[int, int]], sigma: float, oth
 
 
 def _is_noise(left: np.ndarray, sigma: float) -> bool:
-    """Whether a spectrum is level, as white noise is, and no more than the noise."""
+    """Whether a spectrum is level, as white noise is, and no more than the noise; slow lines, too, are no larger.
+
+    Tones that lie closer than the record tells apart leave what looks like a slow drift.
+    """
     power = np.asarray(dct(left, norm="ortho")) ** 2
-    return _signal_end(power) <= SHORT and power.mean() < (LOUD * sigma) ** 2
+    level = power.mean()
+    slow = power[:SHORT].max() < level * (2.0 * np.log(SHORT) + LARGEST)
+    return slow and _signal_end(power) <= SHORT and level < (LOUD * sigma) ** 2
 
 
 def _holds(values: np.ndarray, held: float, sigma: float) -> bool:
@@ -163,7 +169,8 @@ def _signal_end(power: np.ndarray) -> int:
     while end > SHORT:
         begin = int(end * np.sqrt(0.5))
         part, count = power[begin:end], end - begin
-        if part.sum() > level * (count + WIDTH * np.sqrt(2.0 * count)) or part.max() > level * (2 * np.log(count) + 20):
+        largest = 2.0 * np.log(count) + LARGEST
+        if part.sum() > level * (count + WIDTH * np.sqrt(2.0 * count)) or part.max() > level * largest:
             break
         end = begin
     return end
