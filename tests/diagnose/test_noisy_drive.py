@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 
 from piezoharvest.diagnose import diagnose
+from piezoharvest.diagnose.candidates import effect_parameters, extended
 from piezoharvest.diagnose.hint import hints
 from piezoharvest.diagnose.scene import scene_of
+from piezoharvest.effects import ChannelSkew
 from piezoharvest.identify.evaluation import whiteners
-from piezoharvest.identify.fit import fit
+from piezoharvest.identify.fit import covariance, fit, inflation
 from piezoharvest.identify.identification import prepared
 from piezoharvest.identify.model import Model, unexplained_blocks
 from piezoharvest.identify.noise import Noise
-from piezoharvest.identify.problem import Problem
+from piezoharvest.identify.problem import Problem, carried
 from piezoharvest.identify.sums import spectra_of
 from piezoharvest.predict.parameters import parameters_of
 from piezoharvest.records import load_campaign
@@ -99,3 +101,21 @@ def test_no_channel_seems_to_end_where_the_noise_of_the_drive_would_have_taken_i
 
 def test_the_noise_of_the_drive_is_no_hint(slow, healthy):
     assert hints(slow, healthy) == []
+
+
+def test_an_effect_that_is_not_there_gains_no_more_than_chance_whatever_it_does_to_the_noise(slow, healthy):
+    """A delay takes the damping's place, but passes fast noise on in another way: that says nothing about either."""
+    free = tuple(p for p in parameters_of(slow.nominal, {"force"}) if p.path[0] != "mass")
+    model = replace(healthy.model, parameters=free)
+    before = fit(slow, model, healthy.own, healthy.noise, white=healthy.white, estimate_noise=False)
+    skew = ChannelSkew(delay=3e-4)
+    model = extended(before.model, [skew], effect_parameters([skew]))
+    own = carried(slow, before.model, before.own, model)
+    found = fit(slow, model, own, before.noise, white=before.white, estimate_noise=False)
+    assert before.converged
+    assert found.converged
+    assert -0.1 < before.cost - found.cost < 12.0
+    delay = len(model.parameters) - 1
+    assert inflation(found, delay) < 1.1
+    (effect,) = found.model.transducer.effects
+    assert abs(effect.delay) < 4.0 * np.sqrt(covariance(found)[delay, delay])

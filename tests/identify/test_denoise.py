@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.fft import dct
 
 from piezoharvest.identify.denoise import denoised
 
@@ -23,9 +24,11 @@ def noise(sigma, seed=4):
     return sigma * np.random.default_rng(seed).standard_normal(len(TIME))
 
 
-def test_a_value_that_is_held_is_held_up_to_the_jump_that_ends_it():
+@pytest.mark.parametrize("seed", [4, 10, 33, 108, 125, 126])
+def test_a_value_that_is_held_is_held_up_to_the_jump_that_ends_it(seed):
+    """Of all seeds but the first some average is off by more than four of its standard errors, as of one in twenty."""
     true = np.where(TIME < 3.0, 100.0, np.where(TIME < 7.0, 900.0, 300.0))
-    off = denoised(true + noise(5.0), 5.0) - true
+    off = denoised(true + noise(5.0, seed), 5.0) - true
     assert np.abs(off).max() < 4.0 * 5.0 / np.sqrt(1000)  # the sample before a jump and the one after it, too
 
 
@@ -46,6 +49,19 @@ def test_a_drive_that_does_go_beyond_is_followed():
 
 def sines(time, tones):
     return sum(size * np.sin(2 * np.pi * frequency * time + phase) for frequency, size, phase in tones)
+
+
+def test_tones_closer_than_a_record_tells_apart_are_not_taken_for_a_slow_drift():
+    """Fewer sines than there are follow them but for what looks like a drift: an amplitude of a fifth of the noise."""
+    close = [(0.4, 80.5), (0.55, 67.2), (0.7, 49.8), (0.75, 53.8), (0.8, 42.5), (0.85, 64.1), (2.1, 31.2), (3.9, 23.1)]
+    close += [(4.85, 21.2), (5.15, 21.2), (5.85, 46.1), (17.55, 29.6)]
+    phases = [5.17, 3.36, 4.47, 1.45, 3.71, 3.09, 4.77, 2.16, 3.96, 0.36, 4.49, 0.15]
+    tones = [(*tone, phase) for tone, phase in zip(close, phases, strict=True)]
+    grown = np.clip(TIME / 0.417, 0.0, 1.0)
+    true = grown**2 * (3.0 - 2.0 * grown) * (379.0 + sines(TIME, tones))
+    for seed in range(3):
+        off = denoised(true + noise(0.8, seed), 0.8) - true
+        assert np.abs(dct(off, norm="ortho"))[:12].max() < 4.5 * 0.8
 
 
 PLAIN = [(4.0, 450.0, 0.0)]
