@@ -26,6 +26,8 @@ ROUGHLY = 0.5  # of -2 ln L that a trial fit may still promise
 COARSELY = 10.0  # the same, of a fit that only serves for scores
 WANTED = 10.0  # of -2 ln L that parameters gain by straying: with less the data does not want them there
 CLOSE = 6.0  # of -2 ln L: odds of twenty to one
+PLAIN = 12  # iterations after which a fit without an effect costs
+NEEDED = 1e4  # of -2 ln L more, by which the effect is needed, whatever the end of that fit would be
 
 
 @dataclass(frozen=True)
@@ -215,7 +217,10 @@ class Trials:
         known = self._known.get(_keys(less))
         aim = np.inf if known is None else known.cost + CLOSE  # only what is better matters
         own = carried(self.problem, now.found.model, now.found.own, less)
-        self.remember(self._fit(less, own, now.found, aim=aim))
+        step = self._fit(less, own, now.found, aim=aim, most=PLAIN)
+        if step is not None and step.found.message == UNFINISHED and step.cost < now.cost + NEEDED:
+            step = self._fit(step.found.model, step.found.own, step.found, aim=aim)
+        self.remember(step)
 
     def polished(self, now: Step) -> Step:
         """The same fit to the end."""

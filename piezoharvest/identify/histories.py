@@ -95,7 +95,7 @@ def _begun(one: Problem, bare: Model, own: np.ndarray, noise: Noise) -> list[np.
     for turned, sign, kept in (*alike, *several):
         starts.append(np.where(states, kept * near.own[0], near.own[0]))
         starts[-1][past] = NEARLY * sign * np.where(np.arange(np.count_nonzero(past)) < turned, -1.0, 1.0)
-    ends = [near, *_ends(short, bare, starts, noise, enough=ROUGHLY, most=FEW)]
+    ends = [near, *_ends(short, bare, starts, noise, white=near.white, enough=ROUGHLY, most=FEW)]
     ends.sort(key=lambda each: each.cost)
     apart: list[Fit] = []
     for end in ends:
