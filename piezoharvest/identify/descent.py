@@ -273,8 +273,7 @@ def _step(information, slope, damping, lower, upper, alive) -> tuple[np.ndarray,
 def _bounded_step(information, slope, damping, lower, upper) -> tuple[np.ndarray, float]:
     """Step within bounds, and by how much it should lower the cost."""
     size = np.sqrt(np.maximum(np.abs(np.diag(information)), 1e-300))
-    # Without what the noise of the drive adds, the information in a direction that the data hardly shows may come out
-    # negative.
+    # Rounding may take the information in a direction that the data hardly shows below zero.
     values, vectors = np.linalg.eigh(information / np.outer(size, size))
     values = np.maximum(values, LEAST)
     curvature = (vectors * values) @ vectors.T * np.outer(size, size)
