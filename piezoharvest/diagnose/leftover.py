@@ -13,12 +13,11 @@ from scipy.stats import chi2
 from piezoharvest.diagnose.hint import along_squares
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.descent import Fit
-from piezoharvest.identify.model import residual_blocks
 from piezoharvest.identify.noise import first_guess, rounding
 from piezoharvest.identify.problem import Problem
 from piezoharvest.identify.responses import FrequencyData, relative_error
 from piezoharvest.identify.spectra import in_time
-from piezoharvest.identify.sums import Whitener, spectra_of
+from piezoharvest.identify.sums import Whitener
 
 STRUCTURE = 1e-5  # level at which residuals are more than noise
 HARMONICS = 12
@@ -127,12 +126,9 @@ class Block:
 
 def blocks_of(problem: Problem, found: Fit) -> Iterator[Block]:
     """Blocks of the records over time."""
-    model = replace(found.model, parameters=())
     for data, own, white in zip(problem.data, found.own, found.white, strict=True):
         if isinstance(data, Data) and isinstance(white, Whitener):
-            for _, begin, residual, _ in residual_blocks(model, data, own, False):
-                residual -= white.passed(begin, begin + len(residual))
-                spectrum = (white.of(len(residual)) @ spectra_of(residual)[:, :, None])[:, :, 0]
+            for begin, residual, spectrum in white.left(found.model, own):
                 yield Block(data, white, begin, residual, spectrum)
 
 

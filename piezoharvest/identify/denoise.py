@@ -6,10 +6,10 @@ and fro. So a model is driven by the drive without what is noise for certain; th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.polynomial.legendre import legvander
 from scipy.fft import dct, idct
 
 from piezoharvest.identify.tones import tones
@@ -19,9 +19,11 @@ from piezoharvest.records.finding import runs
 WIDTH = 4.0  # half width of a confidence interval in standard deviations
 LEVELS = 13  # windows of 3, 7, 15, ... samples
 SPARE = 2  # levels: averages are over a quarter of the samples that agree, so that their bias is far below the noise
-HELD = 5.0  # standard deviations of the averages within which a drive counts as held at one value
+HELD = 5.0  # standard deviations of the averages within which a drive counts as held at one value, or as straight
 LOUD = 1.5  # times the noise: a drive whose highest frequencies are stronger has them all
-CORNERS = 4  # degree of the polynomials that have slopes and bends at the ends
+PART = 1 << 16  # lines at a time: those of all corners of a long record would not fit into memory
+ROUNDS = 32  # of looking for bends of a drive, each of which adds one: where a ramp begins or ends
+WORTH = 0.9  # of the squares above noise: a bend that leaves more of them is none
 SHORT = 32  # lines that are always kept
 LARGEST = 20.0  # times the mean power of noise, beyond what the largest of many lines is expected to have
 EXACT = 1e-6  # of its range: a drive with less noise is known exactly
@@ -146,21 +148,90 @@ def _holds(values: np.ndarray, held: float, sigma: float) -> bool:
 def _slow(values: np.ndarray, sigma: float) -> np.ndarray:
     """Values without what is noise alone at high frequencies.
 
-    A cosine transform has a corner at either end unless the drive begins and ends at rest. Of the lines that this adds
-    each may be less than noise, and all together many times as much at the ends: polynomials with the same corners are
-    fitted to them and kept.
+    A cosine transform has a corner at either end unless the drive begins and ends at rest, and wherever a ramp begins
+    or ends. Of the lines that this adds each may be less than noise, and all together many times as much at the corner:
+    what has the same corners at the ends, and a bend wherever one stands out, is fitted to them and kept.
     """
     spectrum = np.asarray(dct(values, norm="ortho"))
     end = _signal_end(spectrum**2)
     if end == len(values) or np.sqrt(np.mean(spectrum[end:] ** 2)) > LOUD * sigma:
         return values
-    corners = np.asarray(dct(legvander(np.linspace(-1.0, 1.0, len(values)), CORNERS)[:, 1:], axis=0, norm="ortho"))
-    noise = spectrum
-    for _ in range(2):  # without the corners the noise begins at a lower line, which tells them better
-        noise = spectrum - corners @ np.linalg.lstsq(corners[end:], spectrum[end:])[0]
-        end = min(end, _signal_end(noise**2))
-    noise[:end] = 0.0
-    return values - np.asarray(idct(noise, norm="ortho"))
+    return values - np.asarray(idct(_without_corners(spectrum, end), norm="ortho"))
+
+
+def _without_corners(spectrum: np.ndarray, end: int) -> np.ndarray:
+    """What of a cosine transform is noise, from a line on that is the lower the more corners are found.
+
+    They are looked for half an octave below that line, too, where they are twice as large; what has not made noise of
+    these lines in the end was no corner.
+    """
+    power, bends, tried, above = spectrum**2, list[int](), list[int](), np.inf
+    level = float(power[end:].mean())
+    for _ in range(ROUNDS):
+        low = int(end * np.sqrt(0.5))
+        noise = _left(spectrum, tried, low)
+        power[low:] = noise**2
+        reached = _signal_end(power)
+        if reached < end:
+            bends = tried = _placed(spectrum, tried, int(reached * np.sqrt(0.5)), level) if tried != bends else bends
+            end, above = reached, np.inf
+            continue
+        before, above = above, np.sum(noise[: end - low] ** 2) - level * (end - low)
+        found = _bend(noise, len(spectrum), level)
+        if found is None or above > WORTH * before:
+            break
+        tried = [*tried, found]
+    return np.concatenate([np.zeros(end), _left(spectrum, bends, end)])
+
+
+def _placed(spectrum: np.ndarray, bends: list[int], begin: int, level: float) -> list[int]:
+    """Bends where the lines from one on want each of them beside the others."""
+    for k in range(len(bends)):
+        again = _bend(_left(spectrum, bends[:k] + bends[k + 1 :], begin), len(spectrum), level)
+        moved = [*bends[:k], bends[k] if again is None else again, *bends[k + 1 :]]
+        if moved != bends:
+            bends = min(bends, moved, key=lambda some: np.sum(_left(spectrum, some, begin) ** 2))
+    return bends
+
+
+def _left(spectrum: np.ndarray, bends: Sequence[int], begin: int) -> np.ndarray:
+    """Lines from one on without those that corners have, as all of them tell these."""
+    ends = [*range(begin, len(spectrum), PART), len(spectrum)]
+    products = []
+    for low, high in pairwise(ends):
+        shapes = _corners(bends, begin, np.arange(low, high), len(spectrum))
+        products.append(shapes.T @ np.column_stack([shapes, spectrum[low:high]]))
+    together = np.sum(products, axis=0)
+    sizes = np.linalg.lstsq(together[:, :-1], together[:, -1])[0]
+    left = [
+        spectrum[low:high] - _corners(bends, begin, np.arange(low, high), len(spectrum)) @ sizes
+        for low, high in pairwise(ends)
+    ]
+    return np.concatenate(left)
+
+
+def _corners(bends: Sequence[int], begin: int, lines: np.ndarray, count: int) -> np.ndarray:
+    """Some lines of the slopes and the third derivatives at both ends of a record, and of bends, (lines, shapes).
+
+    Those of a bend are those of its second difference over squares of frequencies; beside it are a step and a sample
+    that move it to between samples.
+    """
+    angles, lowest = np.pi * lines / count, np.pi * begin / count
+    weights = (1.0 - np.cos(lowest)) / (1.0 - np.cos(angles))
+    found = [power * np.cos(angles * (end + 0.5)) for end in (0, count - 1) for power in (weights, weights**2)]
+    for place in bends:
+        wave, slope = np.cos(angles * (place + 0.5)), np.sin(angles * (place + 0.5)) * np.sin(angles)
+        found += [weights * wave, weights * slope / np.sin(lowest), wave]
+    return np.column_stack(found)
+
+
+def _bend(noise: np.ndarray, count: int, level: float) -> int | None:
+    """Sample at which a bend stands out most of the highest lines of noise of some mean power; None where none does."""
+    begin = count - len(noise)
+    weights = 1.0 / (1.0 - np.cos(np.pi * np.arange(begin, count) / count))
+    told = np.abs(np.asarray(idct(np.pad(weights * noise, (begin, 0)), norm="ortho")))
+    place = int(np.argmax(told))
+    return place if told[place] > HELD * np.sqrt(level * np.sum(weights**2) / count) else None
 
 
 def _signal_end(power: np.ndarray) -> int:

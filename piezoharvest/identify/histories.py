@@ -10,6 +10,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
 from piezoharvest.identify.data import Data, data_of
 from piezoharvest.identify.descent import Fit
@@ -19,6 +20,7 @@ from piezoharvest.identify.model import Model
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem, prior_of, renamed
 from piezoharvest.identify.responses import FrequencyData, ResponseWeights
+from piezoharvest.identify.spectra import in_time
 from piezoharvest.identify.sums import Sums, Whitener
 from piezoharvest.predict.prediction import PredictionError
 
@@ -32,6 +34,8 @@ ROUGHLY, FEW = 1.0, 15  # of -2 ln L that may still be promised, and iterations,
 VAGUE = 0.3  # of its threshold: standard error of a stop that the beginning of a record hardly tells
 UNDECIDED = 10.0  # of -2 ln L of its beginning, that a history may cost more and still be the record's
 BRIEF, WIPED = 1000, 0.95  # samples of a record after its drive has gone through a part of its range
+SCALES = (1, 8, 64)  # samples, whose sums show what is too slow, or too short, for the sum of all squares
+SUSPECT = 1e-3  # chance that noise alone leaves so much of the beginning of a record
 
 
 def memories(problem: Problem, model: Model) -> bool:
@@ -70,7 +74,7 @@ def recalled(problem: Problem, found: Fit) -> tuple[np.ndarray, ...] | None:
     bare = replace(found.model, parameters=())
 
     def better(one: Problem, mine: np.ndarray, sums: Sums, white: Whitener | ResponseWeights) -> np.ndarray:
-        if not np.any(_histories(one, bare, one.data[0])):
+        if not np.any(_histories(one, bare, one.data[0])) or not _suspect(one.data[0], bare, mine, white):
             return mine
         cost = float(sums.squares.sum() + prior_of(one, bare)[1] @ mine**2)
         again = _ends(one, bare, _begun(one, bare, mine, found.noise), found.noise, white=(white,))
@@ -110,14 +114,34 @@ def _begun(one: Problem, bare: Model, own: np.ndarray, noise: Noise) -> list[np.
     return [renamed(short, [each], one, bare, [own])[0] for each in found]
 
 
+def _suspect(data: Data | FrequencyData, bare: Model, own: np.ndarray, white: Whitener | ResponseWeights) -> bool:
+    """Whether the beginning of a record leaves more than noise: another history explains nothing else."""
+    if not isinstance(data, Data) or not isinstance(white, Whitener):
+        return False
+    _, residual, spectrum = next(white.left(bare, own))
+    values = in_time(spectrum, len(residual))[: _brief(data)]
+    for scale in SCALES:
+        sums = values[: len(values) // scale * scale].reshape(-1, scale, values.shape[1]).sum(axis=1) / np.sqrt(scale)
+        squares = np.cumsum((sums**2).sum(axis=1))
+        ends = np.unique(np.append(2 ** np.arange(np.log2(len(squares))).astype(int), len(squares)))
+        if np.any(chi2.sf(squares[ends - 1], ends * values.shape[1]) < SUSPECT):
+            return True
+    return False
+
+
 def _beginning(data: Data | FrequencyData, problem: Problem) -> Data | FrequencyData:
     """First part of a record, until its drive has moved far enough to take all stops to an end of their range."""
     if not isinstance(data, Data):
         return data
+    count = _brief(data)
+    return data_of(data.record.beginning(count), problem.nominal) if count < len(data) else data
+
+
+def _brief(data: Data) -> int:
+    """Samples of the first part."""
     drive = data.record[data.drive]
     moved = np.maximum.accumulate(drive) - np.minimum.accumulate(drive)
-    count = BRIEF + int(np.argmax(moved > WIPED * moved[-1]))
-    return data_of(data.record.beginning(count), problem.nominal) if count < len(data) else data
+    return BRIEF + int(np.argmax(moved > WIPED * moved[-1]))
 
 
 def held(

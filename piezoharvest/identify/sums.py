@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, reduce
 from operator import add
 
@@ -127,6 +127,12 @@ class Whitener:
             some = lines(len(residual), self._data.setting.sample_time, highest)
             parts.append(_whitened(residual, slopes, rows, some, rounded))
         return reduce(add, parts)
+
+    def left(self, model: Model, own: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+        """Blocks (begin, residuals, their whitened spectra (f, channels)) of what a model leaves of the record."""
+        for _, begin, residual, _ in residual_blocks(replace(model, parameters=()), self._data, own, False):
+            residual -= self.passed(begin, begin + len(residual))
+            yield begin, residual, (self.of(len(residual)) @ spectra_of(residual)[:, :, None])[:, :, 0]
 
     def scatter(self, predicted: np.ndarray, whitened: np.ndarray, white: np.ndarray) -> np.ndarray:
         """Covariance of the gradient by errors of rounded sensors, (p, p), whose phase depends on a free offset.

@@ -41,6 +41,19 @@ def test_a_drive_that_goes_from_one_held_value_to_another_does_not_seem_to_go_be
     assert np.abs(found - true)[3000:3050].max() < 6.0 * 2.0
 
 
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("begin", [0.0, 1.2345])
+def test_where_a_ramp_begins_and_ends_it_is_not_rounded_off(begin, seed):
+    """No line of a corner's spectrum stands out of the noise, but all together are six times as large as it there.
+
+    A reading that comes to the end of its range there is not as linear as to be told by the rest.
+    """
+    true = np.interp(TIME, [begin, begin + 0.05, begin + 5.0, begin + 5.05], [100.0, 1000.0, 1000.0, 100.0])
+    found = denoised(true + noise(0.55, seed), 0.55)
+    corners = np.add.outer(1000.0 * (begin + np.array([0.0, 0.05, 5.0, 5.05])), np.arange(-5, 6)).astype(int)
+    assert np.abs(found - true)[corners.clip(min=0)].max() < 2.5 * 0.55
+
+
 def test_a_drive_that_does_go_beyond_is_followed():
     true = np.interp(TIME, [3.0, 3.05, 3.2, 7.0, 7.05], [100.0, 960.0, 900.0, 900.0, 100.0])
     found = denoised(true + noise(2.0), 2.0)
