@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import comb
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from piezoharvest.identify.noise import first_guess
 from piezoharvest.predict.drive import CALM
 from piezoharvest.predict.lowered import SOON, Setting, setting_of
 from piezoharvest.records.errors import CampaignError
-from piezoharvest.records.record import Record
+from piezoharvest.records.record import Record, Signal
 from piezoharvest.transducer import Transducer
 
 JITTER = 1e-2  # of the sample time, that stamps may be off a uniform grid
@@ -25,6 +26,8 @@ SCATTERED = 1.2  # times the noise: bends that are no larger are none
 PLATEAU, EQUAL = 4, 1e-9  # extreme samples that are equal, but for so much of them, at the end of a range
 BESIDE = 4  # steps between samples, beside which the first one stands out
 RESPONSES = ("displacement", "voltage", "current", "force")
+
+_CLEAN: WeakKeyDictionary[Signal, np.ndarray] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +100,7 @@ def data_of(record: Record, transducer: Transducer) -> Data:
     if not channels:
         raise CampaignError(record.name, record.key, "found the drive alone, allowed is a record with a response")
     sigma = {c: s.sigma for c, s in record.signals.items() if s.sigma is not None}
-    drive = record[record.drive]
-    clean = denoised(drive, sigma.get(record.drive, first_guess(drive)))
+    drive, clean = record[record.drive], clean_drive(record.signals[record.drive])
     noise = {c: sigma.get(c, scatter_of(record[c])) for c in channels}
     abrupt = any(begins_abruptly(record[c], noise[c]) for c in channels) and not begins_abruptly(clean, 0.0, (1,))
     setting = setting_of(record.drive, record.shunt, step, clean, transducer, abrupt=abrupt)
@@ -107,6 +109,14 @@ def data_of(record: Record, transducer: Transducer) -> Data:
     setting = replace(setting, fine=fine)
     scatter = {c: noise[c] if pinned(record[c]) else 0.0 for c in channels}
     return Data(record.name, record.role, record, setting, drive - clean, channels, sigma, scatter)
+
+
+def clean_drive(signal: Signal) -> np.ndarray:
+    """Drive without its noise, (n,), which a campaign whose records change their roles asks for again and again."""
+    if signal not in _CLEAN:
+        sigma = first_guess(signal.values) if signal.sigma is None else signal.sigma
+        _CLEAN[signal] = denoised(signal.values, sigma)
+    return _CLEAN[signal]
 
 
 def pinned(values: np.ndarray) -> bool:

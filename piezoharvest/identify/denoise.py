@@ -7,6 +7,7 @@ and fro. So a model is driven by the drive without what is noise for certain; th
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -196,18 +197,15 @@ def _placed(spectrum: np.ndarray, bends: list[int], begin: int, level: float) ->
 
 def _left(spectrum: np.ndarray, bends: Sequence[int], begin: int) -> np.ndarray:
     """Lines from one on without those that corners have, as all of them tell these."""
-    ends = [*range(begin, len(spectrum), PART), len(spectrum)]
-    products = []
-    for low, high in pairwise(ends):
-        shapes = _corners(bends, begin, np.arange(low, high), len(spectrum))
-        products.append(shapes.T @ np.column_stack([shapes, spectrum[low:high]]))
+    count = len(spectrum)
+    ends = [*range(begin, count, PART), count]
+    shapes = lru_cache(1)(lambda low, high: _corners(bends, begin, np.arange(low, high), count))
+    products = [
+        shapes(low, high).T @ np.column_stack([shapes(low, high), spectrum[low:high]]) for low, high in pairwise(ends)
+    ]
     together = np.sum(products, axis=0)
     sizes = np.linalg.lstsq(together[:, :-1], together[:, -1])[0]
-    left = [
-        spectrum[low:high] - _corners(bends, begin, np.arange(low, high), len(spectrum)) @ sizes
-        for low, high in pairwise(ends)
-    ]
-    return np.concatenate(left)
+    return np.concatenate([spectrum[low:high] - shapes(low, high) @ sizes for low, high in pairwise(ends)])
 
 
 def _corners(bends: Sequence[int], begin: int, lines: np.ndarray, count: int) -> np.ndarray:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from piezoharvest.identify.data import Data, data_of
 from piezoharvest.identify.descent import Fit
-from piezoharvest.identify.evaluation import side_by_side
+from piezoharvest.identify.evaluation import WORKERS, side_by_side
 from piezoharvest.identify.fit import covariance, fit
 from piezoharvest.identify.gain import gain_of
 from piezoharvest.identify.histories import held, memories, recalled, remembers
@@ -118,7 +120,8 @@ def prepared(campaign: Campaign, role: str) -> tuple[Data | FrequencyData, ...]:
     CampaignError
         The model cannot be driven by a record.
     """
-    return tuple(_prepared(campaign, record) for record in campaign.of_role(role))
+    with ThreadPoolExecutor(WORKERS) as pool:
+        return tuple(pool.map(partial(_prepared, campaign), campaign.of_role(role)))
 
 
 def _prepared(campaign: Campaign, record: Record | FrequencyRecord) -> Data | FrequencyData:
