@@ -11,12 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from piezoharvest.identify.data import Data
 from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.evaluation import at_once
 from piezoharvest.identify.fit import inverse
 from piezoharvest.identify.model import residual_blocks
 from piezoharvest.identify.problem import Problem
 from piezoharvest.identify.responses import FrequencyData
-from piezoharvest.identify.sums import spectra_of
+from piezoharvest.identify.sums import Whitener, spectra_of
 
 TERMS = 3  # at most
 SMALL = 0.05  # of what the first term explains: less is not worth telling
@@ -85,19 +87,18 @@ class _Normal:
         count = at + sum(map(len, final.own))
         self.names: list[tuple[str, str]] = []
         sums: dict[tuple[str, str], int] = {}
+        records = [
+            (data, own, white)
+            for data, own, white in zip(problem.data, final.own, final.white, strict=True)
+            if isinstance(data, Data) and isinstance(white, Whitener)
+        ]
         parts = []
-        for data, own, each in zip(problem.data, final.own, final.white, strict=True):
-            if isinstance(data, FrequencyData):
-                continue
-            own_columns = np.arange(at, at + len(own))
-            parts.append(
-                (
-                    np.concatenate([np.arange(len(final.model.parameters)), own_columns]),
-                    *_record(data, own, each, final, terms, scales),
-                )
-            )
+        told = at_once(lambda record: _record(record, final, terms, scales), records)
+        for (_, own, _), (sums_of_record, names) in zip(records, told, strict=True):
+            columns = np.concatenate([np.arange(len(final.model.parameters)), np.arange(at, at + len(own))])
+            parts.append((columns, sums_of_record, names))
             at += len(own)
-            for name in parts[-1][2]:
+            for name in names:
                 sums.setdefault(name, len(sums))
         self.names = list(sums)
         total = np.zeros((count + len(sums),) * 2)
@@ -117,8 +118,9 @@ class _Normal:
         self.visible = np.diag(self.products) > 1e-8 * np.diag(total)[count:]
 
 
-def _record(data, own, white, final, terms: Terms, scales):
+def _record(record: tuple[Data, np.ndarray, Whitener], final: Fit, terms: Terms, scales: dict[str, float]):
     """Sums of one record over its parameters, then terms; and the names of its terms."""
+    data, own, white = record
     products, gradient, rounded, names = 0.0, 0.0, 0.0, []
     for _, begin, residual, slopes in residual_blocks(final.model, data, own, True):
         W = white.of(len(residual))

@@ -13,9 +13,11 @@ from scipy.stats import chi2
 from piezoharvest.diagnose.hint import along_squares
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.evaluation import at_once
+from piezoharvest.identify.model import Model
 from piezoharvest.identify.noise import first_guess, rounding
 from piezoharvest.identify.problem import Problem
-from piezoharvest.identify.responses import FrequencyData, relative_error
+from piezoharvest.identify.responses import FrequencyData, ResponseWeights, relative_error
 from piezoharvest.identify.spectra import in_time
 from piezoharvest.identify.sums import Whitener
 
@@ -127,14 +129,21 @@ class Block:
 def blocks_of(problem: Problem, found: Fit) -> Iterator[Block]:
     """Blocks of the records over time."""
     for data, own, white in zip(problem.data, found.own, found.white, strict=True):
-        if isinstance(data, Data) and isinstance(white, Whitener):
-            for begin, residual, spectrum in white.left(found.model, own):
-                yield Block(data, white, begin, residual, spectrum)
+        yield from _of_record(found.model, data, own, white)
+
+
+def _of_record(
+    model: Model, data: Data | FrequencyData, own: np.ndarray, white: Whitener | ResponseWeights
+) -> Iterator[Block]:
+    if isinstance(data, Data) and isinstance(white, Whitener):
+        for begin, residual, spectrum in white.left(model, own):
+            yield Block(data, white, begin, residual, spectrum)
 
 
 def leftovers(problem: Problem, found: Fit) -> list[Leftover]:
     """All comparisons, the least likely first."""
-    blocks = list(blocks_of(problem, found))
+    of_records = at_once(lambda *record: list(_of_record(found.model, *record)), problem.data, found.own, found.white)
+    blocks = list(itertools.chain(*of_records))
     places = [*_bands(blocks), *_harmonics(blocks), *_lines(blocks), *_bursts(blocks), *_responses(problem, found)]
     for channel, square, squares in along_squares(problem, found):
         places.append(Leftover(f"along {square}", "all", channel, squares, 1))

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from piezoharvest.diagnose.candidates import Candidate, effect_line, effect_parameters
 from piezoharvest.diagnose.leftover import Leftover
-from piezoharvest.diagnose.trials import CLOSE, Made, Step, Trials, aim_beside, inflated, key_of, significance
+from piezoharvest.diagnose.trials import CLOSE, NEEDED, Made, Step, Trials, aim_beside, inflated, key_of, significance
 from piezoharvest.effects import Effect
 from piezoharvest.identify.descent import Fit
 
@@ -244,18 +244,20 @@ class Searcher:
                 self.trials.tell(f"{now.effects[n]} is not needed any more")
                 now, levels = less, levels[:n] + levels[n + 1 :]
                 continue
-            candidates = self.trials.scores(less)
-            better = self._exchanged(now, less, n, candidates)
+            better = self._exchanged(now, less, n)
             if better is None:
                 n += 1
                 continue
-            now, levels = better, [*levels[:n], *levels[n + 1 :], self._p_value(less, better, candidates)]
+            p_value = self._p_value(less, better, self.trials.scores(less))
+            now, levels = better, [*levels[:n], *levels[n + 1 :], p_value]
             n = 0
         return now, levels
 
-    def _exchanged(self, now: Step, less: Step, n: int, candidates: Sequence[Candidate]) -> Step | None:
+    def _exchanged(self, now: Step, less: Step, n: int) -> Step | None:
         """Model with another effect in the place of the n-th, if that fits better."""
-        for candidate in candidates[:3]:
+        if _indispensable(now, less):
+            return None
+        for candidate in self.trials.scores(less)[:3]:
             if candidate.name == now.effects[n] or candidate.score < 0.8 * (less.cost - now.cost):
                 continue
             other = self.trials.extended(less, candidate.effect, now.fair_cost)
@@ -271,7 +273,7 @@ class Searcher:
         if len(now.effects) > 1:
             for n in range(len(now.effects) - 1):
                 less = self.trials.without(now, n)
-                if less is None:
+                if less is None or _indispensable(now, less):
                     continue
                 for candidate in self.trials.scores(less)[:4]:
                     if candidate.name not in now.effects and candidate.score > less.cost - now.cost - 3 * CLOSE:
@@ -284,6 +286,11 @@ class Searcher:
                 if key not in found or more < found[key][1]:
                     found[key] = (step, more)
         return tuple(sorted(found.values(), key=lambda pair: pair[1]))
+
+
+def _indispensable(now: Step, less: Step) -> bool:
+    """Whether a fit without an effect was given up so far off that no other can take its place."""
+    return not less.found.converged and less.cost > now.cost + NEEDED
 
 
 def _reliable(without: Step, found: Step, n: int) -> float:

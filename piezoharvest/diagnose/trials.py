@@ -217,7 +217,7 @@ class Trials:
         known = self._known.get(_keys(less))
         aim = np.inf if known is None else known.cost + CLOSE  # only what is better matters
         own = carried(self.problem, now.found.model, now.found.own, less)
-        step = self._fit(less, own, now.found, aim=aim, most=PLAIN)
+        step = self._fit(less, own, now.found, aim=min(aim, now.cost + NEEDED), most=PLAIN)
         if step is not None and step.found.message == UNFINISHED and step.cost < now.cost + NEEDED:
             step = self._fit(step.found.model, step.found.own, step.found, aim=aim)
         self.remember(step)

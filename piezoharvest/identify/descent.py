@@ -15,7 +15,7 @@ from piezoharvest.identify.model import Model, inner_values, moved
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem, prior_of
 from piezoharvest.identify.responses import ResponseWeights
-from piezoharvest.identify.sums import EDGES, Sums, Whitener
+from piezoharvest.identify.sums import Sums, Whitener
 from piezoharvest.parameters import ParameterError
 from piezoharvest.predict.prediction import PredictionError
 
@@ -30,9 +30,6 @@ PACE, AHEAD = 8, 10  # iterations that tell the pace of a descent, and for how m
 HOPES = 3  # iterations whose promises tell the same, of those that no failed step has damped
 LEAP = 0.5  # of a logarithm in one iteration: what the data hardly shows must not run away meanwhile
 FAR, NEAR = 1e-4, 1e-6  # damping at first, of a rough fit and of one that goes on from there
-SLOW = (80.0, 160.0, 320.0)  # Hz: up to where a descent may look before its end
-SPARED = 0.5  # of what is enough, that it may miss by that
-WORTH = 0.3  # of the squares, that have to be left out for it
 LEAST = 1e-12  # relative eigenvalue of an information matrix
 
 White: TypeAlias = tuple[Whitener | ResponseWeights, ...]
@@ -107,12 +104,11 @@ def descend(
     delaying = np.array([p.path[-1] == "damping" for p in model.parameters] + [False] * sum(map(len, own)))
     mean, precision = prior_of(problem, model)
     judge = _Judge(problem, white or whiteners(problem, model, own, noise), mean, precision)
-    final = judge.at(model, own, np.concatenate([inner_values(model), *own]), scatter=not loose)
-    here = final if loose else judge.by_slow_lines(final, enough)
+    here = judge.at(model, own, np.concatenate([inner_values(model), *own]))
     damping, converged, message = FAR if loose else NEAR, False, UNFINISHED
     iteration, quiet, bend = 0, 0, np.zeros_like(here.information)
     costs, hopes, rejected = [here.cost], list[float](), False
-    count = sum(float(part.count.sum()) for part in final.sums)
+    count = sum(float(part.count.sum()) for part in here.sums)
     for iteration in range(1, most + 1):
         values = here.values
         step, promise = _step(
@@ -121,11 +117,6 @@ def descend(
         )  # fmt: skip
         limit = max(1.0, ROUGH * here.squares) if loose else max(enough, FINE * (here.squares - count))
         if promise < limit or quiet == QUIET:
-            if np.isfinite(judge.highest):
-                judge, here = judge.in_the_end(here, white, noise)
-                final = here
-                quiet, bend, costs, hopes = 0, np.zeros_like(bend), [here.cost], []
-                continue
             converged, message = True, "converged"
             break
         hopes += [] if rejected else [promise]
@@ -157,9 +148,7 @@ def descend(
         if here.cost - AHEAD * _pace(costs, hopes) > aim:
             message = "given up: it would not come to what others have reached"
             break
-    if here.values is final.values:
-        here = final
-    elif not loose:
+    if not loose:
         judge, here = judge.in_the_end(here, white, noise)
     return Fit(
         here.model, here.own, noise, here.cost, here.sums, here.information, np.diag(precision), judge.white,
@@ -170,7 +159,7 @@ def descend(
 class _Place(NamedTuple):
     """A model on its way: what varies as one array, and what the records say there.
 
-    The slope is that of half the cost, downwards; of the sums only those count that the judge goes by.
+    The slope is that of half the cost, downwards.
     """
 
     model: Model
@@ -188,11 +177,10 @@ class _Judge:
 
     def __init__(self, problem: Problem, white: White, mean: np.ndarray, precision: np.ndarray) -> None:
         self.problem, self.white, self.mean, self.precision = problem, white, mean, precision
-        self.highest, self._bands, self._beyond = np.inf, slice(None), 0.0
 
     def at(self, model: Model, own: Sequence[np.ndarray], values: np.ndarray, scatter: bool = False) -> _Place:
         """Judge a model."""
-        return self._judged(model, own, values, sums_of(self.problem, model, own, self.white, scatter, self.highest))
+        return self._judged(model, own, values, sums_of(self.problem, model, own, self.white, scatter))
 
     def tried(self, here: _Place, values: np.ndarray) -> _Place | None:
         """Judge a model with other values, which it may not be able to follow the records with."""
@@ -202,32 +190,15 @@ class _Judge:
         except (PredictionError, ParameterError, np.linalg.LinAlgError, OverflowError):
             return None
 
-    def by_slow_lines(self, here: _Place, enough: float) -> _Place:
-        """The same place, judged by slow lines of the spectra from now on, if the others hardly say anything more.
-
-        What a fit without them costs on average is the trace of their information by that of all: with less than what
-        is enough they only take time.
-        """
-        lines = np.sum([part.count for part in here.sums], axis=0)
-        for highest in SLOW:
-            above = slice(int(np.searchsorted(EDGES, highest)), None)
-            if lines[above].sum() < WORTH * lines.sum():
-                break
-            left, _, beyond = whole(here.model, here.own, here.sums, above)
-            if np.trace(left @ _inverse(here.information + np.diag(self.precision))) < SPARED * enough:
-                self.highest, self._bands, self._beyond = highest, slice(above.start), beyond
-                return self._judged(here.model, here.own, here.values, here.sums)
-        return here
-
     def in_the_end(self, here: _Place, white: White | None, noise: Noise) -> tuple[_Judge, _Place]:
-        """The same place by all lines, of residuals that these whiteners make white, or else its own way does."""
+        """The same place with its scatter, of residuals that these whiteners make white, or else its own way does."""
         white = white or whiteners(self.problem, here.model, here.own, noise)
         judge = _Judge(self.problem, white, self.mean, self.precision)
         return judge, judge.at(here.model, here.own, here.values, scatter=True)
 
     def _judged(self, model: Model, own: Sequence[np.ndarray], values: np.ndarray, sums: tuple[Sums, ...]) -> _Place:
-        information, gradient, squares = whole(model, own, sums, self._bands)
-        away, squares = values - self.mean, squares + self._beyond
+        information, gradient, squares = whole(model, own, sums)
+        away = values - self.mean
         cost = squares + float(self.precision @ away**2)
         return _Place(model, tuple(own), values, sums, information, gradient - self.precision * away, squares, cost)
 
@@ -253,12 +224,6 @@ def _bent(bend: np.ndarray, information: np.ndarray, step: np.ndarray, change: n
 def _split(values: np.ndarray, model: Model, own: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
     ends = np.cumsum([len(model.parameters), *(len(mine) for mine in own)])
     return tuple(values[begin:end] for begin, end in itertools.pairwise(ends))
-
-
-def _inverse(information: np.ndarray) -> np.ndarray:
-    """Inverse, without directions that the data hardly shows."""
-    size = np.sqrt(np.maximum(np.abs(np.diag(information)), 1e-300))
-    return np.linalg.pinv(information / np.outer(size, size), rcond=LEAST, hermitian=True) / np.outer(size, size)
 
 
 def _step(information, slope, damping, lower, upper, alive) -> tuple[np.ndarray, float]:

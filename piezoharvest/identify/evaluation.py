@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache, wraps
 from typing import ParamSpec, TypeVar
@@ -41,9 +41,8 @@ def sums_of(
     own: Sequence[np.ndarray],
     white: Sequence[Whitener | ResponseWeights],
     scatter: bool = False,
-    highest: float = np.inf,
 ) -> tuple[Sums, ...]:
-    """Sums of all records, of frequencies below a highest (Hz).
+    """Sums of all records, with what rounded sensors scatter if wanted.
 
     Raises
     ------
@@ -51,13 +50,17 @@ def sums_of(
         The model cannot follow a record.
     """
     if len(white) == 1:  # what a thread has had of memory is kept for the next one: with a long record that adds up
-        return (white[0].sums(model, own[0], scatter, highest),)
+        return (white[0].sums(model, own[0], scatter),)
     for data in problem.data:
         if isinstance(data, Data):
             model.lowered(data)
+    return at_once(lambda each, mine: each.sums(model, mine, scatter), white, own)
+
+
+def at_once(function: Callable[..., R], *each: Iterable) -> tuple[R, ...]:
+    """What a function returns for every record, and what belongs to it, two at a time."""
     with ThreadPoolExecutor(WORKERS) as pool:
-        jobs = [pool.submit(each.sums, model, mine, scatter, highest) for each, mine in zip(white, own, strict=True)]
-        return tuple(job.result() for job in jobs)
+        return tuple(pool.map(function, *each))
 
 
 def side_by_side(function: Callable[P, R]) -> Callable[P, R]:
@@ -80,17 +83,15 @@ def _threads() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-def whole(
-    model: Model, own: Sequence[np.ndarray], sums: Sequence[Sums], bands: slice = slice(None)
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Information, gradient and sum of squares of all records, over some bands or all."""
+def whole(model: Model, own: Sequence[np.ndarray], sums: Sequence[Sums]) -> tuple[np.ndarray, np.ndarray, float]:
+    """Information, gradient and sum of squares of all records."""
     p, sizes = len(model.parameters), [len(mine) for mine in own]
     total = p + sum(sizes)
     information, gradient, squares, at = np.zeros((total, total)), np.zeros(total), 0.0, p
     for size, part in zip(sizes, sums, strict=True):
         places = np.concatenate([np.arange(p), np.arange(at, at + size)])
-        information[np.ix_(places, places)] += part.information[bands].sum(axis=0)
-        gradient[places] += part.gradient[bands].sum(axis=0)
-        squares += float(part.squares[bands].sum())
+        information[np.ix_(places, places)] += part.information.sum(axis=0)
+        gradient[places] += part.gradient.sum(axis=0)
+        squares += float(part.squares.sum())
         at += size
     return information, gradient, squares

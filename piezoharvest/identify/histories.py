@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 from itertools import product
@@ -14,7 +13,7 @@ from scipy.stats import chi2
 
 from piezoharvest.identify.data import Data, data_of
 from piezoharvest.identify.descent import Fit
-from piezoharvest.identify.evaluation import WORKERS
+from piezoharvest.identify.evaluation import at_once
 from piezoharvest.identify.fit import fit, inverse
 from piezoharvest.identify.model import Model
 from piezoharvest.identify.noise import Noise
@@ -162,8 +161,7 @@ def held(
 def _apart(function: Callable[..., np.ndarray], problem: Problem, *each: Sequence) -> tuple[np.ndarray, ...]:
     """What a function says of every record, and of what belongs to it: no record knows of another's own numbers."""
     alone = [Problem([data], problem.nominal, problem.offset_channels) for data in problem.data]
-    with ThreadPoolExecutor(WORKERS) as pool:
-        return tuple(pool.map(function, alone, *each))
+    return at_once(function, alone, *each)
 
 
 def _alone(one: Problem, bare: Model, own: np.ndarray, noise: Noise, **options: Any) -> Fit:

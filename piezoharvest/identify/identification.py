@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from piezoharvest.identify.data import Data, data_of
 from piezoharvest.identify.descent import Fit
-from piezoharvest.identify.evaluation import WORKERS, side_by_side
+from piezoharvest.identify.evaluation import at_once, side_by_side
 from piezoharvest.identify.fit import covariance, fit
 from piezoharvest.identify.gain import gain_of
 from piezoharvest.identify.histories import held, memories, recalled, remembers
@@ -120,8 +119,7 @@ def prepared(campaign: Campaign, role: str) -> tuple[Data | FrequencyData, ...]:
     CampaignError
         The model cannot be driven by a record.
     """
-    with ThreadPoolExecutor(WORKERS) as pool:
-        return tuple(pool.map(partial(_prepared, campaign), campaign.of_role(role)))
+    return at_once(partial(_prepared, campaign), campaign.of_role(role))
 
 
 def _prepared(campaign: Campaign, record: Record | FrequencyRecord) -> Data | FrequencyData:
@@ -168,7 +166,8 @@ def identify(
     parameters = parameters_of(campaign.transducer, {r.drive for r in campaign.records if isinstance(r, Record)})
     model = Model(campaign.transducer, tuple(parameters), tuple(offsets))
     first = _first_fit(problem, model, tell) if near is None else _fit_near(problem, model, near, tell)
-    begun = recalled(problem, first)
+    # Near another fit this has been asked of its model, which is less distorted by what the records hold.
+    begun = recalled(problem, first) if near is None else None
     if begun is not None:
         tell("some records begin after a load that is not recorded")
         first = fit(problem, first.model, begun, first.noise, tell=tell, rounds=2)

@@ -98,10 +98,8 @@ class ResponseWeights:
     def __init__(self, error: float, data: FrequencyData) -> None:
         self.error, self.data = error, data
 
-    def sums(self, model: Model, own: np.ndarray, scatter: bool = False, highest: float = np.inf) -> Sums:
+    def sums(self, model: Model, own: np.ndarray, scatter: bool = False) -> Sums:
         """Sums of squares of the weighted residuals, which stand in the last band; see `sums.Sums`."""
-        if np.isfinite(highest):
-            return Sums.empty(len(model.parameters))
         record = self.data.record
         value, slopes = self.data.response(model)
         sigma = self.error * relative_error(record) * np.abs(record.response)

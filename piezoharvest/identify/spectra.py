@@ -29,12 +29,6 @@ def gram(D: np.ndarray) -> np.ndarray:
     return sum((part @ part.T for part in parts(D)), np.zeros((D.shape[1],) * 2))
 
 
-def lines(count: int, sample_time: float, highest: float) -> np.ndarray:
-    """Frequencies of a real spectrum below the highest, Hz."""
-    frequencies = np.fft.rfftfreq(count, sample_time)
-    return frequencies[: np.searchsorted(frequencies, highest)]
-
-
 def components(count: int) -> np.ndarray:
     """Components of the lines of a real spectrum: two, and one at zero and at half the sample rate."""
     found = np.full(count // 2 + 1, 2.0)

@@ -13,7 +13,7 @@ from piezoharvest.identify.data import Data
 from piezoharvest.identify.gain import gain_of
 from piezoharvest.identify.model import Model, noise_passed, residual_blocks
 from piezoharvest.identify.noise import Noise, Rounding, rounding
-from piezoharvest.identify.spectra import gram, in_time, line_spectra, lines, parts, whitened
+from piezoharvest.identify.spectra import gram, in_time, line_spectra, parts, whitened
 from piezoharvest.predict.prediction import Prediction
 
 EDGES = np.array([0.0, 0.1, 0.3, 0.6, 1.2, 2.4, 5, 10, 20, 40, 80, 160, 320, 640, 1e9])  # Hz: bands of the colour
@@ -48,9 +48,7 @@ class Sums:
     def empty(cls, p: int) -> Sums:
         """Sums of nothing, for so many parameters."""
         bands = len(EDGES) - 1
-        return cls(
-            np.zeros((bands, p, p)), np.zeros((bands, p)), np.zeros(bands), np.zeros(bands), np.zeros((p, p))
-        )
+        return cls(np.zeros((bands, p, p)), np.zeros((bands, p)), np.zeros(bands), np.zeros(bands), np.zeros((p, p)))
 
     def __add__(self, other: Sums) -> Sums:
         return Sums(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
@@ -109,8 +107,8 @@ class Whitener:
         if len(self._prediction.matrices.kinds) and noisy:
             self._prediction.settle()
 
-    def sums(self, model: Model, own: np.ndarray, scatter: bool = False, highest: float = np.inf) -> Sums:
-        """Sums of the record for a model below a highest frequency (Hz), with what rounded sensors scatter if wanted.
+    def sums(self, model: Model, own: np.ndarray, scatter: bool = False) -> Sums:
+        """Sums of the record for a model, with what rounded sensors scatter if wanted.
 
         Raises
         ------
@@ -124,8 +122,8 @@ class Whitener:
             white, rows = self._of(len(residual))
             predicted = self._data.part(begin, end) - residual
             rounded = (lambda D, x=predicted, W=white: self.scatter(x, D, W)) if scatter else None
-            some = lines(len(residual), self._data.setting.sample_time, highest)
-            parts.append(_whitened(residual, slopes, rows, some, rounded))
+            frequencies = np.fft.rfftfreq(len(residual), self._data.setting.sample_time)
+            parts.append(_whitened(residual, slopes, rows, frequencies, rounded))
         return reduce(add, parts)
 
     def left(self, model: Model, own: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
@@ -178,9 +176,8 @@ def _whitened(
     residual, slopes, W: np.ndarray, frequencies: np.ndarray, scatter: Callable[[np.ndarray], np.ndarray] | None
 ) -> Sums:
     """Sums of one block, by bands."""
-    (count, channels), some = residual.shape, len(frequencies)
-    W = W[:, :, :some]
-    R, D = (whitened(W, line_spectra(np.moveaxis(values, 0, -1))[..., :some]) for values in (residual, slopes))
+    count, channels = residual.shape
+    R, D = (whitened(W, line_spectra(np.moveaxis(values, 0, -1))) for values in (residual, slopes))
     edges = np.searchsorted(frequencies, EDGES)
     P, bands = D.shape[1], len(EDGES) - 1
     sums = Sums.empty(P)
