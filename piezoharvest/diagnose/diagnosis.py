@@ -10,7 +10,6 @@ import numpy as np
 from piezoharvest.diagnose.candidates import effect_line
 from piezoharvest.diagnose.cut_drive import CHANCE, CutDrive, cut_off
 from piezoharvest.diagnose.leftover import Leftover, share_above_noise
-from piezoharvest.diagnose.scene import scene_of
 from piezoharvest.diagnose.search import Search, Searcher
 from piezoharvest.diagnose.trials import Step, Trials
 from piezoharvest.diagnose.unseen import overshadowing, plainest, shown_by, spoils, validated, with_fitted
@@ -190,9 +189,8 @@ def _diagnosed(
     """Diagnosis with the records' roles as they are."""
     campaign = before.campaign
     problem = Problem(prepared(campaign, "fit"), campaign.transducer, before.offsets)
-    scene = scene_of(problem.data, before.found)
     tell("scoring the effects")
-    trials = Trials(problem, before.found, scene, library, tell)
+    trials = Trials(problem, before.found, library, tell)
     search = Searcher(trials).run()
     unseen, checks = validated(campaign, before, [before.found, *search.nested])
     squares = [share_above_noise(unseen, each) for each in checks]

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
-from piezoharvest.identify.data import EQUAL, PLATEAU, Data
+from piezoharvest.identify.data import Data, pinned
 from piezoharvest.identify.descent import Fit
-from piezoharvest.identify.model import noise_passed, residual_blocks, unexplained_blocks
+from piezoharvest.identify.evaluation import at_once
+from piezoharvest.identify.model import Model, noise_passed, residual_blocks
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.shunts.resistor import Resistor
 
@@ -59,14 +62,29 @@ class Scene:
     mains: Mapping[str, tuple[float, ...]]
 
 
+class _Left(NamedTuple):
+    """What a model leaves of a part of a record, and what of it the noise of the drive would do."""
+
+    data: Data
+    begin: int
+    residual: np.ndarray
+    passed: np.ndarray
+
+    def measured(self, channel: str) -> np.ndarray:
+        """Its samples of a channel."""
+        return self.data.record[channel][self.begin : self.begin + len(self.residual)]
+
+
 def scene_of(data: Sequence[Data | FrequencyData], found: Fit) -> Scene:
-    """Scene of the fitted records."""
+    """Scene of the fitted records, as a model sees them."""
     records = [each for each in data if isinstance(each, Data)]
     channels = tuple(sorted({channel for each in records for channel in each.channels}))
     displacements = [each.record["displacement"] for each in records if "displacement" in each.record.signals]
     step = min((each.setting.sample_time for each in records), default=float("inf"))
     resistors = [each.setting.shunt for each in records if isinstance(each.setting.shunt, Resistor)]
     loads = sorted({shunt.resistance for shunt in resistors})
+    bare = replace(found.model, parameters=())
+    blocks = list(chain(*at_once(lambda each, own: _left(bare, each, own), data, found.own)))
     drives = {each.record.input if isinstance(each, FrequencyData) else each.drive for each in data}
     return Scene(
         drives=tuple(sorted({each.drive for each in records})),
@@ -78,8 +96,8 @@ def scene_of(data: Sequence[Data | FrequencyData], found: Fit) -> Scene:
         sample_time=step,
         times=tuple(np.geomspace(*_span(data), TIMES).tolist()),
         loads=tuple(loads),
-        peaks={channel: _ranges(records, found, data, channel) for channel in channels},
-        mains=_mains(data, found),
+        peaks={channel: _ranges(blocks, found.noise.sigma[channel], channel) for channel in channels},
+        mains=_mains(blocks),
     )
 
 
@@ -99,42 +117,41 @@ def _span(data: Sequence[Data | FrequencyData]) -> tuple[float, float]:
     return 0.5 / (np.pi * frequencies.max()), 0.5 / (np.pi * frequencies.min())
 
 
-def _ranges(records: Sequence[Data], found: Fit, data: Sequence, channel: str) -> tuple[float, ...]:
+def _left(model: Model, data: Data | FrequencyData, own: np.ndarray) -> list[_Left]:
+    """What a model leaves of a record."""
+    if not isinstance(data, Data):
+        return []
+    return [
+        _Left(data, begin, residual, noise_passed(prediction, data, begin, begin + len(residual)))
+        for prediction, begin, residual, _ in residual_blocks(model, data, own, False)
+    ]
+
+
+def _ranges(blocks: Sequence[_Left], sigma: float, channel: str) -> tuple[float, ...]:
     """Where a channel may end: at an extreme value that it has many times, or that the model passes and it does not.
 
     Noise that comes after the range takes readings beyond it.
     """
-    largest = max(float(np.abs(each.record[channel]).max()) for each in records if channel in each.channels)
-    sigma = found.noise.sigma[channel]
-    limits = np.array([largest - k * sigma for k in BEYOND])
-    equal, gains = 0, np.zeros(len(limits))
-    for each, own in zip(data, found.own, strict=True):
-        if not isinstance(each, Data) or channel not in each.channels:
-            continue
-        values = each.record[channel]
-        equal += int(np.sum(np.abs(values) >= (1.0 - EQUAL) * largest))
-        c = each.channels.index(channel)
-        for prediction, begin, residual, _ in residual_blocks(_bare(found), each, own, False):
-            measured, left = values[begin : begin + len(residual)], residual[:, c]
-            passed = noise_passed(prediction, each, begin, begin + len(residual))[:, c]
-            cut = np.clip(measured - left, -limits[:, None], limits[:, None]) + passed
-            gains += np.sum(((left - passed) ** 2 - (measured - cut) ** 2) / sigma**2, axis=1)
-    return tuple(limits[(gains > PASSED) | ((equal >= PLATEAU) & (np.array(BEYOND) <= HELD))].tolist())
+    blocks = [block for block in blocks if channel in block.data.channels]
+    together = np.concatenate([block.measured(channel) for block in blocks])
+    limits = np.abs(together).max() - sigma * np.array(BEYOND)
+    gains = np.zeros(len(limits))
+    for block in blocks:
+        c, measured = block.data.channels.index(channel), block.measured(channel)
+        left, passed = block.residual[:, c], block.passed[:, c]
+        cut = np.clip(measured - left, -limits[:, None], limits[:, None]) + passed
+        gains += np.sum(((left - passed) ** 2 - (measured - cut) ** 2) / sigma**2, axis=1)
+    return tuple(limits[(gains > PASSED) | (pinned(together) & (np.array(BEYOND) <= HELD))].tolist())
 
 
-def _mains(data: Sequence, found: Fit) -> dict[str, tuple[float, ...]]:
+def _mains(blocks: Sequence[_Left]) -> dict[str, tuple[float, ...]]:
     """Mains frequencies of the channels: a network is seldom at its nominal one."""
     power: dict[str, np.ndarray] = {}
-    for each, own in zip(data, found.own, strict=True):
-        if not isinstance(each, Data):
-            continue
-        for _, begin, residual in unexplained_blocks(found.model, each, own):
-            time = (begin + np.arange(len(residual))) * each.setting.sample_time
-            lines = np.exp(-2j * np.pi * _NEAR[:, None] * time) @ (residual / residual.std(axis=0))
-            for c, channel in enumerate(each.channels):
-                power[channel] = power.get(channel, 0.0) + np.abs(lines[:, c]) ** 2
-            # What stands on the measured drive comes out in all channels.
-            power[each.drive] = power.get(each.drive, 0.0) + (np.abs(lines) ** 2).sum(axis=1)
+    for lines, (data, *_) in zip(at_once(_near_mains, blocks), blocks, strict=True):
+        for c, channel in enumerate(data.channels):
+            power[channel] = power.get(channel, 0.0) + np.abs(lines[:, c]) ** 2
+        # What stands on the measured drive comes out in all channels.
+        power[data.drive] = power.get(data.drive, 0.0) + (np.abs(lines) ** 2).sum(axis=1)
     half = len(_NEAR) // 2
     return {
         channel: (float(_NEAR[np.argmax(some[:half])]), float(_NEAR[half + np.argmax(some[half:])]))
@@ -142,7 +159,8 @@ def _mains(data: Sequence, found: Fit) -> dict[str, tuple[float, ...]]:
     }
 
 
-def _bare(found: Fit):
-    from dataclasses import replace
-
-    return replace(found.model, parameters=())
+def _near_mains(block: _Left) -> np.ndarray:
+    """Lines near the mains frequencies of what a model leaves, less the noise of the drive, (f, channels)."""
+    left = block.residual - block.passed
+    time = (block.begin + np.arange(len(left))) * block.data.setting.sample_time
+    return np.exp(-2j * np.pi * _NEAR[:, None] * time) @ (left / left.std(axis=0))

@@ -10,8 +10,9 @@ import numpy as np
 
 from piezoharvest.diagnose.candidates import Candidate, effect_parameters, extended, scores
 from piezoharvest.diagnose.leftover import Leftover, structure
-from piezoharvest.diagnose.scene import Scene
+from piezoharvest.diagnose.scene import scene_of
 from piezoharvest.effects import Effect
+from piezoharvest.identify.data import Data
 from piezoharvest.identify.descent import ITERATIONS, UNFINISHED, Fit
 from piezoharvest.identify.fit import covariance, fit, inflation, inverse, linearised
 from piezoharvest.identify.histories import recalled
@@ -83,7 +84,6 @@ class Trials:
     problem : Problem
     base : Fit
         Of the model without effects.
-    scene : Scene
     library : sequence of Effect classes or None
     tell : callable
 
@@ -96,11 +96,10 @@ class Trials:
         self,
         problem: Problem,
         base: Fit,
-        scene: Scene,
         library: Sequence[type[Effect]] | None,
         tell: Callable[[str], None],
     ):
-        self.problem, self.base, self.scene, self.library, self.tell = problem, base, scene, library, tell
+        self.problem, self.base, self.library, self.tell = problem, base, library, tell
         self.made: list[Made] = []
         self._scored: dict[int, tuple[Step, list[Candidate]]] = {}
         self._known: dict[tuple[str, ...], Step] = {}
@@ -109,7 +108,8 @@ class Trials:
     def scores(self, now: Step) -> list[Candidate]:
         """Scores of all effects against a model."""
         if id(now) not in self._scored:
-            self._scored[id(now)] = now, scores(self.problem, now.found, self.scene, self.library)
+            scene = scene_of(self.problem.data, now.found)
+            self._scored[id(now)] = now, scores(self.problem, now.found, scene, self.library)
         return self._scored[id(now)][1]
 
     def structure(self, found: Fit) -> tuple[Leftover, ...]:
@@ -180,7 +180,8 @@ class Trials:
         """
         model, found, nominal = now.found.model, now.found, self.problem.nominal
         own = tuple(parameter for parameter in model.parameters if parameter.path[0] == "effects")
-        full = replace(model, parameters=(*parameters_of(nominal, set(self.scene.drives)), *own))
+        drives = {data.drive for data in self.problem.data if isinstance(data, Data)}
+        full = replace(model, parameters=(*parameters_of(nominal, drives), *own))
         if len(full.parameters) > len(model.parameters):
             information, _, _ = linearised(self.problem, full, found.own, found)
             prior = np.diag(prior_of(self.problem, full)[1])

@@ -120,9 +120,15 @@ def clean_drive(signal: Signal) -> np.ndarray:
 
 
 def pinned(values: np.ndarray) -> bool:
-    """Whether extreme samples are equal, as at the end of a converter's range."""
+    """Whether extreme samples are equal, as at the end of a converter's range, and more than are next to these.
+
+    Of noise that is rounded fewer are the most extreme.
+    """
     sizes = np.abs(values)
-    return int(np.sum(sizes >= (1.0 - EQUAL) * sizes.max())) >= PLATEAU
+    inside = sizes < (1.0 - EQUAL) * sizes.max()
+    equal = len(sizes) - np.count_nonzero(inside)
+    beside = np.count_nonzero(sizes >= (1.0 - EQUAL) * sizes.max(initial=0.0, where=inside)) - equal
+    return bool(equal >= PLATEAU and equal > beside)
 
 
 def scatter_of(values: np.ndarray) -> float:

@@ -31,8 +31,8 @@ PRESENT = BiasCurrent(current=2e-8), Leakage(resistance=1e7)
 def searched(tmp_path_factory):
     """Search through records with two effects, and the full fit with both."""
     found = campaign(tmp_path_factory.mktemp("search"))
-    problem, base, scene = fitted(prepared(found, "fit"), found.transducer, PRESENT, seed=7)
-    trials = Trials(problem, base, scene, [type(effect) for effect in PRESENT], lambda text: None)
+    problem, base, _ = fitted(prepared(found, "fit"), found.transducer, PRESENT, seed=7)
+    trials = Trials(problem, base, [type(effect) for effect in PRESENT], lambda text: None)
     return trials, Step(Searcher(trials).run().final)
 
 
@@ -119,11 +119,11 @@ HIDDEN = {
 def test_a_search_ends_where_nothing_in_the_library_is_the_cause(tmp_path, effect):
     """What its stand-in leaves is as large as before; with the effect itself in the library nothing is left."""
     measured = campaign(tmp_path)
-    problem, base, scene = fitted(prepared(measured, "fit"), measured.transducer, [effect], seed=3)
+    problem, base, _ = fitted(prepared(measured, "fit"), measured.transducer, [effect], seed=3)
     ends = "what stands out is as it was: no effect of the library explains it"
     for library in ([cls for cls in registered().values() if cls is not type(effect)], list(registered().values())):
         told = []
-        found = Searcher(Trials(problem, base, scene, library, told.append)).run()
+        found = Searcher(Trials(problem, base, library, told.append)).run()
         if type(effect) in library:
             assert [each.name for each in found.order] == [effect.name]
             assert not found.left

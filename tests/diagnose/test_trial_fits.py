@@ -49,14 +49,14 @@ def test_they_end_where_thorough_fits_do(records, present, start):
 
 def test_what_the_data_determines_is_asked_again_beside_an_effect(records):
     """A base fit that lacked the effect may have left out what the data tells, or have kept what it does not."""
-    problem, found, scene = fitted(*records, [Leakage(resistance=3e7)], seed=1)
+    problem, found, _ = fitted(*records, [Leakage(resistance=3e7)], seed=1)
     nominal = replace(records[1], capacitance=1.1 * records[1].capacitance)
     problem = Problem(problem.data, nominal, problem.offset_channels)
     varied = tuple(p for p in parameters_of(nominal, {"force"}) if p.name in ("mass", "stiffness", "coupling"))
     model = extended(replace(found.model, transducer=nominal, parameters=varied), [Leakage(resistance=3e7)], [])
     model = replace(model, parameters=(*varied, *effect_parameters([Leakage(resistance=3e7)])))
     poor = Step(fit(problem, model, noise=found.noise, estimate_noise=False))
-    trials = Trials(problem, found, scene, None, lambda text: None)
+    trials = Trials(problem, found, None, lambda text: None)
     better = trials.redetermined(poor)
     names = [parameter.path[-1] for parameter in better.found.model.parameters]
     assert names == ["damping", "stiffness", "coupling", "capacitance", "resistance"]
