@@ -60,6 +60,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "parameters": {
             e.parameter.name: {
                 "value": e.value, "std": _finite(e.std), "unit": e.parameter.unit, "identifiable": e.identifiable,
+                "assumes": list(e.assumes),
                 "before": {"value": (b := before[e.parameter.name]).value, "std": _finite(b.std)},
             }
             for e in found.estimates

@@ -96,7 +96,7 @@ def identification_json(found: Identification) -> dict[str, Any]:
 
 
 def _estimate(estimate: Estimate) -> dict[str, Any]:
-    keys = ("value", "std", "identifiable", "nominal", "combination", "experiment")
+    keys = ("value", "std", "identifiable", "nominal", "assumes", "combination", "experiment")
     table = {key: getattr(estimate, key) for key in keys}
     return {"value": table["value"], "std": table["std"], "unit": estimate.parameter.unit, **table}
 
@@ -113,7 +113,13 @@ def _print(found: Identification) -> None:
     for e in found.estimates:
         unit = e.parameter.unit
         share = "" if e.std is None or e.value == 0 else percent(e.std / abs(e.value), 2)
-        remark = "" if e.identifiable else "not identifiable" + (f"; known: {e.combination}" if e.combination else "")
+        remark = (
+            f"if {' and '.join(e.assumes)} is nominal"
+            if e.assumes
+            else ""
+            if e.identifiable
+            else "not identifiable" + (f"; known: {e.combination}" if e.combination else "")
+        )
         rows.append([e.parameter.name, with_error(e.value, e.std, unit), share, engineering(e.nominal, unit), remark])
     show.print_rows(found.campaign.title, ["parameter", "value", "", "nominal", ""], rows)
     rows = [

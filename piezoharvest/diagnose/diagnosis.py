@@ -315,6 +315,7 @@ def _estimates(before: Identification, final: Fit):
     """Parameters of the extended model, in the order of those before."""
     std = np.sqrt(np.diag(covariance(final)))
     places = {parameter.path: k for k, parameter in enumerate(final.model.parameters)}
+    told = {parameter.name for parameter in final.model.parameters}
     for estimate in before.estimates:
         k = places.get(estimate.parameter.path)
         if k is None:  # the effects may have taken what seemed to tell it
@@ -323,9 +324,9 @@ def _estimates(before: Identification, final: Fit):
             continue
         value = float(np.real(value_at(final.model.transducer, estimate.parameter.path)))
         slope = estimate.parameter.slope(estimate.parameter.inner(value))
-        yield replace(
-            estimate, value=value, std=float(slope * std[k]), identifiable=True, combination="", experiment=""
-        )
+        assumes = tuple(name for name in estimate.assumes if name not in told)
+        known = replace(estimate, value=value, std=float(slope * std[k]), identifiable=True, assumes=assumes)
+        yield replace(known, combination="", experiment="")
 
 
 def _experiment(search: Search) -> str | None:

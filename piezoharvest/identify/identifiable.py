@@ -12,6 +12,7 @@ from piezoharvest.identify.problem import WEAK
 from piezoharvest.predict.parameters import Parameter
 
 UNKNOWN = 0.5  # standard deviation of a logarithm from which on a parameter counts as not determined
+OFF = 0.1  # of a logarithm, that the nominal value of a parameter may be off
 TIED = 0.2  # exponent from which on another parameter belongs to the combination
 
 # Which measurement separates what is only known together.
@@ -57,9 +58,7 @@ def combination(found: Fit, k: int, fixed: Sequence[int]) -> str:
     parameters, size = found.model.parameters, size_of(found, k)
     if found.information[k, k] * size**2 < UNKNOWN**-2:
         return ""  # even with all others known the data would not tell it
-    others = [j for j in range(len(found.information)) if j != k and j not in fixed]
-    rows = found.information[np.ix_(others, others)]
-    follow = -inverse(rows) @ found.information[others, k]
+    others, follow = _followers(found, k, fixed)
     parts = [parameters[k].name]
     for j, slope in zip(others, follow, strict=True):
         exponent = slope * size / size_of(found, j) if j < len(parameters) else 0.0
@@ -68,6 +67,27 @@ def combination(found: Fit, k: int, fixed: Sequence[int]) -> str:
             power = f"^{abs(exponent):.2g}" if abs(abs(exponent) - 1.0) > 0.05 else ""
             parts.append(f"{'/' if exponent > 0 else '*'} {parameters[j].name}{power}")
     return " ".join(parts) if len(parts) > 1 else ""
+
+
+def assumed(found: Fit, k: int, fixed: Sequence[int]) -> tuple[str, ...]:
+    """Which undetermined parameters one is told beside, at their nominal values.
+
+    Were these off by what nominal values may be, it would be off by more than its standard error.
+    """
+    others = [j for j in range(len(found.information)) if j not in fixed]
+    std = np.sqrt(inverse((found.information + found.prior)[np.ix_(others, others)])[others.index(k), others.index(k)])
+    names = []
+    for j in fixed:
+        size, (followers, follow) = size_of(found, j), _followers(found, j, fixed)
+        if np.isfinite(size) and abs(follow[followers.index(k)]) * OFF * size > std:
+            names.append(found.model.parameters[j].name)
+    return tuple(names)
+
+
+def _followers(found: Fit, k: int, fixed: Sequence[int]) -> tuple[list[int], np.ndarray]:
+    """What is varied beside one and is not fixed, and by how much it follows where that one is moved."""
+    others = [j for j in range(len(found.information)) if j != k and j not in fixed]
+    return others, -inverse(found.information[np.ix_(others, others)]) @ found.information[others, k]
 
 
 def experiment(parameter: Parameter) -> str:

@@ -14,7 +14,7 @@ from piezoharvest.identify.evaluation import at_once, side_by_side
 from piezoharvest.identify.fit import covariance, fit
 from piezoharvest.identify.gain import gain_of
 from piezoharvest.identify.histories import held, memories, recalled, remembers
-from piezoharvest.identify.identifiable import combination, experiment, undetermined
+from piezoharvest.identify.identifiable import assumed, combination, experiment, undetermined
 from piezoharvest.identify.model import Model, unexplained_blocks
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem, carried, renamed
@@ -44,6 +44,9 @@ class Estimate:
     std : float or None
         Standard error in the same unit; None where the data does not determine it.
     identifiable : bool
+    assumes : tuple of str
+        Parameters that the data does not determine, at whose nominal values this one is told: were these off by a tenth,
+        it would be off by more than its standard error.
     combination : str
         What is known instead, where something is.
     experiment : str
@@ -55,6 +58,7 @@ class Estimate:
     nominal: float
     std: float | None
     identifiable: bool
+    assumes: tuple[str, ...] = ()
     combination: str = ""
     experiment: str = ""
 
@@ -234,11 +238,14 @@ def _estimates(nominal: Transducer, parameters, first: Fit, fixed: list[int], la
         before = float(value_at(nominal, parameter.path))
         if k in fixed:
             together = combination(first, k, [j for j in fixed if j != k])
-            yield Estimate(parameter, before, before, None, False, together, experiment(parameter))
+            yield Estimate(
+                parameter, before, before, None, False, combination=together, experiment=experiment(parameter)
+            )
             continue
         value = float(value_at(last.model.transducer, parameter.path))
         slope = parameter.slope(parameter.inner(value))
-        yield Estimate(parameter, value, before, slope * float(std[places[parameter.path]]), True)
+        std_here = slope * float(std[places[parameter.path]])
+        yield Estimate(parameter, value, before, std_here, True, assumed(first, k, fixed))
 
 
 def _validated(campaign: Campaign, last: Fit, offsets: tuple[str, ...], tell: Tell) -> list[RecordQuality]:

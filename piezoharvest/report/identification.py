@@ -103,6 +103,7 @@ def _row(estimate: Estimate) -> dict[str, Any]:
         "name": estimate.parameter.name,
         "value": with_error(value, std, unit),
         "identifiable": estimate.identifiable,
+        "assumes": " and ".join(estimate.assumes),
         "share": NONE if std is None or not value else percent(std / abs(value), 2),
         "nominal": engineering(estimate.nominal, unit, 4),
         "change": change if estimate.identifiable else NONE,

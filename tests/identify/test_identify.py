@@ -79,6 +79,8 @@ def test_without_displacement_coupling_and_stiffness_are_known_together_only(tmp
     assert "coupling" in estimate.combination
     assert "stiffness" in estimate.combination
     assert "displacement" in parameters["stiffness"].experiment or lost == ["coupling"]
+    kept = parameters["coupling" if lost == ["stiffness"] else "stiffness"]
+    assert kept.assumes == (lost[0],)  # its standard error says nothing of how far off the nominal value is
     # T/k is known: what the other one became is in the ratio to what was kept.
     ratio = parameters["coupling"].value / parameters["stiffness"].value
     assert ratio == pytest.approx(truth.coupling / truth.stiffness, rel=0.05)
