@@ -101,6 +101,12 @@ def _estimate(estimate: Estimate) -> dict[str, Any]:
     return {"value": table["value"], "std": table["std"], "unit": estimate.parameter.unit, **table}
 
 
+def _remark(estimate: Estimate) -> str:
+    if estimate.identifiable:
+        return f"if {' and '.join(estimate.assumes)} is nominal" if estimate.assumes else ""
+    return "not identifiable" + (f"; known: {estimate.combination}" if estimate.combination else "")
+
+
 def _quality(quality: Quality) -> dict[str, Any]:
     return {"rms": dict(quality.rms), "noise": dict(quality.noise)}
 
@@ -113,14 +119,9 @@ def _print(found: Identification) -> None:
     for e in found.estimates:
         unit = e.parameter.unit
         share = "" if e.std is None or e.value == 0 else percent(e.std / abs(e.value), 2)
-        remark = (
-            f"if {' and '.join(e.assumes)} is nominal"
-            if e.assumes
-            else ""
-            if e.identifiable
-            else "not identifiable" + (f"; known: {e.combination}" if e.combination else "")
+        rows.append(
+            [e.parameter.name, with_error(e.value, e.std, unit), share, engineering(e.nominal, unit), _remark(e)]
         )
-        rows.append([e.parameter.name, with_error(e.value, e.std, unit), share, engineering(e.nominal, unit), remark])
     show.print_rows(found.campaign.title, ["parameter", "value", "", "nominal", ""], rows)
     rows = [
         [role, channel, engineering(rms, unit), engineering(quality.noise[channel], unit)]

@@ -45,8 +45,8 @@ class Estimate:
         Standard error in the same unit; None where the data does not determine it.
     identifiable : bool
     assumes : tuple of str
-        Parameters that the data does not determine, at whose nominal values this one is told: were these off by a tenth,
-        it would be off by more than its standard error.
+        Parameters that the data does not determine, at whose nominal values this one is told: were one of these off by
+        a tenth, it would be off by more than its standard error.
     combination : str
         What is known instead, where something is.
     experiment : str

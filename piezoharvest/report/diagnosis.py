@@ -195,7 +195,8 @@ def _parameters(found: Diagnosis) -> Iterator[dict[str, Any]]:
         yield {
             "name": after.parameter.name, "before": with_error(before.value, before.std, unit),
             "after": with_error(after.value, after.std, unit), "errors": errors, "change": change,
-            "identifiable": after.identifiable, "assumes": " and ".join(after.assumes), "large": bool(after.std) and abs(shift) > 3 * (after.std or 0.0),
+            "identifiable": after.identifiable, "assumes": " and ".join(after.assumes),
+            "large": bool(after.std) and abs(shift) > 3 * (after.std or 0.0),
         }  # fmt: skip
 
 
