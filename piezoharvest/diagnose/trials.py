@@ -123,12 +123,17 @@ class Trials:
     ) -> Step | None:
         """Full fit with one effect more, and what else varies; None where the model then has no solution.
 
-        It is given up where it will not come to this -2 ln L.
+        It is given up where it will not come to this -2 ln L. What has not varied so far is let go only when the effect
+        has its place, which it might take otherwise.
         """
-        first = len(now.found.model.transducer.effects)
-        base = now.found.model if varied is None else replace(now.found.model, parameters=tuple(varied))
-        model = extended(base, [effect], effect_parameters([effect], first))
+        more = effect_parameters([effect], len(now.found.model.transducer.effects))
+        model = extended(now.found.model, [effect], more)
         own = carried(self.problem, now.found.model, now.found.own, model)
+        if varied is not None and set(varied) > set(now.found.model.parameters):
+            alone = self._fit(model, own, now.found, enough=COARSELY, most=most)
+            if alone is None:
+                return None
+            model, own = replace(alone.found.model, parameters=(*varied, *more)), alone.found.own
         return self._kept(self._fit(model, own, now.found, aim=aim, most=most))
 
     def finished(self, tried: Sequence[Step]) -> list[Step]:

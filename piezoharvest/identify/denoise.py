@@ -12,6 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.fft import dct, idct
+from scipy.stats import chi2
 
 from piezoharvest.identify.tones import tones
 from piezoharvest.predict.drive import jumps_of
@@ -24,7 +25,10 @@ HELD = 5.0  # standard deviations of the averages within which a drive counts as
 LOUD = 1.5  # times the noise: a drive whose highest frequencies are stronger has them all
 PART = 1 << 16  # lines at a time: those of all corners of a long record would not fit into memory
 ROUNDS = 32  # of looking for bends of a drive, each of which adds one: where a ramp begins or ends
-WORTH = 0.9  # of the squares above noise: a bend that leaves more of them is none
+FEW = 8  # samples, of which noise has no more squares anywhere than
+CHANCE = 1e-2  # by this chance in a record
+PLAINER = 0.25  # of the line from which on a drive is noise, where it is with bends
+SHARE = 0.1  # of the squares above noise, that each bend explains
 SHORT = 32  # lines that are always kept
 LARGEST = 20.0  # times the mean power of noise, beyond what the largest of many lines is expected to have
 EXACT = 1e-6  # of its range: a drive with less noise is known exactly
@@ -163,10 +167,11 @@ def _slow(values: np.ndarray, sigma: float) -> np.ndarray:
 def _without_corners(spectrum: np.ndarray, end: int) -> np.ndarray:
     """What of a cosine transform is noise, from a line on that is the lower the more corners are found.
 
-    They are looked for half an octave below that line, too, where they are twice as large; what has not made noise of
-    these lines in the end was no corner.
+    They are looked for half an octave below that line, too, where they are twice as large. What has not made noise of
+    these lines in the end, all over the record, was no corner; nor are what only made noise of a few more: a ramp that
+    sets off smoothly is like some bends there.
     """
-    power, bends, tried, above = spectrum**2, list[int](), list[int](), np.inf
+    power, bends, tried, first, plain = spectrum**2, list[int](), list[int](), np.inf, end
     level = float(power[end:].mean())
     for _ in range(ROUNDS):
         low = int(end * np.sqrt(0.5))
@@ -174,15 +179,25 @@ def _without_corners(spectrum: np.ndarray, end: int) -> np.ndarray:
         power[low:] = noise**2
         reached = _signal_end(power)
         if reached < end:
-            bends = tried = _placed(spectrum, tried, int(reached * np.sqrt(0.5)), level) if tried != bends else bends
-            end, above = reached, np.inf
-            continue
-        before, above = above, np.sum(noise[: end - low] ** 2) - level * (end - low)
+            placed = _placed(spectrum, tried, int(reached * np.sqrt(0.5)), level) if tried != bends else bends
+            if _level_all_over(_left(spectrum, placed, reached), len(spectrum), level):
+                bends, tried, end, plain = placed, placed, reached, plain if placed else reached
+                continue
+        more, above = len(tried) - len(bends), np.sum(noise[: end - low] ** 2) - level * (end - low)
+        first = first if more else above
         found = _bend(noise, len(spectrum), level)
-        if found is None or above > WORTH * before:
+        if found is None or above > (1.0 - SHARE * more) * first:
             break
         tried = [*tried, found]
+    bends, end = (bends, end) if end < PLAINER * plain else ([], plain)
     return np.concatenate([np.zeros(end), _left(spectrum, bends, end)])
+
+
+def _level_all_over(noise: np.ndarray, count: int, level: float) -> bool:
+    """Whether the highest lines are noise of some mean power at every time: no sample, and no few, stand out of it."""
+    squares = np.asarray(idct(np.pad(noise, (count - len(noise), 0)), norm="ortho")) ** 2 / level
+    some = np.convolve(squares, np.ones(FEW), "valid")
+    return bool(squares.max() < chi2.isf(CHANCE / count, 1) and some.max() < chi2.isf(CHANCE / count, FEW))
 
 
 def _placed(spectrum: np.ndarray, bends: list[int], begin: int, level: float) -> list[int]:

@@ -54,6 +54,17 @@ def test_where_a_ramp_begins_and_ends_it_is_not_rounded_off(begin, seed):
     assert np.abs(found - true)[corners.clip(min=0)].max() < 2.5 * 0.55
 
 
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("taken", [0.02, 0.045, 0.12])
+def test_a_ramp_without_corners_is_followed(taken, seed):
+    """Bends may make noise of the higher lines and leave what is none at some samples: then they are no corners."""
+    turn = np.clip((TIME - 0.4567) / taken, 0.0, 1.0) - np.clip((TIME - 9.2) / taken, 0.0, 1.0)
+    true = 1100.0 * (turn - np.sin(2 * np.pi * turn) / (2 * np.pi))
+    off = denoised(true + noise(0.44, seed), 0.44) - true
+    assert np.abs(off).max() < 4.0 * 0.44
+    assert off.std() < 0.3 * 0.44
+
+
 def test_a_drive_that_does_go_beyond_is_followed():
     true = np.interp(TIME, [3.0, 3.05, 3.2, 7.0, 7.05], [100.0, 960.0, 900.0, 900.0, 100.0])
     found = denoised(true + noise(2.0), 2.0)
