@@ -248,6 +248,7 @@ def _bounded_step(information, slope, damping, lower, upper) -> tuple[np.ndarray
     step = np.linalg.solve(factor.T, right)
     if np.any(step < low) or np.any(step > high):
         free = low < high
-        step = lsq_linear(factor.T, right, (np.where(free, low, -1e-300), np.where(free, high, 1e-300)), tol=1e-12).x
+        bounds = np.where(free, low, -1e-300), np.where(free, high, 1e-300)
+        step = lsq_linear(factor.T, right, bounds, "bvls", 1e-12).x
     step = step / size
     return step, float(2.0 * slope @ step - step @ curvature @ step)
