@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from identify_runs import RECORDS, STACK
 
-from piezoharvest.identify import identify
+from piezoharvest.identify import histories, identify
 from piezoharvest.records import load_campaign
 from piezoharvest.records.bench import measure, write_campaign
 from piezoharvest.study import study_from
@@ -68,3 +68,13 @@ def test_wherever_records_begin_they_are_explained(before, tmp_path):
 @pytest.mark.parametrize("overshoot", [1.0, 1.3])
 def test_stops_that_a_preload_has_left_within_their_range_are_found(overshoot, tmp_path):
     explained(cut_out(tmp_path, list(preloads(tmp_path, overshoot, 2000)), 4.0, 2000))
+
+
+@pytest.mark.parametrize(("before", "looked"), [(0, False), (523, True)])
+def test_histories_are_looked_for_only_where_the_beginning_of_a_record_leaves_more_than_noise(
+    before, looked, tmp_path, monkeypatch
+):
+    asked, begun = [], histories._begun
+    monkeypatch.setattr(histories, "_begun", lambda one, *rest: asked.append(one) or begun(one, *rest))
+    explained(cut_out(tmp_path, CUT_OUT, 2.0, before))
+    assert bool(asked) is looked
