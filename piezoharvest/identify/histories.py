@@ -119,7 +119,7 @@ def _suspect(data: Data | FrequencyData, bare: Model, own: np.ndarray, white: Wh
         return False
     _, residual, spectrum = next(white.left(bare, own))
     values = in_time(spectrum, len(residual))[: _brief(data)]
-    for scale in SCALES:
+    for scale in (scale for scale in SCALES if scale <= len(values)):
         sums = values[: len(values) // scale * scale].reshape(-1, scale, values.shape[1]).sum(axis=1) / np.sqrt(scale)
         squares = np.cumsum((sums**2).sum(axis=1))
         ends = np.unique(np.append(2 ** np.arange(np.log2(len(squares))).astype(int), len(squares)))

@@ -78,3 +78,9 @@ def test_histories_are_looked_for_only_where_the_beginning_of_a_record_leaves_mo
     monkeypatch.setattr(histories, "_begun", lambda one, *rest: asked.append(one) or begun(one, *rest))
     explained(cut_out(tmp_path, CUT_OUT, 2.0, before))
     assert bool(asked) is looked
+
+
+def test_a_record_of_a_few_samples_has_a_beginning_too(tmp_path):
+    short = cut_out(tmp_path, [{**CUT_OUT[0], "duration": 0.04}, *CUT_OUT[1:]], 2.0, 0)
+    assert min(map(len, short.records)) < max(histories.SCALES)
+    assert identify(short, offsets=("displacement",)).converged
