@@ -103,7 +103,7 @@ def _estimate(estimate: Estimate) -> dict[str, Any]:
 
 def _remark(estimate: Estimate) -> str:
     if estimate.identifiable:
-        return f"if {' and '.join(estimate.assumes)} is nominal" if estimate.assumes else ""
+        return f"at the nominal {' and '.join(estimate.assumes)}" if estimate.assumes else ""
     return "not identifiable" + (f"; known: {estimate.combination}" if estimate.combination else "")
 
 

@@ -324,9 +324,10 @@ def _estimates(before: Identification, final: Fit):
             continue
         value = float(np.real(value_at(final.model.transducer, estimate.parameter.path)))
         slope = estimate.parameter.slope(estimate.parameter.inner(value))
-        assumes = tuple(name for name in estimate.assumes if name not in told)
-        known = replace(estimate, value=value, std=float(slope * std[k]), identifiable=True, assumes=assumes)
-        yield replace(known, combination="", experiment="")
+        yield replace(
+            estimate, value=value, std=float(slope * std[k]), identifiable=True, combination="", experiment="",
+            assumes=tuple(name for name in estimate.assumes if name not in told),
+        )  # fmt: skip
 
 
 def _experiment(search: Search) -> str | None:

@@ -27,7 +27,7 @@ def without_corners(spectrum: np.ndarray, end: int) -> np.ndarray:
     """What of a cosine transform is noise, from a line on that is the lower the more corners are found.
 
     They are looked for half an octave below that line, too, where they are twice as large. What has not made noise of
-    these lines in the end, all over the record, was no corner; nor are what only made noise of a few more: a ramp that
+    these lines in the end, all over the record, was no corner; nor was what only made noise of a few more: a ramp that
     sets off smoothly is like some bends there.
 
     Parameters
@@ -119,7 +119,7 @@ def _bend(noise: np.ndarray, count: int, level: float) -> int | None:
 
 
 def signal_end(power: np.ndarray) -> int:
-    """Line from which on a spectrum is level, as white noise is; looked for half an octave at a time."""
+    """Line from which on powers, (n,), are level, as those of white noise are; looked for half an octave at a time."""
     end, level = len(power), power[int(OCTAVE * len(power)) :].mean()
     while end > SHORT:
         begin = int(end * np.sqrt(0.5))
