@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from scipy.stats import chi2
 
+from piezoharvest.diagnose.drive_noise import drive_scatter
 from piezoharvest.diagnose.hint import along_squares
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.descent import Fit
@@ -88,6 +89,8 @@ class Block:
     residual : (samples, channels) array
     spectrum : (f, channels) array
         Whitened.
+    scatter : (bands, channels) array, optional
+        Variance that the noise of the drive adds.
     """
 
     data: Data
@@ -95,6 +98,7 @@ class Block:
     begin: int
     residual: np.ndarray
     spectrum: np.ndarray
+    scatter: np.ndarray | None = None
 
     @cached_property
     def frequencies(self) -> np.ndarray:
@@ -103,9 +107,13 @@ class Block:
 
     @cached_property
     def level(self) -> np.ndarray:
-        """Noise of each channel in this record, in units of that of all; rounding scatters more between two steps."""
+        """Noise (f, channels) in this record, in units of that of all; rounding scatters more between two steps."""
         upper = self.spectrum[int(UPPER * len(self.spectrum)) : -1]
-        return np.sqrt(np.maximum(0.5 * (np.abs(upper) ** 2).mean(axis=0), 1.0))
+        variance = np.tile(np.maximum(0.5 * (np.abs(upper) ** 2).mean(axis=0), 1.0), (len(self.spectrum), 1))
+        if self.scatter is not None:
+            bands = np.searchsorted(BANDS, self.frequencies, "right") - 1
+            variance += np.vstack([self.scatter, np.zeros(len(self.data.channels))])[bands]
+        return np.sqrt(variance)
 
     @cached_property
     def levelled(self) -> np.ndarray:
@@ -123,7 +131,7 @@ class Block:
         parts[line, channels, channels] = 1.0, 1j
         matrices = self.white.of(len(self.residual))
         scatter = self.white.scatter(predicted, parts.reshape(*parts.shape[:2], -1), matrices)
-        return np.diag(scatter).reshape(-1, 2).mean(axis=1) / self.level**2
+        return np.diag(scatter).reshape(-1, 2).mean(axis=1) / self.level[line] ** 2
 
 
 def blocks_of(problem: Problem, found: Fit) -> Iterator[Block]:
@@ -133,16 +141,35 @@ def blocks_of(problem: Problem, found: Fit) -> Iterator[Block]:
 
 
 def _of_record(
-    model: Model, data: Data | FrequencyData, own: np.ndarray, white: Whitener | ResponseWeights
+    model: Model,
+    data: Data | FrequencyData,
+    own: np.ndarray,
+    white: Whitener | ResponseWeights,
+    scatter: np.ndarray | None = None,
 ) -> Iterator[Block]:
     if isinstance(data, Data) and isinstance(white, Whitener):
         for begin, residual, spectrum in white.left(model, own):
-            yield Block(data, white, begin, residual, spectrum)
+            yield Block(data, white, begin, residual, spectrum, scatter)
 
 
-def leftovers(problem: Problem, found: Fit) -> list[Leftover]:
-    """All comparisons, the least likely first."""
-    of_records = at_once(lambda *record: list(_of_record(found.model, *record)), problem.data, found.own, found.white)
+def leftovers(problem: Problem, found: Fit, *, scattered: bool = True) -> list[Leftover]:
+    """All comparisons, the least likely first.
+
+    Parameters
+    ----------
+    problem : Problem
+    found : Fit
+    scattered : bool
+        Whether to take into account what the noise of drives adds, which takes a while.
+    """
+
+    def blocks_of_record(data: Data | FrequencyData, own: np.ndarray, white: Whitener | ResponseWeights) -> list[Block]:
+        sigma, scatter = found.noise.sigma, None
+        if scattered and isinstance(data, Data) and isinstance(white, Whitener) and data.drive in sigma:
+            scatter = drive_scatter(data, white, found.model, own, sigma[data.drive], BANDS)
+        return list(_of_record(found.model, data, own, white, scatter))
+
+    of_records = at_once(blocks_of_record, problem.data, found.own, found.white)
     blocks = list(itertools.chain(*of_records))
     places = [*_bands(blocks), *_harmonics(blocks), *_lines(blocks), *_bursts(blocks), *_responses(problem, found)]
     for channel, square, squares in along_squares(problem, found):
@@ -319,5 +346,9 @@ def share_above_noise(problem: Problem, found: Fit) -> tuple[float, float]:
 
 def structure(problem: Problem, found: Fit) -> tuple[Leftover, ...]:
     """Places that noise does not explain, the least likely first; their number is corrected for."""
-    places = leftovers(problem, found)
-    return tuple(place for place in places if place.p_value * len(places) < STRUCTURE)
+    for scattered in (False, True):
+        places = leftovers(problem, found, scattered=scattered)
+        plain = tuple(place for place in places if place.p_value * len(places) < STRUCTURE)
+        if not plain:
+            break
+    return plain

@@ -21,6 +21,7 @@ from piezoharvest.records.campaign import Campaign
 # Of the sum of squares: an effect that is there makes records that were not fitted no worse than that, and than this
 # share of what it gains on those that were.
 SPOILED, SHARE = 20.0, 0.1
+ENOUGH = 0.1  # of -2 ln L that an iteration may still promise
 FAR = 10.0  # times as many squares above noise
 PLAIN = 100.0  # squares above noise, far more than the errors of fitted parameters leave of a record that was not
 
@@ -47,7 +48,7 @@ def validated(campaign: Campaign, before: Identification, found: Sequence[Fit]) 
         if any(len(each.setting.jumps) for each in data if isinstance(each, Data)):
             starts.append(problem.start(model))  # when a drive jumped may be caught beside the instant
         white = fits[0].white if fits else None
-        tried = (fit(problem, model, own, noise, white=white, estimate_noise=False) for own in starts)
+        tried = (fit(problem, model, own, noise, white=white, estimate_noise=False, enough=ENOUGH) for own in starts)
         fits.append(min(tried, key=lambda each: each.cost))
     return problem, fits
 

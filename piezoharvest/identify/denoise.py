@@ -25,6 +25,7 @@ EXACT = 1e-6  # of its range: a drive with less noise is known exactly
 BEYOND = 5.0  # standard deviations that noise may take single samples
 AFTER = 256  # samples after a rest, from which on a drive has certainly set off
 GROWN = (8, 4)  # parts of a record, of which the first may be what sines take to grow
+GROWING = 4.0  # times the usual squared difference from the drive without noise, that sines have until they are grown
 LEAST = 5  # level from which on an average is taken; what moves faster stays as it is
 
 
@@ -116,7 +117,10 @@ def _by_tones(values: np.ndarray, held: list[tuple[int, int]], sigma: float, oth
             better = np.cumsum((values[:begin] - otherwise[0]) ** 2 - (values[:begin] - found[:begin]) ** 2)
             found[: int(np.argmin(better)) + 1] = otherwise[0]
         if begin and not _is_noise(values - found, sigma):
-            found[:begin] = otherwise[:begin]
+            squares = (found - otherwise) ** 2
+            worse = np.cumsum(GROWING * squares[begin:].mean() - squares[:begin])
+            grown = int(np.argmin(worse)) + 1
+            found[:grown] = otherwise[:grown]
         return found
     return otherwise
 

@@ -39,7 +39,7 @@ def started(problem: Problem, model: Model, tell: Callable[[str], None]) -> Fit:
     tell : callable
         Told about progress.
     """
-    first = _cheaper(problem, model, replace(model, transducer=first_values(problem.data, model.transducer)))
+    first = _nearest(problem, model, replace(model, transducer=first_values(problem.data, model.transducer)))
     free = tuple(p for p in model.parameters if p.path[0] != "hysteresis")
     if len(free) == len(model.parameters):
         return fit(problem, first, tell=tell, rounds=2)
@@ -88,10 +88,11 @@ def _better(problem: Problem, start: Model, own, best: Fit) -> Fit | None:
     return other if other.cost < best.cost - _enough(problem) else None
 
 
-def _cheaper(problem: Problem, nominal: Model, told: Model) -> Model:
-    """The model that is nearer to the records: what these seem to tell may be wrong where they hold what no model has.
+def _nearest(problem: Problem, nominal: Model, told: Model) -> Model:
+    """The model that is nearest to the records: what these seem to tell may be wrong where they hold what no model has.
 
-    Their parameters are not varied, so that this takes a fraction of an iteration.
+    Then what they tell of the operators may be wrong alone: their loops may be another effect's. Parameters are not
+    varied, so that this takes a fraction of an iteration.
     """
     if told.transducer == nominal.transducer:
         return nominal
@@ -104,8 +105,10 @@ def _cheaper(problem: Problem, nominal: Model, told: Model) -> Model:
         except PredictionError:
             return np.inf
 
-    found = cost(told)
-    return told if found < NEAR * _count(problem) or found < cost(nominal) else nominal
+    if cost(told) < NEAR * _count(problem):
+        return told
+    again = put(told.transducer, ("hysteresis",), nominal.transducer.hysteresis)
+    return min((told, replace(told, transducer=again), nominal), key=cost)
 
 
 def _count(problem: Problem) -> int:

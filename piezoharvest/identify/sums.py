@@ -10,7 +10,7 @@ from operator import add
 import numpy as np
 
 from piezoharvest.identify.data import Data
-from piezoharvest.identify.gain import gain_of
+from piezoharvest.identify.gain import gain_of, small_response
 from piezoharvest.identify.model import Model, noise_passed, residual_blocks
 from piezoharvest.identify.noise import Noise, Rounding, rounding
 from piezoharvest.identify.spectra import gram, in_time, line_spectra, parts, whitened
@@ -100,6 +100,11 @@ class Whitener:
             self._settle()
             self._passed = {(begin, end): noise_passed(self._prediction, self._data, begin, end)}
         return self._passed[begin, end]
+
+    def passes(self, drive: np.ndarray) -> np.ndarray:
+        """What a small addition to the drive would do, (samples, channels)."""
+        self._settle()
+        return small_response(self._prediction, self._data.channels, drive)
 
     def _settle(self) -> None:
         """Have mean slopes of the elements where they matter."""

@@ -13,7 +13,8 @@ LONGEST = 1 << 17  # samples
 FALLS = 0.5  # of the squares that are left, which further tones have to leave at most
 WEAK = 0.01  # of the power of the strongest line that is left: sidelobes of a Hann window have less
 STANDS_OUT = 20.0  # times the mean power of the lines, beyond what the largest of so many has by chance
-STEPS = 6  # of Newton's method for the frequencies
+STEPS, LAST = 6, 30  # of Newton's method for the frequencies, and once all are known: those of close lines take long
+STILL = 1e-6  # cycles in the samples, by which no frequency moves any more
 CYCLE, APART = 0.5, 0.3  # cycles in the samples that a tone has at least, and by which tones differ
 
 
@@ -61,10 +62,10 @@ def tones(values: np.ndarray) -> Tones | None:
         squares = left @ left
         more = _lines(left, found.angles)
         if not len(more):
-            return found if len(found.angles) else None
+            return _refined(values, found.angles, LAST) if len(found.angles) else None
         if len(found.angles) + len(more) > MOST:
             return None
-        found = _refined(values, np.concatenate([found.angles, more]))
+        found = _refined(values, np.concatenate([found.angles, more]), STEPS)
         left = values - found.since(0)
     return None
 
@@ -80,11 +81,11 @@ def _lines(residual: np.ndarray, angles: np.ndarray) -> np.ndarray:
     return found[apart & (found > 2 * np.pi * CYCLE / n)]
 
 
-def _refined(values: np.ndarray, angles: np.ndarray) -> Tones:
+def _refined(values: np.ndarray, angles: np.ndarray, steps: int) -> Tones:
     """Tones near some angles."""
     time = np.arange(len(values)) - 0.5 * (len(values) - 1)
     sizes = np.empty(0)
-    for _ in range(STEPS):
+    for _ in range(steps):
         columns = _columns(time, angles)
         sizes = _solved(columns, values)
         cos, sin = columns[:, 1 : 1 + len(angles)], columns[:, 1 + len(angles) :]
@@ -92,6 +93,8 @@ def _refined(values: np.ndarray, angles: np.ndarray) -> Tones:
         change = _solved(np.column_stack([columns, moving]), values - columns @ sizes)[columns.shape[1] :]
         change = np.clip(change, -np.pi / len(values), np.pi / len(values))
         angles = np.clip(angles + change, 2 * np.pi * CYCLE / len(values), np.pi)
+        if np.abs(change).max() * len(values) < 2 * np.pi * STILL:
+            break
     return Tones(len(values), angles, _solved(_columns(time, angles), values))
 
 
