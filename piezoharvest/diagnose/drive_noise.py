@@ -6,7 +6,6 @@ passed it on by its mean slopes; operators pass it on by those of the instant, a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from weakref import WeakKeyDictionary
@@ -25,7 +24,7 @@ _DRAWN: WeakKeyDictionary[Data, tuple[float, list[np.ndarray]]] = WeakKeyDiction
 
 
 def drive_scatter(
-    data: Data, white: Whitener, model: Model, own: np.ndarray, sigma: float, edges: Sequence[float]
+    data: Data, white: Whitener, model: Model, own: np.ndarray, sigma: float, edges: np.ndarray
 ) -> np.ndarray:
     """Variance by which whitened residuals are above one, (bands, channels), in bands between frequencies in Hz.
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
-from scipy.ndimage import map_coordinates, spline_filter1d
+from scipy.ndimage import spline_filter1d
 from scipy.special import ndtr
 
 from piezoharvest.effects.base import Effect
@@ -103,9 +103,8 @@ def _delay(values, slopes, c: int, course: Course, delay: float, place: int | No
         # From the last sample before a jump on it is at its new value.
         late = np.flatnonzero((at > begin - 1 if begin else True) & (at <= end - 1))
         where, first = np.maximum(at[late], begin), float(begin)
-        spline = _spline(values[begin:end, c], begin)
         if course.between is None or end - begin < SHORT:
-            delayed[late] = spline(where)
+            delayed[late] = _spline(values[begin:end, c], begin)(where)
         else:
             parts = (len(course.between) - 1) // (len(values) - 1)
             first -= (parts - 1) / parts if course.abrupt and begin == 1 else 0.0
@@ -114,9 +113,10 @@ def _delay(values, slopes, c: int, course: Course, delay: float, place: int | No
         if slopes is None:
             continue
         if samples:
-            slopes[late[0] : late[-1] + 1, c] = _shifted(slopes[begin:end, c], where - begin)
+            slopes[late[0] : late[-1] + 1, c] = _along(slopes[begin:end, c].T, where - begin).T
         if place is not None:
-            slopes[late, c, place] = np.where(at[late] > first, -spline(where, 1) / course.sample_time, 0.0)
+            falling = -_spline(values[begin:end, c], begin)(where, 1) / course.sample_time
+            slopes[late, c, place] = np.where(at[late] > first, falling, 0.0)
     values[:, c] = delayed
 
 
@@ -127,10 +127,10 @@ def _through_corners(
 
     What has been added to the samples, which begin later, has no corners.
     """
-    added = _spline(values - between[begin * parts :: parts][: len(values)], begin)(np.maximum(places, begin))
     early = round(first * parts)
     part = between[early : (begin + len(values) - 1) * parts + 1]
-    return added + map_coordinates(part, [places * parts - early], order=3, mode="mirror")
+    found, added = _along(part, places * parts - early, parts), values - between[begin * parts :: parts][: len(values)]
+    return found + _spline(added, begin)(np.maximum(places, begin)) if np.any(added) else found
 
 
 def _spline(values: np.ndarray, begin: int) -> BSpline:
@@ -138,27 +138,27 @@ def _spline(values: np.ndarray, begin: int) -> BSpline:
     return make_interp_spline(begin + np.arange(len(values)), values, k=min(3, len(values) - 1))
 
 
-def _shifted(values: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Derivatives (samples, p) at places a sample apart, of which the first ones may all be the first sample.
+def _along(values: np.ndarray, places: np.ndarray, step: int = 1) -> np.ndarray:
+    """Values (..., samples) at places `step` samples apart, of which the first ones may all be the first sample.
 
     By the same cubic spline but for its ends, which are mirrored: a filter takes a tenth of the time.
     """
-    if len(values) < SHORT:
-        return _spline(values, 0)(places)
-    coefficients = spline_filter1d(values, 3, axis=0, mode="mirror")
+    if values.shape[-1] < SHORT:
+        return _spline(values.T, 0)(places).T
     still = int(np.count_nonzero(places == 0.0))
-    found = np.empty((values.shape[1], len(places))).T  # the samples lie together in memory
-    found[:still] = values[0]
+    found = np.zeros((*values.shape[:-1], len(places)))
+    found[..., :still] = values[..., :1]
     if still == len(places):
         return found
     whole = int(places[still])
     x = places[still] - whole
-    padded = np.pad(coefficients, ((1, 2), (0, 0)), mode="reflect")
+    sides = [(0, 0)] * (values.ndim - 1) + [(1, 2)]
+    padded = np.pad(spline_filter1d(values, 3, mode="mirror"), sides, mode="reflect")
     weights = ((1 - x) ** 3, 3 * x**3 - 6 * x**2 + 4, -3 * x**3 + 3 * x**2 + 3 * x + 1, x**3)
-    moving = found[still:]
-    moving[:] = 0.0
+    moving = found[..., still:]
+    last = step * (moving.shape[-1] - 1) + 1
     for k, weight in enumerate(weights):
-        moving += weight / 6.0 * padded[whole + k : whole + k + len(moving)]
+        moving += weight / 6.0 * padded[..., whole + k : whole + k + last : step]
     return found
 
 

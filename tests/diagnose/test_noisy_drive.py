@@ -1,23 +1,25 @@
 """A load cell whose noise is larger than that of all other sensors: what it says of the drive is not what drove it."""
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from piezoharvest.diagnose import diagnose
+from piezoharvest.diagnose import diagnose, drive_noise
 from piezoharvest.diagnose.candidates import effect_parameters, extended
 from piezoharvest.diagnose.hint import hints
 from piezoharvest.diagnose.scene import scene_of
 from piezoharvest.effects import ChannelSkew
+from piezoharvest.identify.data import data_of
 from piezoharvest.identify.evaluation import whiteners
 from piezoharvest.identify.fit import covariance, fit, inflation
 from piezoharvest.identify.identification import prepared
-from piezoharvest.identify.model import Model, unexplained_blocks
+from piezoharvest.identify.model import Model, residual_blocks, unexplained_blocks
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem, carried
-from piezoharvest.identify.sums import spectra_of
+from piezoharvest.identify.sums import Whitener, spectra_of
 from piezoharvest.predict.parameters import parameters_of
 from piezoharvest.records import load_campaign
 from piezoharvest.records.bench import measure, write_campaign
@@ -85,6 +87,44 @@ def test_residuals_of_the_truth_are_white_as_every_operator_passes_the_noise_on_
         for lines in (slice(24, 120), slice(120, -1)):  # from 6 and from 30 Hz on, above the drive itself
             squares = 0.5 * np.abs(spectrum[lines]) ** 2
             assert squares.mean(axis=0) == pytest.approx(1.0, abs=5.0 / np.sqrt(len(squares))), data.name
+
+
+def test_what_operators_make_of_noise_that_a_drive_keeps_is_as_large_as_it_is_told(slow, monkeypatch):
+    """Against other noise than that it is told by: at slow frequencies up to several times what sensors have.
+
+    The specimen follows a multisine of slow tones, along which the noise of the load cell cannot be taken off.
+    """
+    monkeypatch.setattr(drive_noise, "DRAWS", 12)
+    model, noise = Model(slow.nominal, (), ()), sigma(slow)
+    record = next(data.record for data in slow.data if "step" not in data.name)
+    time = record["time"]
+    true = 550.0 + sum(a * np.sin(2 * np.pi * f * time + f) for f, a in ((0.55, 160.0), (1.3, 130.0), (5.1, 110.0)))
+    clean = with_values(slow, record, {"force": true})
+    ((_, _, residual, _),) = residual_blocks(model, clean, np.zeros(len(model.prediction(clean).own_names)), False)
+    follows = dict(zip(clean.channels, (clean.values - residual).T, strict=True))
+    edges, squares, told = np.array([0.0, 1.5, 4.0, 20.0, 100.0]), [], None
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        read = {name: values + noise.sigma[name] * rng.standard_normal(len(time)) for name, values in follows.items()}
+        read["force"] = true + noise.sigma["force"] * rng.standard_normal(len(time))
+        data = with_values(slow, record, read)
+        own = np.zeros(len(model.prediction(data).own_names))
+        white = Whitener(model.prediction(data, own), noise, data)
+        if told is None:
+            told = drive_noise.drive_scatter(data, white, model, own, noise.sigma["force"], edges)
+        _, _, spectrum = next(white.left(model, own))
+        lines = np.searchsorted(np.fft.rfftfreq(len(time), data.setting.sample_time), edges)
+        squares.append([0.5 * np.mean(np.abs(spectrum[a:b]) ** 2, axis=0) for a, b in pairwise(lines)])
+    found = np.mean(squares, axis=0)
+    voltage = data.channels.index("voltage")
+    assert found[0, voltage] > 1.5  # more than noise
+    assert found == pytest.approx(1.0 + told, rel=0.3)  # six lines of twelve draws, twice
+
+
+def with_values(problem, record, values):
+    """Data of a record with other values."""
+    signals = {name: replace(signal, values=values.get(name, signal.values)) for name, signal in record.signals.items()}
+    return data_of(replace(record, signals=signals), problem.nominal)
 
 
 @pytest.fixture(scope="module")

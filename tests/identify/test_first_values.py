@@ -9,10 +9,14 @@ import pytest
 from identify.identify_runs import LINEAR, STACK, campaign_file
 from scipy.integrate import solve_ivp
 
+from piezoharvest.hysteresis import Hysteresis
 from piezoharvest.identify import first_values as module
 from piezoharvest.identify.data import data_of
 from piezoharvest.identify.first_values import first_values, free_capacitance, steps_of
+from piezoharvest.identify.model import Model
+from piezoharvest.identify.problem import Problem
 from piezoharvest.identify.responses import FrequencyData
+from piezoharvest.identify.starts import _nearest
 from piezoharvest.records import load_campaign
 from piezoharvest.records.record import FrequencyRecord, Record, Signal
 from piezoharvest.shunts import Resistor
@@ -111,3 +115,16 @@ def test_what_records_do_not_show_stays_nominal(tmp_path):
     assert replace(found, stiffness=nominal.stiffness) == nominal
     assert found.stiffness != nominal.stiffness
     assert first_values([], nominal) == nominal
+
+
+def test_thresholds_that_loops_tell_wrongly_are_not_started_from(tmp_path):
+    """What another effect makes of a loop may look like an operator that never slips; the rest may be told well."""
+    path, truth = campaign_file(tmp_path, 1)
+    nominal = build_transducer(STACK)
+    problem = Problem([data_of(each, nominal) for each in load_campaign(path).of_role("fit")], nominal, ())
+    wrong = Hysteresis(thresholds=(7e-8, 3.2e-7, 5.7e-6), weights=(5.5e5, 1.87e6, 2.7e4))
+    told = Model(replace(truth, hysteresis=wrong), (), ())
+    found = _nearest(problem, replace(told, transducer=nominal), told)
+    assert found.transducer == replace(truth, hysteresis=nominal.hysteresis)
+    right = replace(told, transducer=truth)
+    assert _nearest(problem, replace(told, transducer=nominal), right) is right
