@@ -178,7 +178,7 @@ def _extended(before: Identification, tell: Callable[[str], None], library: Sequ
             return found
         name = plainest(found.campaign, found.unseen)
     tell(f"{name}: more is left than in the records that were fitted, so that it is fitted, too")
-    more = identify(with_fitted(before.campaign, name), offsets=OFFSETS, near=before.found)
+    more = identify(with_fitted(before.campaign, name), offsets=OFFSETS, near=before)
     found = _extended(more, tell, library)
     return replace(found, also_fitted=(name, *found.also_fitted))
 
@@ -212,7 +212,7 @@ def _diagnosed(
         together(judged(unseen.data, checks[0])), together(judged(unseen.data, checks[-1])),
         max(0.0, (after[0] - after[1]) / after[0]),
         _experiment(search) if verdict == "ambiguous" else None,
-        trials.structure(before.found), search, shown_by(unseen, checks[-1]),
+        trials.structure(before.found, scattered=not named), search, shown_by(unseen, checks[-1]),
         strayed=strayed,
     )  # fmt: skip
 

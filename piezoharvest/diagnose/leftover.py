@@ -344,11 +344,19 @@ def share_above_noise(problem: Problem, found: Fit) -> tuple[float, float]:
     return squares, count
 
 
-def structure(problem: Problem, found: Fit) -> tuple[Leftover, ...]:
-    """Places that noise does not explain, the least likely first; their number is corrected for."""
-    for scattered in (False, True):
-        places = leftovers(problem, found, scattered=scattered)
-        plain = tuple(place for place in places if place.p_value * len(places) < STRUCTURE)
-        if not plain:
-            break
-    return plain
+def structure(problem: Problem, found: Fit, *, scattered: bool = True) -> tuple[Leftover, ...]:
+    """Places that noise does not explain, the least likely first; their number is corrected for.
+
+    Parameters
+    ----------
+    problem : Problem
+    found : Fit
+    scattered : bool
+        Whether noise is also what operators make of that of drives, which is asked where the rest does not explain all.
+    """
+    plain = _plain(leftovers(problem, found, scattered=False))
+    return _plain(leftovers(problem, found)) if plain and scattered else plain
+
+
+def _plain(places: Sequence[Leftover]) -> tuple[Leftover, ...]:
+    return tuple(place for place in places if place.p_value * len(places) < STRUCTURE)

@@ -155,12 +155,17 @@ class Searcher:
 
     def _passed_by(self, before: Step, now: Step) -> bool:
         """Whether the likeliest effect leaves all places that stand out, any of which its cause would gain more by."""
-        places = {place.key: place.above for place in self.trials.structure(before.found)}
+        places = self._places(before)
         worst = max(places.values(), default=0.0)
         if before.cost - now.cost > worst:
             return False
-        after = {place.key: place.above for place in self.trials.structure(now.found)}
+        after = self._places(now)
         return all(after.get(key, 0.0) > KEPT * above for key, above in places.items() if above > OUTSTANDING * worst)
+
+    def _places(self, step: Step) -> dict[tuple[str, str, str], float]:
+        """Squares above noise of all places that stand out, by far more than the noise of a drive makes them."""
+        left = self.trials.structure(step.found, scattered=False)
+        return {place.key: place.above for place in left}
 
     def _next(self, now: Step, held: Step | None) -> list[Step]:
         """Full fits with one effect more, the best first and more than chance; none where nothing is.

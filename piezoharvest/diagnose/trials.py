@@ -103,7 +103,7 @@ class Trials:
         self.made: list[Made] = []
         self._scored: dict[int, tuple[Step, list[Candidate]]] = {}
         self._known: dict[tuple[str, ...], Step] = {}
-        self._structure: dict[int, tuple[Fit, tuple[Leftover, ...]]] = {}
+        self._structure: dict[tuple[int, bool], tuple[Fit, tuple[Leftover, ...]]] = {}
 
     def scores(self, now: Step) -> list[Candidate]:
         """Scores of all effects against a model."""
@@ -112,11 +112,12 @@ class Trials:
             self._scored[id(now)] = now, scores(self.problem, now.found, scene, self.library)
         return self._scored[id(now)][1]
 
-    def structure(self, found: Fit) -> tuple[Leftover, ...]:
-        """Where a fit leaves structure."""
-        if id(found) not in self._structure:
-            self._structure[id(found)] = found, structure(self.problem, found)
-        return self._structure[id(found)][1]
+    def structure(self, found: Fit, *, scattered: bool = True) -> tuple[Leftover, ...]:
+        """Where a fit leaves structure; `scattered` as in `leftover.structure`."""
+        key = id(found), scattered
+        if key not in self._structure:
+            self._structure[key] = found, structure(self.problem, found, scattered=scattered)
+        return self._structure[key][1]
 
     def extended(
         self, now: Step, effect: Effect, aim: float, varied: Sequence[Parameter] | None = None, most: int = ITERATIONS

@@ -142,7 +142,7 @@ def identify(
     campaign: Campaign,
     tell: Tell = lambda text: None,
     offsets: Sequence[str] | None = None,
-    near: Fit | None = None,
+    near: Identification | None = None,
 ) -> Identification:
     """Identify the parameters of a campaign's transducer.
 
@@ -153,7 +153,7 @@ def identify(
         Told about progress.
     offsets : sequence of str, optional
         Channels whose offset is free in every record; default all responses.
-    near : Fit, optional
+    near : Identification, optional
         Of some of the records, to start from.
 
     Raises
@@ -212,13 +212,17 @@ def _first_fit(problem: Problem, model: Model, tell: Tell) -> Fit:
     return fit(problem, near.model, own, near.noise, tell=tell, rounds=2)
 
 
-def _fit_near(problem: Problem, model: Model, near: Fit, tell: Tell) -> Fit:
+def _fit_near(problem: Problem, model: Model, near: Identification, tell: Tell) -> Fit:
     """Fit of all parameters from where fewer records have led to, whose noise is kept."""
-    noise = Noise({**problem.noise().sigma, **near.noise.sigma})
-    # Numbers of the records' own first: when exactly a drive jumped looks like anything else until it is told.
-    alone = held(problem, near.model, None, noise, tell)
-    model = replace(model, transducer=near.model.transducer)
-    own = carried(problem, alone.model, alone.own, model)
+    noise, before = Noise({**problem.noise().sigma, **near.noise.sigma}), near.found
+    known = {record.name: own for record, own in zip(near.campaign.of_role("fit"), before.own, strict=True)}
+    model = replace(model, transducer=before.model.transducer)
+    own = []
+    for data in problem.data:
+        alone = Problem([data], problem.nominal, problem.offset_channels)
+        # Numbers of its own first: when exactly a drive jumped looks like anything else until it is told.
+        mine = (known[data.name],) if data.name in known else held(alone, before.model, None, noise, tell).own
+        own += carried(alone, before.model, mine, model)
     return fit(problem, model, own, noise, estimate_noise=False, tell=tell)
 
 
