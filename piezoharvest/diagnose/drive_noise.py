@@ -6,6 +6,7 @@ passed it on by its mean slopes; operators pass it on by those of the instant, a
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from weakref import WeakKeyDictionary
@@ -17,6 +18,7 @@ from piezoharvest.identify.denoise import denoised
 from piezoharvest.identify.model import Model, residual_blocks
 from piezoharvest.identify.sums import Whitener, spectra_of
 from piezoharvest.predict.drive import drive_of
+from piezoharvest.predict.prediction import PredictionError
 
 DRAWS = 2  # of noise
 
@@ -28,12 +30,8 @@ def drive_scatter(
 ) -> np.ndarray:
     """Variance by which whitened residuals are above one, (bands, channels), in bands between frequencies in Hz.
 
-    By simulation: the drive without noise is taken for the true one, noise is added to it and taken off again.
-
-    Raises
-    ------
-    PredictionError
-        The model cannot follow the record.
+    By simulation: the drive without noise is taken for the true one, noise is added to it and taken off again. What is
+    not a record of the same jumps then, or none that the model can follow, tells nothing.
     """
     found, model = np.zeros((len(edges) - 1, len(data.channels))), replace(model, parameters=())
     if not len(model.prediction(data).matrices.kinds):
@@ -44,16 +42,17 @@ def drive_scatter(
     for noisy in _drawn(data, sigma):
         motion = drive_of(noisy)
         if not np.array_equal(motion.jumps, data.setting.motion.jumps):
-            continue  # a record of other numbers
+            continue
         again = replace(data, setting=replace(data.setting, first=float(noisy[0]), motion=motion))
-        for _, begin, residual, _ in residual_blocks(model, again, own, False):
-            count = len(residual)
-            off = residual - plain[begin] + white.passes((noisy - true)[begin : begin + count])
-            squares = 0.5 * np.abs((white.of(count) @ spectra_of(off)[:, :, None])[:, :, 0]) ** 2
-            places = np.searchsorted(np.fft.rfftfreq(count, data.setting.sample_time), edges)
-            for band, (low, high) in enumerate(pairwise(places)):
-                found[band] += squares[low:high].sum(axis=0)
-                counts[band] += high - low
+        with suppress(PredictionError):
+            for _, begin, residual, _ in residual_blocks(model, again, own, False):
+                count = len(residual)
+                off = residual - plain[begin] + white.passes((noisy - true)[begin : begin + count])
+                squares = 0.5 * np.abs((white.of(count) @ spectra_of(off)[:, :, None])[:, :, 0]) ** 2
+                places = np.searchsorted(np.fft.rfftfreq(count, data.setting.sample_time), edges)
+                for band, (low, high) in enumerate(pairwise(places)):
+                    found[band] += squares[low:high].sum(axis=0)
+                    counts[band] += high - low
     return found / np.maximum(counts, 1.0)[:, None]
 
 

@@ -163,7 +163,7 @@ class Searcher:
         return all(after.get(key, 0.0) > KEPT * above for key, above in places.items() if above > OUTSTANDING * worst)
 
     def _places(self, step: Step) -> dict[tuple[str, str, str], float]:
-        """Squares above noise of all places that stand out, by far more than the noise of a drive makes them."""
+        """Squares above noise of all places that stand out: of what is worth an effect, drives' noise has no share."""
         left = self.trials.structure(step.found, scattered=False)
         return {place.key: place.above for place in left}
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.gain import gain_of, small_response
-from piezoharvest.identify.model import Model, noise_passed, residual_blocks
+from piezoharvest.identify.model import Model, residual_blocks
 from piezoharvest.identify.noise import Noise, Rounding, rounding
 from piezoharvest.identify.spectra import gram, in_time, line_spectra, parts, whitened
 from piezoharvest.predict.prediction import Prediction
@@ -97,8 +97,7 @@ class Whitener:
     def passed(self, begin: int, end: int) -> np.ndarray:
         """What the noise of the drive would do in some samples, (samples, channels)."""
         if (begin, end) not in self._passed:
-            self._settle()
-            self._passed = {(begin, end): noise_passed(self._prediction, self._data, begin, end)}
+            self._passed = {(begin, end): self.passes(self._data.rest[begin:end])}
         return self._passed[begin, end]
 
     def passes(self, drive: np.ndarray) -> np.ndarray:
