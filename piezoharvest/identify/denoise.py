@@ -105,7 +105,8 @@ def _by_tones(values: np.ndarray, held: list[tuple[int, int]], sigma: float, oth
     """Drive as a sum of sines, from where on these leave noise alone: at once, after a rest or once grown."""
     count = len(values)
     rest = held[0][1] + 1 if held and held[0][0] == 0 else 0
-    if rest > OCTAVE * count or len(jumps_of(values)) or count < 4 * SHORT:
+    moving = count - sum(last + 1 - first for first, last in held)
+    if rest > OCTAVE * count or moving < OCTAVE * (count - rest) or len(jumps_of(values)) or count < 4 * SHORT:
         return otherwise
     for begin in (rest + AFTER if rest else 0, *(max(rest, count // part) for part in GROWN)):
         fitted = tones(values[begin:])
