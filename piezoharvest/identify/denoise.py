@@ -12,7 +12,7 @@ import numpy as np
 from scipy.fft import dct, idct
 
 from piezoharvest.identify.corners import LARGEST, OCTAVE, SHORT, signal_end, without_corners
-from piezoharvest.identify.tones import tones
+from piezoharvest.identify.tones import refined, tones
 from piezoharvest.predict.drive import jumps_of
 from piezoharvest.records.finding import runs
 
@@ -121,7 +121,7 @@ def _by_tones(values: np.ndarray, held: list[tuple[int, int]], sigma: float, oth
             squares = (found - otherwise) ** 2
             worse = np.cumsum(GROWING * squares[begin:].mean() - squares[:begin])
             grown = int(np.argmin(worse)) + 1
-            found[:grown] = otherwise[:grown]
+            found = np.concatenate([otherwise[:grown], refined(values[grown:], fitted.angles).since(0)])
         return found
     return otherwise
 

@@ -62,10 +62,10 @@ def tones(values: np.ndarray) -> Tones | None:
         squares = left @ left
         more = _lines(left, found.angles)
         if not len(more):
-            return _refined(values, found.angles, LAST) if len(found.angles) else None
+            return refined(values, found.angles) if len(found.angles) else None
         if len(found.angles) + len(more) > MOST:
             return None
-        found = _refined(values, np.concatenate([found.angles, more]), STEPS)
+        found = refined(values, np.concatenate([found.angles, more]), STEPS)
         left = values - found.since(0)
     return None
 
@@ -81,8 +81,8 @@ def _lines(residual: np.ndarray, angles: np.ndarray) -> np.ndarray:
     return found[apart & (found > 2 * np.pi * CYCLE / n)]
 
 
-def _refined(values: np.ndarray, angles: np.ndarray, steps: int) -> Tones:
-    """Tones near some angles."""
+def refined(values: np.ndarray, angles: np.ndarray, steps: int = LAST) -> Tones:
+    """Tones near some angles, by least squares, in so many steps at most."""
     time = np.arange(len(values)) - 0.5 * (len(values) - 1)
     sizes = np.empty(0)
     for _ in range(steps):
