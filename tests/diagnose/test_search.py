@@ -14,6 +14,8 @@ from piezoharvest.effects import (
     BiasCurrent,
     Clipping,
     Leakage,
+    NonlinearCoupling,
+    Stiffening,
     VoltageDependentCapacitance,
     registered,
 )
@@ -106,12 +108,16 @@ def test_an_effect_that_spoils_unseen_records_is_chance_where_nothing_is_left_wi
         assert len(chance) == 1
 
 
-def test_a_search_ends_where_nothing_in_the_library_is_the_cause(tmp_path):
-    """What its stand-in leaves is as large as before; with the effect itself in the library nothing is left.
+HIDDEN = {
+    "charge": VoltageDependentCapacitance(beta=3e-3),
+    "force": Stiffening(cubic_stiffness=6e17),
+    "coupling": NonlinearCoupling(quadratic_coupling=5e4),
+}
 
-    `make recovery` withholds every effect.
-    """
-    effect = VoltageDependentCapacitance(beta=3e-3)
+
+@pytest.mark.parametrize("effect", HIDDEN.values(), ids=HIDDEN)
+def test_a_search_ends_where_nothing_in_the_library_is_the_cause(tmp_path, effect):
+    """What its stand-in leaves is as large as before; with the effect itself in the library nothing is left."""
     measured = campaign(tmp_path)
     problem, base, _ = fitted(prepared(measured, "fit"), measured.transducer, [effect], seed=3)
     ends = "what stands out is as it was: no effect of the library explains it"
