@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.stats import chi2
@@ -152,6 +152,16 @@ def _of_record(
             yield Block(data, white, begin, residual, spectrum, scatter)
 
 
+def _blocks(
+    found: Fit, scattered: bool, data: Data | FrequencyData, own: np.ndarray, white: Whitener | ResponseWeights
+) -> list[Block]:
+    """Blocks of a record, with what the noise of its drive adds if wanted."""
+    sigma, scatter = found.noise.sigma, None
+    if scattered and isinstance(data, Data) and isinstance(white, Whitener) and data.drive in sigma:
+        scatter = drive_scatter(data, white, found.model, own, sigma[data.drive], BANDS)
+    return list(_of_record(found.model, data, own, white, scatter))
+
+
 def leftovers(problem: Problem, found: Fit, *, scattered: bool = True) -> list[Leftover]:
     """All comparisons, the least likely first.
 
@@ -162,14 +172,7 @@ def leftovers(problem: Problem, found: Fit, *, scattered: bool = True) -> list[L
     scattered : bool
         Whether to take into account what the noise of drives adds, which takes a while.
     """
-
-    def blocks_of_record(data: Data | FrequencyData, own: np.ndarray, white: Whitener | ResponseWeights) -> list[Block]:
-        sigma, scatter = found.noise.sigma, None
-        if scattered and isinstance(data, Data) and isinstance(white, Whitener) and data.drive in sigma:
-            scatter = drive_scatter(data, white, found.model, own, sigma[data.drive], BANDS)
-        return list(_of_record(found.model, data, own, white, scatter))
-
-    of_records = at_once(blocks_of_record, problem.data, found.own, found.white)
+    of_records = at_once(partial(_blocks, found, scattered), problem.data, found.own, found.white)
     blocks = list(itertools.chain(*of_records))
     places = [*_bands(blocks), *_harmonics(blocks), *_lines(blocks), *_bursts(blocks), *_responses(problem, found)]
     for channel, square, squares in along_squares(problem, found):
