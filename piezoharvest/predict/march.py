@@ -85,56 +85,98 @@ def _element(kind, limit, before, a, da, b, db, second, h):
 
 
 @_fast
-def _add(into, factor, row):
-    """Into += factor * row, all of them one-dimensional."""
-    if factor != 0.0:
-        for p in range(len(into)):
-            into[p] += factor * row[p]
-
-
-@_fast
-def _dot(rows, z, w, e, out):
-    """Rows over [z | w | e]."""
-    n, nw = len(z), len(w)
+def _dot(rows, values, out):
+    """Rows over values."""
     for r in range(len(out)):
         total = 0.0
-        for j in range(n):
-            total += rows[r, j] * z[j]
-        for j in range(nw):
-            total += rows[r, n + j] * w[j]
-        for j in range(len(e)):
-            total += rows[r, n + nw + j] * e[j]
+        for j in range(len(values)):
+            total += rows[r, j] * values[j]
         out[r] = total
 
 
 @_fast
-def _weigh(tangents, z, w, e, out):
+def _filled(A):
+    """Which entries of each row of a matrix are not zero, and how many."""
+    columns, counts = np.zeros(A.shape, np.int64), np.zeros(len(A), np.int64)
+    for r in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            if A[r, j] != 0.0:
+                columns[r, counts[r]] = j
+                counts[r] += 1
+    return columns, counts
+
+
+@_fast
+def _multiply(A, columns, counts, R, out):
+    """Add A R to out, all of them matrices; `columns` and `counts` as in `_filled` of A.
+
+    Several rows of R at a time: a loop over few parameters takes most of its time to begin. Rows are no views of their
+    own anywhere here: what is counted atomically, that of references, would take as long again.
+    """
+    P = out.shape[1]
+    for r in range(len(A)):
+        count, q = counts[r], 0
+        while q + 4 <= count:
+            a, b, c, d = columns[r, q], columns[r, q + 1], columns[r, q + 2], columns[r, q + 3]
+            f, g, h, i = A[r, a], A[r, b], A[r, c], A[r, d]
+            for p in range(P):
+                out[r, p] += f * R[a, p] + g * R[b, p] + h * R[c, p] + i * R[d, p]
+            q += 4
+        if q + 3 <= count:
+            a, b, c = columns[r, q], columns[r, q + 1], columns[r, q + 2]
+            f, g, h = A[r, a], A[r, b], A[r, c]
+            for p in range(P):
+                out[r, p] += f * R[a, p] + g * R[b, p] + h * R[c, p]
+            q += 3
+        while q < count:
+            a = columns[r, q]
+            f = A[r, a]
+            for p in range(P):
+                out[r, p] += f * R[a, p]
+            q += 1
+
+
+@_fast
+def _weigh(tangents, values, out):
     """Sum of derivatives of coefficients times what these multiply with, one for each entry that is not zero."""
-    n, nw = len(z), len(w)
-    out[:] = 0.0
-    for j in range(n):
-        _add(out, z[j], tangents[j])
-    for j in range(nw):
-        _add(out, w[j], tangents[n + j])
-    for j in range(len(e)):
-        _add(out, e[j], tangents[n + nw + j])
+    for p in range(len(out)):
+        out[p] = 0.0
+    j = 0
+    while j + 4 <= len(values):
+        f, g, h, i = values[j], values[j + 1], values[j + 2], values[j + 3]
+        for p in range(len(out)):
+            out[p] += f * tangents[j, p] + g * tangents[j + 1, p] + h * tangents[j + 2, p] + i * tangents[j + 3, p]
+        j += 4
+    while j < len(values):
+        f = values[j]
+        for p in range(len(out)):
+            out[p] += f * tangents[j, p]
+        j += 1
 
 
 @_fast
-def _multiply(A, R, out):
-    """Add A R to out, all of them matrices."""
-    for r in range(out.shape[0]):
-        for j in range(R.shape[0]):
-            factor = A[r, j]
-            if factor != 0.0:
-                for p in range(out.shape[1]):
-                    out[r, p] += factor * R[j, p]
+def _assign(values, out):
+    """Overwrite the first rows of a matrix by another, which has no more."""
+    for r in range(len(values)):
+        for p in range(values.shape[1]):
+            out[r, p] = values[r, p]
 
 
 @_fast
-def _place(values, places, first, out):
-    """Add values to the entries (row, parameter) of a matrix that stand for them; rows count from the first."""
-    for k in range(len(values)):
+def _clear(out):
+    """Overwrite a matrix by zeros."""
+    for r in range(len(out)):
+        for p in range(out.shape[1]):
+            out[r, p] = 0.0
+
+
+@_fast
+def _place(values, places, begin, end, first, out):
+    """Add some of the values to the entries (row, parameter) of a matrix that stand for them.
+
+    Rows count from the first.
+    """
+    for k in range(begin, end):
         out[places[k, 0] - first, places[k, 1]] += values[k]
 
 
@@ -166,7 +208,8 @@ def _solve(K, slopes, places, J, right):
                 factor = J[r, c] / J[c, c]
                 for k in range(c, m):
                     J[r, k] -= factor * J[c, k]
-                _add(right[r], -factor, right[c])
+                for p in range(right.shape[1]):
+                    right[r, p] -= factor * right[c, p]
     for c in range(m):
         inverse = 1.0 / J[c, c]
         for p in range(right.shape[1]):
@@ -272,47 +315,51 @@ def march(
         -1, or the step in which the elements' outputs were not found.
     """
     n, nw, m, P = len(z), len(w), len(inputs), dz.shape[1]
-    half = m // 2
-    e, c = np.zeros(4), np.zeros(6)
+    half, size = m // 2, n + nw
     old, before, trial, base = inputs.copy(), w.copy(), np.zeros(m), np.zeros(m)
-    zl, none = np.zeros(n), np.zeros(nw)
-    slopes, J, residual = np.zeros((nw, 7)), np.zeros((m, m)), np.zeros((m, 1))
-    move = np.zeros(m)
-    dzl, right = np.zeros((n, P)), np.zeros((m, P))
+    slopes, J, residual, move = np.zeros((nw, 7)), np.zeros((m, m)), np.zeros((m, 1)), np.zeros(m)
+    # What M and O multiply with: states, outputs of the elements, drive and time; derivatives of the first two.
+    g, y, d = np.zeros(size + 6), np.zeros(size + 4), np.zeros((size, P))
+    d[:n], d[n:] = dz, dw
+    zl, dzl, right = z.copy(), dz.copy(), np.zeros((m, P))
     dstates, dforced, drows = np.zeros(len(M_at)), np.zeros(len(H_at)), np.zeros(len(O_at))
     inner = 0  # entries of O that are those of inputs
     while inner < len(O_at) and O_at[inner, 0] < m:
         inner += 1
-    direct = np.ascontiguousarray(O[:m, n : n + nw])
-    K = direct.copy()
-    Mz, Mw = np.ascontiguousarray(M[:, :n]), np.ascontiguousarray(M[:, n : n + nw])
-    Oz, Oyz = np.ascontiguousarray(O[:m, :n]), np.ascontiguousarray(O[m:, :n])
-    Oyw = np.ascontiguousarray(O[m:, n : n + nw])
+    O_in, O_out = O[:m].copy(), O[m:].copy()
+    K = O_in[:, n:size].copy()
+    O_in[:, n:size] = 0.0  # by how much outputs move inputs is up to Newton
+    M_d, in_d, out_d, H_d = M[:, :size].copy(), O[:m, :size].copy(), O_out[:, :size].copy(), np.zeros((n, size))
+    H_d[:, n:] = H
+    in_M, count_M = _filled(M_d)
+    in_in, count_in = _filled(in_d)
+    in_out, count_out = _filled(out_d)
+    in_H, count_H = _filled(H_d)
     for k in range(-1 if at_start else 0, len(coefficients)):
         now = first + share * (k + 1)
         q = coefficients[max(k, 0)]
         if k < 0:
-            e[0], e[1], e[2], e[3] = q[0], q[1] / h, 1.0, first
-            zl[:] = z
-            dzl[:] = dz
+            y[size], y[size + 1] = q[0], q[1] / h
         else:
             if k == 0:
-                K[:] = direct + Oz @ H
-            e[0], e[1], e[2], e[3] = q[0] + q[1] + q[2] + q[3], (q[1] + 2 * q[2] + 3 * q[3]) / h, 1.0, now
-            c[0], c[1], c[2], c[3], c[4], c[5] = q[0], q[1], q[2], q[3], 1.0, now - share
-            _dot(M, z, w, c, zl)
+                K += O_in[:, :n].copy() @ H
+                in_d[:, n:] = K
+                in_in, count_in = _filled(in_d)
+            y[size], y[size + 1] = q[0] + q[1] + q[2] + q[3], (q[1] + 2 * q[2] + 3 * q[3]) / h
+            g[:n], g[n:size] = z, w
+            g[size : size + 4], g[size + 4], g[size + 5] = q, 1.0, now - share
+            _dot(M, g, zl)
             if P:
-                _weigh(dM, z, w, c, dstates)
-                dzl[:] = 0.0
-                _place(dstates, M_at, 0, dzl)
-                _multiply(Mz, dz, dzl)
-                _multiply(Mw, dw, dzl)
+                _weigh(dM, g, dstates)
+                _clear(dzl)
+                _place(dstates, M_at, 0, len(dstates), 0, dzl)
                 if len(rise):
                     for r in range(n):
-                        dzl[r, lane] += M[r, n + nw] * rise[k, 0]
-                        dzl[r, lane + 1] += M[r, n + nw] * rise[k, 1]
+                        dzl[r, lane] += M[r, size] * rise[k, 0]
+                        dzl[r, lane + 1] += M[r, size] * rise[k, 1]
+        y[:n], y[size + 2], y[size + 3] = zl, 1.0, now
+        _dot(O_in, y, base)
         old[:], before[:] = inputs, w
-        _dot(O[:m], zl, none, e, base)
         for r in range(m):
             trial[r] = base[r]
             for j in range(nw):
@@ -327,40 +374,41 @@ def march(
             for r in range(n):
                 for j in range(nw):
                     z[r] += H[r, j] * w[j]
+        y[:n], y[n:size] = z, w
         sample, written = (k + 1) // every, (k + 1) % every == 0
         if written:
-            _dot(O[m:], z, w, e, Y[sample])
+            _dot(O_out, y, Y[sample])
         if not P:
             continue
         # The same once more with the derivatives; first what does not go through the elements' inputs now.
-        _weigh(dO, z, w, e, drows)
+        _weigh(dO, y, drows)
+        _clear(right)
+        _place(drows, O_at, 0, inner, 0, right)
         if k >= 0:
-            dforced[:] = 0.0
-            for j in range(nw):
-                _add(dforced, w[j], dH[j])
-            _place(dforced, H_at, 0, dzl)
+            _multiply(M_d, in_M, count_M, d, dzl)
+            _weigh(dH, w, dforced)
+            _place(dforced, H_at, 0, len(dforced), 0, dzl)
+        _assign(dzl, d)
         for j in range(nw):
             a, b = places[j, 0], places[j, 0] + half
             s0, s1, s2, s6 = slopes[j, 0], slopes[j, 1], slopes[j, 2], slopes[j, 6]
             for p in range(P):
-                dw[j, p] = s0 * dw[j, p] + s1 * dinputs[a, p] + s2 * dinputs[b, p] + s6 * dlimits[j, p]
-        right[:] = 0.0
-        _place(drows[:inner], O_at[:inner], 0, right)
-        _multiply(Oz, dzl, right)
-        _multiply(K, dw, right)
+                d[n + j, p] = s0 * d[n + j, p] + s1 * dinputs[a, p] + s2 * dinputs[b, p] + s6 * dlimits[j, p]
+        _multiply(in_d, in_in, count_in, d, right)
         _solve(K, slopes, places, J, right)
-        dinputs[:] = right
+        _assign(right, dinputs)
         for j in range(nw):
-            a, b, c2 = places[j, 0], places[j, 0] + half, places[j, 1]
+            a, b, c = places[j, 0], places[j, 0] + half, places[j, 1]
             s3, s4, s5 = slopes[j, 3], slopes[j, 4], slopes[j, 5]
             for p in range(P):
-                dw[j, p] += s3 * dinputs[a, p] + s4 * dinputs[b, p] + s5 * dinputs[c2, p]
-        dz[:] = dzl
+                d[n + j, p] += s3 * dinputs[a, p] + s4 * dinputs[b, p] + s5 * dinputs[c, p]
         if k >= 0:
-            _multiply(H, dw, dz)
+            _multiply(H_d, in_H, count_H, d, dzl)
+            _assign(dzl, d)
         if written:
-            dY[sample] = 0.0
-            _place(drows[inner:], O_at[inner:], m, dY[sample])
-            _multiply(Oyz, dz, dY[sample])
-            _multiply(Oyw, dw, dY[sample])
+            out = dY[sample]
+            _clear(out)
+            _place(drows, O_at, inner, len(drows), m, out)
+            _multiply(out_d, in_out, count_out, d, out)
+    dz[:], dw[:] = d[:n], d[n:]
     return -1
