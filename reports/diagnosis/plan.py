@@ -19,7 +19,7 @@ FAULT = 120.0  # sigma of a fault, of which parameters take a part
 
 def plan(*, small: bool) -> list[Trial]:
     """All trials; a small plan is the first part of the large one."""
-    singles, healthy, pairs, withheld, foreign, weak = (1, 5, 5, 5, 2, 0) if small else (10, 100, 100, 45, 28, 5)
+    singles, healthy, pairs, withheld, foreign, weak = (1, 5, 5, 5, 2, 0) if small else (10, 100, 100, 45, 28, 10)
     ideal = 3 if small else 30
     names, faults = list(DRAWS), list(FAULTS)
     kinds = [

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.stats import beta, norm
+from scipy.stats import beta, norm, theilslopes
 
 Results = Sequence[dict[str, Any]]
 OUTCOMES = ("adequate", "unexplained", "failed")
-CLEAR = 5.0  # sigma, from which what a fit reaches is hardly more than the effect
 THEORY = 4.6  # sigma found with 90 % power at 1 % false alarms over twelve candidates
 STRONG = 10.0  # sigma, from which an effect has to be named
 
@@ -63,16 +62,18 @@ def power(results: Results, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Size in sigma of every weak trial of an effect, and whether the effect was named.
 
     What a fit reaches is the size give or take one. Trials of one seed are of one specimen with one noise, so that what
-    they reach grows by the sizes alone: the slope over the sizes aimed at tells what a unit of these really is.
+    they reach grows by the sizes alone: the slope over the sizes aimed at tells what a unit of these really is. It is
+    the median of the slopes between any two (Theil & Sen), as a fit without the effect may be caught beside its
+    minimum, beside which the effect reaches twice its size.
     """
     sizes, named = [], []
     mine = [result for result in of_kind(results, "weak") if result["names"] == [name]]
     for seed in sorted({result["seed"] for result in mine}):
         one = [result for result in mine if result["seed"] == seed]
-        clear = [(result["sigma"], result["reached"]) for result in one if result["sigma"] >= CLEAR]
-        if len({sigma for sigma, _ in clear}) < 2:
+        told = [(result["reached"], result["sigma"]) for result in one if result["reached"] is not None]
+        if len(told) < 2:
             continue
-        unit = float(np.polyfit(*zip(*clear, strict=True), 1)[0])
+        unit = float(theilslopes(*zip(*told, strict=True)).slope)
         sizes += [unit * result["sigma"] for result in one]
         # Right is also an effect among those that the records cannot tell.
         named += [result["right"] or (name in result["found"] and result["verdict"] != "unexplained") for result in one]

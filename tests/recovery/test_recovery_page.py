@@ -55,6 +55,7 @@ def test_power_is_told_by_the_sizes_without_the_noise():
             found = ["creep"] * bool(reached > threshold)
             trial = made_up("weak", ("creep",), sigma, found, "effect" if found else "adequate", bool(found), seed=seed)
             trials.append({**trial, "reached": reached, "unit": unit})
+    trials[len(WEAK) + 2]["reached"] *= 3.0  # the fit without the effect was caught beside its minimum
     sizes, named = power(trials, "creep")
     truth = [trial["unit"] * trial["sigma"] for trial in trials]
     assert np.allclose(sizes, truth, rtol=1e-9)
