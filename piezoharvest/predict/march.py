@@ -110,8 +110,8 @@ def _filled(A):
 def _multiply(A, columns, counts, R, out):
     """Add A R to out, all of them matrices; `columns` and `counts` as in `_filled` of A.
 
-    Several rows of R at a time: a loop over few parameters takes most of its time to begin. Rows are no views of their
-    own anywhere here: what is counted atomically, that of references, would take as long again.
+    Several rows of R at a time: a loop over few parameters takes most of its time to begin. Rows are not taken out as
+    views, whose references would be counted atomically: that takes as long as the loop.
     """
     P = out.shape[1]
     for r in range(len(A)):
