@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.fft import dct, idct
 
-from piezoharvest.identify.corners import LARGEST, OCTAVE, SHORT, signal_end, without_corners
+from piezoharvest.identify.corners import OCTAVE, SHORT, signal_end, without_corners
 from piezoharvest.identify.tones import refined, tones
 from piezoharvest.predict.drive import jumps_of
 from piezoharvest.records.finding import runs
@@ -23,9 +23,10 @@ HELD = 5.0  # standard deviations of the averages within which a drive counts as
 LOUD = 1.5  # times the noise: a drive whose highest frequencies are stronger has them all
 EXACT = 1e-6  # of its range: a drive with less noise is known exactly
 BEYOND = 5.0  # standard deviations that noise may take single samples
-AFTER = 256  # samples after a rest, from which on a drive has certainly set off
+AFTER = 256  # samples after a rest, from which on a drive has certainly set off; a beginning that is not looked into
 GROWN = (8, 4)  # parts of a record, of which the first may be what sines take to grow
 GROWING = 4.0  # times the usual squared difference from the drive without noise, that sines have until they are grown
+SLOWEST = 10.0  # times the mean power of noise, beyond what the largest of the slow lines is expected to have
 LEAST = 5  # level from which on an average is taken; what moves faster stays as it is
 
 
@@ -118,12 +119,24 @@ def _by_tones(values: np.ndarray, held: list[tuple[int, int]], sigma: float, oth
             better = np.cumsum((values[:begin] - otherwise[0]) ** 2 - (values[:begin] - found[:begin]) ** 2)
             found[: int(np.argmin(better)) + 1] = otherwise[0]
         if begin and not _is_noise(values - found, sigma):
-            squares = (found - otherwise) ** 2
-            worse = np.cumsum(GROWING * squares[begin:].mean() - squares[:begin])
-            grown = int(np.argmin(worse)) + 1
-            found = np.concatenate([otherwise[:grown], refined(values[grown:], fitted.angles).since(0)])
+            found = _once_grown(values, found, otherwise, begin, fitted.angles, sigma)
         return found
     return otherwise
+
+
+def _once_grown(
+    values: np.ndarray, found: np.ndarray, otherwise: np.ndarray, begin: int, angles: np.ndarray, sigma: float
+) -> np.ndarray:
+    """Sines, known from some sample on, as far back as they leave noise alone; before that what it is otherwise."""
+    squares = (found - otherwise) ** 2
+    worse = np.cumsum(GROWING * squares[begin:].mean() - squares[:begin])
+    grown = int(np.argmin(worse)) + 1
+    while begin - grown > AFTER:
+        further = refined(values[grown:], angles).since(0)
+        if _is_noise(values[grown:] - further, sigma):
+            return np.concatenate([otherwise[:grown], further])
+        grown = (grown + begin) // 2
+    return np.concatenate([otherwise[:begin], found[begin:]])
 
 
 def _is_noise(left: np.ndarray, sigma: float) -> bool:
@@ -133,7 +146,7 @@ def _is_noise(left: np.ndarray, sigma: float) -> bool:
     """
     power = np.asarray(dct(left, norm="ortho")) ** 2
     level = power.mean()
-    slow = power[:SHORT].max() < level * (2.0 * np.log(SHORT) + LARGEST)
+    slow = power[:SHORT].max() < level * (2.0 * np.log(SHORT) + SLOWEST)
     return slow and signal_end(power) <= SHORT and level < (LOUD * sigma) ** 2
 
 
