@@ -15,11 +15,11 @@ from piezoharvest.diagnose.trials import Step, Trials
 from piezoharvest.diagnose.unseen import overshadowing, plainest, shown_by, spoils, validated, with_fitted
 from piezoharvest.effects import Clipping, Effect
 from piezoharvest.identify.descent import Fit
-from piezoharvest.identify.evaluation import side_by_side
 from piezoharvest.identify.fit import covariance
 from piezoharvest.identify.identifiable import experiment
 from piezoharvest.identify.identification import Estimate, Identification, Quality, identify, judged, prepared, together
 from piezoharvest.identify.problem import Problem
+from piezoharvest.identify.threads import single_threaded
 from piezoharvest.predict.parameters import value_at
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.campaign import Campaign
@@ -110,7 +110,7 @@ class Diagnosis:
         return self.search.left
 
 
-@side_by_side
+@single_threaded
 def diagnose(
     campaign: Campaign,
     tell: Callable[[str], None] = lambda text: None,

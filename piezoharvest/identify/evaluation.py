@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache, wraps
-from typing import ParamSpec, TypeVar
+from typing import TypeVar
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.model import Model, begun
@@ -19,7 +17,6 @@ from piezoharvest.identify.sums import Sums, Whitener
 
 WORKERS = 2
 
-P = ParamSpec("P")
 R = TypeVar("R")
 
 
@@ -61,26 +58,6 @@ def at_once(function: Callable[..., R], *each: Iterable) -> tuple[R, ...]:
     """What a function returns for every record, and what belongs to it, two at a time."""
     with ThreadPoolExecutor(WORKERS) as pool:
         return tuple(pool.map(function, *each))
-
-
-def side_by_side(function: Callable[P, R]) -> Callable[P, R]:
-    """Decorate what evaluates records side by side: the linear algebra has no threads of its own meanwhile.
-
-    Those would wait for each other within products of small matrices, and spin for some time after each.
-    """
-
-    @wraps(function)
-    def alone(*args: P.args, **kwargs: P.kwargs) -> R:
-        with _threads().limit(limits=1):
-            return function(*args, **kwargs)
-
-    return alone
-
-
-@cache
-def _threads() -> ThreadpoolController:
-    """The libraries whose threads are limited; to find them takes as long as to fit a record."""
-    return ThreadpoolController()
 
 
 def whole(model: Model, own: Sequence[np.ndarray], sums: Sequence[Sums]) -> tuple[np.ndarray, np.ndarray, float]:

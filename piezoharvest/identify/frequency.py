@@ -9,6 +9,7 @@ import numpy as np
 from piezoharvest.identify.modal_unknowns import linearised, pack, scaled, stable, unpack
 from piezoharvest.identify.modes import ModalFit, Modes
 from piezoharvest.identify.multisine import FrequencyError, MultisineResponse, multisine_response
+from piezoharvest.identify.threads import single_threaded
 from piezoharvest.identify.vector_fitting import vector_fit
 
 __all__ = [
@@ -19,6 +20,7 @@ _SPARE, _FEW = 4, 600  # poles of the start beyond the modes, and lines that cho
 _DELAYS = (0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0)  # of the start, by the highest angular frequency
 
 
+@single_threaded
 def fit_modes(
     frequency: np.ndarray,
     response: np.ndarray,
@@ -70,6 +72,7 @@ def fit_modes(
     return _result(x, top, jacobian, misfit, float(np.sqrt(cost / _square(target))), ny, nu)
 
 
+@single_threaded
 def select_modes(
     frequency: np.ndarray,
     response: np.ndarray,

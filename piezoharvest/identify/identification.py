@@ -10,7 +10,7 @@ import numpy as np
 
 from piezoharvest.identify.data import Data, data_of
 from piezoharvest.identify.descent import Fit
-from piezoharvest.identify.evaluation import at_once, side_by_side
+from piezoharvest.identify.evaluation import at_once
 from piezoharvest.identify.fit import covariance, fit
 from piezoharvest.identify.gain import gain_of
 from piezoharvest.identify.histories import held, memories, recalled, remembers
@@ -20,6 +20,7 @@ from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem, carried, renamed
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.identify.starts import started
+from piezoharvest.identify.threads import single_threaded
 from piezoharvest.parameters import ParameterError
 from piezoharvest.predict.parameters import Parameter, parameters_of, value_at
 from piezoharvest.predict.prediction import Prediction
@@ -137,7 +138,7 @@ def _prepared(campaign: Campaign, record: Record | FrequencyRecord) -> Data | Fr
         raise CampaignError(campaign.path, f"{record.key}.{error.key}", error.message) from None
 
 
-@side_by_side
+@single_threaded
 def identify(
     campaign: Campaign,
     tell: Tell = lambda text: None,

@@ -15,11 +15,13 @@ from piezoharvest.identify.coloured import covariance, noise_floor
 from piezoharvest.identify.loop_fit import Kind, Loop, LoopError, LoopFit
 from piezoharvest.identify.loop_model import LIMIT, LoopData, Shape, convex_fit
 from piezoharvest.identify.placement import place, search
+from piezoharvest.identify.threads import single_threaded
 
 __all__ = ["Loop", "LoopError", "LoopFit", "identify_loop"]
 _LEAST = 30  # samples
 
 
+@single_threaded
 def identify_loop(
     signal: np.ndarray,
     output: np.ndarray,

@@ -1,0 +1,40 @@
+"""Fits leave no threads to the linear algebra, and give them back."""
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+from piezoharvest.identify import frequency, identification, loops
+
+
+def threads():
+    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+
+WAVE = np.sin(np.arange(100.0))
+FITS = {
+    "loop": (loops, "place", lambda: loops.identify_loop(WAVE, WAVE, kind="stop")),
+    "modes": (frequency, "_start", lambda: frequency.fit_modes(np.arange(1.0, 99.0), np.ones((98, 1, 1)), 1)),
+    "number of modes": (
+        frequency, "_start",
+        lambda: frequency.select_modes(np.arange(1.0, 99.0), np.ones((98, 1, 1)), np.ones((98, 1, 1)), [1]),
+    ),
+    "records": (identification, "prepared", lambda: identification.identify(None)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", FITS)
+def test_linear_algebra_has_one_thread_within_a_fit(case, monkeypatch):
+    module, inner, fit = FITS[case]
+    seen = []
+
+    def stopped(*arguments):
+        seen.append(threads())
+        raise InterruptedError
+
+    monkeypatch.setattr(module, inner, stopped)
+    with threadpool_limits(2):
+        with pytest.raises(InterruptedError):
+            fit()
+        assert seen == [{1}]
+        assert threads() == {2}
