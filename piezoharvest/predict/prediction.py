@@ -271,10 +271,6 @@ class _March:
                 rise = len(of.parameters) + k, slopes
         else:
             coefficients = divided(line[None], parts)
-        count = len(coefficients) + 1
-        fine, dfine = np.empty((count, Y.shape[1])), np.empty((count, *dY.shape[1:]))
-        pace, time = self._pace(parts), begin * of.share
-        failed = run.go(pace, coefficients, time, begin == 0, fine, dfine, rise=rise, small=True)
-        first, kept = 0 if begin == 0 else 1, np.linspace(0, count - 1, len(Y)).astype(int)
-        Y[first:], dY[first:] = fine[kept][first:], dfine[kept][first:]
+        pace, time, every = self._pace(parts), begin * of.share, len(coefficients) // (len(Y) - 1)
+        failed = run.go(pace, coefficients, time, begin == 0, Y, dY, every=every, rise=rise, small=True)
         return min(failed, 0)
