@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -17,7 +18,10 @@ from piezoharvest.predict.sensing import Course, late_somewhere, sensed
 from piezoharvest.transducer import Transducer
 
 CORNERS = 4  # parts of a sample, by which corners of hysteresis are seen where a channel is delayed
+KEPT, KEPT_RECORDS = 1 << 24, 16  # bytes of derivatives of a record that are kept, and of how many
 LATEST = 2  # samples by which a channel may be late: so many after a jump may be read while it happens
+
+_LAST: WeakKeyDictionary[Data, list] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -151,7 +155,9 @@ def begun(model: Model, data: Data, own: np.ndarray) -> Prediction:
     return model.prediction(data, own[: len(model.prediction(data).own_names)])
 
 
-def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool):
+def residual_blocks(
+    model: Model, data: Data, own: np.ndarray, derivatives: bool
+) -> Iterator[tuple[Prediction, int, np.ndarray, Any]]:
     """Blocks (prediction, begin, residuals, derivatives) of a record; `own` as `own_names` names it.
 
     Residuals of what the drive does without its noise.
@@ -180,6 +186,26 @@ def residual_blocks(model: Model, data: Data, own: np.ndarray, derivatives: bool
                     slopes[sample - block.begin, c] = 0.0
                     slopes[sample - block.begin, c, k - len(first) - len(more)] = 1.0
         yield prediction, block.begin, residual, slopes
+
+
+def evaluated(model: Model, data: Data, own: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """Blocks (begin, residuals, derivatives) of a record, not to be written to.
+
+    Those of the last two models are kept if they are small: where one descent ends, with residuals whitened anew, the
+    next one begins, and a step beyond it may have been tried in vain.
+    """
+    what = model.transducer, model.parameters, model.offset_channels, model.relaxed, own.tobytes()
+    for known, blocks in _LAST.get(data, ()):
+        if known == what:
+            yield from blocks
+            return
+    blocks, room = [], KEPT if data in _LAST or len(_LAST) < KEPT_RECORDS else 0
+    for _, begin, residual, slopes in residual_blocks(model, data, own, True):
+        yield begin, residual, slopes
+        room -= slopes.nbytes
+        blocks = [*blocks, (begin, residual, slopes)] if room >= 0 else []
+    if blocks:
+        _LAST[data] = [(what, blocks), *_LAST.get(data, ())][:2]
 
 
 def noise_passed(prediction: Prediction, data: Data, begin: int, end: int) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.gain import gain_of, small_response
-from piezoharvest.identify.model import Model, residual_blocks
+from piezoharvest.identify.model import Model, evaluated, residual_blocks
 from piezoharvest.identify.noise import Noise, Rounding, rounding
 from piezoharvest.identify.spectra import gram, in_time, line_spectra, parts, whitened
 from piezoharvest.predict.prediction import Prediction
@@ -120,9 +120,9 @@ class Whitener:
             The model cannot follow the record.
         """
         parts = []
-        for _, begin, residual, slopes in residual_blocks(model, self._data, own, True):
-            end = begin + len(residual)
-            residual -= self.passed(begin, end)
+        for begin, found, slopes in evaluated(model, self._data, own):
+            end = begin + len(found)
+            residual = found - self.passed(begin, end)
             white, rows = self._of(len(residual))
             predicted = self._data.part(begin, end) - residual
             rounded = (lambda D, x=predicted, W=white: self.scatter(x, D, W)) if scatter else None

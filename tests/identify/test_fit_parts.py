@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from identify.identify_runs import campaign_file
 
+from piezoharvest.identify import model as models
 from piezoharvest.identify.data import begins_abruptly, scatter_of
 from piezoharvest.identify.descent import _bent, _pace
 from piezoharvest.identify.gain import _solved
+from piezoharvest.identify.identification import prepared
 from piezoharvest.identify.noise import Noise, estimate, first_guess
+from piezoharvest.identify.problem import Problem
 from piezoharvest.identify.spectra import gram, whitened
+from piezoharvest.predict.parameters import parameters_of
+from piezoharvest.records import load_campaign
 
 
 def test_a_secant_has_the_curvature_along_its_step_and_stays_that_of_a_minimum():
@@ -140,3 +148,31 @@ def test_a_descent_is_expected_to_gain_what_it_has_gained_or_what_its_steps_stil
     assert _pace([100.0, 50.0, 40.0, 38.0], [60.0, 10.0, 2.0, 1.0]) == 10.0  # the largest of the last three
     crawling = list(np.linspace(90.0, 10.0, 11))
     assert _pace(crawling, [20.0] * 10) == pytest.approx(8.0)
+
+
+def test_a_record_is_evaluated_once_for_a_model_and_anew_for_any_other(tmp_path, monkeypatch):
+    campaign = load_campaign(campaign_file(tmp_path, 1)[0])
+    data, nominal = prepared(campaign, "fit")[0], campaign.transducer
+    model = models.Model(nominal, tuple(parameters_of(nominal, {"force"})), ("voltage",))
+    own = np.asarray(Problem([data], nominal, ("voltage",)).start(model)[0])
+    marched, blocks = [], models.residual_blocks
+    monkeypatch.setattr(models, "residual_blocks", lambda *some: marched.append(some) or blocks(*some))
+
+    def evaluated(model, own):
+        """Residuals and derivatives, which are always those of a march through the record."""
+        ((_, residual, slopes),) = models.evaluated(model, data, own)
+        ((_, _, wanted, derivatives),) = blocks(model, data, own, True)
+        np.testing.assert_array_equal(residual, wanted)
+        np.testing.assert_array_equal(slopes, derivatives)
+        return len(marched)
+
+    stiffer = replace(model, transducer=replace(nominal, stiffness=1.01 * nominal.stiffness))
+    assert [evaluated(model, own) for _ in range(3)] == [1, 1, 1]
+    assert evaluated(stiffer, own) == 2  # as a step that is tried in vain,
+    assert evaluated(model, own) == 2  # before the end is judged
+    assert evaluated(model, own + 1e-9) == 3
+    assert evaluated(replace(model, parameters=model.parameters[:-1]), own) == 4
+    assert evaluated(model, own) == 5  # not kept any more
+    monkeypatch.setattr(models, "KEPT", 1000)
+    assert evaluated(stiffer, own) == 6
+    assert evaluated(stiffer, own) == 7  # too large
