@@ -1,4 +1,4 @@
-"""Run the trials that are not done yet, and make the page: `python -m reports.diagnosis [--small | --page]`."""
+"""Run the trials that are not done yet, make the page: `python -m reports.diagnosis [--small | --page | --alone N]`."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from rich.console import Console
 from rich.progress import track
 
 from reports.diagnosis.plan import plan
-from reports.diagnosis.trials import attempt
+from reports.diagnosis.trials import Trial, attempt
 from reports.kept import rows_of, run
 
 HERE = Path(__file__).parent
-FILE = HERE / "trials.jsonl"
+FILE, ALONE = HERE / "trials.jsonl", HERE / "alone.jsonl"
 
 
 def main() -> int:
@@ -22,19 +22,33 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m reports.diagnosis", description=__doc__)
     parser.add_argument("--small", action="store_true", help="a few trials of each kind")
     parser.add_argument("--page", action="store_true", help="only make the page of what is done")
+    parser.add_argument("--alone", type=int, default=0, help="diagnose those again that took longest, one at a time")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
     console = Console(stderr=True)
-    done = {result["key"] for result in rows_of(FILE)}
-    todo = [] if options.page else [trial for trial in plan(small=options.small) if trial.key not in done]
-    runs = run(FILE, attempt, todo, options.workers) if todo else ()
+    runs, todo = iter(()), list[Trial]()
+    if options.alone:
+        todo = _slowest(options.alone)
+        ALONE.unlink(missing_ok=True)
+        runs = run(ALONE, attempt, todo, 1)
+    elif not options.page:
+        done = {result["key"] for result in rows_of(FILE)}
+        todo = [trial for trial in plan(small=options.small) if trial.key not in done]
+        runs = run(FILE, attempt, todo, options.workers)
     for _ in track(runs, "diagnosing", total=len(todo), console=console):
         pass
     from reports.diagnosis.page import write_page
 
     results = rows_of(FILE)
-    print(write_page(results, HERE))
+    print(write_page(results, HERE, rows_of(ALONE)))
     return 1 if any(result["verdict"] == "failed" for result in results) else 0
+
+
+def _slowest(count: int) -> list[Trial]:
+    """So many trials of those that took most processor time."""
+    trials = {trial.key: trial for trial in plan(small=False)}
+    done = sorted(rows_of(FILE), key=lambda row: row.get("cpu", 0.0), reverse=True)
+    return [trials[row["key"]] for row in done[:count]]
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from reports.diagnosis.trials import DRAWS
 NAMES = list(DRAWS)
 
 
-def write_page(results: Results, directory: Path) -> Path:
+def write_page(results: Results, directory: Path, alone: Results = ()) -> Path:
     """Write figures, results.json and, last, the page.
 
     Parameters
@@ -31,11 +31,13 @@ def write_page(results: Results, directory: Path) -> Path:
     results : sequence of dict
         As `trials.run` gives them, one or more.
     directory : Path
+    alone : sequence of dict
+        The same of trials that had the machine to themselves.
     """
     figures = {name: figure for name, figure in _figures(results) if figure is not None}
     for name, figure in figures.items():
         style.write_png(figure, directory / f"{name}.png")
-    numbers = summary(results)
+    numbers = {**summary(results), "alone": _alone(alone)}
     write_text(json.dumps(numbers, indent=1, allow_nan=False) + "\n", directory / "results.json")
     options: dict[str, Any] = {
         "autoescape": True,
@@ -82,6 +84,14 @@ def summary(results: Results) -> dict[str, Any]:
         "covered": inside / max(1, sum(count for _, count in covered.values())),
         "cpu_median": float(np.median(times)), "cpu_most": float(max(times)), "campaigns": len(results),
     }  # fmt: skip
+
+
+def _alone(alone: Results) -> dict[str, Any] | None:
+    """How long those took that had the machine to themselves."""
+    times = [result["wall"] for result in alone if "wall" in result]
+    if not times:
+        return None
+    return {"campaigns": len(times), "median": float(np.median(times)), "most": max(times), "days": days(alone)}
 
 
 def _power(results: Results, name: str) -> dict[str, Any] | None:

@@ -9,6 +9,7 @@ from reports.diagnosis.page import NAMES, summary, write_page
 from reports.diagnosis.plan import WEAK, plan
 from reports.diagnosis.summary import confusion, coverage, power, smallest
 from reports.diagnosis.trials import DRAWS, Trial, effects_of
+from reports.kept import line_of
 
 
 def made_up(kind, names, sigma, found, verdict, right, value=1.0, seed=1, day="2026-01-02"):
@@ -68,11 +69,26 @@ def test_power_is_told_by_the_sizes_without_the_noise():
 def test_page(tmp_path):
     page = write_page(RESULTS, tmp_path).read_text(encoding="utf-8")
     assert "10 campaigns" in page
+    assert "to themselves" not in page
     assert "These campaigns were diagnosed 2026-01-01 to 2026-01-02." in page
     assert "<td>2026-01-02</td>" in page
     json.loads((tmp_path / "results.json").read_text())
     for figure in ("confusion", "power", "coverage", "time"):
         assert (tmp_path / f"{figure}.png").stat().st_size > 5_000
+
+
+def test_page_says_how_long_those_took_that_had_the_machine_to_themselves(tmp_path):
+    alone = [{**RESULTS[0], "wall": wall} for wall in (9.0, 11.0, 22.0)]
+    page = write_page(RESULTS, tmp_path, alone).read_text(encoding="utf-8")
+    said = "the 3 that took longest were diagnosed again with both cores to themselves (2026-01-02)"
+    assert said in page
+    assert "11 s (median) and at most 22 s" in page
+
+
+def test_rows_keep_what_their_numbers_say():
+    row = {"value": [1.23456789012e-7, 0.1 + 0.2], "count": 123456789012, "text": "0.30000000000000004", "none": None}
+    kept = json.loads(line_of(row))
+    assert kept == {**row, "value": [1.2345679e-7, 0.3]}
 
 
 def test_plan_has_every_effect_and_no_trial_twice():
