@@ -67,8 +67,10 @@ class Data:
 
     @cached_property
     def values(self) -> np.ndarray:
-        """Measured responses, (samples, channels)."""
-        return np.column_stack([self.record[channel] for channel in self.channels])
+        """Measured responses, (samples, channels), which nobody may write to: what was made of them is kept."""
+        values = np.column_stack([self.record[channel] for channel in self.channels])
+        values.flags.writeable = False
+        return values
 
     def part(self, begin: int, end: int) -> np.ndarray:
         """Measured responses of some samples: a fit needs no second copy of a long record in memory."""

@@ -46,9 +46,22 @@ def synthetic(data: Data, transducer, rng, scale=1.0) -> Data:
     values = np.concatenate([block.values for block in prediction.blocks(False)])
     places = [prediction.channels.index(channel) for channel in data.channels]
     noise = rng.standard_normal((len(values), len(places))) * [SIGMA[channel] for channel in data.channels]
-    made = replace(data, rest=np.zeros(len(values)))
-    made.__dict__["values"] = values[:, places] + scale * noise
+    return measuring(replace(data, rest=np.zeros(len(values))), values[:, places] + scale * noise)
+
+
+def measuring(data: Data, values: np.ndarray) -> Data:
+    """Record with other responses."""
+    made = replace(data)
+    values.flags.writeable = False
+    made.__dict__["values"] = values
     return made
+
+
+def reading(data: Data, channel: str, change) -> Data:
+    """Record in which a channel reads what `change` makes of it."""
+    values, place = data.values.copy(), data.channels.index(channel)
+    values[:, place] = change(values[:, place])
+    return measuring(data, values)
 
 
 def fitted(records, transducer, effects=(), seed=0, scale=1.0):

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from diagnose_runs import SIGMA, campaign, fitted
+from diagnose_runs import SIGMA, campaign, fitted, reading
 
 from piezoharvest.diagnose.hint import hints
 from piezoharvest.identify.fit import fit
 from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.problem import Problem
 
 
 @pytest.fixture(scope="module")
@@ -20,9 +21,13 @@ def test_finds_the_term_that_was_put_in(records, channel, of, term):
     problem, found, _ = fitted(*records, seed=7)
     size = 3.0 * SIGMA[channel]
     largest = max(np.abs(data.record[of]).max() for data in problem.data)
-    for data in problem.data:
+    order = 3 if "³" in term else 2
+
+    def bent(data):
         signal = (data.record[of] if of == "force" else data.values[:, data.channels.index(of)]) / largest
-        data.values[:, data.channels.index(channel)] += size * signal ** (3 if "³" in term else 2)
+        return reading(data, channel, lambda values: values + size * signal**order)
+
+    problem = Problem([bent(data) for data in problem.data], problem.nominal, problem.offset_channels)
     again = fit(problem, found.model, found.own, found.noise, estimate_noise=False)
     first = hints(problem, again)[0]
     assert (first.channel, first.term) == (channel, term)

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from diagnose_runs import SIGMA, campaign, fitted
+from diagnose_runs import SIGMA, campaign, fitted, reading
 
 from piezoharvest.diagnose import diagnose
 from piezoharvest.diagnose.candidates import effect_parameters, extended
 from piezoharvest.effects import Leakage, MainsHum
 from piezoharvest.identify.fit import covariance, fit
 from piezoharvest.identify.identification import prepared
-from piezoharvest.identify.problem import carried
+from piezoharvest.identify.problem import Problem, carried
 
 FREQUENCY, AMPLITUDE = 50.013, 2e-3  # Hz, V
 
@@ -17,11 +17,13 @@ FREQUENCY, AMPLITUDE = 50.013, 2e-3  # Hz, V
 def test_the_frequency_is_told_as_well_as_it_can_be(tmp_path):
     measured = campaign(tmp_path)
     problem, found, _ = fitted(prepared(measured, "fit"), measured.transducer)
-    bound = 0.0
+    bound, humming = 0.0, []
     for n, data in enumerate(problem.data):
         time = np.arange(len(data)) * data.setting.sample_time
-        data.values[:, data.channels.index("voltage")] += AMPLITUDE * np.sin(2 * np.pi * FREQUENCY * time + n)
+        hum = AMPLITUDE * np.sin(2 * np.pi * FREQUENCY * time + n)
+        humming.append(reading(data, "voltage", lambda values, hum=hum: values + hum))
         bound += 0.5 * (2 * np.pi * AMPLITUDE / SIGMA["voltage"]) ** 2 * np.sum((time - time.mean()) ** 2)
+    problem = Problem(humming, problem.nominal, problem.offset_channels)
     start = MainsHum(amplitude=0.0, frequency=50.1, channel="voltage")
     model = extended(found.model, [start], effect_parameters([start], 0))
     own = carried(problem, found.model, found.own, model)

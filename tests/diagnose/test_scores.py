@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnose_runs import SIGMA, campaign, fitted, synthetic
+from diagnose_runs import SIGMA, campaign, fitted, reading, synthetic
 from scipy.stats import kstest
 
 from piezoharvest.diagnose.candidates import _tried, cosine, effect_parameters, extended, scores
@@ -109,9 +109,12 @@ def test_leftovers_find_what_is_not_in_the_model(records):
 def disturbed(records, seed, wave):
     """Fit of records whose voltage has something added, in units of its noise, that no effect of the library is."""
     problem, found, _ = fitted(*records, seed=seed)
-    for data in problem.data:
+
+    def heard(data):
         time = np.arange(len(data)) * data.setting.sample_time
-        data.values[:, data.channels.index("voltage")] += SIGMA["voltage"] * wave(time)
+        return reading(data, "voltage", lambda values: values + SIGMA["voltage"] * wave(time))
+
+    problem = Problem([heard(data) for data in problem.data], problem.nominal, problem.offset_channels)
     return problem, fit(problem, found.model, found.own, found.noise, estimate_noise=False)
 
 
@@ -148,9 +151,9 @@ def test_rounded_sensors_scatter_the_harmonics_of_a_drive_that_comes_back_to_the
     rng, at = np.random.default_rng(3), data.channels.index("displacement")
     squares, expected = [], []
     for _ in range(60):
-        made = synthetic(data, found.transducer, rng, scale=0.8)
-        laser = 3e-8 * np.round((made.values[:, at] + rng.uniform(0.0, 3e-6)) / 3e-8)
-        made.values[:, at] = 3.05e-9 * np.round(laser / 3.05e-9)
+        made, offset = synthetic(data, found.transducer, rng, scale=0.8), rng.uniform(0.0, 3e-6)
+        made = reading(made, "displacement", lambda x, by=offset: 3e-8 * np.round((x + by) / 3e-8))
+        made = reading(made, "displacement", lambda x: 3.05e-9 * np.round(x / 3.05e-9))
         problem = Problem([made], found.transducer, ("displacement",))
         model = Model(found.transducer, (), ("displacement",))
         (block,) = blocks_of(problem, fit(problem, model, noise=Noise(SIGMA), estimate_noise=False))
@@ -178,8 +181,8 @@ def test_parameters_that_stand_in_for_clipping_do_not_hide_it(records):
     problem, found, _ = fitted(*records, seed=9)
     voltages = [data.values[:, data.channels.index("voltage")] for data in problem.data]
     clip = Clipping(limit=0.998 * max(np.abs(values).max() for values in voltages), channel="voltage")
-    for values in voltages:
-        np.clip(values, -clip.limit, clip.limit, out=values)
+    cut = [reading(data, "voltage", lambda x: np.clip(x, -clip.limit, clip.limit)) for data in problem.data]
+    problem = Problem(cut, problem.nominal, problem.offset_channels)
     found = fit(problem, found.model, found.own, found.noise, estimate_noise=False)
     score = _tried(problem, found, [clip])[0].score
     assert score > 20.0

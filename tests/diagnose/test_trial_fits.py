@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnose_runs import SIGMA, STEP, campaign, fitted, synthetic
+from diagnose_runs import SIGMA, STEP, campaign, fitted, reading, synthetic
 
 from piezoharvest.diagnose.candidates import effect_parameters, extended
 from piezoharvest.diagnose.trials import ROUGHLY, Step, Trials, inflated, significance
@@ -86,15 +86,12 @@ def ended(records, transducer, scatter, change, start):
     """What the end of a range gains in records with changed displacements, and as how much that counts."""
     rng, made = np.random.default_rng(4), []
     for each in records:
-        record = synthetic(each, transducer, rng, scatter)
-        place = record.channels.index("displacement")
-        record.values[:, place] = change(record.values[:, place])
-        made.append(record)
+        made.append(reading(synthetic(each, transducer, rng, scatter), "displacement", change))
     problem = Problem(made, transducer, ("displacement",))
     varied = [p for p in parameters_of(transducer, {"force"}) if p.path[0] not in ("mass", "damping")]
     model = Model(transducer, tuple(varied), ("displacement",))
     plain = fit(problem, model, noise=Noise(SIGMA), estimate_noise=False)
-    top = max(np.abs(each.values[:, place]).max() for each in made)
+    top = max(np.abs(each.values[:, each.channels.index("displacement")]).max() for each in made)
     found = with_effect(problem, plain, Clipping(limit=top - start, channel="displacement"), ROUGHLY)
     assert found.converged
     gain = plain.cost - found.cost

@@ -34,7 +34,9 @@ def test_linear_algebra_has_one_thread_within_a_fit(case, monkeypatch):
 
     monkeypatch.setattr(module, inner, stopped)
     with threadpool_limits(2):
+        before = threads()  # some library may have been told to have one for good
+        assert max(before) == 2
         with pytest.raises(InterruptedError):
             fit()
         assert seen == [{1}]
-        assert threads() == {2}
+        assert threads() == before
