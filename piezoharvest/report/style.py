@@ -13,6 +13,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
 
@@ -116,9 +117,12 @@ def mark(axes: Axes, x: float, y: float, style: dict[str, Any]) -> None:
 @styled
 def write_png(figure: Figure, path: Path) -> None:
     """Write a figure on white, atomically; what it has been laid out to stays from then on."""
+    before = {"dpi": figure.dpi, "facecolor": figure.get_facecolor()}
+    figure.set(dpi=_DPI, facecolor="white")
     with atomic(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=_DPI, facecolor="white")
+        FigureCanvasAgg(figure).print_png(temporary)  # `savefig` would draw it twice
     figure.set_layout_engine("none")
+    figure.set(**before)
 
 
 @styled
@@ -135,7 +139,7 @@ def inline_svg(figure: Figure, name: str, label: str) -> str:
     """
     stream = BytesIO()
     metadata = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-    figure.savefig(stream, format="svg", transparent=True, metadata=metadata)
+    FigureCanvasSVG(figure).print_svg(stream, metadata=metadata)
     text = stream.getvalue().decode()
     body = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") + 4 :], flags=re.S)
     opening, body = body.split(">", 1)
