@@ -10,6 +10,8 @@ from piezoharvest.engine.tables import (
     ACCOUNTED,
     HELD,
     KEY,
+    LEFT,
+    LEVELS,
     MAP,
     MAPPED,
     MATRIX,
@@ -28,6 +30,7 @@ def build(P, L, D, configuration, slip):
         L[HELD] = 0
     slot = L[HELD]
     L[HELD] += 1
+    L[LEFT] -= LEVELS * L[pg.A] * L[pg.ROWS] * L[pg.COLUMNS]
     key = mode_key(L, D, configuration, slip)
     L[slot_of(L, slot) + KEY], L[slot_of(L, slot) + ACCOUNTED] = key, 0
     L[L[MAP] + key % L[MAPPED]] = slot

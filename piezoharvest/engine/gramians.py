@@ -24,6 +24,7 @@ def energies_of_steps(P, L, slot, configuration):
     a, rows, columns, block = L[pg.A], L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     finest, square, powers = L[slot_of(L, slot) + tb.FINEST_LEVEL], rows * columns, L[tb.SCRATCH]
     energies, own = L[tb.LEDGER], L[pg.PRODUCTS]
+    L[tb.LEFT] -= 2 * energies * finest * a * square
     gramian = block + L[tb.GRAMIAN] + finest * energies * square
     transposed = powers + (tb.TERMS + 1) * square
     first = transposed + square

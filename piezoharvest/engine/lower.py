@@ -9,6 +9,7 @@ import numpy as np
 
 from piezoharvest.circuit import Guard, Product, Switch
 from piezoharvest.engine import program as pg
+from piezoharvest.engine.budget import Budget
 from piezoharvest.engine.physics import Layout, Physics, joined, rows_of, scalar, stack
 from piezoharvest.engine.rest import equilibrium, inputs_of
 from piezoharvest.equations import connected, own_rows
@@ -23,7 +24,7 @@ IDLE = 1e30  # scale of a smooth element that moves nothing
 
 
 class Lowered(NamedTuple):
-    """A program with the names that its indices stand for, the signal, and the effects that change nothing."""
+    """A program with the names its indices stand for, the signal, the effects that change nothing, the work allowed."""
 
     program: pg.Program
     states: tuple[str, ...]
@@ -31,6 +32,7 @@ class Lowered(NamedTuple):
     categories: tuple[str, ...]
     signal: Tones | Ramps
     unfelt: tuple[str, ...]
+    budget: Budget
 
 
 def lower(system: System, excitation: Excitation, record: float | None = None) -> Lowered:
@@ -75,7 +77,7 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     terms.check(shunt, switch)
     program = _lean(_assemble(layout, physics, tables, names, shunt, switch, signal, excitation, record))
     categories = (*pg.CATEGORIES, *layout.effects, pg.MEAN_DC)
-    return Lowered(program, tuple(layout.names), names, categories, signal, terms.unfelt)
+    return Lowered(program, tuple(layout.names), names, categories, signal, terms.unfelt, Budget())
 
 
 def symmetric(lowered: Lowered, excitation: Excitation) -> bool:

@@ -31,7 +31,9 @@ OUTPUT_ROWS = padded(len(pg.OUTPUTS))
     # places within a mode's block of numbers,
     STEPS, MATRIX, POWERS, GUARDS, LINES, VALUES, TAYLOR, DEVIATION, GLIDE, SIZES, OUTPUTS, PRODUCTS, GROWTH,
     GRAMIAN, DIGITS, GLIDE_ROWS,
-) = range(pg.CONTENTS, pg.CONTENTS + 28)  # fmt: skip
+    # the work that is left, and at what is left one looks whether to go on (see `budget`).
+    LEFT, LOOK,
+) = range(pg.CONTENTS, pg.CONTENTS + 30)  # fmt: skip
 # and within its block of integers: key, finest level, whether its energies are there, padded number of the guards' rows
 # but for those that are only watched, number of guards, then for every guard what it is and its row.
 KEY, FINEST_LEVEL, ACCOUNTED, EVENT_ROWS, GUARD_COUNT, FIRST_GUARD = range(6)
