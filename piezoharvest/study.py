@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, crea
 from piezoharvest import catalogue, effects, excitation, shunts
 from piezoharvest.effects import Effect
 from piezoharvest.excitation import Excitation
+from piezoharvest.limits import check_size
 from piezoharvest.parameters import Component, ParameterError, allowed, quantity
 from piezoharvest.shunts import Shunt
 from piezoharvest.system import System
@@ -222,11 +223,13 @@ def study_from(table: Mapping[str, Any], path: Path) -> Study:
 
 
 def check_systems(study: Study) -> None:
-    """Raise `ParameterError` where a shunt does not fit the excitation or makes the transducer unstable."""
+    """Raise `ParameterError` for what is too large, does not fit the excitation or makes the transducer unstable."""
     from piezoharvest.linear import check_stability
 
+    check_size(study.transducer, study.excitation)
     for n, system in enumerate(study.systems):
         try:
+            check_size(study.transducer, study.excitation, system.shunt)
             system.shunt.switch(study.transducer.capacitance, study.excitation.period)
             with np.errstate(all="ignore"):
                 check_stability(system)

@@ -15,7 +15,7 @@ LAYERS = [
     {"parameters", "circuit"},
     {"hysteresis", "netlist", "effects", "excitation"},
     {"shunts", "transducer"},
-    {"system", "catalogue"},
+    {"system", "catalogue", "limits"},
     {"terms"},
     {"equations"},
     {"linear", "engine"},

@@ -1,6 +1,7 @@
 """How much a simulation may compute, counted where it runs: nothing runs for ever, and Ctrl-C ends it.
 
-Work is counted in multiplications, roughly, so that the limit is met at the same place on every machine.
+Work is counted in units of about a nanosecond on one core of 2020, by what is done and not by the clock, so that the
+limit is met at the same place on every machine.
 """
 
 from __future__ import annotations
@@ -11,15 +12,16 @@ from typing import NoReturn
 
 from numba import types
 
+from piezoharvest.engine import program as pg
 from piezoharvest.engine.compiled import compiled, inlined
 from piezoharvest.engine.tables import LEFT, LOOK
 
-# Multiplications that a simulation may take: some 6 s on one core of 2020, 14 s where most goes into anything else.
-MOST_WORK = 6_000_000_000
-# Work between two looks for an interrupt: some 0.1 s.
+MOST_WORK = 6_000_000_000  # of a simulation: some 6 s, where an ordinary one takes a hundredth of a second
+# Between two looks for an interrupt.
 BETWEEN_LOOKS = 100_000_000
-# What one step costs beside its multiplications: looking at guards, locating and carrying out an event.
-OVERHEAD = 500
+# What a step takes beside its products, looking at guards, locating and carrying out an event; what a product of a
+# matrix and the state takes to begin; how many multiplications are made in the time of one unit.
+STEP, PRODUCT, AT_ONCE = 500, 50, 16
 INTERRUPTED = -(2**62)  # left once the user has interrupted
 
 # Whether Ctrl-C has been pressed since the last call; Python's own handler waits until compiled code returns.
@@ -37,6 +39,12 @@ class Budget:
 def interrupted(L):
     """Whether the user has interrupted; work done since then counts no more."""
     return L[LEFT] < INTERRUPTED // 2
+
+
+@inlined
+def products(L, count):
+    """Take the work of some products of a matrix of the size of the state with a vector from what is left."""
+    L[LEFT] -= count * (PRODUCT + L[pg.ROWS] * L[pg.COLUMNS] // AT_ONCE)
 
 
 @compiled

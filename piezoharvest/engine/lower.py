@@ -14,6 +14,7 @@ from piezoharvest.engine.physics import Layout, Physics, joined, rows_of, scalar
 from piezoharvest.engine.rest import equilibrium, inputs_of
 from piezoharvest.equations import connected, own_rows
 from piezoharvest.excitation import Excitation, Ramps, Tones
+from piezoharvest.limits import check_size
 from piezoharvest.parameters import ParameterError
 from piezoharvest.shunts.base import Shunt
 from piezoharvest.shunts.short import Short
@@ -50,8 +51,10 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     Raises
     ------
     ParameterError
-        An effect takes a power that is no whole number, or acts on a shunt with which it cannot be simulated.
+        An effect takes a power that is no whole number, or acts on a shunt with which it cannot be simulated, or there
+        is too much of something.
     """
+    check_size(system.transducer, excitation, system.shunt)
     signal, system = excitation.signal(), connected(system)
     drive = "base_acceleration" if excitation.base else "force"
     terms = Terms(system.transducer, drive, passes=record is not None)

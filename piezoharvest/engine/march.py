@@ -7,7 +7,7 @@ import numpy as np
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
-from piezoharvest.engine.budget import OVERHEAD, goes_on
+from piezoharvest.engine.budget import STEP, goes_on, products
 from piezoharvest.engine.compiled import compiled, inlined
 from piezoharvest.engine.crossing import NONE, bit_of, earliest, floor_of, noise_of
 from piezoharvest.engine.exponentials import BOLD
@@ -99,9 +99,9 @@ def march(P, L, S, D, slot, t_stop):
     recording = watching or D[st.ENERGIES] > 0 or D[st.SENSITIVITIES] > 0
     resolved = max(finest - BOLD, 0)
     level = 0 if L[pg.SIGNAL_KIND] == pg.RAMPS else resolved
-    work = OVERHEAD + rows * columns * (2 + D[st.ENERGIES] + D[st.SENSITIVITIES])
     while True:
-        L[tb.LEFT] -= work
+        L[tb.LEFT] -= STEP * (1 + L[pg.ELEMENTS])
+        products(L, 2)
         if L[tb.LEFT] < L[tb.LOOK] and not goes_on(L):
             S[0] = np.nan
             return NONE

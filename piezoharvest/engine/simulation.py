@@ -16,6 +16,7 @@ from piezoharvest.engine.state import State
 from piezoharvest.engine.steady import EngineError, Orbit, Shooting, check
 from piezoharvest.engine.transient import Machine
 from piezoharvest.excitation import Excitation, Ramps
+from piezoharvest.limits import check_length
 from piezoharvest.shunts.short import Short
 from piezoharvest.system import System
 
@@ -49,7 +50,7 @@ def simulate(system: System, excitation: Excitation, *, transient: float | None 
     ------
     ParameterError
         An effect of the transducer takes a power that is no whole number, or acts on a shunt with which it cannot be
-        simulated.
+        simulated, or there is too much of something (`piezoharvest.limits`).
 
     Notes
     -----
@@ -174,6 +175,7 @@ def _length(excitation: Excitation, transient: float | None) -> float:
     length = transient if transient is not None else excitation.length
     if length is None:
         raise ValueError(f"{excitation.kind} has no length, a transient needs one")
+    check_length(excitation, length)
     return length
 
 
@@ -185,6 +187,7 @@ def _transient(lowered, excitation: Excitation, t_end: float, samples: int, kind
         times = np.linspace(0.0, t_end, 8 * samples + 1)
         if isinstance(lowered.signal, Ramps):
             inside = lowered.signal.times[lowered.signal.times <= t_end]
+            inside = inside[:: 1 + len(inside) // MOST_SAMPLES]
             times = np.union1d(times, inside) if len(inside) < len(times) else inside
     machine = Machine(lowered, ledger=True)
     state = machine.state(track=True, log=LONGEST_LOG, sample_time=times)

@@ -161,7 +161,7 @@ def check(status: int) -> None:
         reasons = {
             1: "events follow each other without time passing",
             2: "the state grows without bound, or has no solution",
-            3: f"stopped after {MOST_WORK:.0e} multiplications, the most that one simulation may take: it has too many "
+            3: f"stopped after {MOST_WORK:.0e} units of work, the most that a simulation may take: it has too many "
             "events or is too long",
         }
         raise EngineError(reasons[status])

@@ -15,7 +15,8 @@ from piezoharvest.engine import program as pg
 from piezoharvest.engine.compiled import compiled, inlined
 from piezoharvest.engine.vector import LANES, padded, whole_lines
 
-MODES = 64  # kept at once; met again after that, they are built anew
+MODES = 64  # kept at once, as far as memory allows; met again after that, they are built anew
+MOST_NUMBERS = 2**27  # of all modes together: 1 GiB
 LEVELS = 56
 BITS = 4  # of a digit of a number of finest steps
 LARGEST = 2**BITS - 1
@@ -63,7 +64,7 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
     for place, size in sizes.items():
         head[place] = offset
         offset += whole_lines(int(size))
-    modes = int(min(MODES, c * 2 ** min(h, 10)))
+    modes = int(min(MODES, c * 2 ** min(h, 10), max(MOST_NUMBERS // offset, 1)))
     scratch = int((ORDER + 4) * square + (LEVELS if sampled else 3) * forms * columns)
     slot = FIRST_GUARD + 2 * int(g + 1 + 2 * h + pg.WATCHED)
     head[[BLOCK, SLOT, ROOM, FORMS, LEDGER]] = offset, slot, modes, forms, energies
