@@ -60,7 +60,9 @@ class DesignOptions(Component):
     max_inductance: float | None = quantity("H", "largest inductance", default=None, above=0)
     max_displacement: float | None = quantity("m", "largest displacement amplitude", default=None, above=0)
     min_power: float | None = quantity("W", "least harvested power", default=None, at_least=0)
-    min_attenuation_db: float | None = quantity("dB", "least attenuation against the short circuit", default=None)
+    min_attenuation_db: float | None = quantity(
+        "dB", "least attenuation against the short circuit", default=None, at_least=-1000, at_most=1000
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

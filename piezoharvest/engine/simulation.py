@@ -69,21 +69,32 @@ def simulate(system: System, excitation: Excitation, *, transient: float | None 
         else:
             response = _transient(lowered, excitation, length, samples, system.shunt.kind)
     except EngineError as error:
-        return _failed(system.shunt.kind, str(error))
+        return _with(_failed(system.shunt.kind, str(error)), exhausted=lowered.budget.left <= 0)
     if lowered.unfelt:
-        told = f"{', '.join(lowered.unfelt)}: no part of this simulation, only of measured records"
-        response = _with(response, message="; ".join(filter(None, (response.message, told))))
+        response = _told(response, f"{', '.join(lowered.unfelt)}: no part of this simulation, only of measured records")
     if isinstance(system.shunt, Short):
         return response
-    reference = _short_amplitude(system.transducer, excitation, transient)
-    ratio = response.displacement_amplitude / reference if reference > 0 else np.nan
-    return _with(response, attenuation_db=20 * np.log10(ratio) if ratio > 0 else np.nan)
+    reference, reason = _short_circuit(system.transducer, excitation, transient)
+    if not reason and not response.displacement_amplitude > 0:
+        reason = "nothing moves"
+    if reason:
+        return _told(_with(response, attenuation_db=np.nan), f"no attenuation: {reason}")
+    return _with(response, attenuation_db=20 * np.log10(response.displacement_amplitude / reference))
 
 
 @lru_cache(maxsize=64)
-def _short_amplitude(transducer, excitation: Excitation, transient: float | None) -> float:
-    """Displacement amplitude with shorted electrodes, against which attenuation is measured."""
-    return simulate(System(transducer, Short()), excitation, transient=transient, samples=1).displacement_amplitude
+def _short_circuit(transducer, excitation: Excitation, transient: float | None) -> tuple[float, str]:
+    """Displacement amplitude with shorted electrodes, which attenuation refers to, and why it cannot be used if so."""
+    response = simulate(System(transducer, Short()), excitation, transient=transient, samples=1)
+    if not response.converged:
+        return np.nan, f"with shorted electrodes it is not to be trusted ({response.message})"
+    moves = response.displacement_amplitude > 0
+    return response.displacement_amplitude, "" if moves else "nothing moves with shorted electrodes"
+
+
+def _told(response: Response, what: str) -> Response:
+    """The response with one more thing to know about it."""
+    return _with(response, message="; ".join(filter(None, (response.message, what))))
 
 
 def _with(response: Response, **changes) -> Response:

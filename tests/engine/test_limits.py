@@ -5,6 +5,7 @@ import subprocess
 import time
 import tracemalloc
 
+import numpy as np
 import pytest
 from studies import DRIVE, LOOP, SECOND, STOPS, bench, objects, solve
 
@@ -118,3 +119,21 @@ def test_tables_of_one_mode_at_a_time_give_the_same(monkeypatch):
     found = solve(study)
     assert found.events_per_period == wanted.events_per_period
     assert found.harvested_power == pytest.approx(wanted.harvested_power, rel=1e-9)
+
+
+def test_attenuation_that_is_missing_is_explained(monkeypatch):
+    nothing = solve(bench(RECTIFIER, {**DRIVE, "amplitude": 0.0}))
+    assert np.isnan(nothing.attenuation_db)
+    assert "no attenuation: nothing moves" in nothing.message
+    monkeypatch.setattr("piezoharvest.engine.simulation.CLOSURE", -1.0)
+    doubtful = solve(bench(RECTIFIER, {**DRIVE, "amplitude": 0.0312}))
+    assert np.isnan(doubtful.attenuation_db)
+    assert "with shorted electrodes it is not to be trusted (energy does not close" in doubtful.message
+
+
+def test_response_says_that_it_was_given_up(monkeypatch):
+    monkeypatch.setattr(Budget.__init__, "__defaults__", (100_000,))
+    response = solve(bench({**RECTIFIER, **LOOP, "kind": "parallel_sshi"}, {**DRIVE, "amplitude": 0.0313}))
+    assert response.exhausted
+    assert not response.converged
+    assert "units of work" in response.message
