@@ -24,6 +24,8 @@ MOST_ELEMENTS = 100
 MOST_STOPS = 50
 # Of the drive in a transient: at the least work that a period takes they are all that a simulation may compute.
 MOST_PERIODS = 1_500_000
+# Of the first resonance, in a transient: rounding of the time is then a hundred-thousandth of a period.
+MOST_OSCILLATIONS = 10**11
 
 
 def check_size(transducer: Transducer, excitation: Excitation, shunt: Shunt | None = None) -> None:
@@ -47,20 +49,23 @@ def check_size(transducer: Transducer, excitation: Excitation, shunt: Shunt | No
         _check("netlist", len(shunt.elements), MOST_ELEMENTS, "elements", "merge what is in series or parallel")
 
 
-def check_length(excitation: Excitation, length: float) -> None:
+def check_length(transducer: Transducer, excitation: Excitation, length: float) -> None:
     """Make sure that a transient of this length (s) comes to an end.
 
     Raises
     ------
     ParameterError
-        It has too many periods of its highest tone.
+        It has too many periods of its highest tone, or of the resonance.
     """
+    advice = "a shorter run or a lower frequency"
+    found = length * transducer.short_circuit_frequency
+    _check("transducer.stiffness", found, MOST_OSCILLATIONS, f"periods of the resonance in {length:g} s", advice)
     if excitation.samples:  # their number is limited
         return
     signal = excitation.signal()
     if isinstance(signal, Tones):
         found = length * float(np.max(signal.frequencies))
-        _check("excitation", found, MOST_PERIODS, f"periods in {length:g} s", "a shorter run or a lower frequency")
+        _check("excitation", found, MOST_PERIODS, f"periods in {length:g} s", advice)
 
 
 def _check(key: str, found: float, most: int, what: str, advice: str) -> None:

@@ -175,7 +175,7 @@ def _value(table: Mapping[str, Any], kind: str, key: str) -> float:
         raise ParameterError(f"{key}.{given[0]}", f"found {value!r}, allowed is {allowed}{suffixes}")
     if not (math.isfinite(number) and number > 0):
         raise ParameterError(f"{key}.{given[0]}", f"found {value}, allowed is {allowed}")
-    check_range(f"{key}.{given[0]}", float(number))
+    check_range(f"{key}.{given[0]}", float(number), inverted=True)
     return float(number)
 
 

@@ -67,8 +67,8 @@ _COMPARISONS = {
 }
 
 
-# Sizes of quantities other than zero: a product or quotient of five of them is still a number, and far more than twelve
-# decades lie between these and what is ever meant.
+# Sizes of quantities, the smallest of those that must not be zero: a product or quotient of five of them is still a
+# number, and far more than twelve decades lie between these and what is ever meant.
 SMALLEST, LARGEST = 1e-60, 1e60
 
 # Size of a complex step: the imaginary part of what is made from x + i e is e times its derivative, exact to rounding.
@@ -111,22 +111,23 @@ def check_quantity(field: dataclasses.Field, value: Any) -> None:
     if not np.all(fine):
         found = value if numbers.ndim == 0 else numbers[~fine].flat[0]
         raise ParameterError(field.name, f"found {found}, allowed is {allowed(field)}")
-    check_range(field.name, numbers)
+    check_range(field.name, numbers, inverted=field.metadata.get("above") == 0)
 
 
-def check_range(key: str, numbers: Any) -> None:
-    """Raise `ParameterError` where a number is so large or so small that what is computed with it is none.
+def check_range(key: str, numbers: Any, *, inverted: bool) -> None:
+    """Raise `ParameterError` where a number is so large, or so small though `inverted`, that it leads to infinity.
 
     Raises
     ------
     ParameterError
-        A number is neither zero nor between `SMALLEST` and `LARGEST` in size.
+        The size of a number is beyond `LARGEST`, or below `SMALLEST`.
     """
     size = np.abs(numbers)
-    beyond = (size > LARGEST) | ((size < SMALLEST) & (size > 0))
+    least = SMALLEST if inverted else 0.0
+    beyond = (size > LARGEST) | (size < least)
     if np.any(beyond):
         found = np.ravel(numbers)[np.ravel(beyond)][0]
-        raise ParameterError(key, f"found {found:g}, allowed is zero or a size from {SMALLEST:g} to {LARGEST:g}")
+        raise ParameterError(key, f"found {found:g}, allowed is a size from {least:g} to {LARGEST:g}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -95,7 +95,7 @@ class Trial:
         if not complete and self.view.goal.options.min_attenuation_db is None:
             return float("nan")
         with np.errstate(all="ignore"):
-            return 20 * float(np.log10(displacement / self._shorted))
+            return 20 * float(np.log10(displacement / self.shorted))
 
     def _simulate(self, shunt: Shunt, complete: bool, frequency: float | None = None) -> Response:
         self.simulations += 1
@@ -173,7 +173,7 @@ class Trial:
         return tuple(mean_nodes(self.view.operation.band, self.view.transducer, _MEAN_ERROR, n) for n in most)
 
     @cached_property
-    def _shorted(self) -> float:
+    def shorted(self) -> float:
         """Displacement with shorted electrodes, over a band the worst, m.
 
         Raises

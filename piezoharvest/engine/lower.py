@@ -78,7 +78,12 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
         tables.outputs.append(rows_of(outputs, layout.width))
     switch = shunt.switch(capacitance, excitation.period)
     terms.check(shunt, switch)
-    program = _lean(_assemble(layout, physics, tables, names, shunt, switch, signal, excitation, record))
+    try:
+        with np.errstate(all="ignore"):  # what is not finite is found where it is inverted, or by the engine
+            program = _lean(_assemble(layout, physics, tables, names, shunt, switch, signal, excitation, record))
+    except np.linalg.LinAlgError:
+        found = "found values so far apart that its equations have no solution"
+        raise ParameterError("transducer", f"{found}, allowed is a real device") from None
     categories = (*pg.CATEGORIES, *layout.effects, pg.MEAN_DC)
     return Lowered(program, tuple(layout.names), names, categories, signal, terms.unfelt, Budget())
 

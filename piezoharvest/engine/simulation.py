@@ -27,6 +27,7 @@ MOST_SAMPLES = 1_000_000  # of a transient: beyond that they are spread over it
 UNSETTLED_PERIODS = 64  # averaged over where there is no periodic steady state
 
 
+@np.errstate(all="ignore")  # what is not finite is told by the result
 def simulate(system: System, excitation: Excitation, *, transient: float | None = None, samples: int = 512) -> Response:
     """Simulate a system exactly, event by event.
 
@@ -61,7 +62,7 @@ def simulate(system: System, excitation: Excitation, *, transient: float | None 
     stands still in a steady state.
     """
     periodic = transient is None and excitation.period is not None
-    length = None if periodic else _length(excitation, transient)
+    length = None if periodic else _length(system, excitation, transient)
     lowered = lower(system, excitation, length)
     try:
         if length is None:
@@ -181,12 +182,12 @@ def _stored(machine: Machine, state: State) -> float:
     return 0.5 * float(z @ storage @ z)
 
 
-def _length(excitation: Excitation, transient: float | None) -> float:
+def _length(system: System, excitation: Excitation, transient: float | None) -> float:
     """Length of a transient, s."""
     length = transient if transient is not None else excitation.length
     if length is None:
         raise ValueError(f"{excitation.kind} has no length, a transient needs one")
-    check_length(excitation, length)
+    check_length(system.transducer, excitation, length)
     return length
 
 

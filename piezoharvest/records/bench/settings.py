@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from piezoharvest.excitation import Excitation
-from piezoharvest.limits import MOST_SAMPLES, check_size
+from piezoharvest.limits import check_size
 from piezoharvest.parameters import Component, ParameterError, quantity
 from piezoharvest.records.bench.devices import Accelerometer, Buffer, Converter, CurrentSense, Laser, LoadCell
 from piezoharvest.records.bench.effects import BenchEffect, registered
@@ -18,6 +18,8 @@ from piezoharvest.shunts.base import Shunt
 from piezoharvest.shunts.resistor import Resistor
 from piezoharvest.shunts.short import Short
 from piezoharvest.study import Study, build, build_excitation, build_shunt
+
+MOST_SAMPLES = 1_000_000  # of a record: Python takes some 20 us for each
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +104,7 @@ def build_bench(study: Study) -> tuple[Bench, tuple[BenchEffect, ...], tuple[Set
         if duration * bench.sample_rate < 3:
             found = f"found {duration:g} s at {bench.sample_rate:g} Hz"
             raise ParameterError(f"{where}.duration", f"{found}, allowed is a record of three samples or more")
-        if duration * bench.sample_rate > MOST_SAMPLES:
+        if not duration * bench.sample_rate <= MOST_SAMPLES:
             found = f"found {duration:g} s at {bench.sample_rate:g} Hz, {duration * bench.sample_rate:.7g} samples"
             raise ParameterError(f"{where}.duration", f"{found}, allowed are up to {MOST_SAMPLES}")
         check_size(study.transducer, excitation, shunt)
