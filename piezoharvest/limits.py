@@ -58,14 +58,13 @@ def check_length(transducer: Transducer, excitation: Excitation, length: float) 
         It has too many periods of its highest tone, or of the resonance.
     """
     advice = "a shorter run or a lower frequency"
+    if not excitation.samples:  # whose number is limited
+        signal = excitation.signal()
+        if isinstance(signal, Tones):
+            found = length * float(np.max(signal.frequencies))
+            _check("excitation", found, MOST_PERIODS, f"periods in {length:g} s", advice)
     found = length * transducer.short_circuit_frequency
     _check("transducer.stiffness", found, MOST_OSCILLATIONS, f"periods of the resonance in {length:g} s", advice)
-    if excitation.samples:  # their number is limited
-        return
-    signal = excitation.signal()
-    if isinstance(signal, Tones):
-        found = length * float(np.max(signal.frequencies))
-        _check("excitation", found, MOST_PERIODS, f"periods in {length:g} s", advice)
 
 
 def _check(key: str, found: float, most: int, what: str, advice: str) -> None:
