@@ -38,7 +38,7 @@ def simulate(path: Path, *, as_json: bool, transient: float | None, out: Path | 
     if out is not None:
         check_file(out, TABLE_SUFFIXES)
     study = _with_shunts(load_study(path))
-    responses = [_respond(study, n, transient) for n in range(len(study.shunts))]
+    responses = [_respond(study, n, transient, waveforms=out is not None) for n in range(len(study.shunts))]
     kept = out is None or _keep(responses, out)
     if as_json:
         show.print_json({"title": study.title, "results": [show.response_json(response) for response in responses]})
@@ -47,8 +47,8 @@ def simulate(path: Path, *, as_json: bool, transient: float | None, out: Path | 
     return 0 if kept and all(response.converged for response in responses) else 1
 
 
-def _respond(study: Study, n: int, transient: float | None) -> Response:
-    """Simulate one shunt; tell what there is to know about the answer."""
+def _respond(study: Study, n: int, transient: float | None, *, waveforms: bool) -> Response:
+    """Simulate one shunt; tell what there is to know about the answer. Waveforms, which take memory, only if wanted."""
     from piezoharvest.engine import simulate as run
 
     try:
@@ -60,7 +60,7 @@ def _respond(study: Study, n: int, transient: float | None) -> Response:
         note(f"warning: {where}: not to be trusted: {response.message or 'did not converge'}")
     elif response.message:
         note(f"warning: {where}: {response.message}")
-    return response
+    return response if waveforms else replace(response, waveforms=None)
 
 
 def _keep(responses: Sequence[Response], out: Path) -> bool:
