@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numba.cpython.unsafe import numbers
 
 from piezoharvest.engine import program as pg
@@ -34,7 +35,8 @@ def reach(P, L, S, D, slot, x, tau):
     growth, tables = block + L[tb.GROWTH] + finest * square, block + L[tb.DIGITS]
     short = P[block + L[tb.STEPS] + finest]
     source, here, there = x, out, vector(L, D, SWAP)
-    count = int(tau / short + 0.5)
+    # By rounding a time may lie before the step, and digits of a negative number are beyond the tables.
+    count = min(max(int(tau / short + 0.5), 0), (2 << finest) - 1) if abs(tau) < np.inf else 0
     rest = tau - count * short
     products(L, 4)
     while count:
