@@ -166,7 +166,8 @@ def _stored(machine: Machine, state: State) -> float:
     check(machine.run(state, state.clock[st.NOW]))
     storage = machine.lowered.program.storage
     z = state.z[: len(storage)]
-    return 0.5 * float(z @ storage @ z)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return 0.5 * float(z @ storage @ z)
 
 
 def _length(excitation: Excitation, transient: float | None) -> float:

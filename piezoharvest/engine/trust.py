@@ -70,6 +70,7 @@ def _flat(value: Any) -> Any:
     return value[..., 0] if value.ndim else value
 
 
+@np.errstate(all="ignore")
 def closure(energy: Mapping[str, Any], change: Any, before: Any = 0.0) -> tuple[Any, Any]:
     """Share of the energy supplied that no entry accounts for, and what it is a share of (J).
 
@@ -88,6 +89,7 @@ def closure(energy: Mapping[str, Any], change: Any, before: Any = 0.0) -> tuple[
     return np.divide(gap, largest, out=np.zeros_like(gap + largest), where=largest > 0), largest
 
 
+@np.errstate(all="ignore")
 def faults(energy: Mapping[str, Any], change: Any, before: Any, amplitude: Any, most: Bounds, periodic: bool) -> dict:
     """What is wrong with the energies of a run: a sentence, and for which designs it holds.
 

@@ -31,7 +31,7 @@ def test_two_periods_from_rest_against_radau(seed):
 
 
 def test_short_by_a_fraction_of_an_ohm():
-    """The catalogue's stack on 0.24 ohm at 4 Hz is the short circuit; it blew up to 5e216 m and was called converged."""
+    """The catalogue's stack on 0.24 ohm at 4 Hz is the short circuit; it was 5e216 m, and called converged."""
     drive = {"kind": "sine_force", "amplitude": 391.3, "frequency": 4.189, "offset": 370.9}
     study = {"transducer": {**STACK, "hysteresis": STACK_STOPS}, "excitation": drive}
     found = solve({**study, "shunts": [{"kind": "resistor", "resistance": 0.24}]})
