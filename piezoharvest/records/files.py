@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from piezoharvest.records.errors import CampaignError
-from piezoharvest.records.readers import MissingColumnError, Reader, ReadError, open_reader
+from piezoharvest.readers import MissingColumnError, Reader, ReadError, open_reader
 
 
 class Files(ExitStack):

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from piezoharvest.records.readers.base import Reader, ReadError, numbers
+from piezoharvest.readers.base import Reader, ReadError, numbers
 
 _INDEX = re.compile(r"(.*)\[([\d\s,:-]*)\]", re.S)
 _MOST = 200  # columns of one array that are listed one by one

@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from piezoharvest.records.readers.arrays import ArrayReader
-from piezoharvest.records.readers.base import ReadError
+from piezoharvest.readers.arrays import ArrayReader
+from piezoharvest.readers.base import ReadError
 
 
 class Matlab(ArrayReader):

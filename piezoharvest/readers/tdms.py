@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from piezoharvest.records.readers.base import Reader, ReadError, numbers
+from piezoharvest.readers.base import Reader, ReadError, numbers
 
 
 class Tdms(Reader):

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezoharvest.records.readers.base import Reader, ReadError, numbers
+from piezoharvest.readers.base import Reader, ReadError, numbers
 
 
 class Parquet(Reader):

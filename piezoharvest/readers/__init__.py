@@ -11,7 +11,7 @@ import pkgutil
 from pathlib import Path
 
 from piezoharvest.parameters import subclasses_by
-from piezoharvest.records.readers.base import MissingColumnError, Reader, ReadError
+from piezoharvest.readers.base import MissingColumnError, Reader, ReadError
 
 __all__ = ["MissingColumnError", "ReadError", "Reader", "open_reader", "registered"]
 
