@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from piezoharvest.records.errors import CampaignError
 from piezoharvest.readers import MissingColumnError, Reader, ReadError, open_reader
+from piezoharvest.records.errors import CampaignError
 
 
 class Files(ExitStack):
