@@ -31,8 +31,6 @@ def _values(record: FrequencyRecord) -> Iterator[Finding]:
         finite &= np.isfinite(record.coherence)
     yield from _found(record, "nan", "response", ~finite, "rows with NaN, infinite or missing values", "numbers")
     yield from _found(record, "frequency", "frequency", record.frequency <= 0, "values not above 0 Hz", "those above")
-    falling = np.concatenate(([False], np.diff(record.frequency) <= 0))
-    yield from _found(record, "frequency", "frequency", falling, "values not above the one before", "increasing ones")
     if record.coherence is not None:
         outside = (record.coherence < 0) | (record.coherence > 1 + 1e-6)
         yield from _found(record, "coherence", "coherence", outside, "values outside", "values from 0 to 1")
