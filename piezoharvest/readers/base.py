@@ -125,7 +125,9 @@ class Reader(ABC):
         found = named or [name for name in self.names if last_part(name) == column]
         found = found or [name for name in self.names if _without_unit(name) == column]
         if len(found) > 1:
-            raise ReadError(f"found {len(found)} columns {cut(column)!r} ({shown(found)}), allowed is one", column)
+            raise ReadError(
+                f"found {len(found)} columns {cut(column)!r} ({shown(found)}), allowed is one (or its number)", column
+            )
         if not found:
             near = difflib.get_close_matches(column[:_LONGEST], [name[:_LONGEST] for name in self.names], n=1)
             hint = f" (did you mean {near[0]!r}?)" if near else ""

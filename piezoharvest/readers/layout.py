@@ -92,6 +92,8 @@ class Layout:
         Lines above the table.
     header : frozenset of str
         Lines of the preamble: where they come again, the table goes on below them.
+    named : bool
+        Whether the file has the names.
     remarks : bool
         Whether a row may end in a remark, for which the header has a place beside the columns.
     """
@@ -104,6 +106,7 @@ class Layout:
     above: int
     header: frozenset[str]
     remarks: bool
+    named: bool
 
 
 @dataclass(frozen=True)
@@ -142,23 +145,24 @@ def find_layout(lines: Sequence[str], skip_rows: int = 0, header_row: int | None
         what = f"no rows of numbers (line {seen[0]} is {cut(seen[1])!r})" if seen else "no samples"
         raise ReadError(f"found {what}, allowed is a table of numbers; {ADVICE}")
     names, units = _names(lines, run, skip_rows, header_row)
+    named = bool(names)
+    names = names or tuple(str(n) for n in range(1, run.width + 1))
     header = frozenset(line.strip() for line in lines[: run.first] if line.strip())
     remarks = any(
         _bare(line).split(run.dialect.delimiter)[-1].strip().lower() == _REMARK
         for line in lines[max(run.first - _NEAR, 0) : run.first]
         if line.strip()
     )
-    return Layout(run.dialect, names, units, run.width, tuple(sorted(run.numeric)), run.first, header, remarks)
+    return Layout(run.dialect, names, units, run.width, tuple(sorted(run.numeric)), run.first, header, remarks, named)
 
 
 def _table(lines: Sequence[str], begin: int) -> _Run | None:
     """The table: of all dialects that with the most rows. Columns of text, such as dates, are only looked for then."""
-    for strict in (True, False):
-        found = [run for dialect in _DIALECTS if (run := _first_run(lines, begin, dialect, strict)) is not None]
-        if found:
-            return max(found, key=lambda run: run.count)  # the first of equals
-    single = (_first_run(lines, begin, dialect, True, 1) for dialect in _DIALECTS[-2:])
-    return next((run for run in single if run is not None), None)
+    found = [_first_run(lines, begin, dialect, True) for dialect in _DIALECTS]
+    if not any(found):
+        found = [_first_run(lines, begin, dialect, False) for dialect in _DIALECTS]
+        found += [_first_run(lines, begin, dialect, True, 1) for dialect in _DIALECTS if dialect.delimiter is None]
+    return max((run for run in found if run), key=lambda run: run.count, default=None)  # the first of equals
 
 
 def _first_run(lines: Sequence[str], begin: int, dialect: Dialect, strict: bool, least_width: int = 2) -> _Run | None:
@@ -207,14 +211,16 @@ def _fitting(common: frozenset[int], cells: Sequence[str], strict: bool) -> bool
 
 
 def _upward(run: _Run, lines: Sequence[str], begin: int) -> _Run:
-    """The run with the rows above it whose numbers stand in the same columns, though there is text in others.
+    """The run with the rows above it whose numbers stand in the same columns, though there is text in others or behind.
 
-    Some oscilloscopes write their settings into columns beside the first samples.
+    Some oscilloscopes write their settings into columns beside the first samples, LabVIEW a remark behind the first.
     """
     first = run.first
     while first > begin:
         cells = run.dialect.split(lines[first - 1])
-        if len(cells) != run.width or not all(cells[n] and run.dialect.is_number(cells[n]) for n in run.numeric):
+        if len(cells) < run.width or any(run.dialect.is_number(cell) for cell in cells[run.width :] if cell):
+            break
+        if not all(cells[n] and run.dialect.is_number(cells[n]) for n in run.numeric):
             break
         first -= 1
     return replace(run, first=first)
@@ -223,8 +229,8 @@ def _upward(run: _Run, lines: Sequence[str], begin: int) -> _Run:
 def _names(
     lines: Sequence[str], run: _Run, skip_rows: int, header_row: int | None
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names and units of the columns from the rows above the table; numbers where there are none."""
-    empty, numbered = ("",) * run.width, tuple(str(n) for n in range(1, run.width + 1))
+    """Names, if there are any, and units of the columns from the rows above the table."""
+    empty = ("",) * run.width
     samples = [run.dialect.split(lines[n]) for n in range(run.first, min(run.last + 1, run.first + _FIRM))]
     if header_row is not None:
         names = _fitted(lines[header_row - 1], run, samples)
@@ -239,7 +245,7 @@ def _names(
     fitting = [(n, row) for n in near if (row := _fitted(lines[n], run, samples)) is not None]
     if not fitting:
         _refuse_header(lines, run, near)
-        return numbered, empty
+        return (), empty
     (line, row), *others = fitting
     if others and _are_units(row):
         return others[0][1], _units(row)
@@ -250,10 +256,15 @@ def _names(
 
 
 def _refuse_header(lines: Sequence[str], run: _Run, near: Sequence[int]) -> None:
-    """Raise an error where the line above the table has cells, but not as many: they may be the names of others."""
-    if not near or lines[near[0]].lstrip().startswith(COMMENT):
+    """Raise an error where the line right above the table has cells, but not as many: they may be names of others."""
+    if not near or near[0] != run.first - 1 or lines[near[0]].lstrip().startswith(COMMENT):
         return
     cells = run.dialect.split(lines[near[0]])
+    if len(cells) == 1 and run.width == 2:
+        single = _first_run(lines, run.first, _DIALECTS[-1], True, 1)
+        if run.dialect == Dialect(",", ".") and single is not None and single.count >= run.count:
+            found = f"found numbers such as {cut(lines[run.first])!r}, two columns or one with a decimal comma"
+            raise ReadError(f"{found}, allowed is a header with one name for each column; {ADVICE}", row=run.first + 1)
     if len(cells) > 1 and run.dialect.delimiter is not None:
         seen = f"as in the header, line {near[0] + 1}: {cut(lines[near[0]])!r}"
         raise ReadError(f"found {run.width} columns, allowed are {len(cells)} {seen}; {ADVICE}", row=run.first + 1)

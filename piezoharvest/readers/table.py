@@ -142,7 +142,9 @@ class Table:
             return
         dialect, whole = self.layout.dialect, len(cells) == self.layout.width
         values = [dialect.number(cells[n]) for n in self.where.values()] if whole else []
-        if not whole or not self._leads(cells) or None in values:
+        # Below text, a row that begins with nothing is one of statistics.
+        begun = self._leads(cells) and (self._text is None or cells[self.layout.numeric[0]] != "") if whole else False
+        if not begun or None in values:
             self._no_row(cells, values, row)
             return
         if self._text is not None:

@@ -16,7 +16,7 @@ from piezoharvest.readers.units import Unit, stated_unit, unit_of
 
 _BLOCK = 1 << 22  # bytes read at a time
 _HEAD = 1 << 18  # bytes, and lines, that tell how the file is laid out
-_HEAD_LINES = 2000
+_HEAD_LINES = 1000
 
 
 class Text(Reader):
@@ -44,6 +44,7 @@ class Text(Reader):
             raise ReadError(f"found {len(head)} lines, allowed is {key} up to that")
         self.layout = find_layout(head, skip_rows, header_row)
         self.names = self.layout.names
+        self._positions = {self._key(n): n for n in range(self.layout.width)}
         self.first_row = self.layout.above + 1
 
     def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -64,21 +65,22 @@ class Text(Reader):
         raise ReadError(f"found {list(rows)}, allowed is from {self.first_row} to {end}", "rows")
 
     def unit(self, name: str) -> Unit | None:
-        of_row = self.layout.units[self.layout.names.index(name)]
+        of_row = self.layout.units[self._positions[name]]
         return unit_of(of_row) if of_row else stated_unit(name)[1]
 
     def resolve(self, column: str | int) -> str:
         try:
-            return super().resolve(column)
+            found = super().resolve(column)
+            return self._key(column - 1) if isinstance(column, int) else found
         except MissingColumnError as error:
-            if self.layout.above < 2:
+            if self.layout.above < 2 and self.layout.named:
                 raise
             where = f" in the table that begins in line {self.first_row}; {ADVICE}"
             raise MissingColumnError(error.message + where, error.column) from None
 
     def _table(self, names: Sequence[str], first: int, last: int | None = None) -> Table:
         """Columns of some rows, read block by block: never much more in memory than they take."""
-        table = Table(self.layout, {name: self._position(name) for name in names})
+        table = Table(self.layout, {name: self._positions[name] for name in names})
         row = 1
         for block in _blocks(self.path, self._encoding):
             lines = block.count(b"\n")
@@ -89,10 +91,10 @@ class Text(Reader):
                 break
         return table
 
-    def _position(self, name: str) -> int:
-        if self.names.count(name) > 1:
-            raise ReadError("found several columns of this name, allowed is one (or its number)", name)
-        return self.names.index(name)
+    def _key(self, position: int) -> str:
+        """What tells a column from all others: its name, or its number where there are several of that name."""
+        name = self.names[position]
+        return name if self.names.count(name) == 1 else f"{name} ({position + 1})".strip()
 
 
 def _encoding(path: Path) -> str | None:
@@ -141,7 +143,8 @@ def _blocks(path: Path, encoding: str | None) -> Iterator[bytes]:
             if final:
                 return
             if len(rest) > 4 * _BLOCK:
-                raise ReadError(f"found a line that begins with {cut(decoded(rest[:200]))!r} and has no end")
+                what = f"found a line of {len(rest) >> 20} MiB and more that begins with {cut(decoded(rest[:200]))!r}"
+                raise ReadError(f"{what}, allowed is a table of numbers")
 
 
 def _head(blocks: Iterator[bytes], begin: int) -> list[str]:

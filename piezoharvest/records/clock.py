@@ -9,6 +9,7 @@ import numpy as np
 _EXACT = 1e-6  # of the time between samples: stamps that are off by less are even as they are
 _DIGITS = 12  # significant ones: what has more was not rounded for printing
 _FINE = 0.5  # of the time between samples: where stamps are rounded to no more, a lost sample shows as a gap
+_MANY = 0.01  # of the stamps: coarse ones that are fewer, as where a decade begins, say nothing of the others
 # Least share of steps that differ from the most common one, where they are rounded to more: rounding makes another step
 # now and then all along, and a lost or doubled sample is one among many.
 _REGULAR = 0.05
@@ -65,8 +66,9 @@ def even_times(stamps: np.ndarray, step: float | None = None) -> Even | None:
         if times is not None:
             rounded = map(fits, _round_steps(slope, units.max() / count))
             times = next((each for each in rounded if each is not None), times)
-    coarse = bool(units.max() > _FINE * mean)
-    if times is None or (step is None and coarse and not _regular(stamps, units)):
+    rough = units > _FINE * mean
+    coarse = bool(np.mean(rough) > _MANY)
+    if times is None or (step is None and coarse and not _regular(stamps[rough], units[rough])):
         return None
     return Even(times, coarse, float(units.max()))
 
@@ -74,26 +76,23 @@ def even_times(stamps: np.ndarray, step: float | None = None) -> Even | None:
 def _last_digits(stamps: np.ndarray) -> np.ndarray | None:
     """What one in the last printed digit of each stamp is; None where they have all the digits of a float.
 
-    Stamps have as many decimals as the others of their decade: printed are so many decimals or so many digits. Those in
-    single precision have binary digits.
+    Printed are so many decimals or so many digits, whichever are fewer. Single precision has binary digits.
     """
-    single = stamps.astype(np.float32)
-    binary = np.spacing(np.abs(single)).astype(float) if np.array_equal(single, stamps) else None
     sizes = np.abs(stamps)
-    filled = sizes > 0
-    decades = np.floor(np.log10(sizes, out=np.full(len(stamps), np.nan), where=filled) + 1e-12)
-    units = np.full(len(stamps), np.nan)
-    for decade in np.unique(decades[filled]):
-        here = decades == decade
-        for decimals in range(-int(decade), _DIGITS - int(decade)):
-            scaled = sizes[here] * 10.0**decimals
-            if np.all(np.abs(scaled - np.rint(scaled)) <= 1e-3):
-                units[here] = 10.0**-decimals
-                break
-        else:
-            return binary
-    units[~filled] = np.nanmin(units)
-    return units
+    decades = np.floor(np.log10(sizes, out=np.full(len(stamps), np.nan), where=sizes > 0) + 1e-12)
+    found: dict[int, int] = {}  # decimals by decade
+    for decade in np.unique(decades[sizes > 0]).astype(int).tolist():
+        here = sizes[decades == decade]
+        scaled = (here * 10.0**decimals for decimals in range(-decade, _DIGITS - decade))
+        even = (np.all(np.abs(each - np.rint(each)) <= 1e-3) for each in scaled)
+        found[decade] = next((decimals for decimals, fine in enumerate(even, -decade) if fine), _DIGITS - decade)
+    if any(decimals + decade + 1 > _DIGITS for decade, decimals in found.items()):
+        single = stamps.astype(np.float32)
+        return np.spacing(np.abs(single)).astype(float) if np.array_equal(single, stamps) else None
+    decimals = max(found.values())
+    digits = max(decimals + decade + 1 for decade, decimals in found.items())
+    units = 10.0 ** np.maximum(-decimals, decades + 1 - digits)
+    return np.where(sizes > 0, units, 10.0**-decimals)
 
 
 def _round_steps(slope: float, within: float) -> list[float]:
@@ -107,8 +106,7 @@ def _round_steps(slope: float, within: float) -> list[float]:
 
 
 def _regular(stamps: np.ndarray, units: np.ndarray) -> bool:
-    """Whether stamps that are rounded to more than half a step change by other than the usual step all along."""
-    coarse = np.flatnonzero(units == units.max())
-    steps = np.rint(np.diff(stamps[coarse]) / units.max())
+    """Whether coarse stamps, whose last digits are these, change by other than the usual step all along."""
+    steps = np.rint(np.diff(stamps) / units.min())
     _, times = np.unique(steps, return_counts=True)
     return len(steps) > 0 and 1.0 - times.max() / len(steps) >= _REGULAR
