@@ -41,7 +41,8 @@ def open_reader(path: Path, **lines: int) -> Reader:
     known = registered()
     if path.suffix.lower() not in known:
         found = repr(path.suffix) if path.suffix else "no ending"
-        raise ReadError(f"found {found}, allowed are files ending in {', '.join(sorted(known))}")
+        endings = ", ".join(sorted(known))
+        raise ReadError(f"found {found}, allowed are files ending in {endings} (.txt for any table of numbers in text)")
     try:
         with path.open("rb") as stream:
             empty = not stream.read(1)

@@ -58,7 +58,7 @@ class Text(Reader):
         first, last = rows
         if first >= self.first_row:
             table = self._table(names, first, last)
-            if table.last_row == last:
+            if table.last_row == last or (table.count and table.seen >= last and not table.below):
                 self.numbering = table.numbering()
                 return table.finish()
         end = self._table(names[:1], self.first_row).last_row
