@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from piezoharvest.readers.base import MissingColumnError, Reader, ReadError, cut
-from piezoharvest.readers.layout import ADVICE, find_layout
+from piezoharvest.readers.layout import ADVICE, NEAR, find_layout
 from piezoharvest.readers.table import Table, decoded
 from piezoharvest.readers.units import Unit, stated_unit, unit_of
 
@@ -148,14 +148,13 @@ def _blocks(path: Path, encoding: str | None) -> Iterator[bytes]:
 
 
 def _head(blocks: Iterator[bytes], begin: int) -> list[str]:
-    """The first lines of a file, as many as tell its layout; those that are left out are empty."""
+    """The first lines of a file, as many as tell its layout; of those that are left out all but the last are empty."""
     head: list[str] = []
     size = 0
     for block in blocks:
         for line in block.split(b"\n")[:-1]:
-            wanted = len(head) >= begin
-            head.append(decoded(line) if wanted or len(head) == begin - 1 else "")
-            size += len(line) if wanted else 0
+            head.append(decoded(line) if len(head) >= begin - NEAR else "")
+            size += len(line) if len(head) > begin else 0
             if size > _HEAD or len(head) > begin + _HEAD_LINES:
                 return head
     return head

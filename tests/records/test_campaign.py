@@ -725,13 +725,11 @@ class TestSweeps:
         np.testing.assert_allclose(record.frequency, FREQUENCIES, rtol=1e-12)
         np.testing.assert_allclose(record.response, impedance, rtol=1e-9)
 
-    def test_decibels_are_no_ohms(self, tmp_path, impedance):
-        table = {
-            "frequency_Hz": FREQUENCIES,
-            "Z (dB)": 20 * np.log10(np.abs(impedance)),
-            "phase_rad": np.angle(impedance),
-        }
-        own = 'channels = { magnitude = { column = "Z" } }\n'
+    @pytest.mark.parametrize("name", ["Z (dB)", "Z_dB"])
+    def test_decibels_are_no_ohms(self, tmp_path, impedance, name):
+        level = 20 * np.log10(np.abs(impedance))
+        table = {"frequency_Hz": FREQUENCIES, name: level, "phase_rad": np.angle(impedance)}
+        own = f'channels = {{ magnitude = {{ column = "{name}" }} }}\n'
         error = failure(tmp_path, TRANSDUCER + IMPEDANCE + own, z_csv=table)
         assert "found the unit 'dB' in the file" in error.message
 
