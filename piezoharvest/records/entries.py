@@ -9,7 +9,7 @@ from typing import Any, Literal
 from piezoharvest.parameters import Component, ParameterError, quantity
 from piezoharvest.records.channels import COLUMNS, UNITS, Source, unit_factor
 from piezoharvest.shunts import Resistor, Shunt
-from piezoharvest.study import build, build_shunt
+from piezoharvest.study import build, build_shunt, unknown
 
 Level = Literal["default", "campaign", "record"]
 Sources = Mapping[str, tuple[Source, Level]]
@@ -114,8 +114,8 @@ def build_entry(table: Any, where: str) -> Entry:
         A key is missing, unknown, of the wrong type or out of bounds.
     """
     kind = table.get("kind", "time") if isinstance(table, dict) else "time"
-    if kind not in _KINDS:
-        raise ParameterError(f"{where}.kind", f"found {kind!r}, allowed are {', '.join(_KINDS)}")
+    if not isinstance(kind, str) or kind not in _KINDS:
+        raise unknown(f"{where}.kind", kind, _KINDS)
     if kind == "time" and isinstance(table, dict):
         table = {key: value for key, value in table.items() if key != "kind"}
     return build(_KINDS[kind], table, where)

@@ -10,7 +10,9 @@ import importlib
 import pkgutil
 from pathlib import Path
 
+from piezoharvest.input import InputError, check_readable
 from piezoharvest.parameters import subclasses_by
+from piezoharvest.records.readers.apart import Apart
 from piezoharvest.records.readers.base import MissingColumnError, Reader, ReadError
 
 __all__ = ["MissingColumnError", "ReadError", "Reader", "open_reader", "registered"]
@@ -36,11 +38,11 @@ def open_reader(path: Path) -> Reader:
     if path.suffix.lower() not in known:
         found = repr(path.suffix) if path.suffix else "no ending"
         raise ReadError(f"found {found}, allowed are files ending in {', '.join(sorted(known))}")
+    cls = known[path.suffix.lower()]
     try:
-        with path.open("rb") as stream:
-            empty = not stream.read(1)
-    except OSError as error:
-        raise ReadError(f"found no readable file ({error.strerror}), allowed is a file of measured data") from None
+        empty = not check_readable(path, cls.most_bytes)
+    except InputError as error:
+        raise ReadError(f"{error}, allowed is a file of measured data") from None
     if empty:
         raise ReadError("found an empty file, allowed is a file of measured data")
-    return known[path.suffix.lower()](path)
+    return Apart(path) if cls.apart else cls(path)

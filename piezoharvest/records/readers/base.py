@@ -10,6 +10,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+# What may be read of a campaign: 1 GiB as float64, 45 minutes of time and four channels at 10 kHz. A fit takes up to
+# ten times that (2 GiB have been measured for 6 million samples of four channels).
+MOST_NUMBERS = 1 << 27
+
 
 class ReadError(ValueError):
     """What is wrong with a data file.
@@ -46,6 +50,10 @@ class Reader(ABC):
         Columns that the file has.
     first_row : int
         Row of the first sample as people count: the line of a text file, else 1.
+    apart : bool
+        Whether files of this format are read in a process of their own, as damaged ones may crash their library.
+    most_bytes : int
+        How large a file may be.
 
     Raises
     ------
@@ -56,6 +64,8 @@ class Reader(ABC):
     suffixes: ClassVar[tuple[str, ...]]
     names: Sequence[str]
     first_row: int = 1
+    apart: ClassVar[bool] = False
+    most_bytes: ClassVar[int] = 1 << 62
 
     def __init__(self, path: Path):
         self.path = path
@@ -106,6 +116,12 @@ class Reader(ABC):
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+
+def check_count(count: int) -> None:
+    """Raise `ReadError` where that many numbers are too many to be read."""
+    if count > MOST_NUMBERS:
+        raise ReadError(f"found {count} numbers in the columns that are used, allowed are {MOST_NUMBERS}")
 
 
 def last_part(name: str) -> str:
