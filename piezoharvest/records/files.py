@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from piezoharvest.readers import MissingColumnError, Reader, ReadError, open_reader
 from piezoharvest.records.errors import CampaignError
-from piezoharvest.records.readers import MissingColumnError, Reader, ReadError, open_reader
 
 
 class Files(ExitStack):

@@ -8,12 +8,12 @@ from types import MappingProxyType
 
 import numpy as np
 
+from piezoharvest.readers import MissingColumnError, ReadError
+from piezoharvest.readers.base import shown
 from piezoharvest.records.channels import Source
 from piezoharvest.records.entries import RESPONSE_COLUMNS, FrfEntry, ImpedanceEntry, Sources, response_units
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.files import Files
-from piezoharvest.records.readers import MissingColumnError, ReadError
-from piezoharvest.records.readers.base import shown
 from piezoharvest.records.record import FrequencyRecord
 from piezoharvest.shunts import Shunt
 

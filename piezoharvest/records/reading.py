@@ -7,13 +7,13 @@ from types import MappingProxyType
 
 import numpy as np
 
+from piezoharvest.readers import MissingColumnError, ReadError
+from piezoharvest.readers.base import shown
 from piezoharvest.records.channels import COLUMNS, UNITS, Source
 from piezoharvest.records.entries import Sources, TimeEntry
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.files import Files
 from piezoharvest.records.finding import Finding
-from piezoharvest.records.readers import MissingColumnError, ReadError
-from piezoharvest.records.readers.base import shown
 from piezoharvest.records.record import Record, Signal
 from piezoharvest.shunts import Shunt
 

@@ -12,7 +12,7 @@ from nptdms import ChannelObject, TdmsWriter
 from pyarrow import parquet
 from scipy.io import savemat
 
-from piezoharvest.records.readers import MissingColumnError, Reader, ReadError, open_reader, registered
+from piezoharvest.readers import MissingColumnError, Reader, ReadError, open_reader, registered
 
 TIME = np.arange(7) * 1e-3
 FORCE = np.array([0.5, -1.0, 2.25, 1e3, -1e-9, 7.0, 8.0])

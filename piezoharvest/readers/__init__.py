@@ -12,8 +12,8 @@ from pathlib import Path
 
 from piezoharvest.input import InputError, check_readable
 from piezoharvest.parameters import subclasses_by
-from piezoharvest.records.readers.apart import Apart
-from piezoharvest.records.readers.base import MissingColumnError, Reader, ReadError
+from piezoharvest.readers.apart import Apart
+from piezoharvest.readers.base import MissingColumnError, Reader, ReadError
 
 __all__ = ["MissingColumnError", "ReadError", "Reader", "open_reader", "registered"]
 

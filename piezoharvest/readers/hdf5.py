@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, ClassVar
 
-from piezoharvest.records.readers.arrays import ArrayReader
-from piezoharvest.records.readers.base import ReadError
+from piezoharvest.readers.arrays import ArrayReader
+from piezoharvest.readers.base import ReadError
 
 
 class Hdf5(ArrayReader):

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from piezoharvest.input import in_bytes
-from piezoharvest.records.readers import registered
-from piezoharvest.records.readers.base import MOST_NUMBERS, MissingColumnError, Reader, ReadError
+from piezoharvest.readers import registered
+from piezoharvest.readers.base import MOST_NUMBERS, MissingColumnError, Reader, ReadError
 
 # The most that may be asked for, three times: as it stands in the file, decoded, and turned.
 _MEMORY = 3 * 8 * MOST_NUMBERS

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from piezoharvest.records.readers.base import Reader, ReadError, check_count, numbers
+from piezoharvest.readers.base import Reader, ReadError, check_count, numbers
 
 _INDEX = re.compile(r"(.*)\[([\d\s,:-]*)\]", re.S)
 _MOST = 200  # columns of one array that are listed one by one

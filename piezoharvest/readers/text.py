@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from piezoharvest.records.readers.base import Reader, ReadError, numbers
+from piezoharvest.readers.base import Reader, ReadError, numbers
 
 _COMMENT = ("#", "%")
 _BLOCK = 1 << 22  # bytes read at a time

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from piezoharvest.records.readers.base import MissingColumnError, Reader, ReadError
+from piezoharvest.readers.base import MissingColumnError, Reader, ReadError
 
 _START = 60.0  # s, in which the process has to be there: its imports take 0.3 s, many times that from a slow disk
 # s for one request: every library reads more than 10 MB/s, a network drive 1 MB/s; nobody waits for more than an hour.

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezoharvest.records.readers.base import Reader, ReadError, check_count, numbers
+from piezoharvest.readers.base import Reader, ReadError, check_count, numbers
 
 
 class Parquet(Reader):

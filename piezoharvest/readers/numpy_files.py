@@ -11,8 +11,8 @@ from zipfile import ZipFile
 import numpy as np
 from numpy.lib import format as form
 
-from piezoharvest.records.readers.arrays import ArrayReader, Deferred
-from piezoharvest.records.readers.base import ReadError
+from piezoharvest.readers.arrays import ArrayReader, Deferred
+from piezoharvest.readers.base import ReadError
 
 _NUMBERS = "fiubc"  # kinds of dtype
 # Version 3 differs by the names of fields, which arrays of numbers have none of.

@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from piezoharvest.records.readers.arrays import ArrayReader, Deferred
-from piezoharvest.records.readers.base import ReadError
-from piezoharvest.records.readers.hdf5 import dtype_of, holds_numbers
+from piezoharvest.readers.arrays import ArrayReader, Deferred
+from piezoharvest.readers.base import ReadError
+from piezoharvest.readers.hdf5 import dtype_of, holds_numbers
 
 _NUMERIC = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 _NESTED = ("struct", "cell", "object")

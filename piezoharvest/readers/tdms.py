@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from piezoharvest.records.readers.base import Reader, ReadError, check_count, numbers
+from piezoharvest.readers.base import Reader, ReadError, check_count, numbers
 
 
 class Tdms(Reader):
