@@ -21,7 +21,7 @@ from piezoharvest import catalogue, effects, excitation, shunts
 from piezoharvest.effects import Effect
 from piezoharvest.excitation import Excitation
 from piezoharvest.input import InputError, check_readable
-from piezoharvest.parameters import Component, ParameterError, allowed, quantity
+from piezoharvest.parameters import Component, ParameterError, allowed, check_sizes, quantity
 from piezoharvest.shunts import Shunt
 from piezoharvest.system import System
 from piezoharvest.transducer import Transducer
@@ -288,7 +288,9 @@ def build(cls: type[_C], table: Any, where: str) -> _C:
             values[field.name] = _build_part(part, hints[field.name], values[field.name], f"{where}.{field.name}")
     try:
         checked = _model(cls).model_validate(values)
-        return cls(**{name: _frozen(getattr(checked, name)) for name in checked.model_fields_set})
+        component = cls(**{name: _frozen(getattr(checked, name)) for name in checked.model_fields_set})
+        check_sizes(component)
+        return component
     except ValidationError as error:
         raise _explained(cls, error).within(where) from None
     except ParameterError as error:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from piezoharvest.parameters import Component, ParameterError, quantity
 from piezoharvest.records.channels import COLUMNS, UNITS, Source, unit_factor
 from piezoharvest.shunts import Resistor, Shunt
-from piezoharvest.study import build, build_shunt, unknown
+from piezoharvest.study import build, build_shunt
 
 Level = Literal["default", "campaign", "record"]
 Sources = Mapping[str, tuple[Source, Level]]
@@ -115,7 +115,7 @@ def build_entry(table: Any, where: str) -> Entry:
     """
     kind = table.get("kind", "time") if isinstance(table, dict) else "time"
     if not isinstance(kind, str) or kind not in _KINDS:
-        raise unknown(f"{where}.kind", kind, _KINDS)
+        raise ParameterError(f"{where}.kind", f"found {repr(kind)[:80]}, allowed are {', '.join(_KINDS)}")
     if kind == "time" and isinstance(table, dict):
         table = {key: value for key, value in table.items() if key != "kind"}
     return build(_KINDS[kind], table, where)
@@ -130,7 +130,7 @@ def build_sources(tables: Any, level: Level, where: str, units: Mapping[str, str
         A channel or key is unknown, or a unit does not fit its channel.
     """
     if not isinstance(tables, dict):
-        raise ParameterError(where, f"found {tables!r}, allowed is a table of tables")
+        raise ParameterError(where, f"found {repr(tables)[:80]}, allowed is a table of tables")
     found: dict[str, tuple[Source, Level]] = {}
     for channel, table in tables.items():
         if channel not in units:

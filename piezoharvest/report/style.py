@@ -6,8 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from functools import wraps
 from io import BytesIO
-from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -16,8 +15,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
-
-from piezoharvest.output import atomic
 
 _Draw = TypeVar("_Draw", bound=Callable[..., Any])
 WIDTH = 7.4  # inches: page width at the page's font size
@@ -115,12 +112,11 @@ def mark(axes: Axes, x: float, y: float, style: dict[str, Any]) -> None:
 
 
 @styled
-def write_png(figure: Figure, path: Path) -> None:
-    """Write a figure on white, atomically; what it has been laid out to stays from then on."""
+def write_png(figure: Figure, stream: BinaryIO) -> None:
+    """Write a figure on white; what it has been laid out to stays from then on."""
     before = {"dpi": figure.dpi, "facecolor": figure.get_facecolor()}
     figure.set(dpi=_DPI, facecolor="white")
-    with atomic(path) as temporary:
-        FigureCanvasAgg(figure).print_png(temporary)  # `savefig` would draw it twice
+    FigureCanvasAgg(figure).print_png(stream)  # `savefig` would draw it twice
     figure.set_layout_engine("none")
     figure.set(**before)
 
