@@ -26,8 +26,14 @@ def registered() -> dict[str, type[Reader]]:
     return {suffix: cls for suffixes, cls in subclasses_by("suffixes", Reader).items() for suffix in suffixes}
 
 
-def open_reader(path: Path) -> Reader:
+def open_reader(path: Path, **lines: int) -> Reader:
     """Open a data file by the ending of its name.
+
+    Parameters
+    ----------
+    path : Path
+    **lines : int
+        `skip_rows` and `header_row` of a text file, as in `text.Text`.
 
     Raises
     ------
@@ -45,4 +51,7 @@ def open_reader(path: Path) -> Reader:
         raise ReadError(f"{error}, allowed is a file of measured data") from None
     if empty:
         raise ReadError("found an empty file, allowed is a file of measured data")
-    return Apart(path) if cls.apart else cls(path)
+    if lines and not cls.by_lines:
+        allowed = ", ".join(sorted(suffix for suffix, each in known.items() if each.by_lines))
+        raise ReadError(f"found {' and '.join(lines)}, allowed in text files only ({allowed})")
+    return Apart(path) if cls.apart else cls(path, **lines)

@@ -2,177 +2,170 @@
 
 from __future__ import annotations
 
+import codecs
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from piezoharvest.readers.base import Reader, ReadError, numbers
+from piezoharvest.readers.base import MOST_NUMBERS, MissingColumnError, Reader, ReadError, check_count, cut
+from piezoharvest.readers.layout import ADVICE, find_layout
+from piezoharvest.readers.table import Table, decoded
+from piezoharvest.readers.units import Unit, stated_unit, unit_of
 
-_COMMENT = ("#", "%")
 _BLOCK = 1 << 22  # bytes read at a time
-_HEAD = 200  # lines that tell how the file is laid out
-_MISSING = {"", "n/a", "na", "#n/a", "null", "-nan", "1.#ind", "-1.#ind", "1.#qnan", "-1.#qnan"}
-_ALLOWED = "allowed is a table of numbers with at most one line of names above it"
-
-
-@dataclass(frozen=True)
-class Layout:
-    """How a text file is laid out: names of the columns, what parts them, decimal mark, lines above the numbers."""
-
-    names: tuple[str, ...]
-    delimiter: str | None
-    decimal: str
-    lines_above: int
-
-    def split(self, line: str) -> list[str]:
-        """Cells of a line."""
-        return [cell.strip() for cell in line.strip("\r\n").split(self.delimiter)]
-
-    def is_row(self, line: str) -> bool:
-        """Whether a line is one of the table: at least half of its cells are numbers (others may be remarks, dates)."""
-        cells = self.split(line)
-        return 2 * sum(self.is_number(cell) for cell in cells if cell) >= len([cell for cell in cells if cell]) > 0
-
-    def is_number(self, cell: str) -> bool:
-        """Whether a cell is a number, or says that there is none."""
-        if cell.lower() in _MISSING:
-            return True
-        try:
-            float(cell.replace(self.decimal, "."))
-        except ValueError:
-            return False
-        return "_" not in cell  # which Python takes for a mark of thousands
+_HEAD = 1 << 18  # bytes, and lines, that tell how the file is laid out
+_HEAD_LINES = 1000
 
 
 class Text(Reader):
-    """Text file with a header, or without one: its columns are then named "1", "2", ..."""
+    """Text file with a table of numbers, whose columns have the names above it, or else "1", "2", ...
+
+    Parameters
+    ----------
+    path : Path
+    skip_rows : int
+        Lines at the beginning that are not looked at.
+    header_row : int, optional
+        Line, from 1, that has the names; the table is the first one below it.
+    """
 
     suffixes: ClassVar[tuple[str, ...]] = (".csv", ".txt", ".dat", ".tsv")
+    by_lines = True
+    most_bytes = 32 * MOST_NUMBERS  # a number with 17 digits has up to 25 characters
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, skip_rows: int = 0, header_row: int | None = None):
         super().__init__(path)
-        self.layout = _layout(path)
+        self._encoding = _encoding(path)
+        begin = max(skip_rows, header_row or 0)
+        head = _head(_blocks(path, self._encoding), begin)
+        if len(head) < begin:
+            key = "skip_rows" if begin == skip_rows else "header_row"
+            raise ReadError(f"found {len(head)} lines, allowed is {key} up to that")
+        self.layout = find_layout(head, skip_rows, header_row)
         self.names = self.layout.names
-        self.first_row = self.layout.lines_above + 1
+        self._positions = {self._key(n): n for n in range(self.layout.width)}
+        self.first_row = self.layout.above + 1
 
     def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
-        where = {name: self._position(name) for name in names}
+        table = self._table(names, self.first_row)
+        if not table.count:
+            raise ReadError(f"found no samples, allowed is a table of numbers; {ADVICE}")
+        self.numbering, self.left_out = table.numbering(), table.left_out
+        return table.finish()
+
+    def read_rows(self, names: Sequence[str], rows: tuple[int, int]) -> dict[str, np.ndarray]:
+        first, last = rows
+        if first >= self.first_row:
+            table = self._table(names, first, last)
+            if table.last_row == last:
+                self.numbering = table.numbering()
+                return table.finish()
+        end = self._table(names[:1], self.first_row).last_row
+        raise ReadError(f"found {list(rows)}, allowed is from {self.first_row} to {end}", "rows")
+
+    def unit(self, name: str) -> Unit | None:
+        of_row = self.layout.units[self._positions[name]]
+        return unit_of(of_row) if of_row else stated_unit(name)[1]
+
+    def resolve(self, column: str | int) -> str:
         try:
-            columns = (self._by_blanks if self.layout.delimiter is None else self._by_delimiter)(list(where.values()))
-        except ValueError as error:  # of numpy, and of pyarrow: neither says in which row
-            self._blame(where)
-            raise ReadError(f"found no table of numbers ({error}), {_ALLOWED}") from None
-        if not len(columns[0]):
-            raise ReadError(f"found no samples, {_ALLOWED}")
-        return dict(zip(where, columns, strict=True))
+            found = super().resolve(column)
+            return self._key(column - 1) if isinstance(column, int) else found
+        except MissingColumnError as error:
+            if self.layout.above < 2 and self.layout.named:
+                raise
+            where = f" in the table that begins in line {self.first_row}; {ADVICE}"
+            raise MissingColumnError(error.message + where, error.column) from None
 
-    def _position(self, name: str) -> int:
-        if self.names.count(name) > 1:
-            raise ReadError("found several columns of this name, allowed is one (or its number)", name)
-        return self.names.index(name)
+    def _table(self, names: Sequence[str], first: int, last: int | None = None) -> Table:
+        """Columns of some rows, read block by block: never much more in memory than they take."""
+        table = Table(self.layout, {name: self._positions[name] for name in names})
+        row = 1
+        for block in _blocks(self.path, self._encoding):
+            lines = block.count(b"\n")
+            if row + lines > first:
+                table.add(_lines_of(block, first - row, None if last is None else last + 1 - row), max(row, first))
+            row += lines
+            check_count(table.count * len(names))
+            if table.ended or (last is not None and row > last):
+                break
+        return table
 
-    def _by_delimiter(self, positions: list[int]) -> list[np.ndarray]:
-        """Read block by block, so that never more than the columns themselves and one block are in memory."""
-        import pyarrow
-        from pyarrow import csv
-
-        labels = [str(n) for n in range(len(self.names))]
-        wanted = {labels[n]: pyarrow.float64() for n in positions}
-        stream = csv.open_csv(
-            self.path,
-            # Without threads, which would have many blocks in memory and gain next to nothing.
-            csv.ReadOptions(
-                column_names=labels, skip_rows=self.layout.lines_above, block_size=_BLOCK, use_threads=False
-            ),
-            csv.ParseOptions(delimiter=self.layout.delimiter),
-            csv.ConvertOptions(
-                include_columns=list(wanted), column_types=wanted, decimal_point=self.layout.decimal, check_utf8=False
-            ),
-        )
-        columns = {label: np.empty(0) for label in wanted}
-        count = 0
-        for batch in stream:
-            for label, column in columns.items():
-                if len(column) < count + len(batch):
-                    column.resize(max(len(column) * 5 // 4, count + len(batch)), refcheck=False)  # in place
-                column[count : count + len(batch)] = batch.column(label).to_numpy(zero_copy_only=False)
-            count += len(batch)
-        for column in columns.values():
-            column.resize(count, refcheck=False)
-        return [columns[labels[n]] for n in positions]
-
-    def _by_blanks(self, positions: list[int]) -> list[np.ndarray]:
-        above = self.layout.lines_above
-        table = np.loadtxt(self.path, comments=_COMMENT, skiprows=above, usecols=positions, ndmin=2, encoding="latin-1")
-        return [numbers(column, "") for column in table.T]
-
-    def _blame(self, where: dict[str, int]) -> None:
-        """Raise the error of the first row that is not one of the table."""
-        for row, line in _lines(self.path):
-            if row < self.first_row or not line.strip():
-                continue
-            cells = self.layout.split(line)
-            if len(cells) != len(self.names):
-                raise ReadError(f"found {len(cells)} columns, allowed are {len(self.names)} as above", row=row)
-            for name, n in where.items():
-                if not self.layout.is_number(cells[n]):
-                    raise ReadError(f"found {cells[n][:40]!r}, allowed is a number", name, row)
+    def _key(self, position: int) -> str:
+        """What tells a column from all others: its name, or its number where there are several of that name."""
+        name = self.names[position]
+        return name if self.names.count(name) == 1 else f"{name} ({position + 1})".strip()
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Lines with their numbers from 1. Numbers look the same in any encoding; names are in UTF-8, or else Latin 1."""
-    with path.open("rb") as stream:
-        for row, line in enumerate(stream, 1):
-            try:
-                text = line.decode("utf-8-sig" if row == 1 else "utf-8")
-            except UnicodeDecodeError:
-                text = line.decode("latin-1")
-            yield row, text
-
-
-def _layout(path: Path) -> Layout:
-    """Find out how a file is laid out from its first lines.
+def _encoding(path: Path) -> str | None:
+    """Encoding of a file that has to be decoded: UTF-16, which some instruments write. None for UTF-8 and Latin 1.
 
     Raises
     ------
     ReadError
-        It is not text, or has no line of numbers.
+        It is no text.
     """
-    head, comment, header = list(islice(_lines(path), _HEAD)), "", ""
-    for row, line in head:
-        if "\0" in line:
-            raise ReadError("found binary data (or UTF-16), allowed is text in UTF-8 or Latin 1", row=row)
-        if not line.strip() or line.lstrip().startswith(_COMMENT):
-            comment = line.strip().lstrip("#% ") or comment
-            continue
-        guess = _guess(line, [later for _, later in head[row - 1 :]])
-        if guess.is_row(line):
-            return _named(guess, guess.split(line), header or comment, bool(header), row - 1)
-        if header:
-            raise ReadError(f"found no row of numbers below {header.strip()[:60]!r}, {_ALLOWED}", row=row)
-        header = line
-    raise ReadError(f"found no samples, {_ALLOWED}")
+    with path.open("rb") as stream:
+        start = stream.read(1 << 12)
+    if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    # Of text in UTF-16, every other byte is 0, but for few letters.
+    pairs = max(len(start) // 2, 1)
+    for encoding, zeros, others in (("utf-16-le", start[1::2], start[::2]), ("utf-16-be", start[::2], start[1::2])):
+        if zeros.count(0) > 0.9 * pairs and others.count(0) == 0:
+            return encoding
+    if 0 in start:
+        row = start[: start.index(0)].count(b"\n") + 1
+        raise ReadError("found binary data, allowed is text in UTF-8, UTF-16 or Latin 1", row=row)
+    return None
 
 
-def _guess(line: str, table: Sequence[str]) -> Layout:
-    """Delimiter by what the line holds; where that is a semicolon or tab, a comma in the table is a decimal mark."""
-    delimiter: Any = next((mark for mark in (";", "\t", ",") if mark in line), None)
-    comma = delimiter in (";", "\t") and any("," in row for row in table)
-    return Layout((), delimiter, "," if comma else ".", 0)
+def _blocks(path: Path, encoding: str | None) -> Iterator[bytes]:
+    """Whole lines of a file, some megabytes at a time, in UTF-8 or as they are, with line ends all the same."""
+    decoder = codecs.getincrementaldecoder(encoding or "latin-1")("replace") if encoding else None
+    rest, first = b"", True
+    with path.open("rb") as stream:
+        while True:
+            data = stream.read(_BLOCK)
+            final = not data
+            if decoder is not None:
+                data = decoder.decode(data, final).encode()
+            if first:
+                data, first = data.removeprefix(codecs.BOM_UTF8), False
+            data = rest + data
+            if b"\r" in data:
+                held = b"\r" if data.endswith(b"\r") and not final else b""  # its line feed may be still to come
+                data = data[: len(data) - len(held)].replace(b"\r\n", b"\n").replace(b"\r", b"\n") + held
+            end = len(data) if final else data.rfind(b"\n") + 1
+            if end:
+                yield data[:end] if data[:end].endswith(b"\n") else data[:end] + b"\n"
+            rest = data[end:]
+            if final:
+                return
+            if len(rest) > 4 * _BLOCK:
+                what = f"found a line of {len(rest) >> 20} MiB and more that begins with {cut(decoded(rest[:200]))!r}"
+                raise ReadError(f"{what}, allowed is a table of numbers")
 
 
-def _named(guess: Layout, cells: list[str], header: str, required: bool, above: int) -> Layout:
-    """Layout with names: those of the header, or numbers where there is none (a comment need not be a header)."""
-    names = [name.strip().strip('"') for name in header.strip("\r\n").split(guess.delimiter)]
-    surplus = len(cells) - len(names)
-    if required and surplus > 0 and not any(cells[len(names) :]):  # a delimiter ends every row of numbers
-        names += [""] * surplus
-    if len(names) != len(cells) or not any(names):
-        if required:
-            raise ReadError(f"found {len(cells)} columns, allowed are {len(names)} as in the header", row=above + 1)
-        names = [str(n) for n in range(1, len(cells) + 1)]
-    return Layout(tuple(names), guess.delimiter, guess.decimal, above)
+def _head(blocks: Iterator[bytes], begin: int) -> list[str]:
+    """The first lines of a file, as many as tell its layout; those that are left out are empty."""
+    head: list[str] = []
+    size = 0
+    for block in blocks:
+        for line in block.split(b"\n")[:-1]:
+            wanted = len(head) >= begin
+            head.append(decoded(line) if wanted or len(head) == begin - 1 else "")
+            size += len(line) if wanted else 0
+            if size > _HEAD or len(head) > begin + _HEAD_LINES:
+                return head
+    return head
+
+
+def _lines_of(block: bytes, begin: int, end: int | None) -> bytes:
+    """Lines of a block, by their numbers in it from 0."""
+    lines = block.count(b"\n")
+    if begin <= 0 and (end is None or end >= lines):
+        return block
+    return b"".join(line + b"\n" for line in block.split(b"\n")[:-1][max(begin, 0) : end])

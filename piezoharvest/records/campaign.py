@@ -144,7 +144,7 @@ def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
     records = tuple(record for record, _ in read)
     # A channel may be missing in some records; one that [channels] names and none has may be misspelt.
     measured = {channel for record in records if isinstance(record, Record) for channel in record.signals}
-    absent = [[finding for finding in some if finding.channel not in measured] for _, some in read]
+    absent = [[f for f in some if f.check != "missing column" or f.channel not in measured] for _, some in read]
     found = (tuple((*some, *check(record, transducer))) for record, some in zip(records, absent, strict=True))
     return Campaign(title, path, transducer, records, tuple(found))
 
@@ -170,4 +170,4 @@ def _read_entry(table: Any, key: str, sources: Mapping, folder: Path) -> tuple[R
         return read_record(entry, key, sources, shunt, folder)
     shunt = entry.across(key, entry.input == "voltage") if isinstance(entry, FrfEntry) else None
     sources = build_sources(own, "record", f"{key}.channels", response_units(entry))
-    return read_frequency_record(entry, key, sources, shunt, folder), []
+    return read_frequency_record(entry, key, sources, shunt, folder)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from piezoharvest.parameters import Component, ParameterError, quantity
+from piezoharvest.readers.units import Unit
 
 # SI unit and default column of every channel; time is one of them as far as files go.
 UNITS: Mapping[str, str] = MappingProxyType({
@@ -37,7 +38,8 @@ class Source(Component):
     unit : str
         Unit of the values, as pint reads it; default the SI unit.
     gain, offset : float
-        Unit of the values for one raw unit, and unit of the values.
+        Unit of the values for one raw unit (default 1), and unit of the values. Without a unit and a gain the raw
+        values are in the unit that the file states, if it does. A gain overrules what the file states.
     sigma : float, optional
         Known standard deviation of the noise, in `unit`.
     file : str, optional
@@ -46,7 +48,7 @@ class Source(Component):
 
     column: Any = None
     unit: str = ""
-    gain: float = quantity("", "values for one raw unit", default=1.0)
+    gain: float | None = quantity("", "values for one raw unit", default=None)
     offset: float = quantity("", "value for raw zero", default=0.0)
     sigma: float | None = quantity("", "known standard deviation of the noise", default=None, above=0)
     file: str | None = None
@@ -69,12 +71,38 @@ class Source(Component):
         found = default if self.column is None else self.column
         return found if isinstance(found, tuple) else (found,)
 
-    def to_si(self, raw: np.ndarray, si: str) -> np.ndarray:
-        """Values in the SI unit of the channel; the raw ones themselves where nothing is to be done."""
+    def to_si(self, raw: np.ndarray, si: str, stated: Unit | None = None) -> np.ndarray:
+        """Values in the SI unit of the channel; the raw ones themselves where nothing is to be done.
+
+        Parameters
+        ----------
+        raw : (n,) array
+        si : str
+        stated : Unit, optional
+            Unit that the file states for the raw values.
+
+        Raises
+        ------
+        ParameterError
+            The file states another unit than the campaign, or one of something else; its key is "unit".
+        """
         factor = unit_factor(self.unit or si, si)
-        scale, shift = self.gain * factor, self.offset * factor
+        scale, shift = (1.0 if self.gain is None else self.gain) * factor, self.offset * factor
+        if self.gain is None and stated is not None:
+            scale *= self._stated_factor(stated, si) / factor
         values = raw if scale == 1 else scale * raw
         return values if shift == 0 else values + shift
+
+    def _stated_factor(self, stated: Unit, si: str) -> float:
+        """Factor from raw values to the SI unit, by what the campaign and the file say of their unit."""
+        factor, same = unit_factor(self.unit or si, si), stated.si == si
+        if not self.unit and same:
+            return stated.factor
+        if stated.firm and not (same and np.isclose(stated.factor, factor, rtol=1e-9, atol=0)):
+            wanted = f"{self.unit!r} in the campaign" if self.unit else f"none in the campaign, which means {si!r}"
+            allowed = "allowed is the same unit in both, or a gain (for one raw unit; 1 if they are right as they are)"
+            raise ParameterError("unit", f"found the unit {stated.text!r} in the file and {wanted}, {allowed}")
+        return factor
 
     def sigma_si(self, si: str) -> float | None:
         """Known standard deviation of the noise in the SI unit of the channel."""

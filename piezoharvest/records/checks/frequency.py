@@ -34,8 +34,6 @@ def _values(record: FrequencyRecord) -> Iterator[Finding]:
     yield from _found(record, "frequency", "frequency", record.frequency <= 0, "values not above 0 Hz", "those above")
     for channel, values in (("frequency", record.frequency), ("response", record.response)):
         yield from _found(record, "size", channel, strange(values), "values beyond measure", SIZES)
-    falling = np.concatenate(([False], np.diff(record.frequency) <= 0))
-    yield from _found(record, "frequency", "frequency", falling, "values not above the one before", "increasing ones")
     if record.coherence is not None:
         outside = (record.coherence < 0) | (record.coherence > 1 + 1e-6)
         yield from _found(record, "coherence", "coherence", outside, "values outside", "values from 0 to 1")
