@@ -54,7 +54,11 @@ class ArrayReader(Reader):
     def resolve(self, column: str | int) -> str:
         indexed = isinstance(column, str) and _INDEX.fullmatch(column)
         if not indexed or column in self.names:
-            return super().resolve(column)
+            found = super().resolve(column)
+            if found in self.arrays or _INDEX.fullmatch(found):
+                return found
+            shape = self.arrays[found.rpartition("[")[0]].shape  # of an array whose columns are too many to be listed
+            raise ReadError(f"found an array of shape {shape}, allowed is one column of it, by an index", str(column))
         name, index = indexed.groups()
         if name not in self.arrays:
             name = super().resolve(name)

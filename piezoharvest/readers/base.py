@@ -32,8 +32,8 @@ class ReadError(ValueError):
     """
 
     def __init__(self, message: str, column: str = "", row: int | None = None):
-        super().__init__(message)
-        self.message, self.column, self.row = message, column, row
+        self.message, self.column, self.row = " ".join(message.split()), column, row  # libraries write several lines
+        super().__init__(self.message)
 
 
 class MissingColumnError(ReadError):

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from piezoharvest.parameters import LARGEST, SMALLEST
+
 _EXACT = 1e-6  # of the time between samples: stamps that are off by less are even as they are
 _DIGITS = 12  # significant ones: what has more was not rounded for printing
 _FINE = 0.5  # of the time between samples: where stamps are rounded to no more, a lost sample shows as a gap
@@ -39,7 +41,8 @@ def even_times(stamps: np.ndarray, step: float | None = None) -> Even | None:
         None where the stamps are even as they are, or are not the rounded values of even times.
     """
     count = len(stamps)
-    if count < 4 or not np.isfinite(stamps).all() or not stamps[-1] > stamps[0]:
+    largest = np.max(np.abs(stamps), initial=0.0)
+    if count < 4 or not SMALLEST < largest < LARGEST or not stamps[-1] > stamps[0]:  # NaN is neither
         return None
     index = np.arange(count)
     mean = (stamps[-1] - stamps[0]) / (count - 1)
@@ -78,7 +81,7 @@ def _last_digits(stamps: np.ndarray) -> np.ndarray | None:
 
     Printed are so many decimals or so many digits, whichever are fewer. Single precision has binary digits.
     """
-    sizes = np.abs(stamps)
+    sizes = np.where(np.abs(stamps) < SMALLEST, 0.0, np.abs(stamps))
     decades = np.floor(np.log10(sizes, out=np.full(len(stamps), np.nan), where=sizes > 0) + 1e-12)
     found: dict[int, int] = {}  # decimals by decade
     for decade in np.unique(decades[sizes > 0]).astype(int).tolist():

@@ -57,7 +57,7 @@ def _answer(
         found = f"found data that need more than {in_bytes(_MEMORY)} of memory to be read, allowed are smaller ones"
     except Exception as error:  # what damaged files make of their libraries is not foreseeable
         found = f"found damaged data ({type(error).__name__}: {error}), allowed is a whole file"
-    return {"error": " ".join(found.split()), "column": "", "row": None, "missing": False}, []
+    return {"error": found, "column": "", "row": None, "missing": False}, []
 
 
 def _done(
