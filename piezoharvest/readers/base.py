@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import unicodedata
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
@@ -132,7 +133,7 @@ class Reader(ABC):
             raise MissingColumnError(f"found {len(self.names)} columns, allowed is a number up to that", str(column))
         named = [name for name in self.names if name == column]
         found = named or [name for name in self.names if last_part(name) == column]
-        found = found or [name for name in self.names if _without_unit(name) == column]
+        found = found or [name for name in self.names if _plain(column) in (_plain(name), _plain(_without_unit(name)))]
         if len(found) > 1:
             raise ReadError(
                 f"found {len(found)} columns {cut(column)!r} ({shown(found)}), allowed is one (or its number)", column
@@ -168,6 +169,11 @@ def _without_unit(name: str) -> str:
     """Name without a unit in brackets or behind it."""
     bare, unit = stated_unit(name)
     return bare if unit is not None and unit.firm else name
+
+
+def _plain(name: str) -> str:
+    """Name with one sign for micro, for ohm and for blanks of all kinds."""
+    return unicodedata.normalize("NFKC", name).strip()
 
 
 def cut(text: str) -> str:

@@ -91,7 +91,7 @@ class Layout:
     above : int
         Lines above the table.
     header : frozenset of str
-        Lines of the preamble: where they come again, the table goes on below them.
+        Lines of the preamble that have text: where they come again, the table goes on below them.
     named : bool
         Whether the file has the names.
     remarks : bool
@@ -147,7 +147,8 @@ def find_layout(lines: Sequence[str], skip_rows: int = 0, header_row: int | None
     names, units = _names(lines, run, skip_rows, header_row)
     named = bool(names)
     names = names or tuple(str(n) for n in range(1, run.width + 1))
-    header = frozenset(line.strip() for line in lines[: run.first] if line.strip())
+    words = (line for line in lines[: run.first] if not all(map(run.dialect.is_number, run.dialect.split(line))))
+    header = frozenset(line.strip() for line in words)
     remarks = any(
         _bare(line).split(run.dialect.delimiter)[-1].strip().lower() == _REMARK
         for line in lines[max(run.first - _NEAR, 0) : run.first]

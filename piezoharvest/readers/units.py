@@ -29,7 +29,6 @@ _ACCELERATION = re.compile(r"(\w*m)\s*(?:/|\s|per|_per_|_)\s*s\s*(?:\^|\*\*)?-?\
 _SPEED = re.compile(r"(\w*m)\s*(?:/|per|_per_|_)\s*s")
 _BRACKETS = re.compile(r"(.*?)\s*(?:\(([^()]+|[^()]*\([^()]*\)[^()]*)\)|\[([^][]+)\])\s*(?:-data)?\s*", re.S)
 _BEHIND = re.compile(r"(.*\S)\s*(?:\s/\s*|/(?=\S+$)|\sin\s+|,\s+)(\S+)", re.S)
-_END = re.compile(r"(.*?[^_])_(.+)", re.S)
 
 
 class Unit(NamedTuple):
@@ -73,8 +72,9 @@ def stated_unit(name: str) -> tuple[str, Unit | None]:
             return match[1], unit
     if (match := _BEHIND.fullmatch(name)) and (unit := unit_of(match[2])) is not None:
         return match[1].strip(), unit
-    if (match := _END.fullmatch(name)) and (unit := unit_of(match[2])) is not None:
-        return match[1], unit._replace(firm=False)
+    for n, mark in enumerate(name):
+        if mark == "_" and n > 0 and (unit := unit_of(name[n + 1 :])) is not None:
+            return name[:n], unit._replace(firm=False)
     return name, None
 
 

@@ -93,13 +93,20 @@ def load_campaign(path: str | Path) -> Campaign:
     - `[channels]`: `time` (column and unit) beside the measured channels; `column` as a number counted from 1, as an
       index into an array such as "data[:, 2]", or as a list of columns that are averaged; `file` where a channel stands
       in a file of its own. `sigma`, like `gain` and `offset`, is in the channel's unit.
+      Without `unit` and `gain` the values are in the unit that the file states for the column, in brackets, in a row
+      of units or at the end of the name, or else in the SI unit. A file that states another unit than the campaign is
+      an error; `gain` overrules the file.
     - `[records.channels]`: the same for one record.
-    - `rows = [first, last]`: the part of a file that is a record, in rows as findings count them.
-    - text tables (.txt, .dat, .tsv) and single arrays (.npy) as data files.
+    - `rows = [first, last]`: the part of a file that is a record, in rows as findings count them (lines of a text
+      file). Others are not looked at.
+    - text tables (.txt, .dat, .tsv) and single arrays (.npy) as data files. The table of a text file is the first run
+      of rows of equal width that are numbers, with the names in the row above it and units below the names.
+    - `skip_rows = n`: lines of a text file that are not looked at; `header_row = n`: the line that has the names, from
+      1, with the table below it.
     - `kind = "frf"`: `input` (default force), `output` and a load; columns frequency_Hz, real and imaginary, or
       magnitude and phase_rad or phase_deg, or a complex response, and coherence; or others by `[records.channels]`.
     - `kind = "impedance"`: `mechanical` ("free" or "blocked"); columns frequency_Hz, resistance_ohm and reactance_ohm,
-      or impedance_ohm and phase_rad or phase_deg.
+      or impedance_ohm and phase_rad or phase_deg. Sweeps may go up or down and overlap; a line at 0 Hz is left out.
     """
     path = Path(path)
     campaign = _read(path)

@@ -64,6 +64,11 @@ def read_frequency_record(
         if values.dtype.kind == "c" and part != "response":
             message = f"found complex values, allowed are real ones (complex ones belong in {'response'!r})"
             raise CampaignError(folder / entry.file, part, message, channel=part)
+    for part, values in parts.items():
+        if len(values) != len(parts["frequency"]) or not len(values):
+            found = f"found {counted(len(values), 'value')}"
+            allowed = f"allowed are one or more, as many as frequencies ({len(parts['frequency'])})"
+            raise CampaignError(folder / entry.file, part, f"{found}, {allowed}", channel=part)
     parts, rows, still = _in_order(parts, numbering)
     if len(still):
         where = shifted([(0, len(still) - 1)], still)

@@ -700,6 +700,11 @@ class TestSweeps:
         np.testing.assert_array_equal(record.frequency, FREQUENCIES)
         np.testing.assert_array_equal(record.response, compliance)
 
+    def test_parts_of_different_length(self, tmp_path, compliance):
+        np.savez(tmp_path / "frf.npz", frequency_Hz=FREQUENCIES, response=compliance[:-1])
+        error = failure(tmp_path, TRANSDUCER + FRF.replace("csv", "npz"))
+        assert (error.channel, "found 59 values" in error.message) == ("response", True)
+
     def test_one_column_for_two_parts(self, tmp_path, impedance):
         own = '[records.channels]\nimaginary = { column = "resistance_ohm" }\n'
         error = failure(tmp_path, TRANSDUCER + IMPEDANCE + own, z_csv=self.table(impedance))

@@ -206,6 +206,32 @@ class TestBelow:
         same(written(tmp_path, lines("a,b,c", table)), "a", "b", "c")
 
 
+def test_a_row_of_a_preamble_is_a_sample_where_it_comes_again(tmp_path):
+    table = rows()
+    text = lines("limits", table[7], "a,b,c", table)
+    same(written(tmp_path, text), "a", "b", "c", header_row=3)
+    table.insert(20, "# remark")  # which has the rows looked at one by one
+    same(written(tmp_path, lines("limits", table[7], "a,b,c", table)), "a", "b", "c")
+
+
+@pytest.mark.parametrize(
+    ("name", "asked"), [("x (\u00b5m)", "x (\u03bcm)"), ("R (\u2126)", "R (\u03a9)"), ("time\u00a0(s)", "time (s)")]
+)
+def test_signs_that_look_the_same(tmp_path, name, asked):
+    assert name != asked
+    path = written(tmp_path, lines(f"{name},b,c", rows()))
+    np.testing.assert_array_equal(read(path, asked)[0][0], TIME)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("my_force_kN", "kN"), ("base_acceleration_m_per_s2", "m_per_s2"), ("x_m_s2", "m_s2"), ("t_ms", "ms")],
+)
+def test_a_name_may_end_in_a_unit(tmp_path, name, text):
+    with open_reader(written(tmp_path, lines(f"a,{name},c", rows()))) as reader:
+        assert (reader.unit(name).text, reader.unit(name).firm) == (text, False)
+
+
 class TestSaidOtherwise:
     CALIBRATION = lines("Calibration", "1,2,3", "4,5,6", "7,8,9", "", "a,b,c", rows())
 
