@@ -49,7 +49,7 @@ def crashing_mat(path):
     data = bytearray(path.read_bytes())
     tag = 128 + 8 + 16 + 16 + 16  # behind the header, the tag of the matrix, its flags, its shape and its name
     assert data[tag : tag + 4] == b"\x09\0\0\0"
-    data[tag : tag + 4] = b"\xff\xff\xff\x7f"
+    data[tag] = 15
     path.write_bytes(data)
     return path
 
