@@ -10,7 +10,9 @@ import importlib
 import pkgutil
 from pathlib import Path
 
+from piezoharvest.input import InputError, check_readable
 from piezoharvest.parameters import subclasses_by
+from piezoharvest.readers.apart import Apart
 from piezoharvest.readers.base import MissingColumnError, Reader, ReadError
 
 __all__ = ["MissingColumnError", "ReadError", "Reader", "open_reader", "registered"]
@@ -43,15 +45,14 @@ def open_reader(path: Path, **lines: int) -> Reader:
         found = repr(path.suffix) if path.suffix else "no ending"
         endings = ", ".join(sorted(known))
         raise ReadError(f"found {found}, allowed are files ending in {endings} (.txt for any table of numbers in text)")
+    cls = known[path.suffix.lower()]
     try:
-        with path.open("rb") as stream:
-            empty = not stream.read(1)
-    except OSError as error:
-        raise ReadError(f"found no readable file ({error.strerror}), allowed is a file of measured data") from None
+        empty = not check_readable(path, cls.most_bytes)
+    except InputError as error:
+        raise ReadError(f"{error}, allowed is a file of measured data") from None
     if empty:
         raise ReadError("found an empty file, allowed is a file of measured data")
-    reader = known[path.suffix.lower()]
-    if lines and not reader.by_lines:
+    if lines and not cls.by_lines:
         allowed = ", ".join(sorted(suffix for suffix, each in known.items() if each.by_lines))
         raise ReadError(f"found {' and '.join(lines)}, allowed in text files only ({allowed})")
-    return reader(path, **lines)
+    return Apart(path) if cls.apart else cls(path, **lines)

@@ -14,6 +14,9 @@ import numpy as np
 from piezoharvest.readers.units import Unit, stated_unit
 
 _LONGEST = 60  # characters of what stands in a file, in a message
+# What may be read of a campaign: 1 GiB as float64, 45 minutes of time and four channels at 10 kHz. A fit takes up to
+# ten times that (2 GiB have been measured for 6 million samples of four channels).
+MOST_NUMBERS = 1 << 27
 
 
 class ReadError(ValueError):
@@ -30,8 +33,8 @@ class ReadError(ValueError):
     """
 
     def __init__(self, message: str, column: str = "", row: int | None = None):
-        super().__init__(message)
-        self.message, self.column, self.row = message, column, row
+        self.message, self.column, self.row = " ".join(message.split()), column, row  # libraries write several lines
+        super().__init__(self.message)
 
 
 class MissingColumnError(ReadError):
@@ -57,6 +60,10 @@ class Reader(ABC):
         The first line with numbers that stands below a table and was not read.
     by_lines : bool
         Whether rows are lines, of which some may be left out.
+    apart : bool
+        Whether files of this format are read in a process of their own, as damaged ones may crash their library.
+    most_bytes : int
+        How large a file may be.
 
     Raises
     ------
@@ -70,6 +77,8 @@ class Reader(ABC):
     numbering: int | np.ndarray = 1
     left_out: tuple[int, str] | None = None
     by_lines: ClassVar[bool] = False
+    apart: ClassVar[bool] = False
+    most_bytes: ClassVar[int] = 1 << 62
 
     def __init__(self, path: Path):
         self.path = path
@@ -143,6 +152,12 @@ class Reader(ABC):
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+
+def check_count(count: int) -> None:
+    """Raise `ReadError` where that many numbers are too many to be read."""
+    if count > MOST_NUMBERS:
+        raise ReadError(f"found {count} numbers in the columns that are used, allowed are {MOST_NUMBERS}")
 
 
 def last_part(name: str) -> str:

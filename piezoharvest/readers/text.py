@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezoharvest.readers.base import MissingColumnError, Reader, ReadError, cut
+from piezoharvest.readers.base import MOST_NUMBERS, MissingColumnError, Reader, ReadError, check_count, cut
 from piezoharvest.readers.layout import ADVICE, NEAR, find_layout
 from piezoharvest.readers.table import Table, decoded
 from piezoharvest.readers.units import Unit, stated_unit, unit_of
@@ -33,6 +33,7 @@ class Text(Reader):
 
     suffixes: ClassVar[tuple[str, ...]] = (".csv", ".txt", ".dat", ".tsv")
     by_lines = True
+    most_bytes = 32 * MOST_NUMBERS  # a number with 17 digits has up to 25 characters
 
     def __init__(self, path: Path, skip_rows: int = 0, header_row: int | None = None):
         super().__init__(path)
@@ -87,6 +88,7 @@ class Text(Reader):
             if row + lines > first:
                 table.add(_lines_of(block, first - row, None if last is None else last + 1 - row), max(row, first))
             row += lines
+            check_count(table.count * len(names))
             if table.ended or (last is not None and row > last):
                 break
         return table

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from piezoharvest.parameters import ParameterError
+from piezoharvest.readers.base import MOST_NUMBERS
 from piezoharvest.records.checks import check
 from piezoharvest.records.entries import (
     FrfEntry,
@@ -137,7 +138,7 @@ def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
             raise ParameterError(key, f"found an unknown key, allowed are {', '.join(_TABLES)}")
     title = table.get("title", path.stem)
     if not isinstance(title, str):
-        raise ParameterError("title", f"found {title!r}, allowed is a string")
+        raise ParameterError("title", f"found {repr(title)[:80]}, allowed is a string")
     if "transducer" not in table:
         raise ParameterError("transducer", "found no such key, allowed is a table")
     transducer = build_transducer(table["transducer"])
@@ -146,13 +147,24 @@ def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
     if not isinstance(entries, list) or not entries:
         found = "no such key" if entries is None else repr(entries)[:60]
         raise ParameterError("records", f"found {found}, allowed is a list of one table or more")
-    read = [_read_entry(entry, f"records.{n}", sources, path.parent) for n, entry in enumerate(entries)]
+    read = list(_entries(entries, sources, path))
     records = tuple(record for record, _ in read)
     # A channel may be missing in some records; one that [channels] names and none has may be misspelt.
     measured = {channel for record in records if isinstance(record, Record) for channel in record.signals}
     absent = [[f for f in some if f.check != "missing column" or f.channel not in measured] for _, some in read]
     found = (tuple((*some, *check(record, transducer))) for record, some in zip(records, absent, strict=True))
     return Campaign(title, path, transducer, records, tuple(found))
+
+
+def _entries(entries: list, sources: Mapping, path: Path) -> Iterator[tuple[Record | FrequencyRecord, list[Finding]]]:
+    """Read all records, which are in memory together."""
+    count = 0
+    for n, entry in enumerate(entries):
+        record, found = _read_entry(entry, f"records.{n}", sources, path.parent)
+        count += len(record) * (1 + len(record.signals) if isinstance(record, Record) else 4)
+        if count > MOST_NUMBERS:
+            raise ParameterError(f"records.{n}", f"found {count} numbers up to here, allowed are {MOST_NUMBERS} in all")
+        yield record, found
 
 
 def _read_entry(table: Any, key: str, sources: Mapping, folder: Path) -> tuple[Record | FrequencyRecord, list[Finding]]:

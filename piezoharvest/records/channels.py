@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -61,7 +62,7 @@ class Source(Component):
             fine = isinstance(column, str) or (type(column) is int and column > 0)
             if not fine and self.column is not None:
                 allowed = "a name, a number from 1 on, or a list of these"
-                raise ParameterError("column", f"found {column!r}, allowed is {allowed}")
+                raise ParameterError("column", f"found {repr(column)[:80]}, allowed is {allowed}")
         if not columns:
             raise ParameterError("column", "found an empty list, allowed is one column or more")
 
@@ -108,6 +109,16 @@ class Source(Component):
         return None if self.sigma is None else self.sigma * unit_factor(self.unit or si, si)
 
 
+# What a unit may consist of: names with a small power, times, by, brackets and 1. pint reads more, and computes all
+# that stands there: "10**1000000000 N" takes it for ever. So no power of a number, of brackets or of a power, and none
+# of the words that pint makes powers of. Nothing that has matched is tried another way, which could take as long.
+_POWER = r"(?>\s*(?:\*\*|\^)\s*[+-]?\d(?:\.\d)?(?![\w.])|⁻?[¹²³⁴])"
+_LETTERS = r"[^\W\d¹²³⁴⁰-⁹]++"
+_NAME = rf"(?!(?:square|squared|cubic|cubed)\b)(?>{_LETTERS}(?:[0-9]++(?:{_LETTERS})?+)*+|[°%‰])"
+_UNIT = re.compile(rf"\s*+(?>(?:{_NAME}{_POWER}?+|1(?!\w)|\*(?!\s*\*)|[/·()])\s*+)*+")
+_MOST_OF_UNIT = 64  # characters: twice what the longest ones that make sense have
+
+
 @cache
 def _registry() -> Any:
     """Pint's registry; it takes most of a second, so only when a file names a unit."""
@@ -127,15 +138,22 @@ def unit_factor(unit: str, si: str) -> float:
     """
     if unit == si:
         return 1.0
+    found = repr(unit) if len(unit) <= _MOST_OF_UNIT else f"{unit[:_MOST_OF_UNIT]!r} and more"
     registry = _registry()
     try:
-        given = registry.Quantity(1.0, unit)
+        if len(unit) > _MOST_OF_UNIT or not _UNIT.fullmatch(unit):
+            raise ValueError
+        given, wanted = registry.Quantity(1.0, unit), registry.Quantity(1.0, si)
+        if given.dimensionality != wanted.dimensionality:
+            hint = " (g is gram: standard gravity is g_0)" if unit == "g" and si == "m/s^2" else ""
+            raise ParameterError("unit", f"found {found}{hint}, allowed is a unit that converts to {si}")
+        factor = float((given / wanted).to_base_units().magnitude)
+        if not 0 < factor < math.inf:
+            raise ValueError
+        turns = "radian" in str(given.to_base_units().units)
+    except ParameterError:
+        raise
     except Exception:  # pint raises what its parser stumbles over: undefined units, syntax, assertions
-        raise ParameterError("unit", f"found {unit!r}, allowed is a unit such as {si}") from None
-    wanted = registry.Quantity(1.0, si)
-    if given.dimensionality != wanted.dimensionality:
-        hint = " (g is gram: standard gravity is g_0)" if unit == "g" and si == "m/s^2" else ""
-        raise ParameterError("unit", f"found {unit!r}{hint}, allowed is a unit that converts to {si}")
-    factor = float((given / wanted).to_base_units().magnitude)
+        raise ParameterError("unit", f"found {found}, allowed is a unit such as {si or 'percent'}") from None
     # To pint a radian is no unit: what turns at 1 rad/s would have 1 Hz.
-    return factor / (2 * math.pi) if si == "Hz" and "radian" in str(given.to_base_units().units) else factor
+    return factor / (2 * math.pi) if si == "Hz" and turns else factor

@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-_SHORTEST = 1e-200  # time between samples: powers of ten beyond are no longer floats
-_NOTHING = 1e-12  # of it: less is a zero with errors of its own
-_EXACT = 1e-6  # of the time between samples: stamps that are off by less are even as they are
+from piezoharvest.parameters import LARGEST, SMALLEST
+
+_NOTHING = 1e-12  # of the time between samples: less is a zero with errors of its own
+_EXACT = 1e-6  # of it: stamps that are off by less are even as they are
 _ROUNDING = 4 * np.finfo(float).eps  # of a stamp that is read and scaled
 _DIGITS = 14  # significant ones: what has more was not rounded for printing
 _FINE = 0.5  # of the time between samples: where stamps are rounded to no more, a lost sample shows as a gap
@@ -42,11 +43,10 @@ def even_times(stamps: np.ndarray, step: float | None = None) -> Even | None:
         None where the stamps are even as they are, or are not the rounded values of even times.
     """
     count = len(stamps)
-    if count < 4 or not np.isfinite(stamps).all() or not stamps[-1] > stamps[0]:
+    largest = np.max(np.abs(stamps), initial=0.0)
+    if count < 4 or not SMALLEST < largest < LARGEST or not stamps[-1] > stamps[0]:  # NaN is neither
         return None
     mean = float(stamps[-1] - stamps[0]) / (count - 1)
-    if not _SHORTEST < mean < 1.0 / _SHORTEST:
-        return None
     if np.max(np.abs(stamps - stamps[0] - mean * np.arange(count))) <= _EXACT * mean:
         return None
     units = _last_digits(np.where(np.abs(stamps) < _NOTHING * mean, 0.0, stamps))

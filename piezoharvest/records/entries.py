@@ -116,8 +116,8 @@ def build_entry(table: Any, where: str) -> Entry:
         A key is missing, unknown, of the wrong type or out of bounds.
     """
     kind = table.get("kind", "time") if isinstance(table, dict) else "time"
-    if kind not in _KINDS:
-        raise ParameterError(f"{where}.kind", f"found {kind!r}, allowed are {', '.join(_KINDS)}")
+    if not isinstance(kind, str) or kind not in _KINDS:
+        raise ParameterError(f"{where}.kind", f"found {repr(kind)[:80]}, allowed are {', '.join(_KINDS)}")
     if kind == "time" and isinstance(table, dict):
         table = {key: value for key, value in table.items() if key != "kind"}
     return build(_KINDS[kind], table, where)
@@ -132,7 +132,7 @@ def build_sources(tables: Any, level: Level, where: str, units: Mapping[str, str
         A channel or key is unknown, or a unit does not fit its channel.
     """
     if not isinstance(tables, dict):
-        raise ParameterError(where, f"found {tables!r}, allowed is a table of tables")
+        raise ParameterError(where, f"found {repr(tables)[:80]}, allowed is a table of tables")
     found: dict[str, tuple[Source, Level]] = {}
     for channel, table in tables.items():
         if channel not in units:

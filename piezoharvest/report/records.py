@@ -57,7 +57,7 @@ def record_figure(record: Record | FrequencyRecord, findings: Sequence[Finding] 
     else:
         axes[-1, 0].set_xlabel(_time_axis(record)[1])
     figure.align_ylabels(axes[:, 0])
-    figure.suptitle("\n".join((f"{record.name} ({record.role})", *lines)), x=0.01, ha="left", fontsize=8.5)
+    figure.suptitle("\n".join((style.plain(f"{record.name} ({record.role})"), *lines)), x=0.01, ha="left", fontsize=8.5)
     return figure
 
 
@@ -67,7 +67,7 @@ def _listed(findings: Sequence[Finding]) -> list[str]:
     lines = []
     for finding in ordered[:_LISTED]:
         text = f"{finding.severity}: {finding.check}: {finding.place}: {finding.message}"
-        lines += textwrap.wrap(text, _WIDTH, subsequent_indent="    ")
+        lines += textwrap.wrap(style.plain(text), _WIDTH, subsequent_indent="    ")
     more = len(ordered) - _LISTED
     return [*lines, f"and {more} more"] if more > 0 else lines or ["nothing found"]
 
