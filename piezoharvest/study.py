@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass
@@ -19,7 +20,8 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, crea
 from piezoharvest import catalogue, effects, excitation, shunts
 from piezoharvest.effects import Effect
 from piezoharvest.excitation import Excitation
-from piezoharvest.parameters import Component, ParameterError, allowed, quantity
+from piezoharvest.input import InputError, check_readable
+from piezoharvest.parameters import Component, ParameterError, allowed, check_sizes, quantity
 from piezoharvest.shunts import Shunt
 from piezoharvest.system import System
 from piezoharvest.transducer import Transducer
@@ -30,6 +32,10 @@ _WORDS: dict[Any, str] = {str: "a string", bool: "true or false", list: "a list 
 _NEEDED = {"transducer": "a table", "excitation": "a table", "shunts": "a list of tables"}
 _TABLES = ("title", *_NEEDED, "design", "sweep", "bench")
 MOST_DESIGNS = 2**30  # of a sweep: where the points of a Sobol sequence end
+MOST_OF_TOML = 1 << 22  # bytes: tomllib takes about a second for 2 MB; a study of a thousand lines has 40 kB
+# tomllib takes the square of a key's parts: 16 s for 20,000 of them, one of which is as good as none in our tables.
+_MOST_PARTS = 100
+_LONG_KEY = re.compile(rf"""(?<![\w"'-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{_MOST_PARTS}}}""")
 
 
 class StudyError(ValueError):
@@ -177,10 +183,16 @@ def read_toml(path: Path) -> dict[str, Any]:
     Raises
     ------
     StudyError
-        The file cannot be read, is not UTF-8 or not TOML.
+        The file cannot be read, is too large, is not UTF-8 or not TOML.
     """
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        check_readable(path, MOST_OF_TOML)
+        text = path.read_bytes().decode("utf-8-sig")
+        if _LONG_KEY.search(text):
+            raise ValueError(f"a key of more than {_MOST_PARTS} parts")
+        return tomllib.loads(text)
+    except InputError as error:
+        raise StudyError(path, "", f"{error}, allowed is a TOML file") from None
     except OSError as error:
         raise StudyError(path, "", f"found no readable file ({error.strerror}), allowed is a TOML file") from None
     except UnicodeDecodeError as error:
@@ -241,7 +253,7 @@ def build_transducer(table: Any, where: str = "transducer") -> Transducer:
     table = dict(_typed(dict, table, where))
     if "catalogue" in table:
         name = table.pop("catalogue")
-        if name not in catalogue.names():
+        if not isinstance(name, str) or name not in catalogue.names():
             raise unknown(f"{where}.catalogue", name, catalogue.names())
         table = catalogue.transducer_table(name, table)
     return build(Transducer, table, where)
@@ -276,7 +288,9 @@ def build(cls: type[_C], table: Any, where: str) -> _C:
             values[field.name] = _build_part(part, hints[field.name], values[field.name], f"{where}.{field.name}")
     try:
         checked = _model(cls).model_validate(values)
-        return cls(**{name: _frozen(getattr(checked, name)) for name in checked.model_fields_set})
+        component = cls(**{name: _frozen(getattr(checked, name)) for name in checked.model_fields_set})
+        check_sizes(component)
+        return component
     except ValidationError as error:
         raise _explained(cls, error).within(where) from None
     except ParameterError as error:
