@@ -67,6 +67,10 @@ _COMPARISONS = {
 }
 
 
+# Sizes of quantities, the smallest of those that must not be zero: a product or quotient of five of them is still a
+# number, and far more than twelve decades lie between these and what is ever meant.
+SMALLEST, LARGEST = 1e-60, 1e60
+
 # Size of a complex step: the imaginary part of what is made from x + i e is e times its derivative, exact to rounding.
 # (Squire & Trapp, SIAM Review 40(1), 110-112, 1998). Components take no other complex numbers.
 COMPLEX_STEP = 1e-150
@@ -107,6 +111,23 @@ def check_quantity(field: dataclasses.Field, value: Any) -> None:
     if not np.all(fine):
         found = value if numbers.ndim == 0 else numbers[~fine].flat[0]
         raise ParameterError(field.name, f"found {found}, allowed is {allowed(field)}")
+    check_range(field.name, numbers, inverted=field.metadata.get("above") == 0)
+
+
+def check_range(key: str, numbers: Any, *, inverted: bool) -> None:
+    """Raise `ParameterError` where a number is so large, or so small though `inverted`, that it leads to infinity.
+
+    Raises
+    ------
+    ParameterError
+        The size of a number is beyond `LARGEST`, or below `SMALLEST`.
+    """
+    size = np.abs(numbers)
+    least = SMALLEST if inverted else 0.0
+    beyond = (size > LARGEST) | (size < least)
+    if np.any(beyond):
+        found = np.ravel(numbers)[np.ravel(beyond)][0]
+        raise ParameterError(key, f"found {found:g}, allowed is a size from {least:g} to {LARGEST:g}")
 
 
 @dataclass(frozen=True, kw_only=True)

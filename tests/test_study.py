@@ -70,6 +70,15 @@ parameters = [
 anything = { goes = 1 }
 """
 
+MANY = list(range(1, 2001))
+RANDOM = """\
+kind = "random_force"
+psd = 1e-6
+band = [40.0, {}]
+duration = 1.0
+seed = 1
+"""
+
 
 def write(folder, text: str | bytes):
     path = folder / "study.toml"
@@ -517,3 +526,46 @@ def test_whatever_stands_at_a_key_is_accepted_or_refused_in_one_sentence(tmp_pat
         except StudyError as problem:
             assert ": found " in str(problem)
             assert "\n" not in str(problem)
+
+
+@pytest.mark.parametrize("value", ["1e308", "1.7e308", "1e70", "1e-70", "1e-300", "5e-324"])
+@pytest.mark.parametrize(
+    ("line", "key"),
+    [
+        ("mass = 0.010", "transducer.mass"),
+        ("stiffness = 986.96", "transducer.stiffness"),
+        ("capacitance = 40e-9", "transducer.capacitance"),
+        ("resistance = 130000", "transducer.effects.leakage.resistance"),
+        ("frequency = 50.6", "excitation.frequency"),
+        ("inductance = 0.1", "shunts.1.inductance"),
+        ("quality = 6", "shunts.1.quality"),
+    ],
+)
+def test_sizes_that_square_or_invert_to_infinity_are_refused_by_their_key(tmp_path, line, key, value):
+    message = error(tmp_path, (line, f"{line.split(' = ')[0]} = {value}"))
+    assert message.startswith(f"{key}: found ")
+    assert "to 1e+60" in message or "greater than" in message
+
+
+def test_sizes_twelve_decades_from_the_usual_are_accepted(tmp_path):
+    for power in (-12, 12):
+        for line, value in (("mass = 0.010", 0.01), ("stiffness = 986.96", 987.0), ("capacitance = 40e-9", 4e-8)):
+            assert load(tmp_path, (line, f"{line.split(' = ')[0]} = {value * 10.0**power}"))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (('kind = "sine_force"\namplitude = 0.02\nfrequency = 50.6', RANDOM.format("1e15")),
+         "excitation: found 1.6e+16 samples, allowed are up to 10000000"),
+        (('kind = "sine_force"\namplitude = 0.02\nfrequency = 50.6', RANDOM.format("60.0").replace("1.0", "1e12")),
+         "excitation: found 9.6e+14 samples, allowed are up to 10000000"),
+        (("thresholds = [1e-7, 3e-7]\nweights = [5e5, 1.5e6]", f"thresholds = {MANY}\nweights = {MANY}"),
+         "transducer.hysteresis.thresholds: found 2000 thresholds, allowed are up to 50"),
+        (('kind = "resistor"\nresistance = 1e5', f'kind = "network"\nnetlist = {[f"R{n} 1 0 1" for n in range(300)]}'),
+         "shunts.0.netlist: found 300 elements, allowed are up to 100"),
+    ],
+    ids=["rate", "duration", "stops", "network"],
+)  # fmt: skip
+def test_what_would_not_fit_into_memory_is_refused(tmp_path, change, message):
+    assert error(tmp_path, change).startswith(message)

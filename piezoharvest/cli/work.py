@@ -37,7 +37,7 @@ def simulate(path: Path, *, as_json: bool, transient: float | None, out: Path | 
     if out is not None:
         check_file(out, TABLE_SUFFIXES)
     study = _with_shunts(load_study(path))
-    responses = [_respond(study, n, transient) for n in range(len(study.shunts))]
+    responses = [_respond(study, n, transient, waveforms=out is not None) for n in range(len(study.shunts))]
     if as_json:
         show.print_json({"title": study.title, "results": [show.response_json(response) for response in responses]})
     else:
@@ -48,8 +48,8 @@ def simulate(path: Path, *, as_json: bool, transient: float | None, out: Path | 
     return 0 if all(response.converged for response in responses) else 1
 
 
-def _respond(study: Study, n: int, transient: float | None) -> Response:
-    """Simulate one shunt; tell what there is to know about the answer."""
+def _respond(study: Study, n: int, transient: float | None, *, waveforms: bool) -> Response:
+    """Simulate one shunt; tell what there is to know about the answer. Waveforms, which take memory, only if wanted."""
     from piezoharvest.engine import simulate as run
 
     try:
@@ -61,7 +61,7 @@ def _respond(study: Study, n: int, transient: float | None) -> Response:
         note(f"warning: {where}: not to be trusted: {response.message or 'did not converge'}")
     elif response.message:
         note(f"warning: {where}: {response.message}")
-    return response
+    return response if waveforms else replace(response, waveforms=None)
 
 
 def design(path: Path, *, as_json: bool, report: Path | None) -> int:
@@ -76,7 +76,10 @@ def _design(study: Study, *, as_json: bool, report: Path | None) -> int:
         check_new_directory(report)
     from piezoharvest.design import design as run
 
-    result = run(study, progress=lambda *what: note(" ".join(map(str, what))))
+    try:
+        result = run(study, progress=lambda *what: note(" ".join(map(str, what))))
+    except ParameterError as error:
+        raise StudyError(study.path, error.key, error.message) from None
     for text in result.notes:
         note(f"warning: {text}")
     if not result.converged and not result.notes:

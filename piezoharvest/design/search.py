@@ -30,6 +30,7 @@ _AMPLITUDE_ROUNDS = 3
 Progress = Callable[[str], object]
 
 
+@np.errstate(all="ignore")  # what is not finite is told by the result
 def design(study: Study, progress: Progress | None = None) -> DesignResult:
     """Tune every candidate of a study, check it by nonlinear simulation and rank them.
 
@@ -48,7 +49,8 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
     Raises
     ------
     ParameterError
-        No candidate is left, the excitation moves nothing, or the objective is one that is still to come.
+        No candidate is left, the excitation moves nothing or what cannot be simulated, or the objective is one that is
+        still to come.
 
     Notes
     -----
@@ -89,7 +91,8 @@ class _Design:
             self.notes.append(f"left out: {'; '.join(drafting.left_out)}")
         if self.trial.unresolved:
             self.notes.append("resonances are sharper than the simulated mean power over the band is sure to see")
-        candidates = tuple(sorted((self._candidate(draft) for draft in drafts), key=self._rank))
+        _ = self.trial.shorted  # what all refer to: found first, as without it nothing can be said
+        candidates = tuple(sorted(self._candidates(drafts), key=self._rank))
         if not any(candidate.feasible for candidate in candidates):
             self.notes.insert(0, "no candidate keeps all limits")
         return DesignResult(candidates=candidates, notes=tuple(self.notes))
@@ -97,6 +100,19 @@ class _Design:
     def _rank(self, candidate: Candidate) -> tuple:
         value = candidate.displacement_amplitude if self.goal.damping else -candidate.harvested_power
         return not candidate.converged, not candidate.feasible, value if np.isfinite(value) else np.inf
+
+    def _candidates(self, drafts: Iterable[Draft]) -> list[Candidate]:
+        """Tune and check the drafts; those that take too much work are left out, unless none is left."""
+        found, refused = [], None
+        for draft in drafts:
+            try:
+                found.append(self._candidate(draft))
+            except ParameterError as error:
+                refused = error
+                self.notes.append(f"left out: {draft.kind}: {error.message}")
+        if refused and not found:
+            raise refused
+        return found
 
     def _candidate(self, draft: Draft) -> Candidate:
         """Tune a draft and check it."""

@@ -8,6 +8,7 @@ from numba.cpython.unsafe import numbers
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import tables as tb
+from piezoharvest.engine.budget import products
 from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.state import vector
 from piezoharvest.engine.tables import block_of, slot_of
@@ -35,6 +36,7 @@ def reach(P, L, S, D, slot, x, tau):
     source, here, there = x, out, vector(L, D, SWAP)
     count = int(tau / short + 0.5)
     rest = tau - count * short
+    products(L, 4)
     while count:
         if L[pg.SIGNAL_KIND] == pg.RAMPS:
             place = trailing_zeros(count) // tb.BITS

@@ -89,13 +89,13 @@ def gradient(system: System, excitation: Excitation) -> Gradient:
         tape = follow(lowered, orbit, mirrored)
         names, values = zip(*quantities(system, excitation), strict=True)
         variation = Variation(tape, batch.program, len(names))
+        found = {
+            "harvested_power": variation.power(),
+            "displacement_amplitude": variation.amplitude(pg.DISPLACEMENT),
+            "voltage_amplitude": variation.amplitude(pg.VOLTAGE),
+        }
     except EngineError as error:
         raise NoGradientError(str(error)) from None
-    found = {
-        "harvested_power": variation.power(),
-        "displacement_amplitude": variation.amplitude(pg.DISPLACEMENT),
-        "voltage_amplitude": variation.amplitude(pg.VOLTAGE),
-    }
     by = {name: result.change for name, result in found.items()}
     if mirrored and "excitation.offset" in names:
         # An offset breaks the symmetry that was made use of; for the same reason neither power nor amplitudes depend on

@@ -285,6 +285,8 @@ class Variation:
     def amplitude(self, output: int) -> Dual:
         """Half of peak-to-peak of an output."""
         found = [extreme for leg in self.legs for extreme in self._extremes(leg, output)]
+        if not found:
+            raise EngineError("an output does not turn, to rounding")
         if self.tape.mirrored:
             value, leg, time = max(found, key=lambda extreme: abs(extreme[0]))
             return Dual(abs(value), np.sign(value) * self._change_of(output, leg, time))

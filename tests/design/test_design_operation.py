@@ -1,5 +1,7 @@
 """Excitations as lines, means over bands, and the region in which parts are sought."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,9 +10,12 @@ from piezoharvest.design.goal import Goal
 from piezoharvest.design.operation import mean_nodes, operation_of
 from piezoharvest.design.region import COIL_QUALITY, Region
 from piezoharvest.design.starts import Host, starts
+from piezoharvest.design.trial import Trial
 from piezoharvest.design.twoport import LinearView
+from piezoharvest.effects import Stiffening
 from piezoharvest.excitation import Multisine, RandomForce, Record, SineForce, StepForce
 from piezoharvest.linear import frequency_response
+from piezoharvest.parameters import ParameterError
 from piezoharvest.shunts import Open, ParallelRL, Resistor, SeriesRL
 from piezoharvest.study import DesignOptions
 from piezoharvest.system import System
@@ -88,3 +93,27 @@ def test_peaks_are_exact(host):
     heights = np.abs(view.response(Open(), found).displacement)
     dense = np.abs(view.response(Open(), np.linspace(51.0, 51.5, 200001)).displacement)
     assert heights.max() == pytest.approx(dense.max(), rel=1e-9)
+
+
+def test_what_the_short_circuit_cannot_follow_is_not_designed_for(host, run):
+    """An offset of 1e12 m into a stiffening spring."""
+    transducer = host(0.025, 50, effects=(Stiffening(cubic_stiffness=1e5),))
+    excitation = SineForce(amplitude=0.02, frequency=50.6, offset=1e15)
+    with pytest.raises(ParameterError, match="cannot be designed for, with short: simulation failed"):
+        run(transducer, excitation=excitation, objective="damping", candidates=("resistor",))
+
+
+def test_candidate_that_takes_too_much_work_is_left_out(host, run, monkeypatch):
+    simulated = Trial._simulate
+
+    def give_up(self, shunt, *rest):
+        if shunt.kind == "rectifier":
+            raise self._impossible(replace(simulated(self, Open(), False), shunt="rectifier", message="given up"))
+        return simulated(self, shunt, *rest)
+
+    monkeypatch.setattr(Trial, "_simulate", give_up)
+    found = run(host(0.025, 50), candidates=("resistor", "rectifier"))
+    assert [candidate.shunt.kind for candidate in found.candidates] == ["resistor"]
+    assert any(note.startswith("left out: rectifier: ") for note in found.notes)
+    with pytest.raises(ParameterError, match="with rectifier: given up"):
+        run(host(0.025, 50), candidates=("rectifier",))

@@ -185,6 +185,7 @@ WRONG = {
         "bench.effects.clipping.channel: found 'x', allowed is 'force' or ",
     ),
     "short": ({"duration": 0.001}, "shunts.0.duration: found 0.001 s at 1000 Hz, allowed is a record of three samples"),
+    "long": ({"duration": 1e9}, "shunts.0.duration: found 1e+09 s at 1000 Hz, 1e+12 samples, allowed are up to 1000"),
     "twice": ({"records": [{"load_resistance": 1e4, "shunt": LOAD}]}, f"{RECORD}.shunt: found load_resistance too"),
     "role": ({"records": [{"role": "test"}]}, f"{RECORD}.role: found 'test', allowed is 'fit' or 'validate'"),
     "kind": ({"records": [{"excitation": {"kind": "sine"}}]}, f"{RECORD}.excitation.kind: found 'sine'"),

@@ -218,6 +218,13 @@ def test_what_has_no_solution_is_said():
         waves({**HOLD, "rise_time": 0.1}, OPEN, LINEAR, effects=effects)
 
 
+def test_more_steps_than_a_run_may_take_are_said(monkeypatch):
+    monkeypatch.setattr("piezoharvest.records.bench.solver.march.MAX_TRIALS", 100)
+    monkeypatch.setattr("piezoharvest.records.bench.solver.march.TRIALS_EACH", 0)
+    with pytest.raises(SolverError, match=r"more than 100 steps, on the way to 0\.\d+ s"):
+        waves()
+
+
 def test_nothing_of_the_engine_is_used():
     """Neither the engine nor the equations that it lowers, so that data for tests do not come from what they test."""
     forbidden = {"engine", "linear", "equations", "circuit", "effects", "spice"}
