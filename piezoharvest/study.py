@@ -48,7 +48,7 @@ class StudyError(ValueError):
     """
 
     def __init__(self, path: str | Path, key: str, message: str):
-        text = ": ".join(part for part in (str(path), key, message) if part)
+        text = ": ".join(_shortened(part) for part in (str(path), key, message) if part)
         super().__init__("".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text))
         self.path, self.key, self.message = str(path), key, message
 
@@ -423,6 +423,11 @@ def unknown(key: str, name: Any, known: Iterable[str], what: str = "") -> Parame
     near = difflib.get_close_matches(str(name).lower(), names, n=1)
     hint = f" (did you mean {names[near[0]]!r}?)" if near else ""
     return ParameterError(key, f"found {what or _show(name)}{hint}, allowed are {', '.join(names.values())}")
+
+
+def _shortened(text: str, most: int = 450) -> str:
+    """A part of a message, which a file may have made as long as it likes."""
+    return text if len(text) <= most else f"{text[: most - 150]} ... {text[-145:]}"
 
 
 def _show(value: Any) -> str:
