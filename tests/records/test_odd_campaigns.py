@@ -94,8 +94,9 @@ class TestPaths:
 
     @pytest.mark.parametrize(
         ("name", "found"),
-        [("pipe.csv", "a pipe"), ("endless.csv", "a device"), ("folder.csv", "Is a directory"), ("loop.csv", "symbolic"),
-         ("a\0b.csv", "no name of a file"), ("a" * 300 + ".csv", "too long"), ("gone.csv", "No such file")],
+        [("pipe.csv", "a pipe"), ("endless.csv", "a device"), ("folder.csv", "Is a directory"),
+         ("loop.csv", "symbolic"), ("a\0b.csv", "no name of a file"), ("a" * 300 + ".csv", "too long"),
+         ("gone.csv", "No such file")],
     )  # fmt: skip
     def test_data_files(self, tmp_path, name, found):
         os.mkfifo(tmp_path / "pipe.csv")
