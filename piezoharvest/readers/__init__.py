@@ -44,7 +44,8 @@ def open_reader(path: Path, **lines: int) -> Reader:
     known = registered()
     if path.suffix.lower() not in known:
         found = repr(path.suffix) if path.suffix else "no ending"
-        raise ReadError(f"found {found}, allowed are files ending in {', '.join(sorted(known))}")
+        endings = ", ".join(sorted(known))
+        raise ReadError(f"found {found}, allowed are files ending in {endings} (.txt for any table of numbers in text)")
     cls = known[path.suffix.lower()]
     try:
         empty = not check_readable(path, cls.most_bytes)

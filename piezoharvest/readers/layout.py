@@ -21,7 +21,7 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _CUT_NUMBER = re.compile(r"[+-]?\d*\.?\d*(?:[eE][+-]?\d*)?")  # what may be left of a number at the end of a cut file
 _BLANKS = re.compile(r'"[^"]*"|\S+')
 _FIRM = 3  # rows of numbers that make a table: a preamble may well have one or two, as a scale for each channel
-_NEAR = 3  # lines above the table that may hold names and units
+NEAR = 3  # lines above the table that may hold names and units
 _NO_UNITS = {"", "-", "1", "sequence"}  # in a row of units: oscilloscopes number their samples
 _REMARK = "comment"  # LabVIEW's last column, which rows have only where something was remarked
 ADVICE = "skip_rows (lines to leave out) or header_row (line of the names) says where it begins"
@@ -151,7 +151,7 @@ def find_layout(lines: Sequence[str], skip_rows: int = 0, header_row: int | None
     header = frozenset(line.strip() for line in words)
     remarks = any(
         _bare(line).split(run.dialect.delimiter)[-1].strip().lower() == _REMARK
-        for line in lines[max(run.first - _NEAR, 0) : run.first]
+        for line in lines[max(run.first - NEAR, 0) : run.first]
         if line.strip()
     )
     return Layout(run.dialect, names, units, run.width, tuple(sorted(run.numeric)), run.first, header, remarks, named)
@@ -242,10 +242,10 @@ def _names(
         below = [_fitted(line, run, samples) for line in lines[header_row : run.first] if line.strip()]
         units = next((row for row in below if row is not None and _are_units(row)), None)
         return names, _units(units) if units else empty
-    near = [n for n in range(run.first - 1, skip_rows - 1, -1) if lines[n].strip()][:_NEAR]
+    near = [n for n in range(run.first - 1, -1, -1) if lines[n].strip()][:NEAR]
     fitting = [(n, row) for n in near if (row := _fitted(lines[n], run, samples)) is not None]
     if not fitting:
-        _refuse_header(lines, run, near)
+        _refuse_header(lines, run, [n for n in near if n >= skip_rows])
         return (), empty
     (line, row), *others = fitting
     if others and _are_units(row):

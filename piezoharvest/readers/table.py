@@ -28,8 +28,8 @@ class Table:
     ----------
     count : int
         Rows so far.
-    last_row : int
-        Row of the file that the last of them stands in.
+    last_row, seen : int
+        Row of the file that the last of them stands in, and the last line that was taken.
     ended : bool
         Whether another table has begun.
     left_out : tuple of (row, text) or None
@@ -38,7 +38,7 @@ class Table:
 
     def __init__(self, layout: Layout, where: Mapping[str, int]):
         self.layout, self.where = layout, dict(where)
-        self.count, self.last_row, self.ended = 0, 0, False
+        self.count, self.last_row, self.seen, self.ended = 0, 0, 0, False
         self.left_out: tuple[int, str] | None = None
         self._columns = {name: np.empty(0) for name in where}
         self._pieces: list[tuple[int, int]] = []  # index and row at which the numbering starts anew
@@ -55,6 +55,7 @@ class Table:
         ReadError
             A line is no row of the table.
         """
+        self.seen = row + block.count(b"\n") - 1
         found = self._at_once(block) if self._text is None and not self._empty else None
         if found is not None:
             self._append(found, row, len(found[0]))
@@ -64,6 +65,11 @@ class Table:
             if self.ended:
                 break
         self._flush()
+
+    @property
+    def below(self) -> bool:
+        """Whether text stands below the last row."""
+        return self._text is not None
 
     def finish(self) -> dict[str, np.ndarray]:
         """The columns, when all lines have been taken."""

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from piezoharvest.readers.base import MOST_NUMBERS, MissingColumnError, Reader, ReadError, check_count, cut
-from piezoharvest.readers.layout import ADVICE, find_layout
+from piezoharvest.readers.layout import ADVICE, NEAR, find_layout
 from piezoharvest.readers.table import Table, decoded
 from piezoharvest.readers.units import Unit, stated_unit, unit_of
 
@@ -59,7 +59,7 @@ class Text(Reader):
         first, last = rows
         if first >= self.first_row:
             table = self._table(names, first, last)
-            if table.last_row == last:
+            if table.last_row == last or (table.count and table.seen >= last and not table.below):
                 self.numbering = table.numbering()
                 return table.finish()
         end = self._table(names[:1], self.first_row).last_row
@@ -150,14 +150,13 @@ def _blocks(path: Path, encoding: str | None) -> Iterator[bytes]:
 
 
 def _head(blocks: Iterator[bytes], begin: int) -> list[str]:
-    """The first lines of a file, as many as tell its layout; those that are left out are empty."""
+    """The first lines of a file, as many as tell its layout; of those that are left out all but the last are empty."""
     head: list[str] = []
     size = 0
     for block in blocks:
         for line in block.split(b"\n")[:-1]:
-            wanted = len(head) >= begin
-            head.append(decoded(line) if wanted or len(head) == begin - 1 else "")
-            size += len(line) if wanted else 0
+            head.append(decoded(line) if len(head) >= begin - NEAR else "")
+            size += len(line) if len(head) > begin else 0
             if size > _HEAD or len(head) > begin + _HEAD_LINES:
                 return head
     return head

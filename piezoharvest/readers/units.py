@@ -74,7 +74,7 @@ def stated_unit(name: str) -> tuple[str, Unit | None]:
         return match[1].strip(), unit
     for n, mark in enumerate(name):
         if mark == "_" and n > 0 and (unit := unit_of(name[n + 1 :])) is not None:
-            return name[:n], unit._replace(firm=False)
+            return name[:n], unit._replace(firm=unit.si == "dB")  # which is nothing else
     return name, None
 
 

@@ -8,8 +8,10 @@ import numpy as np
 
 from piezoharvest.parameters import LARGEST, SMALLEST
 
-_EXACT = 1e-6  # of the time between samples: stamps that are off by less are even as they are
-_DIGITS = 12  # significant ones: what has more was not rounded for printing
+_NOTHING = 1e-12  # of the time between samples: less is a zero with errors of its own
+_EXACT = 1e-6  # of it: stamps that are off by less are even as they are
+_ROUNDING = 4 * np.finfo(float).eps  # of a stamp that is read and scaled
+_DIGITS = 14  # significant ones: what has more was not rounded for printing
 _FINE = 0.5  # of the time between samples: where stamps are rounded to no more, a lost sample shows as a gap
 _MANY = 0.01  # of the stamps: coarse ones that are fewer, as where a decade begins, say nothing of the others
 # Least share of steps that differ from the most common one, where they are rounded to more: rounding makes another step
@@ -44,14 +46,26 @@ def even_times(stamps: np.ndarray, step: float | None = None) -> Even | None:
     largest = np.max(np.abs(stamps), initial=0.0)
     if count < 4 or not SMALLEST < largest < LARGEST or not stamps[-1] > stamps[0]:  # NaN is neither
         return None
-    index = np.arange(count)
-    mean = (stamps[-1] - stamps[0]) / (count - 1)
-    if np.max(np.abs(stamps - stamps[0] - mean * index)) <= _EXACT * mean:
+    mean = float(stamps[-1] - stamps[0]) / (count - 1)
+    if np.max(np.abs(stamps - stamps[0] - mean * np.arange(count))) <= _EXACT * mean:
         return None
-    units = _last_digits(stamps)
+    units = _last_digits(np.where(np.abs(stamps) < _NOTHING * mean, 0.0, stamps))
     if units is None:
         return None
-    slack = np.empty(count)  # what a fitted line may be off beside half a digit: 3.5 standard errors at its ends
+    # Most round to the last digit, some cut off what is behind it.
+    tried = (_fitted(each, units, step) for each in (stamps, stamps + 0.5 * units * np.sign(stamps)))
+    times = next((each for each in tried if each is not None), None)
+    rough = units > _FINE * mean
+    coarse = bool(np.mean(rough) > _MANY)
+    if times is None or (step is None and coarse and not _regular(stamps[rough], units[rough])):
+        return None
+    return Even(times, coarse, float(units.max()))
+
+
+def _fitted(stamps: np.ndarray, units: np.ndarray, step: float | None) -> np.ndarray | None:
+    """Even times within half a digit of all stamps, where there are any: those of a round step or rate if they are."""
+    index = np.arange(len(stamps))
+    slack = np.empty(len(stamps))  # beside half a digit, what a fitted line may be off: 3.5 standard errors at its ends
     for unit in np.unique(units):
         slack[units == unit] = 0.5 * unit * (1.0 + 4.0 / np.sqrt(np.sum(units == unit)))
 
@@ -62,18 +76,13 @@ def even_times(stamps: np.ndarray, step: float | None = None) -> Even | None:
         return times if np.all(np.abs(stamps - times) <= slack) else None
 
     if step is not None:
-        times = fits(step)
-    else:
-        slope = float(np.polyfit(index, stamps, 1, w=1.0 / units)[0])
-        times = fits(slope)
-        if times is not None:
-            rounded = map(fits, _round_steps(slope, units.max() / count))
-            times = next((each for each in rounded if each is not None), times)
-    rough = units > _FINE * mean
-    coarse = bool(np.mean(rough) > _MANY)
-    if times is None or (step is None and coarse and not _regular(stamps[rough], units[rough])):
+        return fits(step)
+    slope = float(np.polyfit(index, stamps - stamps[0], 1, w=1.0 / units)[0])
+    times = fits(slope)
+    if times is None:
         return None
-    return Even(times, coarse, float(units.max()))
+    rounded = map(fits, _round_steps(slope, units.max() / len(stamps)))
+    return next((each for each in rounded if each is not None), times)
 
 
 def _last_digits(stamps: np.ndarray) -> np.ndarray | None:
@@ -81,13 +90,13 @@ def _last_digits(stamps: np.ndarray) -> np.ndarray | None:
 
     Printed are so many decimals or so many digits, whichever are fewer. Single precision has binary digits.
     """
-    sizes = np.where(np.abs(stamps) < SMALLEST, 0.0, np.abs(stamps))
+    sizes = np.abs(stamps)
     decades = np.floor(np.log10(sizes, out=np.full(len(stamps), np.nan), where=sizes > 0) + 1e-12)
     found: dict[int, int] = {}  # decimals by decade
     for decade in np.unique(decades[sizes > 0]).astype(int).tolist():
         here = sizes[decades == decade]
         scaled = (here * 10.0**decimals for decimals in range(-decade, _DIGITS - decade))
-        even = (np.all(np.abs(each - np.rint(each)) <= 1e-3) for each in scaled)
+        even = (np.all(np.abs(each - np.rint(each)) <= _ROUNDING * each) for each in scaled)
         found[decade] = next((decimals for decimals, fine in enumerate(even, -decade) if fine), _DIGITS - decade)
     if any(decimals + decade + 1 > _DIGITS for decade, decimals in found.items()):
         single = stamps.astype(np.float32)

@@ -477,6 +477,13 @@ class TestInstruments:
         assert (finding.check, finding.rows) == ("rows below", ((5003, 5003),))
         assert "'Mean 0 0 0 0'" in finding.message
 
+    def test_rows_that_end_in_blank_lines(self, tmp_path, columns):
+        self.written(tmp_path, columns, lambda text: text + "\n\nMean,0,0,0,0\n")
+        (record,) = load(tmp_path, TRANSDUCER + RECORD + "rows = [2, 5003]\n").records
+        assert len(record) == 5000
+        for rows in ([2, 5004], [2, 5005], [1, 5001]):
+            assert "allowed is from 2 to 5001" in failure(tmp_path, TRANSDUCER + RECORD + f"rows = {rows}\n").message
+
     def test_rows_of_channels_in_files_of_their_own(self, tmp_path, columns):
         self.written(tmp_path, columns)
         np.save(tmp_path / "x.npy", columns["displacement_m"])
@@ -718,13 +725,11 @@ class TestSweeps:
         np.testing.assert_allclose(record.frequency, FREQUENCIES, rtol=1e-12)
         np.testing.assert_allclose(record.response, impedance, rtol=1e-9)
 
-    def test_decibels_are_no_ohms(self, tmp_path, impedance):
-        table = {
-            "frequency_Hz": FREQUENCIES,
-            "Z (dB)": 20 * np.log10(np.abs(impedance)),
-            "phase_rad": np.angle(impedance),
-        }
-        own = 'channels = { magnitude = { column = "Z" } }\n'
+    @pytest.mark.parametrize("name", ["Z (dB)", "Z_dB"])
+    def test_decibels_are_no_ohms(self, tmp_path, impedance, name):
+        level = 20 * np.log10(np.abs(impedance))
+        table = {"frequency_Hz": FREQUENCIES, name: level, "phase_rad": np.angle(impedance)}
+        own = f'channels = {{ magnitude = {{ column = "{name}" }} }}\n'
         error = failure(tmp_path, TRANSDUCER + IMPEDANCE + own, z_csv=table)
         assert "found the unit 'dB' in the file" in error.message
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from decimal import ROUND_DOWN, Decimal
+
 import numpy as np
 import pytest
 
@@ -40,6 +42,19 @@ class TestRounded:
     def test_a_round_rate_is_exact(self, rate, form):
         found = even_times(printed(even(4000, rate), form))
         assert (len(found.times) - 1) / (found.times[-1] - found.times[0]) == pytest.approx(rate, rel=1e-12)
+
+    @pytest.mark.parametrize(("rate", "digits"), [(64.0, 5), (300.0, 5), (44100.0, 6)])
+    def test_digits_that_were_cut_off(self, rate, digits):
+        times = even(4000, rate)
+        cut = [
+            Decimal(t).quantize(Decimal(1).scaleb(Decimal(t).adjusted() + 1 - digits), ROUND_DOWN) for t in times[1:]
+        ]
+        found = even_times(np.array([0.0, *map(float, cut)]))
+        assert np.mean(np.diff(found.times)) == pytest.approx(1 / rate, rel=1e-9)
+
+    def test_seconds_since_1970(self):
+        found = even_times(printed(1.7e9 + even(4000, 300.0), "{:.3f}"))
+        assert np.mean(np.diff(found.times)) == pytest.approx(1 / 300.0, rel=1e-6)
 
     def test_single_precision(self):
         times = even(20000, 1e4, 100.0)
@@ -88,6 +103,11 @@ class TestAsTheyAre:
     def test_a_drifting_clock(self):
         times = even(4000, 64.0)
         assert even_times(printed(times + 1e-5 * times**2, "{:.5g}")) is None
+
+    @pytest.mark.parametrize("size", [1e-320, 1e-300, 1e300, 1.7e308])
+    def test_beyond_all_clocks(self, size):
+        assert even_times(np.array([0.0, 0.3, 0.4, 0.7, 1.0]) * size) is None
+        assert even_times(np.array([size, 0.3, 0.41, 0.7, 1.0])) is None
 
     @pytest.mark.parametrize("stamps", [[], [1.0], [0.0, 1.0, 2.0], [0.0, np.nan, 2.0, 3.0, 4.0], [3.0, 2.0, 1.0, 0.5]])
     def test_nothing_to_tell(self, stamps):

@@ -31,6 +31,7 @@ PREAMBLES = {
     "Yokogawa": (lines('"Header Size","16"', '"TraceName","CH1","CH2"', '"HResolution","1e-3","1e-3"', "",
         ["," + row for row in rows()]), [2, 3, 4]),
     "Rohde & Schwarz": (lines("in s,C1 in V,C2 in V", rows()), ["in s", "C1", "C2"]),
+    "spreadsheet": (lines("sep=;", "a;b;c", rows(";")), ["a", "b", "c"]),
     "sections": (lines("[Header]", "Device=X, Y", "Rate=1000", "[Data]", "a,b,c", rows()), ["a", "b", "c"]),
     "names above a mark": (lines("a,b,c", "[Data]", rows()), ["a", "b", "c"]),
     "dashes": (lines("a    b   c", "-----------", rows("   ")), ["a", "b", "c"]),
@@ -246,6 +247,14 @@ class TestSaidOtherwise:
     @pytest.mark.parametrize("where", [{"skip_rows": 4}, {"skip_rows": 5}, {"header_row": 6}])
     def test_which_one(self, tmp_path, where):
         assert same(written(tmp_path, self.CALIBRATION), "a", "b", "c", **where).first_row == 7
+
+    def test_names_right_above_the_table_count_where_they_are_skipped(self, tmp_path):
+        same(written(tmp_path, self.CALIBRATION), "a", "b", "c", skip_rows=6)
+
+    def test_a_header_that_is_no_header_is_skipped(self, tmp_path):
+        path = written(tmp_path, lines("Sample Interval,0.001", rows()))
+        assert "as in the header, line 1: 'Sample Interval,0.001'; skip_rows" in failure(path, 1).message
+        same(path, 1, 2, 3, skip_rows=1)
 
     def test_header_row_that_does_not_fit(self, tmp_path):
         error = failure(written(tmp_path, self.CALIBRATION), "a", header_row=1)
