@@ -13,9 +13,11 @@ import pytest
 import tomli_w
 from record_cases import stack_sine
 
+from piezoharvest.cli.identifying import on_campaign
 from piezoharvest.output import write_table
 from piezoharvest.records import CampaignError, load_campaign
 from piezoharvest.records.channels import unit_factor
+from piezoharvest.study import StudyError
 
 NAMES = {"time": "time_s", "force": "force_N", "displacement": "displacement_m", "voltage": "voltage_V",
          "current": "current_A"}  # fmt: skip
@@ -145,6 +147,17 @@ class TestSizes:
     def test_nominal_values(self, tmp_path, key, size):
         text = failure(tmp_path, {"transducer": {**STACK, key: size}, "records": [{"file": "run.csv"}]})
         assert f"transducer.{key}: found {size:g}, allowed is 0, or a size from 1e-30" in text
+
+    @pytest.mark.parametrize("error", [np.linalg.LinAlgError("no eigenvalues"), OverflowError("too large")])
+    def test_nominal_values_that_no_arithmetic_stands(self, tmp_path, columns, error):
+        def run(campaign, tell):
+            raise error
+
+        write_table(columns, tmp_path / "run.csv")
+        tables = {"transducer": STACK, "records": [{"file": "run.csv", "load_resistance": 97780.0}]}
+        assert failure(tmp_path, tables) is None
+        with pytest.raises(StudyError, match=r"transducer: found nominal values with which .* \(.*\), allowed"):
+            on_campaign(tmp_path / "campaign.toml", None, run)
 
     @pytest.mark.parametrize("key", ["gain", "offset", "sigma"])
     def test_channels(self, tmp_path, key):
