@@ -77,6 +77,11 @@ class Excitation(Component):
         return None
 
     @property
+    def samples(self) -> float:
+        """How many samples its signal consists of; 0 where it is made of tones or of a few straight pieces."""
+        return 0
+
+    @property
     def rest(self) -> float:
         """Static value before t = 0, at which the structure is in equilibrium."""
         return 0.0
@@ -225,8 +230,12 @@ class _Random(Excitation):
     def length(self):
         return self.duration
 
+    @property
+    def samples(self):
+        return np.ceil(self._OVERSAMPLING * self.band[1] * self.duration)
+
     def signal(self):
-        count = int(np.ceil(self._OVERSAMPLING * self.band[1] * self.duration))
+        count = int(self.samples)
         step = self.duration / count
         f = np.fft.rfftfreq(count, step)
         inside = (f >= self.band[0]) & (f <= self.band[1]) & (f > 0)
@@ -321,6 +330,10 @@ class Record(Excitation):
     @property
     def length(self):
         return (len(self.values) - 1) / self.sample_rate
+
+    @property
+    def samples(self):
+        return len(self.values)
 
     @property
     def rest(self):

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from piezoharvest.parameters import ParameterError
+from piezoharvest.parameters import ParameterError, check_range
 
 VALUE_KEYS = {"R": "resistance", "L": "inductance", "C": "capacitance"}
 UNITS = {"R": "ohm", "L": "H", "C": "F"}
@@ -175,6 +175,7 @@ def _value(table: Mapping[str, Any], kind: str, key: str) -> float:
         raise ParameterError(f"{key}.{given[0]}", f"found {value!r}, allowed is {allowed}{suffixes}")
     if not (math.isfinite(number) and number > 0):
         raise ParameterError(f"{key}.{given[0]}", f"found {value}, allowed is {allowed}")
+    check_range(f"{key}.{given[0]}", float(number))
     return float(number)
 
 

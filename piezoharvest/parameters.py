@@ -67,6 +67,10 @@ _COMPARISONS = {
 }
 
 
+# Sizes of quantities other than zero: a product or quotient of five of them is still a number, and far more than twelve
+# decades lie between these and what is ever meant.
+SMALLEST, LARGEST = 1e-60, 1e60
+
 # Size of a complex step: the imaginary part of what is made from x + i e is e times its derivative, exact to rounding.
 # (Squire & Trapp, SIAM Review 40(1), 110-112, 1998). Components take no other complex numbers.
 COMPLEX_STEP = 1e-150
@@ -107,6 +111,22 @@ def check_quantity(field: dataclasses.Field, value: Any) -> None:
     if not np.all(fine):
         found = value if numbers.ndim == 0 else numbers[~fine].flat[0]
         raise ParameterError(field.name, f"found {found}, allowed is {allowed(field)}")
+    check_range(field.name, numbers)
+
+
+def check_range(key: str, numbers: Any) -> None:
+    """Raise `ParameterError` where a number is so large or so small that what is computed with it is none.
+
+    Raises
+    ------
+    ParameterError
+        A number is neither zero nor between `SMALLEST` and `LARGEST` in size.
+    """
+    size = np.abs(numbers)
+    beyond = (size > LARGEST) | ((size < SMALLEST) & (size > 0))
+    if np.any(beyond):
+        found = np.ravel(numbers)[np.ravel(beyond)][0]
+        raise ParameterError(key, f"found {found:g}, allowed is zero or a size from {SMALLEST:g} to {LARGEST:g}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,31 +146,6 @@ class Component:
         for field in dataclasses.fields(self):
             if "unit" in field.metadata:
                 check_quantity(field, getattr(self, field.name))
-
-
-# No device, drive or measurement has a quantity (SI) beyond these, and within them a product of ten is still a number.
-SMALLEST, LARGEST = 1e-30, 1e30
-
-
-def check_sizes(component: Component) -> None:
-    """Look at the quantities of a component that somebody has written down: whether such sizes can be meant.
-
-    Raises
-    ------
-    ParameterError
-        A quantity is neither zero nor from `SMALLEST` to `LARGEST` in size.
-    """
-    for field in dataclasses.fields(component):
-        value = getattr(component, field.name)
-        if "unit" not in field.metadata or value is None:
-            continue
-        sizes = np.abs(np.asarray(value, float))
-        strange = (sizes > LARGEST) | ((sizes > 0) & (sizes < SMALLEST))
-        if np.any(strange):
-            unit = f" {field.metadata['unit']}" if field.metadata["unit"] else ""
-            found = np.asarray(value, float)[strange].flat[0]
-            allowed = f"0, or a size from {SMALLEST:g}{unit} to {LARGEST:g}{unit}"
-            raise ParameterError(field.name, f"found {found:g}, allowed is {allowed}")
 
 
 def subclasses_by(attribute: str, base: type) -> dict[str, type]:

@@ -21,7 +21,8 @@ from piezoharvest import catalogue, effects, excitation, shunts
 from piezoharvest.effects import Effect
 from piezoharvest.excitation import Excitation
 from piezoharvest.input import InputError, check_readable
-from piezoharvest.parameters import Component, ParameterError, allowed, check_sizes, quantity
+from piezoharvest.limits import check_size
+from piezoharvest.parameters import Component, ParameterError, allowed, quantity
 from piezoharvest.shunts import Shunt
 from piezoharvest.system import System
 from piezoharvest.transducer import Transducer
@@ -65,7 +66,9 @@ class DesignOptions(Component):
     max_inductance: float | None = quantity("H", "largest inductance", default=None, above=0)
     max_displacement: float | None = quantity("m", "largest displacement amplitude", default=None, above=0)
     min_power: float | None = quantity("W", "least harvested power", default=None, at_least=0)
-    min_attenuation_db: float | None = quantity("dB", "least attenuation against the short circuit", default=None)
+    min_attenuation_db: float | None = quantity(
+        "dB", "least attenuation against the short circuit", default=None, at_least=-1000, at_most=1000
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -234,11 +237,13 @@ def study_from(table: Mapping[str, Any], path: Path) -> Study:
 
 
 def check_systems(study: Study) -> None:
-    """Raise `ParameterError` where a shunt does not fit the excitation or makes the transducer unstable."""
+    """Raise `ParameterError` for what is too large, does not fit the excitation or makes the transducer unstable."""
     from piezoharvest.linear import check_stability
 
+    check_size(study.transducer, study.excitation)
     for n, system in enumerate(study.systems):
         try:
+            check_size(study.transducer, study.excitation, system.shunt)
             system.shunt.switch(study.transducer.capacitance, study.excitation.period)
             with np.errstate(all="ignore"):
                 check_stability(system)
@@ -288,9 +293,7 @@ def build(cls: type[_C], table: Any, where: str) -> _C:
             values[field.name] = _build_part(part, hints[field.name], values[field.name], f"{where}.{field.name}")
     try:
         checked = _model(cls).model_validate(values)
-        component = cls(**{name: _frozen(getattr(checked, name)) for name in checked.model_fields_set})
-        check_sizes(component)
-        return component
+        return cls(**{name: _frozen(getattr(checked, name)) for name in checked.model_fields_set})
     except ValidationError as error:
         raise _explained(cls, error).within(where) from None
     except ParameterError as error:

@@ -16,7 +16,7 @@ LAYERS = [
     {"readers"},
     {"hysteresis", "netlist", "effects", "excitation"},
     {"shunts", "transducer"},
-    {"system", "catalogue"},
+    {"system", "catalogue", "limits"},
     {"terms"},
     {"equations"},
     {"linear", "engine"},

@@ -76,7 +76,10 @@ def _design(study: Study, *, as_json: bool, report: Path | None) -> int:
         check_new_directory(report)
     from piezoharvest.design import design as run
 
-    result = run(study, progress=lambda *what: note(" ".join(map(str, what))))
+    try:
+        result = run(study, progress=lambda *what: note(" ".join(map(str, what))))
+    except ParameterError as error:
+        raise StudyError(study.path, error.key, error.message) from None
     for text in result.notes:
         note(f"warning: {text}")
     if not result.converged and not result.notes:

@@ -13,6 +13,7 @@ from piezoharvest.design.operation import mean_nodes, narrowest_width
 from piezoharvest.design.twoport import LinearView
 from piezoharvest.engine import Gradient, NoGradientError, gradient, simulate
 from piezoharvest.engine.response import Response
+from piezoharvest.parameters import ParameterError
 from piezoharvest.shunts import LinearShunt, Shunt
 from piezoharvest.shunts.short import Short
 from piezoharvest.system import System
@@ -101,7 +102,10 @@ class Trial:
         operation = self.view.operation
         excitation = operation.excitation if frequency is None else operation.at(frequency)
         samples = {} if complete else {"samples": _TUNING_SAMPLES}
-        return simulate(System(self.view.transducer, shunt), excitation, **samples)
+        response = simulate(System(self.view.transducer, shunt), excitation, **samples)
+        if response.exhausted:  # as many others would be
+            raise self._impossible(response)
+        return response
 
     def _alone(self, shunt: Shunt, complete: bool) -> Figures:
         r = self._simulate(shunt, complete)
@@ -170,9 +174,24 @@ class Trial:
 
     @cached_property
     def _shorted(self) -> float:
-        """Displacement with shorted electrodes, over a band the worst, m."""
-        if self.view.operation.band is None:
-            return self._simulate(Short(), False).displacement_amplitude
+        """Displacement with shorted electrodes, over a band the worst, m.
+
+        Raises
+        ------
+        ParameterError
+            The transducer cannot be simulated under this excitation.
+        """
         found: dict[float, Response] = {}
-        self._close_in(Short(), False, found)
-        return max(r.displacement_amplitude for r in found.values())
+        if self.view.operation.band is None:
+            found[0.0] = self._simulate(Short(), False)
+        else:
+            self._close_in(Short(), False, found)
+        worst = max(found.values(), key=lambda response: response.displacement_amplitude)
+        if not worst.displacement_amplitude > 0:
+            raise self._impossible(worst)
+        return worst.displacement_amplitude
+
+    @staticmethod
+    def _impossible(response: Response) -> ParameterError:
+        found = f"found what cannot be designed for, with {response.shunt}: {response.message or 'nothing moves'}"
+        return ParameterError("excitation", f"{found}, allowed is what can be simulated")

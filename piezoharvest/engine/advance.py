@@ -18,13 +18,13 @@ from piezoharvest.engine.state import set_tones
 from piezoharvest.engine.tables import slot_of
 from piezoharvest.engine.tape import begin_tape, end_tape
 
-DONE, CHATTER, INVALID = range(3)
+DONE, CHATTER, INVALID, EXHAUSTED = range(4)
 REFRESHED = 32  # events after which the tones are set from their phase again
 
 
 @compiled
 def advance(P, L, S, D, t_end):
-    """Run to t_end through all events; returns DONE, CHATTER or INVALID (the state is not finite)."""
+    """Run to t_end through all events; returns DONE, CHATTER, INVALID (the state is not finite) or EXHAUSTED."""
     clock = D[st.CLOCK]
     busy, last = 0, S[clock]
     while True:
@@ -45,7 +45,7 @@ def advance(P, L, S, D, t_end):
         if D[st.TAPED] < D[st.TAPE_ROOM]:
             end_tape(L, S, D, slot, guard, due, kind)
         if not np.isfinite(S[0]):
-            return INVALID
+            return INVALID if L[tb.LEFT] > 0 else EXHAUSTED
         if guard == NONE and due > t_end:
             return DONE
         busy, last = busy + 1 if S[clock] == last else 0, S[clock]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from piezoharvest.engine import program as pg
+from piezoharvest.engine.budget import products
 from piezoharvest.engine.compiled import compiled, inlined
 from piezoharvest.engine.exponentials import deviations, digits, exponentials, glides
 from piezoharvest.engine.forms import forms_of_mode
@@ -10,6 +11,7 @@ from piezoharvest.engine.tables import (
     ACCOUNTED,
     HELD,
     KEY,
+    LEVELS,
     MAP,
     MAPPED,
     MATRIX,
@@ -28,6 +30,7 @@ def build(P, L, D, configuration, slip):
         L[HELD] = 0
     slot = L[HELD]
     L[HELD] += 1
+    products(L, LEVELS * L[pg.A])
     key = mode_key(L, D, configuration, slip)
     L[slot_of(L, slot) + KEY], L[slot_of(L, slot) + ACCOUNTED] = key, 0
     L[L[MAP] + key % L[MAPPED]] = slot

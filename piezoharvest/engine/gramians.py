@@ -6,6 +6,7 @@ import numpy as np
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import tables as tb
+from piezoharvest.engine.budget import products
 from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.tables import block_of, slot_of
 from piezoharvest.engine.vector import accumulate, copy, dot, grow, multiply, polynomial
@@ -24,6 +25,7 @@ def energies_of_steps(P, L, slot, configuration):
     a, rows, columns, block = L[pg.A], L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     finest, square, powers = L[slot_of(L, slot) + tb.FINEST_LEVEL], rows * columns, L[tb.SCRATCH]
     energies, own = L[tb.LEDGER], L[pg.PRODUCTS]
+    products(L, 2 * energies * finest * a)
     gramian = block + L[tb.GRAMIAN] + finest * energies * square
     transposed = powers + (tb.TERMS + 1) * square
     first = transposed + square

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
-from piezoharvest.engine.advance import DONE, advance
+from piezoharvest.engine import tables as tb
+from piezoharvest.engine.advance import DONE, EXHAUSTED, advance
+from piezoharvest.engine.budget import AT_ONCE, goes_on
 from piezoharvest.engine.compiled import compiled, entry
 from piezoharvest.engine.crossing import NONE
 from piezoharvest.engine.glide import glide, hold_ramp
@@ -15,6 +17,7 @@ from piezoharvest.engine.tables import seek
 from piezoharvest.engine.vector import pointer
 
 RUN, FIND, MANY = range(3)
+PAUSE = 10_000  # samples after which one looks whether to go on
 
 
 @compiled
@@ -35,7 +38,13 @@ def through_ramps(P, L, S, D, ramps, last, piece, t_end):
     times = ramps[0]
     while True:
         if _unhurried(L, D):
-            piece = glide(P, L, S, D, ramps, last, piece, t_end)
+            before, pause = piece, min(piece + PAUSE, last)
+            piece = glide(P, L, S, D, ramps, pause, piece, t_end)
+            L[tb.LEFT] -= (piece - before) * L[tb.GLIDE_ROWS] * L[pg.COLUMNS] // AT_ONCE
+            if L[tb.LEFT] < L[tb.LOOK] and not goes_on(L):
+                return EXHAUSTED
+            if before < piece == pause < last:
+                continue
         if piece > last or times[piece] >= t_end:
             return DONE
         hold_ramp(P, L, S, D, ramps, last, piece)

@@ -9,10 +9,12 @@ import numpy as np
 
 from piezoharvest.circuit import Guard, Product, Switch
 from piezoharvest.engine import program as pg
+from piezoharvest.engine.budget import Budget
 from piezoharvest.engine.physics import Layout, Physics, joined, rows_of, scalar, stack
 from piezoharvest.engine.rest import equilibrium, inputs_of
 from piezoharvest.equations import connected, own_rows
 from piezoharvest.excitation import Excitation, Ramps, Tones
+from piezoharvest.limits import check_size
 from piezoharvest.parameters import ParameterError
 from piezoharvest.shunts.base import Shunt
 from piezoharvest.shunts.short import Short
@@ -23,7 +25,7 @@ IDLE = 1e30  # scale of a smooth element that moves nothing
 
 
 class Lowered(NamedTuple):
-    """A program with the names that its indices stand for, the signal, and the effects that change nothing."""
+    """A program with the names its indices stand for, the signal, the effects that change nothing, the work allowed."""
 
     program: pg.Program
     states: tuple[str, ...]
@@ -31,6 +33,7 @@ class Lowered(NamedTuple):
     categories: tuple[str, ...]
     signal: Tones | Ramps
     unfelt: tuple[str, ...]
+    budget: Budget
 
 
 def lower(system: System, excitation: Excitation, record: float | None = None) -> Lowered:
@@ -48,8 +51,10 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     Raises
     ------
     ParameterError
-        An effect takes a power that is no whole number, or acts on a shunt with which it cannot be simulated.
+        An effect takes a power that is no whole number, or acts on a shunt with which it cannot be simulated, or there
+        is too much of something.
     """
+    check_size(system.transducer, excitation, system.shunt)
     signal, system = excitation.signal(), connected(system)
     drive = "base_acceleration" if excitation.base else "force"
     terms = Terms(system.transducer, drive, passes=record is not None)
@@ -75,7 +80,7 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     terms.check(shunt, switch)
     program = _lean(_assemble(layout, physics, tables, names, shunt, switch, signal, excitation, record))
     categories = (*pg.CATEGORIES, *layout.effects, pg.MEAN_DC)
-    return Lowered(program, tuple(layout.names), names, categories, signal, terms.unfelt)
+    return Lowered(program, tuple(layout.names), names, categories, signal, terms.unfelt, Budget())
 
 
 def symmetric(lowered: Lowered, excitation: Excitation) -> bool:

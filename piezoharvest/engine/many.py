@@ -10,6 +10,7 @@ from piezoharvest.engine import shooting as sh
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.advance import DONE
+from piezoharvest.engine.budget import MOST_WORK, interrupted
 from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.crossing import NONE
 from piezoharvest.engine.state import stored
@@ -78,6 +79,9 @@ def steady_states(P, L, S, D, W, V, s, d, r, e, designs, count, out, width, symm
         for k in range(length):
             P[k] = designs[b * length + k]
         L[tb.HELD] = 0
+        if interrupted(L):
+            return
+        L[tb.LEFT] = L[tb.LOOK] = MOST_WORK
         for k in range(width):
             out[b * width + k] = 0.0
         W[sc.EVALUATIONS], W[sc.PERIOD] = 0.0, P[L[pg.PERIOD]]

@@ -7,6 +7,7 @@ import numpy as np
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
+from piezoharvest.engine.budget import STEP, goes_on, products
 from piezoharvest.engine.compiled import compiled, inlined
 from piezoharvest.engine.crossing import NONE, bit_of, earliest, floor_of, noise_of
 from piezoharvest.engine.exponentials import BOLD
@@ -85,6 +86,7 @@ def _may_rise(f0, d0, s0, f1, d1, s1, step, floor):
 def march(P, L, S, D, slot, t_stop):
     """Move within a mode until t_stop or until a guard rises through zero, and return its place in the list, or NONE.
 
+    Where no work is left (see `budget`) the motion ends with a state that is not a number.
     The guards at the beginning stand at NOW_GUARDS. The step begins where the fastest motion of the mode is resolved
     and doubles for as long as every guard is smooth over it, so that a transient that has died out costs nothing. What
     follows samples begins with all that is left of one: mostly nothing fast is excited, and if it is, that shows in the
@@ -98,6 +100,11 @@ def march(P, L, S, D, slot, t_stop):
     resolved = max(finest - BOLD, 0)
     level = 0 if L[pg.SIGNAL_KIND] == pg.RAMPS else resolved
     while True:
+        L[tb.LEFT] -= STEP * (1 + L[pg.ELEMENTS])
+        products(L, 2)
+        if L[tb.LEFT] < L[tb.LOOK] and not goes_on(L):
+            S[0] = np.nan
+            return NONE
         left = t_stop - S[clock]
         if left <= 0.0:
             return NONE

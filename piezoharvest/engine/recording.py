@@ -5,6 +5,7 @@ from __future__ import annotations
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
+from piezoharvest.engine.budget import products
 from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.crossing import NONE
 from piezoharvest.engine.gramians import NODES, WEIGHTS, energies_of_steps
@@ -89,6 +90,7 @@ def account(P, L, S, D, slot, tau, level):
     rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     finest, steps = L[slot_of(L, slot) + tb.FINEST_LEVEL], block + L[tb.STEPS]
     if D[st.ENERGIES] == 0:
+        products(L, D[st.SENSITIVITIES])
         for s in range(D[st.SENSITIVITIES]):
             phi, out = D[st.PHI] + s * rows, vector(L, D, FLOW)
             exact(P, L, S, D, slot, phi, tau, out)
@@ -117,6 +119,7 @@ def _full_step(P, L, S, D, slot, level):
     """Energies and sensitivities of a full step of one level from the state now."""
     rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     square, out = rows * columns, vector(L, D, FLOW)
+    products(L, D[st.ENERGIES] + D[st.SENSITIVITIES])
     for e in range(D[st.ENERGIES]):
         multiply(P, block + L[tb.GRAMIAN] + (level * L[tb.LEDGER] + e) * square, rows, columns, S, 0, out)
         total = 0.0

@@ -68,7 +68,8 @@ class Response:
     dc_voltage : float
         Mean voltage behind the bridge, V.
     attenuation_db : float
-        20 log10 of the displacement amplitude against the short circuit.
+        20 log10 of the displacement amplitude against the short circuit; where there is none NaN, and `message` says
+        why.
     energy : dict
         Per period in J: "mechanical_in", "harvested", "damping", "hysteresis", "shunt_loss", where they occur "source"
         (delivered by an active part) and what each effect takes by its name (negative for a source); "stored" (change,
@@ -77,6 +78,8 @@ class Response:
         Changes of the circuit's configuration and of the hysteresis operators.
     periods_evaluated : int
         Periods simulated to find the answer.
+    exhausted : bool
+        Whether it was given up because it would have taken too much work (`engine.budget`).
     """
 
     shunt: str
@@ -93,6 +96,7 @@ class Response:
     events_per_period: int
     periods_evaluated: int
     waveforms: Waveforms | None = field(default=None, repr=False)
+    exhausted: bool = False
 
     @property
     def efficiency(self) -> float:

@@ -16,6 +16,7 @@ from piezoharvest.engine.state import State
 from piezoharvest.engine.steady import EngineError, Orbit, Shooting, check
 from piezoharvest.engine.transient import Machine
 from piezoharvest.excitation import Excitation, Ramps
+from piezoharvest.limits import check_length
 from piezoharvest.shunts.short import Short
 from piezoharvest.system import System
 
@@ -49,7 +50,7 @@ def simulate(system: System, excitation: Excitation, *, transient: float | None 
     ------
     ParameterError
         An effect of the transducer takes a power that is no whole number, or acts on a shunt with which it cannot be
-        simulated.
+        simulated, or there is too much of something (`piezoharvest.limits`).
 
     Notes
     -----
@@ -68,21 +69,32 @@ def simulate(system: System, excitation: Excitation, *, transient: float | None 
         else:
             response = _transient(lowered, excitation, length, samples, system.shunt.kind)
     except EngineError as error:
-        return _failed(system.shunt.kind, str(error))
+        return _with(_failed(system.shunt.kind, str(error)), exhausted=lowered.budget.left <= 0)
     if lowered.unfelt:
-        told = f"{', '.join(lowered.unfelt)}: no part of this simulation, only of measured records"
-        response = _with(response, message="; ".join(filter(None, (response.message, told))))
+        response = _told(response, f"{', '.join(lowered.unfelt)}: no part of this simulation, only of measured records")
     if isinstance(system.shunt, Short):
         return response
-    reference = _short_amplitude(system.transducer, excitation, transient)
-    ratio = response.displacement_amplitude / reference if reference > 0 else np.nan
-    return _with(response, attenuation_db=20 * np.log10(ratio) if ratio > 0 else np.nan)
+    reference, reason = _short_circuit(system.transducer, excitation, transient)
+    if not reason and not response.displacement_amplitude > 0:
+        reason = "nothing moves"
+    if reason:
+        return _told(_with(response, attenuation_db=np.nan), f"no attenuation: {reason}")
+    return _with(response, attenuation_db=20 * np.log10(response.displacement_amplitude / reference))
 
 
 @lru_cache(maxsize=64)
-def _short_amplitude(transducer, excitation: Excitation, transient: float | None) -> float:
-    """Displacement amplitude with shorted electrodes, against which attenuation is measured."""
-    return simulate(System(transducer, Short()), excitation, transient=transient, samples=1).displacement_amplitude
+def _short_circuit(transducer, excitation: Excitation, transient: float | None) -> tuple[float, str]:
+    """Displacement amplitude with shorted electrodes, which attenuation refers to, and why it cannot be used if so."""
+    response = simulate(System(transducer, Short()), excitation, transient=transient, samples=1)
+    if not response.converged:
+        return np.nan, f"with shorted electrodes it is not to be trusted ({response.message})"
+    moves = response.displacement_amplitude > 0
+    return response.displacement_amplitude, "" if moves else "nothing moves with shorted electrodes"
+
+
+def _told(response: Response, what: str) -> Response:
+    """The response with one more thing to know about it."""
+    return _with(response, message="; ".join(filter(None, (response.message, what))))
 
 
 def _with(response: Response, **changes) -> Response:
@@ -174,6 +186,7 @@ def _length(excitation: Excitation, transient: float | None) -> float:
     length = transient if transient is not None else excitation.length
     if length is None:
         raise ValueError(f"{excitation.kind} has no length, a transient needs one")
+    check_length(excitation, length)
     return length
 
 
@@ -185,6 +198,7 @@ def _transient(lowered, excitation: Excitation, t_end: float, samples: int, kind
         times = np.linspace(0.0, t_end, 8 * samples + 1)
         if isinstance(lowered.signal, Ramps):
             inside = lowered.signal.times[lowered.signal.times <= t_end]
+            inside = inside[:: 1 + len(inside) // MOST_SAMPLES]
             times = np.union1d(times, inside) if len(inside) < len(times) else inside
     machine = Machine(lowered, ledger=True)
     state = machine.state(track=True, log=LONGEST_LOG, sample_time=times)

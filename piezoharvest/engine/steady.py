@@ -18,6 +18,7 @@ from piezoharvest.engine import section as sc
 from piezoharvest.engine import shooting as sh
 from piezoharvest.engine import state as st
 from piezoharvest.engine.advance import DONE
+from piezoharvest.engine.budget import MOST_WORK
 from piezoharvest.engine.state import QUEUE_LENGTH, State
 from piezoharvest.engine.transient import Machine
 
@@ -145,7 +146,7 @@ class Shooting:
 
 
 class EngineError(ArithmeticError):
-    """The simulation cannot go on: the model chatters, its state overflows, or its equations have no solution."""
+    """The simulation cannot go on: chatter, overflow, equations without a solution, or too much to compute."""
 
 
 def check(status: int) -> None:
@@ -154,12 +155,14 @@ def check(status: int) -> None:
     Raises
     ------
     EngineError
-        The model chatters, its state overflows, or its equations have no solution.
+        The model chatters, its state overflows, its equations have no solution, or there is too much to compute.
     """
     if status != DONE:
         reasons = {
             1: "events follow each other without time passing",
             2: "the state grows without bound, or has no solution",
+            3: f"stopped after {MOST_WORK:.0e} units of work, the most that a simulation may take: it has too many "
+            "events or is too long",
         }
         raise EngineError(reasons[status])
 

@@ -15,7 +15,8 @@ from piezoharvest.engine import program as pg
 from piezoharvest.engine.compiled import compiled, inlined
 from piezoharvest.engine.vector import LANES, padded, whole_lines
 
-MODES = 64  # kept at once; met again after that, they are built anew
+MODES = 64  # kept at once, as far as memory allows; met again after that, they are built anew
+MOST_NUMBERS = 2**27  # of all modes together: 1 GiB
 LEVELS = 56
 BITS = 4  # of a digit of a number of finest steps
 LARGEST = 2**BITS - 1
@@ -31,7 +32,9 @@ OUTPUT_ROWS = padded(len(pg.OUTPUTS))
     # places within a mode's block of numbers,
     STEPS, MATRIX, POWERS, GUARDS, LINES, VALUES, TAYLOR, DEVIATION, GLIDE, SIZES, OUTPUTS, PRODUCTS, GROWTH,
     GRAMIAN, DIGITS, GLIDE_ROWS,
-) = range(pg.CONTENTS, pg.CONTENTS + 28)  # fmt: skip
+    # the work that is left, and at what is left one looks whether to go on (see `budget`).
+    LEFT, LOOK,
+) = range(pg.CONTENTS, pg.CONTENTS + 30)  # fmt: skip
 # and within its block of integers: key, finest level, whether its energies are there, padded number of the guards' rows
 # but for those that are only watched, number of guards, then for every guard what it is and its row.
 KEY, FINEST_LEVEL, ACCOUNTED, EVENT_ROWS, GUARD_COUNT, FIRST_GUARD = range(6)
@@ -61,7 +64,7 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
     for place, size in sizes.items():
         head[place] = offset
         offset += whole_lines(int(size))
-    modes = int(min(MODES, c * 2 ** min(h, 10)))
+    modes = int(min(MODES, c * 2 ** min(h, 10), max(MOST_NUMBERS // offset, 1)))
     scratch = int((ORDER + 4) * square + (LEVELS if sampled else 3) * forms * columns)
     slot = FIRST_GUARD + 2 * int(g + 1 + 2 * h + pg.WATCHED)
     head[[BLOCK, SLOT, ROOM, FORMS, LEDGER]] = offset, slot, modes, forms, energies

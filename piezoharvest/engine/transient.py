@@ -7,6 +7,8 @@ import numpy as np
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
+from piezoharvest.engine.advance import EXHAUSTED
+from piezoharvest.engine.budget import INTERRUPTED, interrupt
 from piezoharvest.engine.kernel import FIND, MANY, RUN, engine
 from piezoharvest.engine.lower import Lowered
 from piezoharvest.engine.state import State
@@ -48,13 +50,12 @@ class Machine:
         if isinstance(signal, Ramps):
             ramps = tuple(signal)
             piece = max(int(np.searchsorted(signal.times, state.clock[st.NOW], side="right")) - 1, 0)
-        machine = self.P, self.L
-        return engine(RUN, machine, (state.S, state.D), ramps, piece, t_end, NONE, NONE, False, NONE, NO_BATCH)
+        return self._call(RUN, (state.S, state.D), ramps, piece, t_end, NONE, NONE, False, NONE, NO_BATCH)
 
     def search(self, trial: State, followed: State, memory: tuple[np.ndarray, np.ndarray], mirrored: bool) -> int:
         """Find the periodic steady state from where `followed` is, and return the engine's status; see `shooting`."""
-        machine, moving = (self.P, self.L), (followed.S, followed.D)
-        return engine(FIND, machine, (trial.S, trial.D), NO_RAMPS, 0, 0.0, memory, moving, mirrored, NONE, NO_BATCH)
+        moving = followed.S, followed.D
+        return self._call(FIND, (trial.S, trial.D), NO_RAMPS, 0, 0.0, memory, moving, mirrored, NONE, NO_BATCH)
 
     def search_many(
         self, trial: State, followed: State, recorder: State, memory: tuple, batch: tuple, mirrored: bool
@@ -62,5 +63,17 @@ class Machine:
         """Find the steady states of many designs; see `many`."""
         states = ((state.S, state.D) for state in (trial, followed, recorder))
         first, second, third = states
-        machine = self.P, self.L
-        engine(MANY, machine, first, NO_RAMPS, 0, 0.0, memory, second, mirrored, third, batch)
+        self._call(MANY, first, NO_RAMPS, 0, 0.0, memory, second, mirrored, third, batch)
+
+    def _call(self, task: int, *arguments) -> int:
+        """Let the engine work, as long as the simulation's budget lasts; returns its status."""
+        budget = self.lowered.budget
+        self.L[[tb.LEFT, tb.LOOK]] = budget.left
+        status = engine(task, (self.P, self.L), *arguments)
+        left = int(self.L[tb.LEFT])
+        if left < INTERRUPTED // 2:
+            interrupt()
+        if task == MANY:  # each design has a budget of its own
+            return status
+        budget.left = left
+        return status if left > 0 else EXHAUSTED

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from piezoharvest.excitation import Excitation
+from piezoharvest.limits import MOST_SAMPLES, check_size
 from piezoharvest.parameters import Component, ParameterError, quantity
 from piezoharvest.records.bench.devices import Accelerometer, Buffer, Converter, CurrentSense, Laser, LoadCell
 from piezoharvest.records.bench.effects import BenchEffect, registered
@@ -101,6 +102,10 @@ def build_bench(study: Study) -> tuple[Bench, tuple[BenchEffect, ...], tuple[Set
         if duration * bench.sample_rate < 3:
             found = f"found {duration:g} s at {bench.sample_rate:g} Hz"
             raise ParameterError(f"{where}.duration", f"{found}, allowed is a record of three samples or more")
+        if duration * bench.sample_rate > MOST_SAMPLES:
+            found = f"found {duration:g} s at {bench.sample_rate:g} Hz, {duration * bench.sample_rate:.7g} samples"
+            raise ParameterError(f"{where}.duration", f"{found}, allowed are up to {MOST_SAMPLES}")
+        check_size(study.transducer, excitation, shunt)
         setups.append(Setup(excitation, _sensed(shunt, bench.current_sense, where), option.role, duration))
     if not setups:
         raise ParameterError("shunts", "found no such key, allowed is a list of tables")

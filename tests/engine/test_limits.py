@@ -1,0 +1,139 @@
+"""No simulation runs for ever: the work that one may take, and Ctrl-C while compiled code runs."""
+
+import os
+import subprocess
+import time
+import tracemalloc
+
+import numpy as np
+import pytest
+from studies import DRIVE, LOOP, SECOND, STOPS, bench, objects, solve
+
+from piezoharvest.engine import simulate
+from piezoharvest.engine.budget import Budget
+from piezoharvest.engine.lower import lower
+from piezoharvest.engine.simulation import search
+from piezoharvest.engine.steady import EngineError, check
+from piezoharvest.engine.tables import MOST_NUMBERS
+from piezoharvest.engine.transient import Machine
+from piezoharvest.parameters import ParameterError
+
+RECTIFIER = {"kind": "rectifier", "smoothing_capacitance": 1e-6, "load_resistance": 1e6}
+STIFFENING = {"effects": {"stiffening": {"cubic_stiffness": 1e5}}}
+RANDOM = {"kind": "random_force", "psd": 1e-6, "band": [40.0, 2e3], "duration": 20.0, "seed": 1}
+TONES = {"amplitudes": [1e-3] * 3000, "frequencies": [float(k) for k in range(1, 3001)], "phases": [0.0] * 3000}
+
+
+@pytest.mark.parametrize("shunt", [RECTIFIER, {**RECTIFIER, **LOOP, "kind": "parallel_sshi"}])
+@pytest.mark.parametrize("transducer", [{}, STIFFENING], ids=["plain", "stiffening"])
+def test_work_beyond_the_budget_ends_a_run_and_a_search(shunt, transducer):
+    system, excitation = objects(bench(shunt, **transducer))
+    lowered = lower(system, excitation)._replace(budget=Budget(2_000_000))
+    machine = Machine(lowered)
+    with pytest.raises(EngineError, match="units of work"):
+        check(machine.run(machine.state(), 1e5 * excitation.period))
+    assert lowered.budget.left <= 0
+    with pytest.raises(EngineError, match="units of work"):
+        search(lowered._replace(budget=Budget(200_000)), excitation)
+
+
+def test_samples_of_a_record_count_as_work():
+    system, excitation = objects(bench({"kind": "resistor", "resistance": 1e5}, RANDOM))
+    lowered = lower(system, excitation, excitation.length)._replace(budget=Budget(2_000_000))
+    machine = Machine(lowered)
+    with pytest.raises(EngineError, match="units of work"):
+        check(machine.run(machine.state(), excitation.length))
+
+
+def test_ordinary_simulation_takes_a_small_part_of_the_budget():
+    system, excitation = objects(bench(RECTIFIER))
+    lowered = lower(system, excitation)
+    search(lowered, excitation)
+    assert 0.99 * Budget().left < lowered.budget.left < Budget().left
+
+
+@pytest.fixture
+def ctrl_c():
+    """Send SIGINT to this process half a second from now, from outside: compiled code keeps other threads waiting."""
+    sender = subprocess.Popen(["sh", "-c", f"sleep 0.5; kill -INT {os.getpid()}"])
+    yield
+    sender.wait()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
+@pytest.mark.usefixtures("ctrl_c")
+def test_ctrl_c_ends_a_long_run_at_once():
+    begin = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        solve(bench(RECTIFIER), transient=2.9e4)
+    assert time.monotonic() - begin < 3.0
+
+
+@pytest.mark.parametrize(
+    ("excitation", "transducer", "words"),
+    [
+        ({**RANDOM, "duration": 1e12}, {}, "3.2e\\+16 samples.*10000000"),
+        ({"kind": "multisine", **TONES, "duration": 1.0}, {}, "3000 tones.*100"),
+        (DRIVE, {"hysteresis": {"thresholds": list(range(1, 2001)), "weights": [1.0] * 2000}}, "2000 thresholds.*50"),
+        (DRIVE, {"modes": [SECOND] * 60}, "60 modes.*50"),
+    ],
+    ids=["samples", "tones", "stops", "modes"],
+)
+def test_too_much_of_something_is_refused_before_memory_is_taken(excitation, transducer, words):
+    system, drive = objects(bench({"kind": "resistor", "resistance": 1e5}, excitation, **transducer))
+    tracemalloc.start()
+    try:
+        with pytest.raises(ParameterError, match=words):
+            simulate(system, drive)
+        assert tracemalloc.get_traced_memory()[1] < 1e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_transient_of_too_many_periods_is_refused():
+    with pytest.raises(ParameterError, match=r"5.06e\+13 periods in 1e\+12 s"):
+        solve(bench(RECTIFIER), transient=1e12)
+
+
+@pytest.mark.parametrize(
+    ("excitation", "transducer"),
+    [
+        ({"kind": "multisine", **{key: values[:100] for key, values in TONES.items()}, "duration": 1.0}, {}),
+        (DRIVE, {"hysteresis": {"thresholds": [2e-8 * k for k in range(1, 51)], "weights": [2e4] * 50}}),
+        (DRIVE, {"modes": [{**SECOND, "stiffness": 4e4 * k} for k in range(1, 51)]}),
+    ],
+    ids=["tones", "stops", "modes"],
+)
+def test_as_much_as_is_allowed_is_simulated_in_bounded_memory(excitation, transducer):
+    system, drive = objects(bench({"kind": "resistor", "resistance": 1e5}, excitation, **transducer))
+    response = simulate(system, drive)
+    assert response.converged, response.message
+    machine = Machine(lower(system, drive), ledger=True)
+    assert machine.P.nbytes < 1.1 * 8 * MOST_NUMBERS
+
+
+def test_tables_of_one_mode_at_a_time_give_the_same(monkeypatch):
+    study = bench({**RECTIFIER, **LOOP, "kind": "parallel_sshi"}, hysteresis=STOPS)
+    wanted = solve(study)
+    monkeypatch.setattr("piezoharvest.engine.tables.MOST_NUMBERS", 1)
+    found = solve(study)
+    assert found.events_per_period == wanted.events_per_period
+    assert found.harvested_power == pytest.approx(wanted.harvested_power, rel=1e-9)
+
+
+def test_attenuation_that_is_missing_is_explained(monkeypatch):
+    nothing = solve(bench(RECTIFIER, {**DRIVE, "amplitude": 0.0}))
+    assert np.isnan(nothing.attenuation_db)
+    assert "no attenuation: nothing moves" in nothing.message
+    monkeypatch.setattr("piezoharvest.engine.simulation.CLOSURE", -1.0)
+    doubtful = solve(bench(RECTIFIER, {**DRIVE, "amplitude": 0.0312}))
+    assert np.isnan(doubtful.attenuation_db)
+    assert "with shorted electrodes it is not to be trusted (energy does not close" in doubtful.message
+
+
+def test_response_says_that_it_was_given_up(monkeypatch):
+    monkeypatch.setattr(Budget.__init__, "__defaults__", (100_000,))
+    response = solve(bench({**RECTIFIER, **LOOP, "kind": "parallel_sshi"}, {**DRIVE, "amplitude": 0.0313}))
+    assert response.exhausted
+    assert not response.converged
+    assert "units of work" in response.message
