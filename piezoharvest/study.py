@@ -423,7 +423,7 @@ def _frozen(value: Any) -> Any:
 def unknown(key: str, name: Any, known: Iterable[str], what: str = "") -> ParameterError:
     """Error for a name that is not among the known ones, with the nearest right one."""
     names = {right.lower(): right for right in sorted(known)}
-    near = difflib.get_close_matches(str(name).lower(), names, n=1)
+    near = difflib.get_close_matches(str(name)[:100].lower(), names, n=1)
     hint = f" (did you mean {names[near[0]]!r}?)" if near else ""
     return ParameterError(key, f"found {what or _show(name)}{hint}, allowed are {', '.join(names.values())}")
 
