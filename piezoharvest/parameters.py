@@ -149,31 +149,6 @@ class Component:
                 check_quantity(field, getattr(self, field.name))
 
 
-# No device, drive or measurement has a quantity (SI) beyond these, and within them a product of ten is still a number.
-SMALLEST, LARGEST = 1e-30, 1e30
-
-
-def check_sizes(component: Component) -> None:
-    """Look at the quantities of a component that somebody has written down: whether such sizes can be meant.
-
-    Raises
-    ------
-    ParameterError
-        A quantity is neither zero nor from `SMALLEST` to `LARGEST` in size.
-    """
-    for field in dataclasses.fields(component):
-        value = getattr(component, field.name)
-        if "unit" not in field.metadata or value is None:
-            continue
-        sizes = np.abs(np.asarray(value, float))
-        strange = (sizes > LARGEST) | ((sizes > 0) & (sizes < SMALLEST))
-        if np.any(strange):
-            unit = f" {field.metadata['unit']}" if field.metadata["unit"] else ""
-            found = np.asarray(value, float)[strange].flat[0]
-            allowed = f"0, or a size from {SMALLEST:g}{unit} to {LARGEST:g}{unit}"
-            raise ParameterError(field.name, f"found {found:g}, allowed is {allowed}")
-
-
 def subclasses_by(attribute: str, base: type) -> dict[str, type]:
     """Registered components: every subclass of `base` that names itself by the class attribute `attribute`."""
     found: dict[str, type] = {}

@@ -22,7 +22,7 @@ from piezoharvest.effects import Effect
 from piezoharvest.excitation import Excitation
 from piezoharvest.input import InputError, check_readable
 from piezoharvest.limits import check_size
-from piezoharvest.parameters import Component, ParameterError, allowed, check_sizes, quantity
+from piezoharvest.parameters import Component, ParameterError, allowed, quantity
 from piezoharvest.shunts import Shunt
 from piezoharvest.system import System
 from piezoharvest.transducer import Transducer
@@ -49,7 +49,7 @@ class StudyError(ValueError):
     """
 
     def __init__(self, path: str | Path, key: str, message: str):
-        text = ": ".join(part for part in (str(path), key, message) if part)
+        text = ": ".join(_shortened(part) for part in (str(path), key, message) if part)
         super().__init__("".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text))
         self.path, self.key, self.message = str(path), key, message
 
@@ -293,9 +293,7 @@ def build(cls: type[_C], table: Any, where: str) -> _C:
             values[field.name] = _build_part(part, hints[field.name], values[field.name], f"{where}.{field.name}")
     try:
         checked = _model(cls).model_validate(values)
-        component = cls(**{name: _frozen(getattr(checked, name)) for name in checked.model_fields_set})
-        check_sizes(component)
-        return component
+        return cls(**{name: _frozen(getattr(checked, name)) for name in checked.model_fields_set})
     except ValidationError as error:
         raise _explained(cls, error).within(where) from None
     except ParameterError as error:
@@ -425,9 +423,14 @@ def _frozen(value: Any) -> Any:
 def unknown(key: str, name: Any, known: Iterable[str], what: str = "") -> ParameterError:
     """Error for a name that is not among the known ones, with the nearest right one."""
     names = {right.lower(): right for right in sorted(known)}
-    near = difflib.get_close_matches(str(name).lower(), names, n=1)
+    near = difflib.get_close_matches(str(name)[:100].lower(), names, n=1)
     hint = f" (did you mean {names[near[0]]!r}?)" if near else ""
     return ParameterError(key, f"found {what or _show(name)}{hint}, allowed are {', '.join(names.values())}")
+
+
+def _shortened(text: str, most: int = 450) -> str:
+    """A part of a message, which a file may have made as long as it likes."""
+    return text if len(text) <= most else f"{text[: most - 150]} ... {text[-145:]}"
 
 
 def _show(value: Any) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+import sys
 from pathlib import Path
 
 from piezoharvest.input import InputError, check_readable
@@ -55,4 +56,4 @@ def open_reader(path: Path, **lines: int) -> Reader:
     if lines and not cls.by_lines:
         allowed = ", ".join(sorted(suffix for suffix, each in known.items() if each.by_lines))
         raise ReadError(f"found {' and '.join(lines)}, allowed in text files only ({allowed})")
-    return Apart(path) if cls.apart else cls(path, **lines)
+    return Apart(path, cls.unsafe) if cls.unsafe and sys.executable else cls(path, **lines)

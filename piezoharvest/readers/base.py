@@ -60,8 +60,8 @@ class Reader(ABC):
         The first line with numbers that stands below a table and was not read.
     by_lines : bool
         Whether rows are lines, of which some may be left out.
-    apart : bool
-        Whether files of this format are read in a process of their own, as damaged ones may crash their library.
+    unsafe : tuple of str
+        Libraries that may not survive a damaged file: where there are any, a process of their own reads the files.
     most_bytes : int
         How large a file may be.
 
@@ -77,7 +77,7 @@ class Reader(ABC):
     numbering: int | np.ndarray = 1
     left_out: tuple[int, str] | None = None
     by_lines: ClassVar[bool] = False
-    apart: ClassVar[bool] = False
+    unsafe: ClassVar[tuple[str, ...]] = ()
     most_bytes: ClassVar[int] = 1 << 62
 
     def __init__(self, path: Path):

@@ -13,7 +13,7 @@ class Hdf5(ArrayReader):
     """HDF5 file: every data set of numbers, by its path; a column may also be named by the last part alone."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".h5", ".hdf5", ".hdf")
-    apart: ClassVar[bool] = True
+    unsafe: ClassVar[tuple[str, ...]] = ("h5py",)
 
     def __init__(self, path: Path):
         import h5py

@@ -27,7 +27,7 @@ class Matlab(ArrayReader):
     """
 
     suffixes: ClassVar[tuple[str, ...]] = (".mat",)
-    apart: ClassVar[bool] = True
+    unsafe: ClassVar[tuple[str, ...]] = ("h5py", "scipy.io")
 
     def __init__(self, path: Path):
         import h5py

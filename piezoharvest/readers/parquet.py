@@ -15,7 +15,7 @@ class Parquet(Reader):
     """Parquet file; what is null in it is not a number (NaN)."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".parquet",)
-    apart: ClassVar[bool] = True
+    unsafe: ClassVar[tuple[str, ...]] = ("pyarrow.parquet",)
 
     def __init__(self, path: Path):
         from pyarrow import ArrowException, parquet

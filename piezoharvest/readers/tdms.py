@@ -16,7 +16,7 @@ class Tdms(Reader):
     """TDMS file: channels by "group/channel", or by the channel's name alone; scaled as their properties say."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".tdms",)
-    apart: ClassVar[bool] = True
+    unsafe: ClassVar[tuple[str, ...]] = ("nptdms",)
 
     def __init__(self, path: Path):
         from nptdms import TdmsFile

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from piezoharvest.parameters import ParameterError
 from piezoharvest.readers.base import MOST_NUMBERS
 from piezoharvest.records.checks import check
@@ -122,7 +124,8 @@ def load_campaign(path: str | Path) -> Campaign:
 def _read(path: Path) -> Campaign:
     try:
         table = read_toml(path)
-        return _campaign(table, path)
+        with np.errstate(all="ignore"):  # what is no number, or becomes none, is found by the checks
+            return _campaign(table, path)
     except ParameterError as error:
         raise CampaignError(path, error.key, error.message) from None
     except CampaignError:

@@ -23,6 +23,9 @@ COLUMNS: Mapping[str, str] = MappingProxyType({
     "time": "time_s", "force": "force_N", "displacement": "displacement_m", "voltage": "voltage_V",
     "current": "current_A", "base_acceleration": "base_acceleration_m_per_s2",
 })  # fmt: skip
+# Sizes of samples in SI units other than zero: twelve decades beyond what is ever measured, and below the 9.9e37 and
+# 3.4e38 that instruments and single precision write for an overload.
+SMALLEST, LARGEST = 1e-30, 1e30
 DRIVES = ("force", "voltage", "displacement", "base_acceleration")
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from piezoharvest.parameters import LARGEST, SMALLEST
+from piezoharvest.records.channels import LARGEST, SMALLEST
 
 _NOTHING = 1e-12  # of the time between samples: less is a zero with errors of its own
 _EXACT = 1e-6  # of it: stamps that are off by less are even as they are

@@ -23,18 +23,26 @@ import numpy as np
 
 from piezoharvest.readers.base import MissingColumnError, Reader, ReadError
 
-_START = 60.0  # s, in which the process has to be there: its imports take 0.3 s, many times that from a slow disk
+_START = 60.0  # s, in which the process has to be ready: its imports take 0.3 s, many times that from a slow disk
 # s for one request: every library reads more than 10 MB/s, a network drive 1 MB/s; nobody waits for more than an hour.
 _PATIENCE, _PER_BYTE, _LONGEST = 5.0, 1e-6, 3600.0
 _numbers = count(1)  # of the files that have been opened
 
 
 class Apart(Reader):
-    """A data file that another process has open; parameters and methods are those of the `Reader` there."""
+    """A data file that another process has open; its methods are those of the `Reader` there.
 
-    def __init__(self, path: Path):
+    Parameters
+    ----------
+    path : Path
+    libraries : sequence of str
+        What the reader there imports.
+    """
+
+    def __init__(self, path: Path, libraries: Sequence[str]):
         super().__init__(path)
         self._process = _running()
+        self._process.start(libraries)
         self._patience = min(_PATIENCE + _PER_BYTE * path.stat().st_size, _LONGEST)
         self._number = next(_numbers)
         found = self._ask("open", os.path.abspath(path))
@@ -64,7 +72,7 @@ class _Process:
     def __init__(self) -> None:
         folders = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", __name__],
+            [sys.executable, "-P", "-m", __name__],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
             env={**os.environ, "PYTHONPATH": folders},
         )  # fmt: skip
@@ -72,12 +80,19 @@ class _Process:
         self._requests, self._answers = self._process.stdin, self._process.stdout
         self._lock, self._owner = threading.Lock(), os.getpid()
         atexit.register(self._end)
-        self.answer({"number": 0, "action": "start", "values": ()}, _START)
 
     @property
     def usable(self) -> bool:
         """Whether it runs, and was started by this very process rather than by one that this is a fork of."""
         return self._owner == os.getpid() and self._process.poll() is None
+
+    def start(self, libraries: Sequence[str]) -> None:
+        """Wait until it runs and has imported what it needs; raises `ReadError`."""
+        try:
+            self.answer({"number": 0, "action": "start", "values": libraries}, _START)
+        except ReadError:
+            found = f"no process that could read it with {' and '.join(libraries)}"
+            raise ReadError(f"found {found}, allowed is a Python that can be started once more") from None
 
     def answer(self, request: dict[str, Any], patience: float) -> dict[str, Any]:
         """Answer to a request, within so many seconds; raises `ReadError`."""
@@ -106,20 +121,23 @@ class _Process:
         try:
             yield
         except (OSError, EOFError, ValueError):  # of a pipe that is broken, and of half an answer
-            self._process.kill()
-            status = self._process.wait()
+            status = self._end()
             found = f"reading took more than {patience:.0f} s" if late.is_set() else f"its reader crashed ({status})"
             raise ReadError(f"found damaged data ({found}), allowed is a whole file") from None
         except BaseException:  # interrupted: an answer that nobody awaits must not be taken for the next one
-            self._process.kill()
+            self._end()
             raise
         finally:
             timer.cancel()
 
-    def _end(self) -> None:
-        if self.usable:
+    def _end(self) -> int:
+        """End the process; its exit status."""
+        if self._owner == os.getpid():
             self._process.kill()
-            self._process.wait()
+        with suppress(OSError):  # of a request that nobody has taken
+            self._requests.close()
+        self._answers.close()
+        return self._process.wait()
 
 
 _kept: list[_Process] = []

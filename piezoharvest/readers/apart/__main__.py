@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import sys
@@ -63,6 +64,9 @@ def _answer(
 def _done(
     readers: dict[int, Reader], number: int, action: str, *values: Any
 ) -> tuple[dict[str, Any], list[np.ndarray]]:
+    if action == "start":
+        for library in values:
+            importlib.import_module(library)
     if action == "open":
         path = Path(values[0])
         readers[number] = reader = registered()[path.suffix.lower()](path)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from piezoharvest.parameters import LARGEST, SMALLEST
+from piezoharvest.records.channels import LARGEST, SMALLEST
 from piezoharvest.records.finding import Finding, Rows, counted, runs, shifted
 from piezoharvest.records.record import Record
 
