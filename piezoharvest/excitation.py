@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from functools import reduce
 from math import gcd
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -265,18 +265,30 @@ class RandomBase(_Random):
 
 @dataclass(frozen=True, kw_only=True)
 class Record(Excitation):
-    """A recorded force, joined by straight lines between its samples.
+    """A recorded force in N, joined by straight lines between its samples.
+
+    Attributes
+    ----------
+    file : str
+        Of any format that a campaign's records may have.
+    column : str or int
+        Its name, or its number from 1.
+    skip_rows, header_row : int, optional
+        Of a text file: lines that are not looked at, and the line that has the names.
 
     Raises
     ------
     ParameterError
-        The file or the column does not exist, or the column holds something that is not a finite number.
+        The file or the column does not exist, the file says that it is no force, or the column holds something that is
+        not a finite number.
     """
 
     kind: ClassVar[str] = "record"
 
     file: str
-    column: str
+    column: Any
+    skip_rows: int | None = quantity("", "lines above the table", default=None, at_least=0)
+    header_row: int | None = quantity("", "line with the names", default=None, at_least=1)
     sample_rate: float = quantity("Hz", "sample rate", above=0)
     values: np.ndarray = field(init=False, repr=False, compare=False)
 
@@ -285,24 +297,32 @@ class Record(Excitation):
         object.__setattr__(self, "values", self._read())
 
     def _read(self) -> np.ndarray:
-        path = Path(self.file)
-        if not path.is_file():
-            raise ParameterError("file", f"found no file {self.file!r}, allowed is a CSV file with a header")
-        with path.open(encoding="utf-8", errors="replace") as stream:
-            header = [name.strip() for name in stream.readline().split(",")]
-            if self.column not in header:
-                raise ParameterError(
-                    "column", f"found {self.column!r} not in {self.file}, allowed are {', '.join(header)}"
-                )
-            try:
-                values = np.loadtxt(stream, delimiter=",", usecols=header.index(self.column), ndmin=1)
-            except (ValueError, IndexError) as error:
-                found = f"found no table of numbers in {self.file} ({error})"
-                raise ParameterError("file", f"{found}, allowed is a CSV file with a header") from None
+        from piezoharvest.readers import MissingColumnError, ReadError, open_reader
+
+        if not isinstance(self.column, str) and not (type(self.column) is int and self.column > 0):
+            raise ParameterError("column", f"found {self.column!r}, allowed is a name or a number from 1 on")
+        if not Path(self.file).exists():
+            raise ParameterError("file", f"found no file {self.file!r}, allowed is a file of measured data")
+        lines = {"skip_rows": self.skip_rows, "header_row": self.header_row}
+        try:
+            with open_reader(Path(self.file), **{key: n for key, n in lines.items() if n is not None}) as reader:
+                name = reader.resolve(self.column)
+                values, unit = reader.read([name])[name], reader.unit(name)
+                rows = reader.numbering
+        except ReadError as error:
+            where = self.file if error.row is None else f"{self.file}, row {error.row}"
+            key = "column" if isinstance(error, MissingColumnError) else "file"
+            raise ParameterError(key, f"{error.message} (in {where})") from None
+        where = f"in column {name!r} of {self.file}"
+        if np.any(np.imag(values)):
+            raise ParameterError("column", f"found complex values {where}, allowed are real ones")
+        if unit is not None and unit.si != "N" and unit.firm:
+            raise ParameterError("column", f"found the unit {unit.text!r} {where}, allowed is one of force")
+        values = np.real(values) * (unit.factor if unit is not None and unit.si == "N" else 1.0)
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
-            where = f"{self.file}, column {self.column}, row {bad[0] + 2}"
-            raise ParameterError("file", f"{where}: found {values[bad[0]]}, allowed is a finite number")
+            row = rows[bad[0]] if isinstance(rows, np.ndarray) else rows + bad[0]
+            raise ParameterError("file", f"found {values[bad[0]]} {where}, row {row}, allowed is a finite number")
         if len(values) < 2:
             raise ParameterError("file", f"found {len(values)} samples in {self.file}, allowed is two or more")
         return values

@@ -6,8 +6,9 @@ import os
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 if TYPE_CHECKING:
     from piezoharvest.engine.response import Response
@@ -102,6 +103,33 @@ def atomic(path: str | Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+@contextmanager
+def writing(path: str | Path) -> Iterator[None]:
+    """Tell what keeps a file from being written (a full disk, no right to do so) as an `OutputError`."""
+    try:
+        yield
+    except OSError as error:
+        reason = os.strerror(error.errno) if error.errno else error
+        raise OutputError(f"{path}: cannot be written ({reason})") from None
+
+
+@contextmanager
+def result_file(path: str | Path) -> Iterator[BinaryIO]:
+    """Stream into a result: a file that is there as a whole once the block has ended, or not at all.
+
+    Everything that the package writes goes through it, but for tables that are larger than memory (`sweep`).
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written: no right to do so, a full disk.
+    """
+    path = check_file(path)
+    with writing(path), atomic(path) as temporary, temporary.open("wb") as stream:
+        yield stream
+        stream.close()  # before its file is renamed
+
+
 def waveform_table(responses: Sequence[Response]) -> dict[str, Any]:
     """Waveforms of several simulations as the columns of one long table.
 
@@ -131,11 +159,8 @@ def write_table(columns: Mapping[str, Any], path: str | Path) -> None:
         The file cannot be written.
     """
     path = check_file(path, TABLE_SUFFIXES)
-    try:
-        with atomic(path) as temporary:
-            _WRITERS[path.suffix.lower()](columns, temporary)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from None
+    with result_file(path) as stream:
+        _WRITERS[path.suffix.lower()](columns, stream)
 
 
 def write_text(text: str, path: str | Path) -> None:
@@ -146,26 +171,21 @@ def write_text(text: str, path: str | Path) -> None:
     OutputError
         The file cannot be written.
     """
-    path = check_file(path)
-    try:
-        with atomic(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from None
+    with result_file(path) as stream:
+        stream.write(text.encode("utf-8", "backslashreplace"))  # names of files may hold what is no text
 
 
-def _write_csv(columns: Mapping[str, Any], path: Path) -> None:
+def _write_csv(columns: Mapping[str, Any], stream: BinaryIO) -> None:
     from pyarrow import csv
 
-    with path.open("wb") as stream:
-        stream.write((",".join(columns) + "\n").encode())
-        csv.write_csv(_arrow(columns), stream, csv.WriteOptions(include_header=False, quoting_style="none"))
+    stream.write((",".join(columns) + "\n").encode())
+    csv.write_csv(_arrow(columns), stream, csv.WriteOptions(include_header=False, quoting_style="none"))
 
 
-def _write_parquet(columns: Mapping[str, Any], path: Path) -> None:
+def _write_parquet(columns: Mapping[str, Any], stream: BinaryIO) -> None:
     from pyarrow import parquet
 
-    parquet.write_table(_arrow(columns), path)
+    parquet.write_table(_arrow(columns), stream)
 
 
 def _arrow(columns: Mapping[str, Any]) -> Any:
@@ -174,19 +194,21 @@ def _arrow(columns: Mapping[str, Any]) -> Any:
     return pyarrow.table({name: pyarrow.array(values) for name, values in columns.items()})
 
 
-def _write_npz(columns: Mapping[str, Any], path: Path) -> None:
+def _write_npz(columns: Mapping[str, Any], stream: BinaryIO) -> None:
     import numpy as np
 
-    with path.open("wb") as stream:
-        np.savez(stream, **columns)
+    np.savez(stream, **columns)
 
 
-def _write_h5(columns: Mapping[str, Any], path: Path) -> None:
+def _write_h5(columns: Mapping[str, Any], stream: BinaryIO) -> None:
+    """In memory first: the library ends the process where it cannot write what it has taken."""
     import h5py
 
-    with h5py.File(path, "w") as file:
+    image = BytesIO()
+    with h5py.File(image, "w") as file:
         for name, values in columns.items():
             file[name] = values.astype(h5py.string_dtype()) if values.dtype.kind == "U" else values
+    stream.write(image.getbuffer())
 
 
 _WRITERS = {".csv": _write_csv, ".npz": _write_npz, ".h5": _write_h5, ".parquet": _write_parquet}

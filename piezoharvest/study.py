@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
+import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass
@@ -19,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, crea
 from piezoharvest import catalogue, effects, excitation, shunts
 from piezoharvest.effects import Effect
 from piezoharvest.excitation import Excitation
+from piezoharvest.input import InputError, check_readable
 from piezoharvest.limits import check_size
 from piezoharvest.parameters import Component, ParameterError, allowed, quantity
 from piezoharvest.shunts import Shunt
@@ -31,6 +33,10 @@ _WORDS: dict[Any, str] = {str: "a string", bool: "true or false", list: "a list 
 _NEEDED = {"transducer": "a table", "excitation": "a table", "shunts": "a list of tables"}
 _TABLES = ("title", *_NEEDED, "design", "sweep", "bench")
 MOST_DESIGNS = 2**30  # of a sweep: where the points of a Sobol sequence end
+MOST_OF_TOML = 1 << 22  # bytes: tomllib takes about a second for 2 MB; a study of a thousand lines has 40 kB
+# tomllib takes the square of a key's parts: 16 s for 20,000 of them, one of which is as good as none in our tables.
+_MOST_PARTS = 100
+_LONG_KEY = re.compile(rf"""(?<![\w"'-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{_MOST_PARTS}}}""")
 
 
 class StudyError(ValueError):
@@ -43,7 +49,7 @@ class StudyError(ValueError):
     """
 
     def __init__(self, path: str | Path, key: str, message: str):
-        text = ": ".join(part for part in (str(path), key, message) if part)
+        text = ": ".join(_shortened(part) for part in (str(path), key, message) if part)
         super().__init__("".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text))
         self.path, self.key, self.message = str(path), key, message
 
@@ -180,10 +186,16 @@ def read_toml(path: Path) -> dict[str, Any]:
     Raises
     ------
     StudyError
-        The file cannot be read, is not UTF-8 or not TOML.
+        The file cannot be read, is too large, is not UTF-8 or not TOML.
     """
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        check_readable(path, MOST_OF_TOML)
+        text = path.read_bytes().decode("utf-8-sig")
+        if _LONG_KEY.search(text):
+            raise ValueError(f"a key of more than {_MOST_PARTS} parts")
+        return tomllib.loads(text)
+    except InputError as error:
+        raise StudyError(path, "", f"{error}, allowed is a TOML file") from None
     except OSError as error:
         raise StudyError(path, "", f"found no readable file ({error.strerror}), allowed is a TOML file") from None
     except UnicodeDecodeError as error:
@@ -246,7 +258,7 @@ def build_transducer(table: Any, where: str = "transducer") -> Transducer:
     table = dict(_typed(dict, table, where))
     if "catalogue" in table:
         name = table.pop("catalogue")
-        if name not in catalogue.names():
+        if not isinstance(name, str) or name not in catalogue.names():
             raise unknown(f"{where}.catalogue", name, catalogue.names())
         table = catalogue.transducer_table(name, table)
     return build(Transducer, table, where)
@@ -411,9 +423,14 @@ def _frozen(value: Any) -> Any:
 def unknown(key: str, name: Any, known: Iterable[str], what: str = "") -> ParameterError:
     """Error for a name that is not among the known ones, with the nearest right one."""
     names = {right.lower(): right for right in sorted(known)}
-    near = difflib.get_close_matches(str(name).lower(), names, n=1)
+    near = difflib.get_close_matches(str(name)[:100].lower(), names, n=1)
     hint = f" (did you mean {names[near[0]]!r}?)" if near else ""
     return ParameterError(key, f"found {what or _show(name)}{hint}, allowed are {', '.join(names.values())}")
+
+
+def _shortened(text: str, most: int = 450) -> str:
+    """A part of a message, which a file may have made as long as it likes."""
+    return text if len(text) <= most else f"{text[: most - 150]} ... {text[-145:]}"
 
 
 def _show(value: Any) -> str:

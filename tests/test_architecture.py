@@ -12,7 +12,8 @@ import piezoharvest
 ROOT = Path(piezoharvest.__file__).parent
 # From the bottom to the top; what stands in one line does not know of each other.
 LAYERS = [
-    {"parameters", "circuit"},
+    {"parameters", "circuit", "input"},
+    {"readers"},
     {"hysteresis", "netlist", "effects", "excitation"},
     {"shunts", "transducer"},
     {"system", "catalogue", "limits"},

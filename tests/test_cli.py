@@ -296,14 +296,14 @@ class TestOut:
         assert "not a file" in refused("simulate", study, "--out", "w.csv")
 
     def test_results_are_printed_even_if_the_file_fails(self, study, run, engine, monkeypatch):
-        def full(columns, path):
-            path.write_text("half")
+        def full(columns, stream):
+            stream.write(b"half")
             raise OSError(28, "No space left on device")
 
         monkeypatch.setitem(piezoharvest.output._WRITERS, ".csv", full)
         engine(response(), response("parallel_sshi"))
         status, out, err = run("simulate", study, "--json", "--out", "w.csv")
-        assert status == 1
+        assert status == 2
         assert len(strict(out)["results"]) == 2
         assert "w.csv: cannot be written (No space left on device)" in err
         assert os.listdir() == ["study.toml"]
@@ -533,7 +533,7 @@ class TestDesign:
         monkeypatch.setattr(piezoharvest.design, "design", lambda study, progress=None: Designed(), raising=False)
         monkeypatch.setattr(piezoharvest.report, "write_report", fail, raising=False)
         status, out, err = run("design", study, "--json", "--report", "r")
-        assert (status, strict(out)["best"]) == (1, 0)
+        assert (status, strict(out)["best"]) == (2, 0)
         assert err.startswith("piezoharvest: error: ")
         assert "No space left" in err
 

@@ -32,7 +32,7 @@ D, FREE = T / K, C + T**2 / K
 @pytest.fixture(scope="module", autouse=True)
 def without_attenuation():
     """Nothing of the paper is an attenuation; the short circuit that it is measured against takes most of the time."""
-    with patch("piezoharvest.engine.simulation._short_amplitude", return_value=1.0):
+    with patch("piezoharvest.engine.simulation._short_circuit", return_value=(1.0, "")):
         yield
 
 

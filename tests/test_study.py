@@ -508,7 +508,7 @@ class TestFiles:
         (tmp_path / "data").mkdir()
         force = tmp_path / "data" / "force.csv"
         force.write_text("time_s,load_N\n0,1\n0.1,2\n")
-        assert error(tmp_path, RECORD).startswith("excitation.column: found 'force_N' not in ")
+        assert error(tmp_path, RECORD).startswith("excitation.column: found no column 'force_N', allowed are ")
         force.write_bytes("time_s,force_N,°C\n0,1,2\n".encode("latin-1"))
         # Letters of another encoding in the name of another column do no harm; one sample is too few.
         assert error(tmp_path, RECORD).startswith("excitation.file: found 1 samples in ")

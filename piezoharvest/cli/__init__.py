@@ -6,6 +6,7 @@ typer only reads the arguments; each command hands back the work to be done, whi
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import sys
@@ -19,6 +20,7 @@ import typer
 import piezoharvest
 
 Work = Callable[[], int]
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # what a full disk or a limit on files is to who writes to stdout
 
 app = typer.Typer(
     help="Piezoelectric shunt damping and harvesting: simulate, design, sweep, measure, identify, diagnose (TOML).",
@@ -224,11 +226,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _say("interrupted", 130)
     except BrokenPipeError:
-        # Who reads the results has left: nothing to say, and nothing to flush into the pipe at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_output()  # who reads the results has left: nothing to say
         return 141
     except Exception as error:
-        return _failed(error)
+        status = _failed(error)
+    try:
+        sys.stdout.flush()
+    except OSError:  # what has been said about
+        _discard_output()
+    return status
+
+
+def _discard_output() -> None:
+    """Leave nothing that Python would try to write, and complain about, at its exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _failed(error: Exception) -> int:
@@ -241,8 +252,10 @@ def _failed(error: Exception) -> int:
 
     if isinstance(error, BAD_INPUT):
         return _say(f"error: {error}", 2)
-    if isinstance(error, OSError):  # a full disk, say
-        return _say(f"error: {error}", 1)
+    if isinstance(error, MemoryError):
+        return _say("error: found less memory than this takes, allowed is a smaller task", 2)
+    if isinstance(error, OSError):
+        return _say(f"error: {error}", 2 if error.errno in _FULL else 1)
     if os.environ.get("PIEZOHARVEST_TRACEBACK"):
         raise error
     hint = "PIEZOHARVEST_TRACEBACK=1 shows where"

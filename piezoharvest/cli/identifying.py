@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from piezoharvest.cli import show
 from piezoharvest.cli.work import note
 from piezoharvest.output import check_new_directory
+from piezoharvest.study import StudyError
 
 if TYPE_CHECKING:
     from piezoharvest.identify import Estimate, Identification
@@ -31,6 +32,8 @@ def on_campaign(path: Path, report: Path | None, run: Callable[..., _T]) -> _T |
     run : callable
         Given the campaign, and by `tell` whom to tell about progress.
     """
+    from numpy.linalg import LinAlgError
+
     from piezoharvest.predict.prediction import PredictionError
     from piezoharvest.records import load_campaign
 
@@ -44,6 +47,10 @@ def on_campaign(path: Path, report: Path | None, run: Callable[..., _T]) -> _T |
     except PredictionError as error:
         note(f"piezoharvest: error: {path}: the model with its nominal values cannot follow the records: {error}")
         return None
+    except (ArithmeticError, LinAlgError) as error:
+        found = f"nominal values with which the records cannot be computed ({error})"
+        allowed = "allowed are those of a device that may have given these records"
+        raise StudyError(path, "transducer", f"found {found}, {allowed}") from None
 
 
 def identify(path: Path, *, as_json: bool, report: Path | None) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -39,12 +38,14 @@ def simulate(path: Path, *, as_json: bool, transient: float | None, out: Path | 
         check_file(out, TABLE_SUFFIXES)
     study = _with_shunts(load_study(path))
     responses = [_respond(study, n, transient, waveforms=out is not None) for n in range(len(study.shunts))]
-    kept = out is None or _keep(responses, out)
     if as_json:
         show.print_json({"title": study.title, "results": [show.response_json(response) for response in responses]})
     else:
         show.print_responses(study.title, responses)
-    return 0 if kept and all(response.converged for response in responses) else 1
+    if out is not None:
+        write_table(waveform_table(responses), out)
+        note(f"waveforms: {out}")
+    return 0 if all(response.converged for response in responses) else 1
 
 
 def _respond(study: Study, n: int, transient: float | None, *, waveforms: bool) -> Response:
@@ -61,17 +62,6 @@ def _respond(study: Study, n: int, transient: float | None, *, waveforms: bool) 
     elif response.message:
         note(f"warning: {where}: {response.message}")
     return response if waveforms else replace(response, waveforms=None)
-
-
-def _keep(responses: Sequence[Response], out: Path) -> bool:
-    """Write the waveforms; whether that was possible, for the results are printed in any case."""
-    try:
-        write_table(waveform_table(responses), out)
-    except OutputError as error:
-        note(f"warning: {error}")
-        return False
-    note(f"waveforms: {out}")
-    return True
 
 
 def design(path: Path, *, as_json: bool, report: Path | None) -> int:

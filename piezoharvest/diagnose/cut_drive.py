@@ -13,7 +13,7 @@ from piezoharvest.effects import Clipping
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.identification import Identification
 from piezoharvest.records.campaign import Campaign
-from piezoharvest.records.finding import Finding
+from piezoharvest.records.finding import Finding, index_of
 from piezoharvest.records.record import FrequencyRecord, Record
 
 LEAST = 64  # samples before the cut that are worth a fit
@@ -93,4 +93,4 @@ def _first_cut(record: Record | FrequencyRecord, found: tuple[Finding, ...]) -> 
         return None
     clipped = [each for each in found if each.check == "clipped" and each.channel == record.drive]
     first_row = record.signals[record.drive].first_row
-    return min((first - first_row for each in clipped for first, _ in each.rows), default=None)
+    return min((index_of(first, first_row) for each in clipped for first, _ in each.rows), default=None)

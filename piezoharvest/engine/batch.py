@@ -12,9 +12,10 @@ from piezoharvest.engine import many
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import section as sc
 from piezoharvest.engine.lower import Lowered, lower, symmetric
-from piezoharvest.engine.simulation import CLOSURE, simulate
+from piezoharvest.engine.simulation import simulate
 from piezoharvest.engine.state import QUEUE_LENGTH
 from piezoharvest.engine.transient import Machine
+from piezoharvest.engine.trust import Bounds, bounds, closure, faults
 from piezoharvest.excitation import Excitation
 from piezoharvest.parameters import Component
 from piezoharvest.shunts.short import Short
@@ -66,7 +67,8 @@ def simulate_many(
     if alone or excitation.period is None:
         return _one_by_one(system, excitation, range(designs), designs)
     lowered = lower(system, excitation)
-    found = _columns(lowered, _steady_states(lowered, symmetric(lowered, excitation), designs), designs)
+    kept = _steady_states(lowered, symmetric(lowered, excitation), designs)
+    found = _columns(lowered, kept, designs, bounds(system.transducer, excitation, lowered))
     left = np.flatnonzero(~found["converged"])
     slow = _one_by_one(system, excitation, left, designs)
     for name, column in slow.items():
@@ -93,17 +95,14 @@ def _steady_states(lowered: Lowered, mirrored: bool, designs: int) -> np.ndarray
     return out
 
 
-def _columns(lowered: Lowered, out: np.ndarray, designs: int) -> dict[str, np.ndarray]:
+def _columns(lowered: Lowered, out: np.ndarray, designs: int, most: Bounds) -> dict[str, np.ndarray]:
     """Results by name from what `many` keeps."""
     settled = out[:, many.SETTLED] > 0
     period = np.broadcast_to(lowered.program.period, designs)
     energy = dict(zip(lowered.categories, out[:, many.ENERGIES :].T, strict=True))
     mean_dc = energy.pop(pg.MEAN_DC) / period
-    supplied = energy["mechanical_in"] + energy["source"]
-    spent = sum(value for name, value in energy.items() if name not in ("mechanical_in", "source"))
-    largest = np.max(np.abs([supplied, *energy.values()]), axis=0)
-    gap = np.abs(supplied - spent - out[:, many.STORED])
-    closure = np.divide(gap, largest, out=np.zeros(designs), where=largest > 0)
+    wrong = faults(energy, out[:, many.STORED], 0.0, out[:, many.DISPLACEMENT], most, periodic=True)
+    right = settled & ~np.any([*wrong.values()], axis=0)
     harvested, taken = energy["harvested"], energy["mechanical_in"]
     columns = {
         "harvested_power": harvested / period,
@@ -114,11 +113,11 @@ def _columns(lowered: Lowered, out: np.ndarray, designs: int) -> dict[str, np.nd
         "dc_voltage": mean_dc,
         "events_per_period": out[:, many.EVENTS],
         "periods_evaluated": out[:, many.EVALUATED],
-        "closure": closure,
+        "closure": closure(energy, out[:, many.STORED])[0],
         **{f"energy.{name}": value for name, value in energy.items()},
     }
     columns = {name: np.where(settled, column, np.nan) for name, column in columns.items()}
-    return {"converged": settled & (closure <= CLOSURE), **columns}
+    return {"converged": right, **columns}
 
 
 def _attenuate(found: dict[str, np.ndarray], system: System, excitation: Excitation, designs: int) -> None:

@@ -6,7 +6,7 @@ from piezoharvest.engine import program as pg
 from piezoharvest.engine.budget import products
 from piezoharvest.engine.compiled import compiled, inlined
 from piezoharvest.engine.exponentials import deviations, digits, exponentials, glides
-from piezoharvest.engine.forms import forms_of_mode
+from piezoharvest.engine.forms import forms_of_mode, settled_forms
 from piezoharvest.engine.tables import (
     ACCOUNTED,
     HELD,
@@ -41,6 +41,7 @@ def build(P, L, D, configuration, slip):
     if L[pg.SWITCHED] == 1 and L[L[pg.OPENED] + configuration] != configuration:
         longest = min(longest, P[L[pg.ON_TIME]])
     exponentials(P, L, slot, configuration, longest)
+    settled_forms(P, L, slot)
     if L[pg.SIGNAL_KIND] == pg.RAMPS:
         deviations(P, L, slot)
         digits(P, L, slot)

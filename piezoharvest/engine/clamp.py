@@ -3,29 +3,36 @@
 A mode conserves this difference, but doubling exp(A h) - 1 doubles what rounding makes of it, too: beside mechanics
 that are 1e5 times as fast as the drive the voltage drifts by 1e-12 of itself within a step, and when the diodes block
 they would be found to conduct again at once, for ever. The conserved form is therefore held on every level.
+
+What rounding leaves of the difference where the diodes begin to conduct stays, too. Times the current it is energy that
+no entry accounts for: a share of 1e-6, where the voltage is 1e-6 of the open one. It is therefore set to zero there.
 """
 
 from __future__ import annotations
 
 from piezoharvest.engine import program as pg
+from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
+from piezoharvest.engine.charge import along, shift
 from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.crossing import NONE
+from piezoharvest.engine.state import dot_column
 from piezoharvest.engine.tables import block_of
-from piezoharvest.engine.vector import dot
+from piezoharvest.engine.vector import dot, total_size
 
 CONSERVED = 1e-13  # part of a form's rate that rounding may leave of nothing
+ROUNDING = 1e-9  # part of the state's size that a form which is zero may be off by where events are found to 1e-12
 
 
 @compiled
 def held_form(P, L, slot, configuration, out):
-    """Leave at `out` the form that diodes conducting in a configuration hold at zero; returns whether there is one.
+    """Leave at `out` the form that diodes conducting in a configuration hold at zero; returns its place in P, or NONE.
 
     It is what opened the diodes, if the mode conserves it: a bridge behind an inductance does not.
     """
     guard, a = _opened_by(L, configuration), L[pg.A]
     if guard == NONE:
-        return False
+        return NONE
     matrix, rows, form = block_of(L, slot) + L[tb.MATRIX], L[pg.ROWS], L[pg.GUARD_Z] + guard * a
     for k in range(rows):
         P[out + k] = P[form + k] if k < a else 0.0
@@ -37,7 +44,7 @@ def held_form(P, L, slot, configuration, out):
             rate += term
             terms += abs(term)
         largest = max(largest, abs(rate))
-    return P[out + L[pg.CHARGE]] != 0.0 and largest <= CONSERVED * terms
+    return form if P[out + L[pg.CHARGE]] != 0.0 and largest <= CONSERVED * terms else NONE
 
 
 @compiled
@@ -47,6 +54,21 @@ def _opened_by(L, configuration):
         if L[L[pg.GUARD_TARGET] + k] == configuration and L[L[pg.GUARD_CODE] + k] == pg.CONDUCT:
             return k
     return NONE
+
+
+@compiled
+def begin_to_hold(P, L, S, D, form):
+    """Move as much charge as makes a form zero that diodes hold from now on, if it is zero to rounding.
+
+    Where a run begins, its sensitivities follow; those after an event have their own account (`saltation`).
+    """
+    value, slope = dot_column(P, form, 1, S, 0, L[pg.A]), along(P, L, D, form)
+    if slope == 0.0 or abs(value) > ROUNDING * total_size(S, 0, L[pg.ROWS]):
+        return
+    shift(P, L, S, D, 0, -value / slope)
+    for s in range(0 if D[st.BETWEEN] else D[st.SENSITIVITIES]):
+        phi = D[st.PHI] + s * L[pg.ROWS]
+        shift(P, L, S, D, phi, -dot_column(P, form, 1, S, phi, L[pg.A]) / slope)
 
 
 @compiled

@@ -15,7 +15,6 @@ from piezoharvest.engine.tables import block_of, place_of, rows_read, slot_of
 from piezoharvest.engine.vector import LANES, copy, dot, multiply, multiply_top
 
 NONE = -1
-FINE = 1e-3  # part of the longest step
 TIE = 1e-9  # part of a step: guards that seem to rise so close together are taken in their order
 
 
@@ -32,73 +31,76 @@ def floor_of(P, L, S, D, slot, place, limit):
 
 
 @compiled
-def locate(P, L, S, D, slot, row, sign, offset, low, high, tau, rises, out):
-    """Time at which a guard rises through zero between low and high (s from the state), from the estimate tau.
+def locate(P, L, S, D, slot, row, sign, offset, low, high, tau, out):
+    """Time at which a guard that is above zero at `high` rises through zero after `low` (s from the state now).
 
-    Leaves the state there at `out`. `rises` tells that the guard is known to be above zero at `high`; without that the
-    time is infinite where it only comes close to zero. The motion is made once, to the finest step next to the
-    estimate; from there its Taylor series gives that of the guard, whose zero is a matter of plain numbers.
+    `tau` is an estimate; the state there is left at `out`. The motion is made to the finest step next to the estimate.
+    From there its Taylor series gives that of the guard, whose zero is a matter of plain numbers. Where the guard has
+    one sign throughout what the series holds for, the zero lies beyond that, and the search goes on there: by Newton's
+    method, or by bisection where that does not halve the interval in two steps.
     """
     block, columns, terms, height = block_of(L, slot), L[pg.COLUMNS], D[st.TAYLOR], tb.TAYLOR_ROWS
     forms = block + L[tb.TAYLOR] + row * height * columns
     longest, short = P[block + L[tb.STEPS]], P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
-    per_second = 1.0 / short
-    # Of finest steps this short an estimate may be off by many.
-    fine = short < FINE * longest
-    for _ in range(80):
-        share = reach(P, L, S, D, slot, 0, tau) * per_second
-        base = tau - share * short
+    per_second, share, width, wider = 1.0 / short, 0.0, np.inf, np.inf
+    tau = min(max(tau, low), high)
+    while True:
+        base = tau - reach(P, L, S, D, slot, 0, tau)
         multiply(P, forms, height, columns, S, vector(L, D, SERIES), terms)
         c = (
             sign * S[terms] + offset, sign * S[terms + 1], sign * S[terms + 2],
             sign * S[terms + 3], sign * S[terms + 4], sign * S[terms + 5],
             sign * S[terms + 6], sign * S[terms + 7], sign * S[terms + 8],
         )  # fmt: skip
-        if fine:
-            if abs(c[0]) > c[1] > 0.0 and high - low > 1e-15 * longest:
-                # No series is needed to come nearer.
-                low, high, rises = (low, base, True) if c[0] > 0.0 else (base, high, rises)
-                tau = base - short * c[0] / c[1]
-                if not low <= tau <= high:
-                    tau = 0.5 * (low + high)
-                continue
-            if c[1] > 0.0:
-                share = -c[0] / c[1]
-        found, share, low, high, rises = _zero(c, share, (low - base) * per_second, (high - base) * per_second, rises)
-        low, high, tau = base + low * short, base + high * short, base + share * short
-        if found or high - low <= 1e-15 * longest:
+        left, right = max((low - base) * per_second, -NEAR), min((high - base) * per_second, NEAR)
+        if not _value(c, right) > 0.0:
+            # At the end of the interval it is above zero, whatever rounding makes of that.
+            share, ends = right, right < NEAR
+            low = base + right * short
+        elif _value(c, left) > 0.0:
+            share, ends = left, left > -NEAR
+            high = base + left * short
+        else:
+            share, ends = _zero(c, left, right), True
+        if ends or high - low <= 1e-15 * longest:
             break
+        rate = _rate(c, share)
+        tau = base + short * (share - _value(c, share) / rate) if rate > 0.0 else -1.0
+        if not low < tau < high or high - low > 0.5 * wider:
+            tau = 0.5 * (low + high)
+        width, wider = high - low, width
     drift(P, L, S, D, slot, share, out)
-    return tau if rises else np.inf
+    return base + share * short
 
 
 @compiled
-def _zero(c, x, low, high, rises):
-    """Safeguarded Newton from x for the zero of a guard's Taylor series, as far as `drift` goes (|x| <= NEAR).
+def _zero(c, low, high):
+    """Zero of a guard's Taylor series between two shares of the finest step where it has different signs.
 
-    Returns whether it was found, where it is, and what is known by then: the bounds, and whether the guard rises.
+    Newton's method, with bisection where that leaves the bounds.
     """
+    x = min(max(-c[0] / c[1], low), high) if c[1] > 0.0 else 0.5 * (low + high)
     for _ in range(60):
-        value = _value(c, x)
-        rate = 4 * c[4] + x * (5 * c[5] + x * (6 * c[6] + x * (7 * c[7] + x * (8 * c[8]))))
-        rate = c[1] + x * (2 * c[2] + x * (3 * c[3] + x * rate))
+        value, rate = _value(c, x), _rate(c, x)
         if value > 0.0:
-            high, rises = x, True
+            high = x
         else:
             low = x
         target = x - value / rate if rate > 0.0 else 0.5 * (low + high)
         if not low <= target <= high:
             target = 0.5 * (low + high)
         shift, x = target - x, target
-        if abs(x) > NEAR:
-            return False, x, low, high, rises
         # Newton's next step would be about the square of this one, in units of 1/|A|.
-        if abs(shift) <= 3e-6 and rate > 0.0:
-            # Newton's method may have come to the zero from below all the way.
-            return True, x, low, high, rises or _value(c, x + 4.0 * abs(shift) + 1e-6) > 0.0
-        if high - low <= 1e-15:
+        if (abs(shift) <= 3e-6 and rate > 0.0) or high - low <= 1e-15:
             break
-    return True, x, low, high, rises
+    return x
+
+
+@compiled
+def _rate(c, x):
+    """Derivative of a series of order 8."""
+    rate = 4 * c[4] + x * (5 * c[5] + x * (6 * c[6] + x * (7 * c[7] + x * (8 * c[8]))))
+    return c[1] + x * (2 * c[2] + x * (3 * c[3] + x * rate))
 
 
 @compiled
@@ -180,23 +182,20 @@ def _rise(P, L, S, D, slot, now, then, step, candidate, guess, out):
     if high == 0.0:
         copy(S, 0, out, L[pg.ROWS])
         return 0.0
-    # The interpolation is not exact, but at the ends of the step the guard is known, and where it all but touches zero
-    # it is looked at.
+    # The interpolation is not exact: where a guard is below zero at the end of the step, its top is evaluated.
     place = place_of(row)
     f0, f1 = sign * S[now + place] + offset, sign * S[then + place] + offset
-    certain = f1 > 0.0
-    if low < 0.0:
+    if f1 > 0.0:
+        high = 1.0
+    else:
         d0, d1 = sign * S[now + place + LANES], sign * S[then + place + LANES]
         exact(P, L, S, D, slot, 0, high * step, out)
         highest = sign * dot(P, block_of(L, slot) + L[tb.LINES] + 2 * row * L[pg.ROWS], S, out, L[pg.ROWS]) + offset
         if not highest > noise_of(f0, d0, f1, d1, step, floor_of(P, L, S, D, slot, place, offset)):
             return np.inf
-        certain = True
-    elif certain:
-        high = 1.0
     if f0 <= 0.0 or low < 0.0:
         low = 0.0
-    return locate(P, L, S, D, slot, row, sign, offset, low * step, high * step, guess * step, certain, out)
+    return locate(P, L, S, D, slot, row, sign, offset, low * step, high * step, guess * step, out)
 
 
 @compiled
@@ -222,7 +221,7 @@ def _before(P, L, S, D, slot, now, step, best, best_tau, found, trial):
         # Of the first one found since, there may be another that was before it.
         value = sign * dot(P, block_of(L, slot) + L[tb.LINES] + 2 * row * L[pg.ROWS], S, found, L[pg.ROWS]) + offset
         if value > floor_of(P, L, S, D, slot, place_of(row), offset) + 1e-12 * (abs(f0) + step * abs(d0)):
-            tau = locate(P, L, S, D, slot, row, sign, offset, 0.0, best_tau, 0.5 * best_tau, True, trial)
+            tau = locate(P, L, S, D, slot, row, sign, offset, 0.0, best_tau, 0.5 * best_tau, trial)
             if tau < best_tau:
                 best, best_tau = g, tau
                 found, trial = trial, found

@@ -5,6 +5,7 @@ from __future__ import annotations
 from piezoharvest.engine import program as pg
 from piezoharvest.engine.clamp import held_form, hold
 from piezoharvest.engine.compiled import compiled
+from piezoharvest.engine.crossing import NONE
 from piezoharvest.engine.tables import (
     BITS,
     DEVIATION,
@@ -14,6 +15,7 @@ from piezoharvest.engine.tables import (
     GLIDE,
     GLIDE_ROWS,
     GROWTH,
+    HELD_FORM,
     LARGEST,
     LEVELS,
     MATRIX,
@@ -87,6 +89,7 @@ def exponentials(P, L, slot, configuration, longest):
         accumulate(P, powers + k * square, 1.0, growth, square)
     held = powers + (ORDER + 2) * square
     holds = held_form(P, L, slot, configuration, held)
+    L[slot_of(L, slot) + HELD_FORM] = holds
     for _ in range(finest):
         coarser = growth - square
         for j in range(a):
@@ -95,7 +98,7 @@ def exponentials(P, L, slot, configuration, longest):
         for j in range(a * rows, square):
             P[coarser + j] = 0.0
         accumulate(P, growth, 1.0, coarser, square)
-        if holds:
+        if holds != NONE:
             hold(P, L, coarser, held)
         growth = coarser
 

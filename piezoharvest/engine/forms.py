@@ -6,8 +6,10 @@ from piezoharvest.engine import program as pg
 from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.tables import (
     EVENT_ROWS,
+    FINEST_LEVEL,
     FIRST_GUARD,
     FORMS,
+    GROWTH,
     GUARD_COUNT,
     GUARDS,
     LINES,
@@ -16,13 +18,18 @@ from piezoharvest.engine.tables import (
     OUTPUTS,
     PRODUCTS,
     SCRATCH,
+    SETTLED,
     SIZES,
     VALUES,
     block_of,
     place_of,
     slot_of,
 )
-from piezoharvest.engine.vector import LANES
+from piezoharvest.engine.vector import LANES, copy
+
+# A motion as fast as the norm of the mode's matrix has died out after 2^10 finest steps, each 1/16 of that time; to a
+# step 2^6 times as long, now and then are the same.
+DIES_OUT, STIFF = 10, 16
 
 
 @compiled
@@ -88,6 +95,43 @@ def rate_of(P, L, form, out, matrix):
         for i in range(a):
             total += P[form + i] * P[matrix + k * rows + i]
         P[out + k] = total
+
+
+@compiled
+def settled_forms(P, L, slot):
+    """Lay out guards whose rates are those a moment later, when the fastest motion of a stiff mode has died out.
+
+    Beside a time constant of 1e-9 of the period, the rate of a current, made from the state, is rounding: it is a small
+    difference of large numbers, divided by that time. Taken from the form c (1 + G) A (1 + G), where 1 + G is what the
+    moment makes of a state, the large numbers are gone before they are divided. Steps much longer than the moment are
+    judged by these rates.
+    """
+    a, forms, block = L[pg.A], L[FORMS], block_of(L, slot)
+    finest, size = L[slot_of(L, slot) + FINEST_LEVEL], 3 * L[FORMS] * L[pg.COLUMNS]
+    copy(P, block + L[GUARDS], block + L[SETTLED], size)
+    if finest < STIFF:
+        return
+    growth = block + L[GROWTH] + (finest - DIES_OUT) * L[pg.ROWS] * L[pg.COLUMNS]
+    form, out = L[SCRATCH], L[SCRATCH] + a
+    for row in range(forms):
+        for k in range(a):
+            P[form + k] = P[block + L[VALUES] + k * forms + row]
+        _later(P, L, form, out, growth)
+        for kind in range(1, 3):
+            rate_of(P, L, form, out, block + L[MATRIX])
+            for k in range(a):
+                P[form + k] = P[out + k]
+            _later(P, L, form, out, growth)
+            for k in range(a):
+                P[block + L[SETTLED] + k * 3 * forms + place_of(row) + kind * LANES] = P[form + k]
+
+
+@compiled
+def _later(P, L, form, scratch, growth):
+    """Make a form of the state that of the state a moment before: form (1 + G)."""
+    rate_of(P, L, form, scratch, growth)
+    for k in range(L[pg.A]):
+        P[form + k] += P[scratch + k]
 
 
 @compiled

@@ -53,6 +53,8 @@ def crossing(c, noise, rising, falls):
         return 0.0, 1.0, root(c, 0.0, 1.0, inverse(c))
     low, before = 0.0, c[0]
     end = c[0] + c[1] + c[2] + c[3] + c[4] + c[5]
+    if falls and before < -noise and end <= noise:
+        return _beneath(c, noise, end)
     for k in range(1, 9):
         x = 0.125 * k
         value = at(c, x) if k < 8 else end
@@ -68,13 +70,18 @@ def crossing(c, noise, rising, falls):
                 return 0.0, 0.0, 0.0
             return low, x, root(c, low, x, secant(c, low, x))
         low, before = x, value
-    if falls:
-        x = top(c)
-        highest = at(c, x)
-        if highest > noise:
-            return 0.0, x, root(c, 0.0, x, secant(c, 0.0, x))
-        if highest > -NEAR * (abs(c[0]) + abs(end)):
-            return -1.0, x, x
+    return _beneath(c, noise, end) if falls else (1.0, 0.0, 0.0)
+
+
+@compiled
+def _beneath(c, noise, end):
+    """As `crossing`, of a guard below zero at both ends that rises, then falls: above zero at its top, or nowhere."""
+    x = top(c)
+    highest = at(c, x)
+    if highest > noise:
+        return 0.0, x, root(c, 0.0, x, secant(c, 0.0, x))
+    if highest > -NEAR * (abs(c[0]) + abs(end)):
+        return -1.0, x, x
     return 1.0, 0.0, 0.0
 
 
@@ -87,6 +94,20 @@ def peaks(f0, d0, s0, f1, d1, s1, h, noise):
     """
     meet = (f0 - noise) * (d0 - d1) + d0 * (f1 - f0 - h * d1)
     return (d0 > 0.0) & (d1 < 0.0) & ((meet > 0.0) | (s0 > 0.0) | (s1 > 0.0))
+
+
+@compiled
+def turns_twice(f0, d0, f1, d1, h, highest, noise):
+    """Whether a function with rates of one sign at both ends of a step has a top and a bottom between them, near zero.
+
+    A cubic that begins and ends with such rates is monotone where none is above three times the mean one (Fritsch &
+    Carlson, SIAM J. Numer. Anal. 17, 238-246, 1980), and rises above its ends by 4/27 of a rate times the step at most;
+    twice that is allowed for here. `highest` is the larger of its ends, in the sense in which zero is above them.
+    """
+    rise, steep = f1 - f0, h * max(abs(d0), abs(d1))
+    up = (d0 > 0.0) & (d1 > 0.0) & (3.0 * rise < steep)
+    down = (d0 < 0.0) & (d1 < 0.0) & (-3.0 * rise < steep)
+    return (up | down) & (highest + 0.3 * steep > 0.0) & (steep > noise)
 
 
 @compiled

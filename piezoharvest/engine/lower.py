@@ -323,14 +323,16 @@ def _exo_scale(layout, equations, scale, signal, tr) -> np.ndarray:
     size = np.max(columns, axis=(-3, -2))
     resonance = np.real(np.sqrt(scalar(tr.stiffness) / scalar(tr.mass)))[..., None]
     found = np.where(size > 0, resonance / np.where(size > 0, size, 1.0), 1.0)
-    # The constant also stands for diode drops and limits: a tiny offset of the drive must not blow these up.
-    found[..., -1] = np.minimum(found[..., -1], 1.0)
     at = layout.signal
     if isinstance(signal, Tones):
         for k in range(at, at + 2 * signal.frequencies.shape[-1], 2):
             found[..., k + 1] = found[..., k]
     else:
         found[..., at + 1] = found[..., at] * resonance[..., 0]
+    # The constant also stands for diode drops and limits: no smaller than the drive, or a tiny offset of it would blow
+    # these up, and no larger where it acts on nothing, or rounding would be judged by it.
+    drive = np.max(found[..., at:-1:2], axis=-1)
+    found[..., -1] = np.where(size[..., -1] > 0, np.minimum(found[..., -1], drive), drive)
     for k in range(0, at, pg.DERIVATIVES):
         # An element may act by its rate alone; one that does not act in this design must not hide what does.
         largest = np.maximum(size[..., k], size[..., k + 1] * resonance[..., 0])

@@ -11,7 +11,8 @@ from piezoharvest.engine.budget import STEP, goes_on, products
 from piezoharvest.engine.compiled import compiled, inlined
 from piezoharvest.engine.crossing import NONE, bit_of, earliest, floor_of, noise_of
 from piezoharvest.engine.exponentials import BOLD
-from piezoharvest.engine.interpolation import doubt, peaks
+from piezoharvest.engine.forms import DIES_OUT, STIFF
+from piezoharvest.engine.interpolation import doubt, peaks, turns_twice
 from piezoharvest.engine.motion import ARRIVED, FOUND, exact
 from piezoharvest.engine.recording import SAME_TIME, account, observe
 from piezoharvest.engine.state import vector
@@ -23,10 +24,13 @@ BELIEVED, SMOOTH, CALM = 0.05, 0.005, 1e-4
 
 
 @compiled
-def read_guards(P, L, S, D, slot, z, out):
-    """Values, rates and second rates of the guards of a mode, each register of forms with its rates behind it."""
-    guards, stride, rows = block_of(L, slot) + L[tb.GUARDS], L[tb.GUARD_ROWS], 3 * rows_read(L, D[st.TRACKED], slot)
-    multiply_top(P, guards, stride, rows, L[pg.COLUMNS], S, z, out)
+def read_guards(P, L, S, D, slot, forms, z, out):
+    """Values, rates and second rates of the guards of a mode, each register of forms with its rates behind it.
+
+    `forms` is where their forms stand in its block: those of this moment, or those of a stiff mode that has settled.
+    """
+    stride, rows = L[tb.GUARD_ROWS], 3 * rows_read(L, D[st.TRACKED], slot)
+    multiply_top(P, block_of(L, slot) + forms, stride, rows, L[pg.COLUMNS], S, z, out)
 
 
 @compiled
@@ -48,7 +52,8 @@ def _look(P, L, S, D, slot, now, then, step):
             floor = floor_of(P, L, S, D, slot, place_of(row) + k, low)
             falling |= _may_rise(below0, -d0, -s0, below1, -d1, -s1, step, floor) * bit_of(row + k)
             size, doubtful = min(_size(above0, above1), _size(below0, below1)), doubt(f0, d0, s0, f1, d1, s1, step)
-            too_long |= doubtful > BELIEVED * size
+            highest = max(max(above0, above1), max(below0, below1))
+            too_long |= (doubtful > BELIEVED * size) | turns_twice(f0, d0, f1, d1, step, highest, 1e4 * floor)
             bent |= doubtful > SMOOTH * size
             uneven |= doubtful > CALM * size
     for row in range(events, rows_read(L, D[st.TRACKED], slot), LANES):
@@ -56,7 +61,8 @@ def _look(P, L, S, D, slot, now, then, step):
             f0, d0, s0, f1, d1, s1 = _ends(S, now, then, row, k)
             floor = floor_of(P, L, S, D, slot, place_of(row) + k, 0.0)
             size, doubtful = _size(f0, f1) + 1e4 * floor, doubt(f0, d0, s0, f1, d1, s1, step)
-            too_long |= doubtful > BELIEVED * size
+            highest = abs(f0) if f0 * f1 < 0.0 else -min(abs(f0), abs(f1))
+            too_long |= (doubtful > BELIEVED * size) | turns_twice(f0, d0, f1, d1, step, highest, 1e4 * floor)
             bent |= doubtful > SMOOTH * size
             uneven |= doubtful > CALM * size
     return rising, falling, too_long, 0 if bent else 1 if uneven else 2
@@ -99,6 +105,8 @@ def march(P, L, S, D, slot, t_stop):
     recording = watching or D[st.ENERGIES] > 0 or D[st.SENSITIVITIES] > 0
     resolved = max(finest - BOLD, 0)
     level = 0 if L[pg.SIGNAL_KIND] == pg.RAMPS else resolved
+    # When fast motion has died out, and the forms by which guards are read.
+    settled, forms = S[clock] + P[steps + finest - DIES_OUT] if finest >= STIFF else np.inf, L[tb.GUARDS]
     while True:
         L[tb.LEFT] -= STEP * (1 + L[pg.ELEMENTS])
         products(L, 2)
@@ -115,7 +123,11 @@ def march(P, L, S, D, slot, t_stop):
         else:
             step = left
             exact(P, L, S, D, slot, 0, step, arrived)
-        read_guards(P, L, S, D, slot, arrived, then)
+        wanted = L[tb.SETTLED] if S[clock] >= settled and level <= finest - STIFF else L[tb.GUARDS]
+        if forms != wanted:
+            forms = wanted
+            read_guards(P, L, S, D, slot, forms, 0, now)
+        read_guards(P, L, S, D, slot, forms, arrived, then)
         rising, falling, too_long, longer = _look(P, L, S, D, slot, now, then, step)
         if too_long and level < finest:
             level, resolved = max(level + 1, resolved), 0

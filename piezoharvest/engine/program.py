@@ -118,7 +118,7 @@ NUMBERS = Program._fields[: PERIOD - _SIZES + 1]
 PLAIN = Program._fields[SIGNAL_KIND - _SIZES : CATEGORY_COUNT - _SIZES + 1]
 LISTS = Program._fields[ODD - _SIZES :]
 CONTENTS = _SIZES + len(Program._fields)  # entries; those of the tables follow
-ROOM = 30
+ROOM = 31  # entries of the table of contents that those of the tables take
 
 
 def integers(program: Program) -> np.ndarray:

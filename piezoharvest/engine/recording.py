@@ -8,12 +8,17 @@ from piezoharvest.engine import tables as tb
 from piezoharvest.engine.budget import products
 from piezoharvest.engine.compiled import compiled
 from piezoharvest.engine.crossing import NONE
+from piezoharvest.engine.forms import STIFF
 from piezoharvest.engine.gramians import NODES, WEIGHTS, energies_of_steps
 from piezoharvest.engine.motion import FLOW, KEPT, SAMPLE, SERIES, exact, expand
 from piezoharvest.engine.state import dot_column, vector
 from piezoharvest.engine.tables import block_of, slot_of
 from piezoharvest.engine.vector import copy, dot, grow, multiply, polynomial
 
+ROUNDING = (
+    2.0**-46
+)  # of the terms of the form of a finest step: what some thirty sums on each of the first levels leave
+SHOWS = 1e-13  # of an energy: rounding below that does not matter
 SAME_TIME = 1e-11  # part of a step that a sample's time may be off its end by rounding
 
 
@@ -117,15 +122,11 @@ def account(P, L, S, D, slot, tau, level):
 @compiled
 def _full_step(P, L, S, D, slot, level):
     """Energies and sensitivities of a full step of one level from the state now."""
-    rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
-    square, out = rows * columns, vector(L, D, FLOW)
+    rows, columns, block, out = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot), vector(L, D, FLOW)
     products(L, D[st.ENERGIES] + D[st.SENSITIVITIES])
-    for e in range(D[st.ENERGIES]):
-        multiply(P, block + L[tb.GRAMIAN] + (level * L[tb.LEDGER] + e) * square, rows, columns, S, 0, out)
-        total = 0.0
-        for i in range(rows):
-            total += S[i] * S[out + i]
-        S[D[st.ENERGY] + e] += total
+    if D[st.ENERGIES]:
+        _energies_of_step(P, L, S, D, slot, level)
+    square = rows * columns
     growth = block + L[tb.GROWTH] + level * square
     for s in range(D[st.SENSITIVITIES]):
         phi = D[st.PHI] + s * rows
@@ -134,19 +135,76 @@ def _full_step(P, L, S, D, slot, level):
 
 
 @compiled
+def _energies_of_step(P, L, S, D, slot, level):
+    """Energies of a full step of one level from the state now, as quadratic forms of it.
+
+    In a stiff mode what rounding left in the form of the finest step has been doubled with it, and a small power comes
+    out of it as a difference of large ones. Where that may show, quadrature is as good as the form wherever the two
+    agree to that rounding, and far better where the motion is smooth.
+    """
+    rows, columns, block, out = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot), vector(L, D, FLOW)
+    square, finest, known = rows * columns, L[slot_of(L, slot) + tb.FINEST_LEVEL], False
+    for e in range(D[st.ENERGIES]):
+        forms = block + L[tb.GRAMIAN] + e * square
+        multiply(P, forms + level * L[tb.LEDGER] * square, rows, columns, S, 0, out)
+        total = 0.0
+        for i in range(rows):
+            total += S[i] * S[out + i]
+        if finest >= STIFF:
+            rounding = _form_size(P, L, S, forms + finest * L[tb.LEDGER] * square) * ROUNDING * 2.0 ** (finest - level)
+            if rounding > SHOWS * abs(total):
+                if not known:
+                    _quadrature(P, L, S, D, slot, P[block + L[tb.STEPS] + level])
+                    known = True
+                if abs(S[D[st.QUADRATURE] + e] - total) <= rounding:
+                    total = S[D[st.QUADRATURE] + e]
+        S[D[st.ENERGY] + e] += total
+
+
+@compiled
+def _form_size(P, L, S, form):
+    """Sum of the sizes of all terms of a quadratic form of the state now."""
+    size = 0.0
+    for j in range(L[pg.A]):
+        column = 0.0
+        for i in range(L[pg.A]):
+            column += abs(P[form + j * L[pg.ROWS] + i] * S[i])
+        size += column * abs(S[j])
+    return size
+
+
+@compiled
 def _collect_short(P, L, S, D, slot, tau):
     """Energies of a step shorter than the finest level, by Gauss-Legendre quadrature of its Taylor series."""
-    block, z, rows, own = block_of(L, slot), vector(L, D, SAMPLE), L[pg.ROWS], L[pg.PRODUCTS]
-    short, configuration = P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]], D[st.CONFIGURATION]
+    block, z, rows = block_of(L, slot), vector(L, D, SAMPLE), L[pg.ROWS]
+    short = P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
     copy(S, 0, vector(L, D, SERIES), rows)
     expand(P, L, S, D, slot)
     for q in range(len(NODES)):
         polynomial(S, vector(L, D, SERIES), rows, tb.TERMS, NODES[q] * tau / short, z)
-        for p in range(own + L[pg.H]):
-            category, weight = pg.HYSTERESIS, tau * WEIGHTS[q]
-            if p < own:
-                category = L[L[pg.PRODUCT_CATEGORY] + configuration * own + p]
-                weight *= P[L[pg.PRODUCT_COEFFICIENT] + configuration * own + p]
-            if category >= 0:
-                product = block + L[tb.PRODUCTS] + 2 * p * rows
-                S[D[st.ENERGY] + category] += weight * dot(P, product, S, z, rows) * dot(P, product + rows, S, z, rows)
+        _add_powers(P, L, S, D, slot, z, tau * WEIGHTS[q], D[st.ENERGY])
+
+
+@compiled
+def _quadrature(P, L, S, D, slot, tau):
+    """Energies of a motion by tau by Gauss-Legendre quadrature, left at QUADRATURE: right where it is smooth."""
+    z, energies = vector(L, D, SAMPLE), D[st.QUADRATURE]
+    for e in range(D[st.ENERGIES]):
+        S[energies + e] = 0.0
+    for q in range(len(NODES)):
+        exact(P, L, S, D, slot, 0, NODES[q] * tau, z)
+        _add_powers(P, L, S, D, slot, z, tau * WEIGHTS[q], energies)
+
+
+@compiled
+def _add_powers(P, L, S, D, slot, z, time, energies):
+    """Add to the energies what the powers at a state make of a time."""
+    block, rows, own, configuration = block_of(L, slot), L[pg.ROWS], L[pg.PRODUCTS], D[st.CONFIGURATION]
+    for p in range(own + L[pg.H]):
+        category, weight = pg.HYSTERESIS, time
+        if p < own:
+            category = L[L[pg.PRODUCT_CATEGORY] + configuration * own + p]
+            weight *= P[L[pg.PRODUCT_COEFFICIENT] + configuration * own + p]
+        if category >= 0:
+            product = block + L[tb.PRODUCTS] + 2 * p * rows
+            S[energies + category] += weight * dot(P, product, S, z, rows) * dot(P, product + rows, S, z, rows)

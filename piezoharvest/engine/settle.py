@@ -8,6 +8,7 @@ from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
 from piezoharvest.engine import tables as tb
 from piezoharvest.engine.build import build
+from piezoharvest.engine.clamp import begin_to_hold
 from piezoharvest.engine.compiled import compiled, inlined
 from piezoharvest.engine.crossing import NONE
 from piezoharvest.engine.events import happen
@@ -34,8 +35,10 @@ def settle(P, L, S, D):
             slot = L[tb.HELD] - 1
         if known != slot:
             orient(P, L, S, D, slot)
+            if L[slot_of(L, slot) + tb.HELD_FORM] != NONE:
+                begin_to_hold(P, L, S, D, L[slot_of(L, slot) + tb.HELD_FORM])
         known = NONE
-        read_guards(P, L, S, D, slot, 0, D[st.NOW_GUARDS])
+        read_guards(P, L, S, D, slot, L[tb.GUARDS], 0, D[st.NOW_GUARDS])
         if L[pg.SWITCHED] and D[st.DIRECTION] == 0:
             leave_rest(P, L, S, D, slot)
         guard = overdue(P, L, S, D, slot)

@@ -238,22 +238,26 @@ def _iterate(P, L, S, D, W, V, mirrored):
 
 @compiled
 def _quiet(S, D, begin, span):
-    """Middle of the longest time without event in the last span, s after its beginning: where the map is smooth."""
+    """Well within the longest time without event in the last span, s after its beginning: where the map is smooth.
+
+    Not in its middle, nor where a span without events begins: between two extrema everything may go through zero there,
+    and a change that is measured against the state would mean nothing.
+    """
     count, times = min(D[st.LOGGED], D[st.LOG_ROOM]), D[st.LOG_TIME]
     if count == 0:
-        return 0.0
+        return span / 6.0
     for k in range(count):
         value, j = (S[times + k] - begin) % span, k
         while j > 0 and S[times + j - 1] > value:
             S[times + j] = S[times + j - 1]
             j -= 1
         S[times + j] = value
-    longest, middle = -1.0, 0.0
+    longest, found = -1.0, 0.0
     for k in range(count):
         gap = S[times + k + 1] - S[times + k] if k + 1 < count else S[times] + span - S[times + k]
         if gap > longest:
-            longest, middle = gap, S[times + k] + 0.5 * gap
-    return middle % span
+            longest, found = gap, S[times + k] + gap / 3.0
+    return found % span
 
 
 @compiled

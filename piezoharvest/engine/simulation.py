@@ -15,13 +15,12 @@ from piezoharvest.engine.shooting import ACCEPTED
 from piezoharvest.engine.state import State
 from piezoharvest.engine.steady import EngineError, Orbit, Shooting, check
 from piezoharvest.engine.transient import Machine
+from piezoharvest.engine.trust import NO_BOUNDS, Bounds, bounds, closure, faults, uncertain
 from piezoharvest.excitation import Excitation, Ramps
 from piezoharvest.limits import check_length
 from piezoharvest.shunts.short import Short
 from piezoharvest.system import System
 
-CLOSURE = 1e-8  # energy that no entry accounts for, relative, beyond which a result is not trusted
-FREE = 1e-3  # of the energy stored at the beginning: a motion that gets or loses less is measured against that
 LONGEST_LOG = 100_000
 MOST_SAMPLES = 1_000_000  # of a transient: beyond that they are spread over it
 UNSETTLED_PERIODS = 64  # averaged over where there is no periodic steady state
@@ -66,7 +65,8 @@ def simulate(system: System, excitation: Excitation, *, transient: float | None 
     lowered = lower(system, excitation, length)
     try:
         if length is None:
-            response = _steady(lowered, excitation, samples, system.shunt.kind)
+            most = bounds(system.transducer, excitation, lowered)
+            response = _steady(lowered, excitation, samples, system.shunt.kind, most)
         else:
             response = _transient(lowered, excitation, length, samples, system.shunt.kind)
     except EngineError as error:
@@ -102,7 +102,7 @@ def _with(response: Response, **changes) -> Response:
     return replace(response, **changes)
 
 
-def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str) -> Response:
+def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str, most: Bounds) -> Response:
     """Find the periodic steady state and record one period of it; a long run where there is none."""
     orbit, mirrored, message, evaluations, settles = search(lowered, excitation)
     if not settles:
@@ -122,7 +122,7 @@ def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str) -
         return _unsettled(lowered, excitation, samples, kind, replace(orbit, residual=np.inf), evaluations)
     # What a large smoothing capacitor gains or loses within the tolerance of the search is no energy unaccounted for.
     change = _stored(shooting.machine, state) - before
-    response = _response(lowered, state, kind, period, begin, change, before)
+    response = _response(lowered, state, kind, period, begin, change, before, most)
     response.energy.pop("stored", None)
     response = _with(response, waveforms=_from_phase_zero(response.waveforms, grid, order, begin, period))
     return _finish(response, message, evaluations)
@@ -179,7 +179,8 @@ def _stored(machine: Machine, state: State) -> float:
     check(machine.run(state, state.clock[st.NOW]))
     storage = machine.lowered.program.storage
     z = state.z[: len(storage)]
-    return 0.5 * float(z @ storage @ z)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return 0.5 * float(z @ storage @ z)
 
 
 def _length(system: System, excitation: Excitation, transient: float | None) -> float:
@@ -237,22 +238,31 @@ def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evalu
 
 
 def _response(
-    lowered: Lowered, state: State, kind: str, length: float, begin: float, change: float, before: float
+    lowered: Lowered,
+    state: State,
+    kind: str,
+    length: float,
+    begin: float,
+    change: float,
+    before: float,
+    most: Bounds | None = None,
 ) -> Response:
     """Read a response off the state at the end of a run.
 
-    The run began at `begin` (s) with the stored energy `before` (J), lasted `length` (s) and changed it by `change`.
+    The run began at `begin` (s) with the stored energy `before` (J), lasted `length` (s) and changed it by `change`. In
+    a steady state its energies have bounds.
     """
     energy = {name: float(e) for name, e in zip(lowered.categories, state.energy, strict=True)}
     dc_time = energy.pop(pg.MEAN_DC)
     if energy["source"] == 0.0:
         del energy["source"]
-    supplied = energy["mechanical_in"] + energy.get("source", 0.0)
-    spent = sum(value for name, value in energy.items() if name not in ("mechanical_in", "source"))
+    half = 0.5 * (state.extremes[:, 1] - state.extremes[:, 0])
+    share, largest = (float(value) for value in closure(energy, change, before))
+    wrong = faults(energy, change, before, half[0], most or NO_BOUNDS, periodic=most is not None)
+    found = next((sentence for sentence, holds in wrong.items() if holds), "")
     if change != 0.0:
         energy["stored"] = change
-    largest = max(abs(supplied), FREE * before, *(abs(e) for e in energy.values()))
-    energy["closure"] = abs(supplied - spent - change) / largest if largest > 0 else 0.0
+    energy["closure"] = share
     count = min(int(state.D[st.LOGGED]), len(state.log_time))
     drawn = slice(0, int(state.D[st.SAMPLED]))
     waveforms = Waveforms(
@@ -261,11 +271,10 @@ def _response(
         event_times=state.log_time[:count] - begin,
         event_names=tuple(pg.EVENT_NAMES[c] for c in state.log_code[:count]),
     )
-    half = 0.5 * (state.extremes[:, 1] - state.extremes[:, 0])
     return Response(
         shunt=kind,
-        converged=energy["closure"] <= CLOSURE,
-        message="",
+        converged=not found,
+        message=found if found else uncertain(energy, largest),
         period=length,
         harvested_power=energy["harvested"] / length,
         mechanical_power=energy["mechanical_in"] / length,
@@ -282,7 +291,9 @@ def _response(
 
 def _finish(response: Response, message: str, evaluations: float) -> Response:
     if not response.converged:
-        message = f"energy does not close: {response.energy['closure']:.1e} of it is unaccounted for"
+        message = f"{response.message}: {response.energy['closure']:.1e} of the energy is unaccounted for"
+    elif response.message:
+        message = "; ".join(filter(None, (message, response.message)))
     return _with(response, message=message, periods_evaluated=evaluations)
 
 

@@ -111,7 +111,7 @@ def _gap(P, L, S, z, end, length):
 @compiled
 def _again(P, L, S, D, slot, t_stop):
     """March from a state whose outputs have been changed: its guards are read anew."""
-    read_guards(P, L, S, D, slot, 0, D[st.NOW_GUARDS])
+    read_guards(P, L, S, D, slot, L[tb.GUARDS], 0, D[st.NOW_GUARDS])
     return march(P, L, S, D, slot, t_stop)
 
 

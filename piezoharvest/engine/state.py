@@ -26,8 +26,8 @@ VECTORS = 16  # of scratch
     # and where in S.
     CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, SIZE, LOW, HIGH, GUESS, THERE_GUARDS, TAYLOR, LOWER, UPPER,
     GLIDED, CURVE, CURVE_PHI, WORK, EXTREMES, ENERGY, PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME,
-    SAMPLES, TAPE, END,
-) = range(51)  # fmt: skip
+    SAMPLES, TAPE, QUADRATURE, END,
+) = range(52)  # fmt: skip
 # Places from CLOCK on in S: time now, when the switch opens, when it last acted, all in s.
 NOW, OPENS, ACTED = range(3)
 
@@ -66,7 +66,7 @@ class State:
             WORK: VECTORS * rows,
             EXTREMES: 4, ENERGY: energies, PHI: sensitivities * rows, QUEUE_PHI: QUEUE_LENGTH * sensitivities,
             OPENS_PHI: sensitivities, EVENT_PHI: sensitivities, LOG_TIME: log, SAMPLE_TIME: len(times),
-            SAMPLES: len(times) * outputs, TAPE: tape * (2 + int(contents[pg.A])),
+            SAMPLES: len(times) * outputs, TAPE: tape * (2 + int(contents[pg.A])), QUADRATURE: energies,
         }  # fmt: skip
         lists = {
             SLIP: h, POLARITY: QUEUE_LENGTH, CANDIDATE: guards, LOG_CODE: log, TAPE_KIND: tape * (3 + int(h)),

@@ -31,13 +31,14 @@ OUTPUT_ROWS = padded(len(pg.OUTPUTS))
     TABLES, BLOCK, SLOTS, SLOT, HELD, ROOM, MAP, MAPPED, FORMS, GUARD_ROWS, LEDGER, SCRATCH,
     # places within a mode's block of numbers,
     STEPS, MATRIX, POWERS, GUARDS, LINES, VALUES, TAYLOR, DEVIATION, GLIDE, SIZES, OUTPUTS, PRODUCTS, GROWTH,
-    GRAMIAN, DIGITS, GLIDE_ROWS,
+    GRAMIAN, DIGITS, GLIDE_ROWS, SETTLED,
     # the work that is left, and at what is left one looks whether to go on (see `budget`).
     LEFT, LOOK,
-) = range(pg.CONTENTS, pg.CONTENTS + 30)  # fmt: skip
+) = range(pg.CONTENTS, pg.CONTENTS + pg.ROOM)  # fmt: skip
 # and within its block of integers: key, finest level, whether its energies are there, padded number of the guards' rows
-# but for those that are only watched, number of guards, then for every guard what it is and its row.
-KEY, FINEST_LEVEL, ACCOUNTED, EVENT_ROWS, GUARD_COUNT, FIRST_GUARD = range(6)
+# but for those that are only watched, where the form stands that conducting diodes hold at zero (-1: none), number of
+# guards, then for every guard what it is and its row.
+KEY, FINEST_LEVEL, ACCOUNTED, EVENT_ROWS, HELD_FORM, GUARD_COUNT, FIRST_GUARD = range(7)
 
 
 def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
@@ -56,7 +57,7 @@ def contents(integers: np.ndarray, ledger: bool) -> tuple[np.ndarray, int]:
         VALUES: forms * columns, TAYLOR: forms * TAYLOR_ROWS * columns,
         DEVIATION: forms * columns if sampled else 0,
         GLIDE: glide_rows * columns if sampled else 0,
-        SIZES: 3 * forms, OUTPUTS: OUTPUT_ROWS * columns,
+        SETTLED: 3 * forms * columns, SIZES: 3 * forms, OUTPUTS: OUTPUT_ROWS * columns,
         PRODUCTS: products * 2 * rows, GROWTH: LEVELS * square, GRAMIAN: LEVELS * energies * square,
         DIGITS: -(-LEVELS // BITS) * LARGEST * square if sampled else 0,
     }  # fmt: skip

@@ -16,7 +16,7 @@ from piezoharvest.engine.tape import ACTS, NOTHING, OPENS
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 NODES, WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
-RESOLVED = 4.0  # |rate| times length of an interval of the quadrature
+RESOLVED = 2.5  # rad of the fastest rate in an interval: a power, which has twice that, is then integrated to 1e-12
 GONE = 36.0  # exp(-36) is below rounding
 EXACTLY = 4 * np.finfo(float).eps  # the least that brentq takes
 SAME = 1e-9  # times that differ by less than this part of the period are the same

@@ -15,6 +15,7 @@ from piezoharvest.identify.noise import first_guess
 from piezoharvest.predict.drive import CALM
 from piezoharvest.predict.lowered import SOON, Setting, setting_of
 from piezoharvest.records.errors import CampaignError
+from piezoharvest.records.finding import shifted
 from piezoharvest.records.record import Record, Signal
 from piezoharvest.transducer import Transducer
 
@@ -96,8 +97,8 @@ def data_of(record: Record, transducer: Transducer) -> Data:
     if off.max() > JITTER * step:
         worst = int(np.argmax(off))
         message = f"found a time stamp {off.max() / step:.2g} samples off a uniform grid, allowed are uniform samples"
-        row = record.time.first_row + worst
-        raise CampaignError(record.time.file, "", message, channel="time", rows=((row, row),))
+        rows = shifted([(worst, worst)], record.time.first_row)
+        raise CampaignError(record.time.file, "", message, channel="time", rows=rows)
     channels = tuple(channel for channel in RESPONSES if channel in record.signals and channel != record.drive)
     if not channels:
         raise CampaignError(record.name, record.key, "found the drive alone, allowed is a record with a response")

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from piezoharvest.parameters import ParameterError
+from piezoharvest.readers.base import MOST_NUMBERS
 from piezoharvest.records.checks import check
 from piezoharvest.records.entries import (
     FrfEntry,
@@ -92,13 +95,20 @@ def load_campaign(path: str | Path) -> Campaign:
     - `[channels]`: `time` (column and unit) beside the measured channels; `column` as a number counted from 1, as an
       index into an array such as "data[:, 2]", or as a list of columns that are averaged; `file` where a channel stands
       in a file of its own. `sigma`, like `gain` and `offset`, is in the channel's unit.
+      Without `unit` and `gain` the values are in the unit that the file states for the column, in brackets, in a row
+      of units or at the end of the name, or else in the SI unit. A file that states another unit than the campaign is
+      an error; `gain` overrules the file.
     - `[records.channels]`: the same for one record.
-    - `rows = [first, last]`: the part of a file that is a record, in rows as findings count them.
-    - text tables (.txt, .dat, .tsv) and single arrays (.npy) as data files.
+    - `rows = [first, last]`: the part of a file that is a record, in rows as findings count them (lines of a text
+      file). Others are not looked at.
+    - text tables (.txt, .dat, .tsv) and single arrays (.npy) as data files. The table of a text file is the first run
+      of rows of equal width that are numbers, with the names in the row above it and units below the names.
+    - `skip_rows = n`: lines of a text file that are not looked at; `header_row = n`: the line that has the names, from
+      1, with the table below it.
     - `kind = "frf"`: `input` (default force), `output` and a load; columns frequency_Hz, real and imaginary, or
       magnitude and phase_rad or phase_deg, or a complex response, and coherence; or others by `[records.channels]`.
     - `kind = "impedance"`: `mechanical` ("free" or "blocked"); columns frequency_Hz, resistance_ohm and reactance_ohm,
-      or impedance_ohm and phase_rad or phase_deg.
+      or impedance_ohm and phase_rad or phase_deg. Sweeps may go up or down and overlap; a line at 0 Hz is left out.
     """
     path = Path(path)
     campaign = _read(path)
@@ -114,7 +124,8 @@ def load_campaign(path: str | Path) -> Campaign:
 def _read(path: Path) -> Campaign:
     try:
         table = read_toml(path)
-        return _campaign(table, path)
+        with np.errstate(all="ignore"):  # what is no number, or becomes none, is found by the checks
+            return _campaign(table, path)
     except ParameterError as error:
         raise CampaignError(path, error.key, error.message) from None
     except CampaignError:
@@ -130,7 +141,7 @@ def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
             raise ParameterError(key, f"found an unknown key, allowed are {', '.join(_TABLES)}")
     title = table.get("title", path.stem)
     if not isinstance(title, str):
-        raise ParameterError("title", f"found {title!r}, allowed is a string")
+        raise ParameterError("title", f"found {repr(title)[:80]}, allowed is a string")
     if "transducer" not in table:
         raise ParameterError("transducer", "found no such key, allowed is a table")
     transducer = build_transducer(table["transducer"])
@@ -139,13 +150,24 @@ def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
     if not isinstance(entries, list) or not entries:
         found = "no such key" if entries is None else repr(entries)[:60]
         raise ParameterError("records", f"found {found}, allowed is a list of one table or more")
-    read = [_read_entry(entry, f"records.{n}", sources, path.parent) for n, entry in enumerate(entries)]
+    read = list(_entries(entries, sources, path))
     records = tuple(record for record, _ in read)
     # A channel may be missing in some records; one that [channels] names and none has may be misspelt.
     measured = {channel for record in records if isinstance(record, Record) for channel in record.signals}
-    absent = [[finding for finding in some if finding.channel not in measured] for _, some in read]
+    absent = [[f for f in some if f.check != "missing column" or f.channel not in measured] for _, some in read]
     found = (tuple((*some, *check(record, transducer))) for record, some in zip(records, absent, strict=True))
     return Campaign(title, path, transducer, records, tuple(found))
+
+
+def _entries(entries: list, sources: Mapping, path: Path) -> Iterator[tuple[Record | FrequencyRecord, list[Finding]]]:
+    """Read all records, which are in memory together."""
+    count = 0
+    for n, entry in enumerate(entries):
+        record, found = _read_entry(entry, f"records.{n}", sources, path.parent)
+        count += len(record) * (1 + len(record.signals) if isinstance(record, Record) else 4)
+        if count > MOST_NUMBERS:
+            raise ParameterError(f"records.{n}", f"found {count} numbers up to here, allowed are {MOST_NUMBERS} in all")
+        yield record, found
 
 
 def _read_entry(table: Any, key: str, sources: Mapping, folder: Path) -> tuple[Record | FrequencyRecord, list[Finding]]:
@@ -158,4 +180,4 @@ def _read_entry(table: Any, key: str, sources: Mapping, folder: Path) -> tuple[R
         return read_record(entry, key, sources, shunt, folder)
     shunt = entry.across(key, entry.input == "voltage") if isinstance(entry, FrfEntry) else None
     sources = build_sources(own, "record", f"{key}.channels", response_units(entry))
-    return read_frequency_record(entry, key, sources, shunt, folder), []
+    return read_frequency_record(entry, key, sources, shunt, folder)

@@ -30,12 +30,20 @@ RESPONSE_COLUMNS: Mapping[str, Mapping[str, str]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class _Entry(Component):
-    """What all kinds of [[records]] have."""
+    """What all kinds of [[records]] have: `rows` is the part of the file that is the record."""
 
     file: str
     role: Literal["fit", "validate"] = "fit"
     start_time: float = quantity("s", "time since the campaign began", default=0.0)
     channels: Any = None
+    rows: tuple[int, int] | None = quantity("", "first and last row", default=None, at_least=1)
+    skip_rows: int | None = quantity("", "lines above the table of a text file", default=None, at_least=0)
+    header_row: int | None = quantity("", "line with the names in a text file", default=None, at_least=1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.rows is not None and not self.rows[0] < self.rows[1]:
+            raise ParameterError("rows", f"found {list(self.rows)}, allowed is [first, last] with first < last")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,16 +75,10 @@ class _Loaded(_Entry):
 
 @dataclass(frozen=True, kw_only=True)
 class TimeEntry(_Loaded):
-    """[[records]] of signals over time; `rows` takes a part of the file."""
+    """[[records]] of signals over time."""
 
     drive: Input = "force"
     sample_rate: float | None = quantity("Hz", "where the file has no time", default=None, above=0)
-    rows: tuple[int, int] | None = quantity("", "first and last row", default=None, at_least=1)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.rows is not None and not self.rows[0] < self.rows[1]:
-            raise ParameterError("rows", f"found {list(self.rows)}, allowed is [first, last] with first < last")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,8 +116,8 @@ def build_entry(table: Any, where: str) -> Entry:
         A key is missing, unknown, of the wrong type or out of bounds.
     """
     kind = table.get("kind", "time") if isinstance(table, dict) else "time"
-    if kind not in _KINDS:
-        raise ParameterError(f"{where}.kind", f"found {kind!r}, allowed are {', '.join(_KINDS)}")
+    if not isinstance(kind, str) or kind not in _KINDS:
+        raise ParameterError(f"{where}.kind", f"found {repr(kind)[:80]}, allowed are {', '.join(_KINDS)}")
     if kind == "time" and isinstance(table, dict):
         table = {key: value for key, value in table.items() if key != "kind"}
     return build(_KINDS[kind], table, where)
@@ -130,7 +132,7 @@ def build_sources(tables: Any, level: Level, where: str, units: Mapping[str, str
         A channel or key is unknown, or a unit does not fit its channel.
     """
     if not isinstance(tables, dict):
-        raise ParameterError(where, f"found {tables!r}, allowed is a table of tables")
+        raise ParameterError(where, f"found {repr(tables)[:80]}, allowed is a table of tables")
     found: dict[str, tuple[Source, Level]] = {}
     for channel, table in tables.items():
         if channel not in units:

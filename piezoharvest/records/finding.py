@@ -71,6 +71,15 @@ def runs(mask: np.ndarray) -> np.ndarray:
     return np.column_stack((begin[kept], end[kept]))
 
 
-def shifted(ranges: Sequence[Sequence[int]] | np.ndarray, first_row: int) -> Rows:
-    """Ranges of sample indices as rows."""
-    return tuple((int(begin) + first_row, int(end) + first_row) for begin, end in ranges)
+def shifted(ranges: Sequence[Sequence[int]] | np.ndarray, numbering: int | np.ndarray) -> Rows:
+    """Ranges of sample indices as rows, by the row of the first sample, or that of each."""
+    if not isinstance(numbering, np.ndarray):
+        return tuple((int(begin) + numbering, int(end) + numbering) for begin, end in ranges)
+    rows = np.sort(np.concatenate([numbering[:0], *(numbering[begin : end + 1] for begin, end in ranges)]))
+    parts = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    return tuple((int(part[0]), int(part[-1])) for part in parts if len(part))
+
+
+def index_of(row: int, numbering: int | np.ndarray) -> int:
+    """Index of the sample that stands in a row."""
+    return int(np.argmin(np.abs(numbering - row))) if isinstance(numbering, np.ndarray) else row - numbering

@@ -8,12 +8,13 @@ from types import MappingProxyType
 
 import numpy as np
 
+from piezoharvest.readers import MissingColumnError, ReadError
+from piezoharvest.readers.base import shown
 from piezoharvest.records.channels import Source
 from piezoharvest.records.entries import RESPONSE_COLUMNS, FrfEntry, ImpedanceEntry, Sources, response_units
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.files import Files
-from piezoharvest.records.readers import MissingColumnError, ReadError
-from piezoharvest.records.readers.base import shown
+from piezoharvest.records.finding import Finding, counted, shifted
 from piezoharvest.records.record import FrequencyRecord
 from piezoharvest.shunts import Shunt
 
@@ -23,8 +24,10 @@ _FORMS = (("response",), ("real", "imaginary"), ("magnitude", "phase"))
 
 def read_frequency_record(
     entry: FrfEntry | ImpedanceEntry, key: str, sources: Sources, shunt: Shunt | None, folder: Path
-) -> FrequencyRecord:
-    """Read a frequency response or an impedance.
+) -> tuple[FrequencyRecord, list[Finding]]:
+    """Read a frequency response or an impedance: sweeps up or down, one or several, in the order of their frequencies.
+
+    A line at 0 Hz is left out, for the response of a mean value is not that of a sine.
 
     Parameters
     ----------
@@ -37,29 +40,66 @@ def read_frequency_record(
     folder : Path
         What files are relative to.
 
+    Returns
+    -------
+    FrequencyRecord
+    list of Finding
+        What was left out.
+
     Raises
     ------
     CampaignError
         The file cannot be read, or holds no response.
     """
-    with Files(folder) as files:
+    units = response_units(entry)
+    with Files(folder, entry) as files:
         columns, all_sources = _find(files, entry, sources)
         raw = files.read(entry.file, columns)
-        first_row = files.reader(entry.file).first_row
-    units = response_units(entry)
-    parts = {part: all_sources[part].to_si(values, units[part]) for part, values in raw.items()}
+        parts = {
+            part: files.to_si(entry.file, part, columns[part], all_sources[part], values, units[part])
+            for part, values in raw.items()
+        }
+        numbering, findings = files.reader(entry.file).numbering, files.below()
     for part, values in parts.items():
         if values.dtype.kind == "c" and part != "response":
             message = f"found complex values, allowed are real ones (complex ones belong in {'response'!r})"
             raise CampaignError(folder / entry.file, part, message, channel=part)
+    for part, values in parts.items():
+        if len(values) != len(parts["frequency"]) or not len(values):
+            found = f"found {counted(len(values), 'value')}"
+            allowed = f"allowed are one or more, as many as frequencies ({len(parts['frequency'])})"
+            raise CampaignError(folder / entry.file, part, f"{found}, {allowed}", channel=part)
+    parts, rows, still = _in_order(parts, numbering)
+    if len(still):
+        where = shifted([(0, len(still) - 1)], still)
+        message = f"found {counted(len(still), 'line')} at 0 Hz, which is left out, allowed are frequencies above 0 Hz"
+        findings.append(Finding("warning", "0 Hz", entry.file, "frequency", where, message))
+    if not len(parts["frequency"]):
+        message = "found nothing but 0 Hz, allowed are frequencies above 0 Hz"
+        raise CampaignError(folder / entry.file, "frequency", message, channel="frequency")
     frf = isinstance(entry, FrfEntry)
-    return FrequencyRecord(
+    record = FrequencyRecord(
         name=entry.file, key=key, role=entry.role, kind=entry.kind, shunt=shunt, start_time=entry.start_time,
         input=entry.input if frf else "current", output=entry.output if frf else "voltage",
         mechanical="free" if frf else entry.mechanical, frequency=parts["frequency"], response=_complex(parts),
         coherence=parts.get("coherence"), columns=MappingProxyType({p: ", ".join(c) for p, c in columns.items()}),
-        first_row=first_row,
+        first_row=rows,
     )  # fmt: skip
+    return record, findings
+
+
+def _in_order(
+    parts: Mapping[str, np.ndarray], numbering: int | np.ndarray
+) -> tuple[dict[str, np.ndarray], int | np.ndarray, np.ndarray]:
+    """Parts by ascending frequency without those at 0 Hz, the rows of what is kept, and of what is left out."""
+    frequency = parts["frequency"]
+    still = frequency == 0
+    rows = numbering if isinstance(numbering, np.ndarray) else numbering + np.arange(len(frequency))
+    if not still.any() and np.all(np.diff(frequency) >= 0):
+        return dict(parts), numbering, rows[:0]
+    kept = np.flatnonzero(~still)
+    kept = kept[np.argsort(frequency[kept], kind="stable")]
+    return {part: values[kept] for part, values in parts.items()}, rows[kept], rows[still]
 
 
 def _complex(parts: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from itertools import combinations
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
+from piezoharvest.readers import MissingColumnError, ReadError
+from piezoharvest.readers.base import shown
 from piezoharvest.records.channels import COLUMNS, UNITS, Source
+from piezoharvest.records.clock import even_times
 from piezoharvest.records.entries import Sources, TimeEntry
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.files import Files
 from piezoharvest.records.finding import Finding
-from piezoharvest.records.readers import MissingColumnError, ReadError
-from piezoharvest.records.readers.base import shown
 from piezoharvest.records.record import Record, Signal
-from piezoharvest.shunts import Shunt
+from piezoharvest.shunts import Resistor, Shunt
 
 _RATE_TOLERANCE = 1e-3  # between the time stamps and a sample rate that is given too
 
@@ -29,6 +32,7 @@ class Reading:
     sources : mapping of str to (Source, level)
         By channel; a column may be missing unless the record itself names it or it is the drive's. That of one that
         [channels] names is noted in `findings`.
+    shunt : Shunt or None
     files : Files
 
     Raises
@@ -37,8 +41,8 @@ class Reading:
         A column is missing, not numeric or of another length.
     """
 
-    def __init__(self, entry: TimeEntry, sources: Sources, files: Files):
-        self.entry, self.sources, self.files = entry, sources, files
+    def __init__(self, entry: TimeEntry, sources: Sources, shunt: Shunt | None, files: Files):
+        self.entry, self.sources, self.shunt, self.files = entry, sources, shunt, files
         self.findings: list[Finding] = []
         self.columns: dict[str, list[str]] = {}
         for channel in UNITS:
@@ -91,23 +95,34 @@ class Reading:
                 raise self.error(channel, "found complex values, allowed are real ones")
         if count < 2:
             raise self.error(self.entry.drive, f"found {count} samples, allowed are two or more")
+        self._differ(values)
         return values
+
+    def _differ(self, values: Mapping[str, np.ndarray]) -> None:
+        """Raise an error where two channels hold the same samples, under whatever names: sensors have noise."""
+        for one, other in combinations((channel for channel in values if channel != "time"), 2):
+            ohm = {one, other} == {"voltage", "current"} and self.shunt == Resistor(resistance=1.0)
+            if np.array_equal(values[one], values[other]) and np.ptp(values[one]) > 0 and not ohm:
+                raise self.error(other, f"found the same samples as for {one}, allowed is a channel of its own")
 
     def signals(self) -> dict[str, Signal]:
         """All channels in SI units, "time" among them."""
         self._clock()
-        part = self._part()
-        return {channel: self._signal(channel, part) for channel in list(self.values)}
+        return {channel: self._signal(channel) for channel in list(self.values)}
 
-    def _signal(self, channel: str, part: slice) -> Signal:
-        source, si = self.sources.get(channel, (Source(), "default"))[0], UNITS[channel]
-        first_row = self.files.reader(self.file(channel)).first_row + (part.start or 0)
-        values = source.to_si(self.values.pop(channel)[part], si)
-        column = ", ".join(self.columns.get(channel, []))
-        return Signal(values, source.sigma_si(si), self.file(channel), column, first_row)
+    def _signal(self, channel: str) -> Signal:
+        name, raw = self.file(channel), self.values.pop(channel)
+        values = raw if channel == "time" else self._si(channel, raw)
+        sigma = self.sources[channel][0].sigma_si(UNITS[channel]) if channel in self.sources else None
+        return Signal(values, sigma, name, ", ".join(self.columns.get(channel, [])), self.files.reader(name).numbering)
+
+    def _si(self, channel: str, raw: np.ndarray) -> np.ndarray:
+        """Values in the channel's SI unit."""
+        source = self.sources[channel][0] if channel in self.sources else Source()
+        return self.files.to_si(self.file(channel), channel, self.columns.get(channel, []), source, raw, UNITS[channel])
 
     def _clock(self) -> None:
-        """See to time stamps: of a column, as the format tells them, or by the sample rate."""
+        """See to the times, in s: by a column, as the format tells them, or by the sample rate."""
         rate, count = self.entry.sample_rate, len(self.values[self.entry.drive])
         if "time" not in self.values:
             stamps = self._stamps_of_format()
@@ -119,35 +134,35 @@ class Reading:
                 allowed = "allowed is a column time_s, another one in [channels], or sample_rate in the record"
                 raise self.error("time", f"found no time among the columns {names}, {allowed}")
             self.values["time"] = stamps
-        time = self.sources["time"][0].to_si(self.values["time"], "s")
+        raw = self.values["time"]
+        time = self._si("time", raw)
         span = float(time[-1] - time[0])
         if rate is not None and span > 0 and abs((count - 1) / span / rate - 1) > _RATE_TOLERANCE:
             allowed = f"allowed is what sample_rate says, {rate:.6g} Hz, or no such key"
             raise self.error("time", f"found {(count - 1) / span:.6g} Hz, {allowed}")
+        second = span / float(raw[-1] - raw[0]) if span > 0 else 1.0
+        even = even_times(raw, None if rate is None else 1.0 / (rate * second))
+        if even is None:
+            self.values["time"] = time
+            return
+        self.values["time"] = self._si("time", even.times)
+        if even.coarse and rate is None:
+            step = second * float(even.times[1] - even.times[0])
+            found = f"found time stamps rounded to {second * even.unit:.3g} s, taken for even ones of {step:.6g} s"
+            message = f"{found}, allowed are stamps that would show a lost sample, or sample_rate"
+            self.findings.append(Finding("warning", "coarse time", self.file("time"), "time", (), message))
 
     def _stamps_of_format(self) -> np.ndarray | None:
         """Time stamps that the format itself keeps, the same for all channels; None where it keeps none."""
         found: np.ndarray | None = None
         for channel in sorted(self.values, key=lambda name: name != self.entry.drive):
-            own = self.files.reader(self.file(channel)).time_of(self.columns[channel][0])
+            own = self.files.time_of(self.file(channel), self.columns[channel][0])
             if own is not None and found is None and channel == self.entry.drive:
                 found = own
             elif own is not None and found is not None and not np.allclose(own[[0, -1]], found[[0, -1]], rtol=1e-9):
                 message = f"found samples from {own[0]:g} s to {own[-1]:g} s, allowed is the time base of the drive"
                 raise self.error(channel, f"{message}, {found[0]:g} s to {found[-1]:g} s")
         return found
-
-    def _part(self) -> slice:
-        """Samples that the record's rows stand for; all of them unless it says so."""
-        if self.entry.rows is None:
-            return slice(0, None)
-        first_row = self.files.reader(self.entry.file).first_row
-        begin, end = (row - first_row for row in self.entry.rows)
-        count = len(self.values["time"])
-        if begin < 0 or end >= count:
-            found = f"found {list(self.entry.rows)}, allowed is from {first_row} to {first_row + count - 1}"
-            raise CampaignError(self.files.folder / self.entry.file, "rows", found)
-        return slice(begin, end + 1)
 
 
 def read_record(
@@ -170,18 +185,19 @@ def read_record(
     -------
     Record
     list of Finding
-        Columns that are missing.
+        Columns that are missing, times that are coarse, and what was not read.
 
     Raises
     ------
     CampaignError
         A file cannot be read, or a column is missing, not numeric or of another length.
     """
-    with Files(folder) as files:
-        reading = Reading(entry, sources, files)
+    with Files(folder, entry) as files:
+        reading = Reading(entry, sources, shunt, files)
         signals = reading.signals()
+        findings = [*reading.findings, *files.below()]
     record = Record(
         name=entry.file, key=key, role=entry.role, drive=entry.drive, shunt=shunt, start_time=entry.start_time,
         time=signals.pop("time"), signals=MappingProxyType(signals),
     )  # fmt: skip
-    return record, reading.findings
+    return record, findings

@@ -26,15 +26,15 @@ class Signal:
         Known standard deviation of the noise, in the same unit.
     file, column : str
         Where the values were read; the column is empty where they follow from the sample rate.
-    first_row : int
-        Row of the first sample in the file, as people count.
+    first_row : int or (n,) array of int
+        Row of the first sample in the file, as people count, or of each where they do not follow each other.
     """
 
     values: np.ndarray
     sigma: float | None
     file: str
     column: str
-    first_row: int
+    first_row: int | np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,15 +115,15 @@ class FrequencyRecord:
     mechanical : "free" or "blocked"
         For an impedance, what holds the structure.
     frequency : (n,) array
-        Hz.
+        Hz, in ascending order; one may stand there several times, once for each sweep.
     response : (n,) complex array
         SI unit of the output over that of the input; e^(jwt).
     coherence : (n,) array or None
         From 0 to 1.
     columns : mapping of str to str
         Columns read, by what they hold: "frequency", "real", "imaginary", "magnitude", "phase", "coherence".
-    first_row : int
-        Row of the first line in the file, as people count.
+    first_row : int or (n,) array of int
+        As in `Signal`.
     """
 
     name: str
@@ -139,7 +139,7 @@ class FrequencyRecord:
     response: np.ndarray
     coherence: np.ndarray | None
     columns: Mapping[str, str]
-    first_row: int
+    first_row: int | np.ndarray
 
     def __len__(self) -> int:
         return len(self.frequency)

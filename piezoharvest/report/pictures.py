@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from piezoharvest.output import OutputError
+from piezoharvest.output import result_file
 from piezoharvest.report import style
 
 
@@ -49,7 +49,8 @@ def place_pictures(
     figures: dict[str, list[dict[str, Any]]] = {section: [] for section in sections}
     for picture in pictures:
         file = f"{picture.name}.png"
-        _write_png(picture.figure, directory / file)
+        with result_file(directory / file) as stream:
+            style.write_png(picture.figure, stream)
         svg = Markup(style.inline_svg(picture.figure, picture.name, picture.heading))
         words = {"heading": picture.heading, "caption": picture.caption, "file": file, "name": picture.name}
         figures[picture.section].append({**words, "svg": svg})
@@ -58,10 +59,3 @@ def place_pictures(
         for figure in section:
             figure["number"] = next(numbers)
     return figures
-
-
-def _write_png(figure: Figure, path: Path) -> None:
-    try:
-        style.write_png(figure, path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from None

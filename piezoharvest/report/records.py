@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from piezoharvest.records import Finding, FrequencyRecord, Record, Signal
 from piezoharvest.records.channels import UNITS
+from piezoharvest.records.finding import index_of
 from piezoharvest.report import style
 from piezoharvest.report.units import prefix_of, pretty_unit
 
@@ -56,7 +57,7 @@ def record_figure(record: Record | FrequencyRecord, findings: Sequence[Finding] 
     else:
         axes[-1, 0].set_xlabel(_time_axis(record)[1])
     figure.align_ylabels(axes[:, 0])
-    figure.suptitle("\n".join((f"{record.name} ({record.role})", *lines)), x=0.01, ha="left", fontsize=8.5)
+    figure.suptitle("\n".join((style.plain(f"{record.name} ({record.role})"), *lines)), x=0.01, ha="left", fontsize=8.5)
     return figure
 
 
@@ -66,7 +67,7 @@ def _listed(findings: Sequence[Finding]) -> list[str]:
     lines = []
     for finding in ordered[:_LISTED]:
         text = f"{finding.severity}: {finding.check}: {finding.place}: {finding.message}"
-        lines += textwrap.wrap(text, _WIDTH, subsequent_indent="    ")
+        lines += textwrap.wrap(style.plain(text), _WIDTH, subsequent_indent="    ")
     more = len(ordered) - _LISTED
     return [*lines, f"and {more} more"] if more > 0 else lines or ["nothing found"]
 
@@ -90,7 +91,9 @@ def _time_axis(record: Record) -> tuple[np.ndarray, str]:
     if np.isfinite(time).all() and np.all(np.diff(time) > 0):
         factor, unit = prefix_of(float(time[-1] - time[0]), "s")
         return factor * time, f"time in {unit}"
-    return record.time.first_row + np.arange(len(record), dtype=float), "row"
+    first_row = record.time.first_row
+    rows = first_row if isinstance(first_row, np.ndarray) else first_row + np.arange(len(record))
+    return rows.astype(float), "row"
 
 
 def _frequency_panels(record: FrequencyRecord) -> list[tuple]:
@@ -124,7 +127,7 @@ def _draw(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:
     axes.plot(x, y, color=style.PALETTE[0], linewidth=0.9)
 
 
-def _shade(axes: Axes, x: np.ndarray, finding: Finding, first_row: int) -> None:
+def _shade(axes: Axes, x: np.ndarray, finding: Finding, first_row: int | np.ndarray) -> None:
     """Shade the rows of a finding; paler where they are all there are."""
     least = _NARROW * abs(x[-1] - x[0])
     step = max(1, len(finding.rows) // _MOST_MARKS)
@@ -136,7 +139,7 @@ def _shade(axes: Axes, x: np.ndarray, finding: Finding, first_row: int) -> None:
         axes.axvspan(begin - pad, end + pad, color=colour, alpha=alpha, linewidth=0, zorder=0.5)
 
 
-def _name(axes: Axes, x: np.ndarray, findings: Sequence[Finding], first_row: int) -> None:
+def _name(axes: Axes, x: np.ndarray, findings: Sequence[Finding], first_row: int | np.ndarray) -> None:
     """Names of the findings above the panel, each once, where the first of its rows is."""
     first = {finding.check: finding for finding in reversed(findings) if finding.rows}
     for finding in first.values():
@@ -145,5 +148,5 @@ def _name(axes: Axes, x: np.ndarray, findings: Sequence[Finding], first_row: int
                       fontsize=8, xytext=(0, 1.5), textcoords="offset points")  # fmt: skip
 
 
-def _at(x: np.ndarray, row: int, first_row: int) -> float:
-    return float(x[min(max(row - first_row, 0), len(x) - 1)])
+def _at(x: np.ndarray, row: int, first_row: int | np.ndarray) -> float:
+    return float(x[min(max(index_of(row, first_row), 0), len(x) - 1)])

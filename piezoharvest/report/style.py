@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Callable, Sequence
 from functools import wraps
+from html import escape
 from io import BytesIO
-from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -15,9 +16,7 @@ from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
-
-from piezoharvest.output import atomic
+from matplotlib.ticker import EngFormatter, FuncFormatter, LogFormatterSciNotation, LogLocator, NullFormatter
 
 _Draw = TypeVar("_Draw", bound=Callable[..., Any])
 WIDTH = 7.4  # inches: page width at the page's font size
@@ -32,6 +31,7 @@ THEMED = {
     **{colour: f"var(--series-{n})" for n, colour in enumerate(PALETTE, 1)},
 }  # fmt: skip
 _DPI = 180
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SETTINGS: dict[Any, Any] = {
     "font.family": "DejaVu Sans", "font.size": 9.0, "axes.titlesize": 9.0, "axes.labelsize": 9.0,
     "xtick.labelsize": 8.5, "ytick.labelsize": 8.5, "legend.fontsize": 8.5, "axes.titlelocation": "left",
@@ -42,6 +42,7 @@ _SETTINGS: dict[Any, Any] = {
     "lines.linewidth": 1.5, "legend.frameon": False, "legend.handlelength": 2.4, "axes.unicode_minus": True,
     "axes.facecolor": "none", "svg.fonttype": "path", "svg.hashsalt": "piezoharvest", "path.simplify_threshold": 0.2,
     "axes.formatter.useoffset": False,
+    "text.parse_math": False,  # a $ in the name of a file is a dollar
 }  # fmt: skip
 
 
@@ -50,10 +51,17 @@ def styled(draw: _Draw) -> _Draw:
 
     @wraps(draw)
     def wrapped(*arguments: Any, **options: Any) -> Any:
-        with rc_context(_SETTINGS):
+        with rc_context(_SETTINGS), warnings.catch_warnings():
+            # Names of files may have characters that the font has not, and get a box for each.
+            warnings.filterwarnings("ignore", message="Glyph .* missing from font")
             return draw(*arguments, **options)
 
     return wrapped  # pyright: ignore[reportReturnType]
+
+
+def plain(text: str) -> str:
+    """Text of a user's as one line: what cannot be printed is written as in Python."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def line_style(n: int) -> dict[str, Any]:
@@ -95,6 +103,21 @@ def log_axis(axis: Axis, unit: str = "") -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
+class Powers(LogFormatterSciNotation):
+    """Tick labels of a logarithmic axis such as 2×10⁻⁹, in plain text."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """Label of a tick."""
+        text = super().__call__(x, pos).removeprefix(r"$\mathdefault{").removesuffix("}$").replace(r"\times", "×")
+        return re.sub(r"\^\{([-\d]+)\}", lambda power: power[1].translate(_RAISED), text)
+
+
+def power_ticks(axis: Axis) -> None:
+    """Label a logarithmic axis by powers of ten, where engineering form has no prefix for its unit."""
+    axis.set_major_formatter(Powers())
+    axis.set_minor_formatter(Powers(labelOnlyBase=False))
+
+
 def frequency_axis(axes: Axes, logarithmic: bool, label: str = "frequency") -> None:
     """Frequency axis with tick labels in engineering form."""
     if logarithmic:
@@ -115,12 +138,11 @@ def mark(axes: Axes, x: float, y: float, style: dict[str, Any]) -> None:
 
 
 @styled
-def write_png(figure: Figure, path: Path) -> None:
-    """Write a figure on white, atomically; what it has been laid out to stays from then on."""
+def write_png(figure: Figure, stream: BinaryIO) -> None:
+    """Write a figure on white; what it has been laid out to stays from then on."""
     before = {"dpi": figure.dpi, "facecolor": figure.get_facecolor()}
     figure.set(dpi=_DPI, facecolor="white")
-    with atomic(path) as temporary:
-        FigureCanvasAgg(figure).print_png(temporary)  # `savefig` would draw it twice
+    FigureCanvasAgg(figure).print_png(stream)  # `savefig` would draw it twice
     figure.set_layout_engine("none")
     figure.set(**before)
 
@@ -150,5 +172,4 @@ def inline_svg(figure: Figure, name: str, label: str) -> str:
     body = re.sub(r'xlink:href="#', f'href="#{name}-', body).replace("url(#", f"url(#{name}-")
     # A hundredth of a point is more than any screen shows, and a third of the page.
     body = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path.group()), body)
-    title = label.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
-    return f'<svg {box.group() if box else ""} role="img" aria-label="{title}">{body}'
+    return f'<svg {box.group() if box else ""} role="img" aria-label="{escape(label)}">{body}'

@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from piezoharvest.output import OutputError, atomic, check_directory
+from piezoharvest.output import OutputError, atomic, check_directory, writing
 
 if TYPE_CHECKING:
     import pyarrow
@@ -77,6 +77,7 @@ class Store:
         import pyarrow as pa
 
         with (
+            writing(self._target),
             atomic(self._path(part)) as path,
             pa.OSFile(str(path), "wb") as sink,
             pa.ipc.new_file(sink, self._marked) as writer,
@@ -93,12 +94,16 @@ class Store:
         look : callable
             Is shown the rows of the final file, in order, some ten thousand at a time.
         """
+        write_to = _WRITERS[self._target.suffix.lower()]
         whole = self.folder / f"whole{self._target.suffix.lower()}"
-        with _WRITERS[whole.suffix](whole, self._schema) as write:
-            for table in self._groups(parts):
-                write(table)
-                look(table)
-        os.replace(whole, self._target)
+        try:
+            with writing(self._target), write_to(whole, self._schema) as write:
+                for table in self._groups(parts):
+                    write(table)
+                    look(table)
+            os.replace(whole, self._target)
+        finally:
+            whole.unlink(missing_ok=True)
         for path in self._parts():
             path.unlink()
 

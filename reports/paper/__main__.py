@@ -16,7 +16,7 @@ from reports.paper.page import write_page
 def main() -> int:
     """Simulate, fit, audit, draw and write; 1 where a finding is no longer supported by its numbers."""
     # Nothing here is an attenuation; the short circuit that it is measured against would take most of the time.
-    with patch("piezoharvest.engine.simulation._short_amplitude", return_value=1.0):
+    with patch("piezoharvest.engine.simulation._short_circuit", return_value=(1.0, "")):
         return _make(Console(stderr=True))
 
 

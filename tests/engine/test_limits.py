@@ -125,7 +125,8 @@ def test_attenuation_that_is_missing_is_explained(monkeypatch):
     nothing = solve(bench(RECTIFIER, {**DRIVE, "amplitude": 0.0}))
     assert np.isnan(nothing.attenuation_db)
     assert "no attenuation: nothing moves" in nothing.message
-    monkeypatch.setattr("piezoharvest.engine.simulation.CLOSURE", -1.0)
+    wrong = {"energy does not close": True}
+    monkeypatch.setattr("piezoharvest.engine.simulation.faults", lambda *_, **__: wrong)
     doubtful = solve(bench(RECTIFIER, {**DRIVE, "amplitude": 0.0312}))
     assert np.isnan(doubtful.attenuation_db)
     assert "with shorted electrodes it is not to be trusted (energy does not close" in doubtful.message

@@ -30,7 +30,7 @@ def _simulated(transducer, shunt, excitation, duration, rate):
     drive = build_excitation({k: list(v) if isinstance(v, tuple) else v for k, v in excitation}, Path())
     dense = max(round(4 * rate * drive.period), 256) if drive.period else round(rate * duration / 2)
     # The attenuation against the short circuit is not looked at; its simulation would take most of the time.
-    with patch("piezoharvest.engine.simulation._short_amplitude", return_value=1.0):
+    with patch("piezoharvest.engine.simulation._short_circuit", return_value=(1.0, "")):
         found = simulate(system, drive, transient=duration, samples=dense).waveforms
     assert found is not None
     time = np.arange(round(duration * rate)) / rate

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import h5py
 import numpy as np
 import pytest
 from record_cases import stack_sine
@@ -401,8 +402,7 @@ class TestFrequencyRecords:
         ("change", "check", "rows"),
         [
             (lambda f, z: (f, np.where(np.arange(60) == 5, np.nan, z)), "nan", ((7, 7),)),
-            (lambda f, z: (f[::-1], z), "frequency", ((3, 61),)),
-            (lambda f, z: (f - 1.0, z), "frequency", ((2, 2),)),
+            (lambda f, z: (f - 2.0, z), "frequency", ((2, 8),)),
             (lambda f, z: (f, 1e3 * z), "unit", ((2, 61),)),
             (lambda f, z: (f, 1e-3 * z), "unit", ((2, 61),)),
             (lambda f, z: (f, -z), "sign", ((2, 61),)),
@@ -448,3 +448,292 @@ class TestFrequencyRecords:
         text = FRF.replace("displacement", "voltage").replace("load_resistance = 97780.0", 'shunt = { kind = "open" }')
         record = self.only(tmp_path, text, frf_csv=table)
         assert (record.output, record.shunt) == ("voltage", Open())
+
+
+class TestInstruments:
+    """What instruments do to the files of a campaign; see test_instrument_files for the text itself."""
+
+    def written(self, folder, columns, change=lambda text: text, **options):
+        """Text file of columns, in some way changed."""
+        write_table(columns, folder / "run.csv")
+        text = change((folder / "run.csv").read_text())
+        (folder / "run.csv").write_text(text, **options)
+        return text
+
+    def test_rows_outside_are_not_looked_at(self, tmp_path, columns):
+        def change(text):
+            lines = text.splitlines()
+            lines[100] = "warming up"
+            return "\n".join([*lines, "", "Mean,0,0,0,0", "OVERLOAD"])
+
+        text = self.written(tmp_path, columns, change)
+        campaign = load(tmp_path, TRANSDUCER + RECORD + "rows = [1002, 5001]\n")
+        np.testing.assert_array_equal(campaign.records[0]["voltage"], columns["voltage_V"][1000:])
+        assert campaign.records[0].signals["force"].first_row == 1002
+        assert campaign.warnings == ()
+        assert failure(tmp_path, TRANSDUCER + RECORD).rows == ((101, 101),)
+        (tmp_path / "run.csv").write_text(text.replace("warming up", "0.099,0,0,0,0"))
+        (finding,) = load(tmp_path, TRANSDUCER + RECORD).warnings
+        assert (finding.check, finding.rows) == ("rows below", ((5003, 5003),))
+        assert "'Mean 0 0 0 0'" in finding.message
+
+    def test_rows_that_end_in_blank_lines(self, tmp_path, columns):
+        self.written(tmp_path, columns, lambda text: text + "\n\nMean,0,0,0,0\n")
+        (record,) = load(tmp_path, TRANSDUCER + RECORD + "rows = [2, 5003]\n").records
+        assert len(record) == 5000
+        for rows in ([2, 5004], [2, 5005], [1, 5001]):
+            assert "allowed is from 2 to 5001" in failure(tmp_path, TRANSDUCER + RECORD + f"rows = {rows}\n").message
+
+    def test_rows_of_channels_in_files_of_their_own(self, tmp_path, columns):
+        self.written(tmp_path, columns)
+        np.save(tmp_path / "x.npy", columns["displacement_m"])
+        lines = ["# displacement", *map(repr, columns["displacement_m"].tolist()), "Mean 0"]
+        (tmp_path / "x.txt").write_text("\n".join(lines))
+        for name in ("x.npy", "x.txt"):
+            own = f'[records.channels]\ndisplacement = {{ file = "{name}", column = 1 }}\n'
+            (record,) = load(tmp_path, TRANSDUCER + RECORD + "rows = [1002, 4001]\n" + own).records
+            np.testing.assert_array_equal(record["displacement"], columns["displacement_m"][1000:4000])
+
+    def test_rows_of_findings_where_a_header_comes_again(self, tmp_path, columns):
+        columns["voltage_V"][[100, 4000]] = np.nan
+
+        def change(text):
+            lines = text.splitlines()
+            return "\n".join([*lines[:2001], "", lines[0], *lines[2001:]])
+
+        text = self.written(tmp_path, columns, change)
+        error = failure(tmp_path, TRANSDUCER + RECORD)
+        assert error.rows == ((102, 102), (4004, 4004))
+        assert "nan" in text.splitlines()[4003].lower() or ",," in text.splitlines()[4003]
+
+    def test_where_the_table_begins(self, tmp_path, columns):
+        self.written(tmp_path, columns, lambda text: "Calibration\n1,2,3,4,5\n2,3,4,5,6\n3,4,5,6,7\n\n" + text)
+        message = failure(tmp_path, TRANSDUCER + RECORD).message
+        assert "in the table that begins in line 2; skip_rows" in message
+        for key in ("skip_rows = 4", "header_row = 6"):
+            (record,) = load(tmp_path, TRANSDUCER + RECORD + key + "\n").records
+            np.testing.assert_array_equal(record["current"], columns["current_A"])
+
+    @pytest.mark.parametrize("key", ["skip_rows = -1", "header_row = 0", "header_row = 1.5", 'skip_rows = "x"'])
+    def test_lines_that_cannot_be(self, tmp_path, columns, key):
+        error = failure(tmp_path, TRANSDUCER + RECORD + key + "\n", run_csv=columns)
+        assert error.key == f"records.0.{key.split()[0]}"
+
+    def test_time_in_five_digits(self, tmp_path, columns):
+        rate = 1000 / 3
+        columns["time_s"] = np.array([float(f"{n / rate:.5g}") for n in range(5000)])
+        campaign = load(tmp_path, TRANSDUCER + RECORD, run_csv=columns)
+        assert campaign.warnings == ()
+        np.testing.assert_allclose(np.diff(campaign.records[0]["time"]), 1 / rate, rtol=1e-6)
+
+    def test_time_stamps_that_are_too_coarse_to_show_a_lost_sample(self, tmp_path, columns):
+        columns["time_s"] = np.round(np.arange(5000) / 2500, 3)
+        (finding,) = load(tmp_path, TRANSDUCER + RECORD, run_csv=columns).warnings
+        assert (finding.check, finding.channel) == ("coarse time", "time")
+        campaign = load(tmp_path, TRANSDUCER + RECORD + "sample_rate = 2500.0\n")
+        assert campaign.warnings == ()
+        assert campaign.records[0].sample_rate == pytest.approx(2500.0, rel=1e-9)
+
+    @pytest.mark.parametrize("lost", [7, 2500, 4990])
+    def test_a_lost_sample_is_a_gap_however_it_is_printed(self, tmp_path, columns, lost):
+        columns["time_s"] = np.round(np.arange(5000) / 300, 3)
+        short = {name: np.delete(values, lost) for name, values in columns.items()}
+        error = failure(tmp_path, TRANSDUCER + RECORD, run_csv=short)
+        assert error.campaign.errors[0].check == "gap"
+        assert error.rows == ((lost + 2, lost + 2),)
+
+    def test_units_of_the_file(self, tmp_path, columns):
+        raw = {"Time (ms)": 1e3 * columns["time_s"], "F [kN]": 1e-3 * columns["force_N"],
+               "x (µm)": 1e6 * columns["displacement_m"], "voltage_mV": 1e3 * columns["voltage_V"]}  # fmt: skip
+        text = """
+        [channels]
+        time = { column = "Time" }
+        force = { column = "F" }
+        displacement = { column = "x (µm)", sigma = 1.2e-8, offset = 1e-6 }
+        voltage = { column = "voltage_mV" }
+        """
+        (record,) = load(tmp_path, TRANSDUCER + text + RECORD, run_csv=raw).records
+        for channel, shift in (("time", 0.0), ("force", 0.0), ("displacement", 1e-6), ("voltage", 0.0)):
+            scale = np.max(np.abs(columns[NAMES[channel]]))
+            np.testing.assert_allclose(record[channel], columns[NAMES[channel]] + shift, rtol=1e-9, atol=1e-9 * scale)
+        assert record.signals["displacement"].sigma == 1.2e-8
+
+    @pytest.mark.parametrize(
+        ("name", "source", "factor"),
+        [
+            ("voltage (mV)", 'unit = "mV"', 1e-3),
+            ("voltage (mV)", 'unit = "millivolt"', 1e-3),
+            ("voltage (mV)", "gain = 20", 20.0),  # volts for one raw unit, whatever the file calls it
+            ("voltage (mV)", 'unit = "V", gain = 1', 1.0),
+            ("voltage (mV)", 'unit = "mV", gain = 3', 3e-3),
+            ("voltage [N]", "gain = 2", 2.0),
+            ("voltage_mV", 'unit = "V"', 1.0),  # the end of a name is no proof
+            ("voltage_A", "", 1.0),
+            ("voltage (raw)", "", 1.0),
+        ],
+    )
+    def test_what_the_campaign_says_goes(self, tmp_path, columns, name, source, factor):
+        columns[name] = columns.pop("voltage_V") / factor
+        own = f'[records.channels]\nvoltage = {{ column = "{name}", {source} }}\n'.replace(",  }", " }")
+        (record,) = load(tmp_path, TRANSDUCER + RECORD + own, run_csv=columns).records
+        np.testing.assert_allclose(record["voltage"], columns[name] * factor, rtol=1e-12)
+
+    @pytest.mark.parametrize(
+        ("name", "source", "said"),
+        [
+            ("voltage (mV)", 'unit = "V"', ("'mV' in the file", "'V' in the campaign")),
+            ("voltage (N)", 'unit = "V"', ("'N' in the file", "'V' in the campaign")),
+            ("CH2 [A]", "", ("'A' in the file", "none in the campaign, which means 'V'")),
+        ],
+    )
+    def test_file_and_campaign_contradict_each_other(self, tmp_path, columns, name, source, said):
+        columns[name] = columns.pop("voltage_V")
+        own = f'[records.channels]\nvoltage = {{ column = "{name}", {source} }}\n'.replace(",  }", " }")
+        error = failure(tmp_path, TRANSDUCER + RECORD + own, run_csv=columns)
+        assert error.channel == "voltage"
+        assert all(part in error.message for part in said)
+
+    def test_sensors_of_different_units_are_not_averaged(self, tmp_path, columns):
+        x = columns.pop("displacement_m")
+        raw = {**columns, "left (mm)": 1e3 * x, "right (um)": 1e6 * x}
+        own = '[records.channels]\ndisplacement = { column = ["left", "right"] }\n'
+        assert "'mm' and 'um'" in failure(tmp_path, TRANSDUCER + RECORD + own, run_csv=raw).message
+
+    @pytest.mark.parametrize(
+        "channels",
+        [
+            'voltage = { column = "force_N" }',
+            'displacement = { column = "voltage_V", unit = "mm" }',
+            "current = { column = 2 }",
+            'displacement = { column = ["displacement_m", "current_A"] }',
+            'time = { column = "force_N" }',
+        ],
+    )
+    def test_two_channels_have_one_column(self, tmp_path, columns, channels):
+        error = failure(tmp_path, TRANSDUCER + f"[channels]\n{channels}\n" + RECORD, run_csv=columns)
+        assert "allowed is a column of its own for each channel" in error.message
+        assert "found column " in error.message
+
+    def test_two_channels_have_the_same_samples(self, tmp_path, columns):
+        columns["voltage_V"] = columns["force_N"]
+        error = failure(tmp_path, TRANSDUCER + RECORD, run_csv=columns)
+        assert (error.channel, error.message) == (
+            "voltage", "found the same samples as for force, allowed is a channel of its own"
+        )  # fmt: skip
+
+    def test_channels_that_are_the_same_by_nature(self, tmp_path, columns):
+        """At rest, or across 1 ohm."""
+        columns["current_A"] = columns["voltage_V"]
+        campaign = TRANSDUCER + RECORD.replace("97780.0", "1.0")
+        write_table(columns, tmp_path / "run.csv")
+        with pytest.raises(CampaignError) as caught:  # the checks find a current that is far too large
+            load(tmp_path, campaign)
+        assert "the same samples" not in caught.value.message
+        assert "the same samples" in failure(tmp_path, campaign.replace("1.0", "2.0")).message
+
+    def test_real_columns_of_a_complex_array(self, tmp_path, columns):
+        names = list(columns)
+        np.save(tmp_path / "run.npy", np.column_stack([columns[name] for name in names]).astype(complex))
+        channels = "".join(f"{channel} = {{ column = {names.index(name) + 1} }}\n" for channel, name in NAMES.items())
+        (record,) = load(tmp_path, TRANSDUCER + "[channels]\n" + channels + RECORD.replace("csv", "npy")).records
+        np.testing.assert_array_equal(record["voltage"], columns["voltage_V"])
+        assert record["voltage"].dtype == float
+
+
+class TestSweeps:
+    """Frequencies come in the order in which an instrument has swept them."""
+
+    def table(self, impedance):
+        return {"frequency_Hz": FREQUENCIES, "resistance_ohm": impedance.real, "reactance_ohm": impedance.imag}
+
+    def loaded(self, folder, table):
+        return load(folder, TRANSDUCER + IMPEDANCE, z_csv=table)
+
+    def test_downward(self, tmp_path, impedance):
+        campaign = self.loaded(tmp_path, {name: values[::-1] for name, values in self.table(impedance).items()})
+        (record,) = campaign.records
+        np.testing.assert_array_equal(record.frequency, FREQUENCIES)
+        np.testing.assert_allclose(record.response, impedance, rtol=1e-12)
+        np.testing.assert_array_equal(record.first_row, np.arange(61, 1, -1))
+        assert campaign.warnings == ()
+
+    @pytest.mark.parametrize(
+        "order", [[*range(40), *range(39, 60)], [*range(60), *range(59, -1, -1)], [*range(60)] * 3]
+    )
+    def test_overlapping_and_repeated(self, tmp_path, impedance, order):
+        table = {name: values[order] for name, values in self.table(impedance).items()}
+        campaign = self.loaded(tmp_path, table)
+        (record,) = campaign.records
+        assert len(record) == len(order)
+        assert np.all(np.diff(record.frequency) >= 0)
+        np.testing.assert_allclose(record.response, np.interp(record.frequency, FREQUENCIES, impedance), rtol=1e-12)
+        assert campaign.warnings == ()
+
+    def test_rows_of_findings_in_a_sweep_downward(self, tmp_path, impedance):
+        table = {name: values[::-1].copy() for name, values in self.table(impedance).items()}
+        table["resistance_ohm"][[5, 6, 20]] = np.nan
+        with pytest.raises(CampaignError) as caught:
+            self.loaded(tmp_path, table)
+        assert caught.value.rows == ((7, 8), (22, 22))
+
+    @pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
+    def test_a_line_at_0_hz_is_left_out(self, tmp_path, impedance, value):
+        table = {name: np.append(0.0 if "Hz" in name else value, part) for name, part in self.table(impedance).items()}
+        campaign = self.loaded(tmp_path, table)
+        np.testing.assert_array_equal(campaign.records[0].frequency, FREQUENCIES)
+        (finding,) = campaign.warnings
+        assert (finding.check, finding.rows) == ("0 Hz", ((2, 2),))
+
+    def test_nothing_but_0_hz(self, tmp_path):
+        table = {name: np.zeros(3) for name in ("frequency_Hz", "resistance_ohm", "reactance_ohm")}
+        with pytest.raises(CampaignError, match="found nothing but 0 Hz"):
+            self.loaded(tmp_path, table)
+
+    def test_rows_of_a_sweep(self, tmp_path, impedance):
+        write_table(self.table(impedance), tmp_path / "z.csv")
+        with (tmp_path / "z.csv").open("a") as stream:
+            stream.write("\nMean,0,0\n")
+        (record,) = load(tmp_path, TRANSDUCER + IMPEDANCE + "rows = [12, 51]\n").records
+        np.testing.assert_array_equal(record.frequency, FREQUENCIES[10:50])
+
+    @pytest.mark.parametrize("ending", ["npz", "mat", "h5"])
+    def test_a_frequency_of_a_complex_array(self, tmp_path, compliance, ending):
+        data = np.column_stack([FREQUENCIES.astype(complex), compliance])
+        name = tmp_path / f"frf.{ending}"
+        {"npz": lambda: np.savez(name, H=data), "mat": lambda: savemat(name, {"H": data}),
+         "h5": lambda: write_h5(name, data)}[ending]()  # fmt: skip
+        own = '[records.channels]\nfrequency = { column = "H[:, 0]" }\nresponse = { column = "H[:, 1]" }\n'
+        (record,) = load(tmp_path, TRANSDUCER + FRF.replace("csv", ending) + own).records
+        np.testing.assert_array_equal(record.frequency, FREQUENCIES)
+        np.testing.assert_array_equal(record.response, compliance)
+
+    def test_parts_of_different_length(self, tmp_path, compliance):
+        np.savez(tmp_path / "frf.npz", frequency_Hz=FREQUENCIES, response=compliance[:-1])
+        error = failure(tmp_path, TRANSDUCER + FRF.replace("csv", "npz"))
+        assert (error.channel, "found 59 values" in error.message) == ("response", True)
+
+    def test_one_column_for_two_parts(self, tmp_path, impedance):
+        own = '[records.channels]\nimaginary = { column = "resistance_ohm" }\n'
+        error = failure(tmp_path, TRANSDUCER + IMPEDANCE + own, z_csv=self.table(impedance))
+        assert "found column 'resistance_ohm' for real too" in error.message
+
+    def test_units_of_an_analyser(self, tmp_path, impedance):
+        size, phase = np.abs(impedance) / 1e3, np.degrees(np.angle(impedance))
+        table = {"Frequency(kHz)": FREQUENCIES / 1e3, "|Z|(kohm)-data": size, "thetaz(deg)-data": phase}
+        own = "frequency = { column = 1 }, magnitude = { column = 2 }, phase = { column = 3 }"
+        (record,) = load(tmp_path, TRANSDUCER + IMPEDANCE + f"channels = {{ {own} }}\n", z_csv=table).records
+        np.testing.assert_allclose(record.frequency, FREQUENCIES, rtol=1e-12)
+        np.testing.assert_allclose(record.response, impedance, rtol=1e-9)
+
+    @pytest.mark.parametrize("name", ["Z (dB)", "Z_dB"])
+    def test_decibels_are_no_ohms(self, tmp_path, impedance, name):
+        level = 20 * np.log10(np.abs(impedance))
+        table = {"frequency_Hz": FREQUENCIES, name: level, "phase_rad": np.angle(impedance)}
+        own = f'channels = {{ magnitude = {{ column = "{name}" }} }}\n'
+        error = failure(tmp_path, TRANSDUCER + IMPEDANCE + own, z_csv=table)
+        assert "found the unit 'dB' in the file" in error.message
+
+
+def write_h5(path, data):
+    with h5py.File(path, "w") as file:
+        file["H"] = data

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from io import BytesIO
 from types import MappingProxyType
 
 import numpy as np
@@ -9,7 +11,7 @@ import pytest
 
 from piezoharvest.records import Finding, FrequencyRecord, Record, Signal
 from piezoharvest.report.records import record_figure
-from piezoharvest.report.style import write_png
+from piezoharvest.report.style import Powers, grid_of_axes, inline_svg, write_png
 from piezoharvest.shunts import Resistor
 
 
@@ -111,3 +113,38 @@ def test_frequency_records(tmp_path, kind, panels):
     np.testing.assert_allclose(figure.axes[0].lines[0].get_ydata(), 20 * np.log10(np.abs(response)))
     assert texts(figure.axes[0]) == ["unit"]
     write_png(figure, tmp_path / "frf.png")
+
+
+# What mathtext, SVG, HTML and the font stumble over, each in the name of a file and in what a check says.
+NAMES = [
+    "run_$x^{2$.csv", "$", "$$", r"$\frac{$ \$", "a_b^c\\d.csv",
+    "--><script>alert(1)</script>.csv", "two\nlines\t.csv", "测量.csv",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.filterwarnings("error")
+def test_names_of_files_are_drawn_as_they_are(name):
+    said = Finding("warning", name, name, "force", ((5, 9),), f"found {name}, allowed is another")
+    figure = record_figure(replace(record(), name=name), [said])
+    stream = BytesIO()
+    write_png(figure, stream)
+    assert stream.getvalue().startswith(b"\x89PNG")
+    title = figure.get_suptitle().split("\n")[0]
+    assert title == name.replace("\n", r"\n").replace("\t", r"\t") + " (fit)"
+    svg = inline_svg(figure, "record", name)
+    assert "<script" not in svg
+    assert svg.count("<!--") == svg.count("-->")
+
+
+def test_powers_are_plain_text():
+    axis = grid_of_axes(1, height=2.0)[1].xaxis
+    axis._set_axes_scale("log")
+    axis.set_view_interval(1e-9, 1e-3)
+    ticks = Powers()
+    ticks.set_axis(axis)
+    assert ticks(1e-9) == "10⁻⁹"
+    axis.set_view_interval(1e-9, 4e-9)
+    ticks = Powers(labelOnlyBase=False)
+    ticks.set_axis(axis)
+    assert ticks(2e-9) == "2×10⁻⁹"

@@ -154,7 +154,8 @@ def _excitation(study: Study, table: Any, where: str) -> Excitation:
     if not isinstance(table, Mapping):
         raise ParameterError(where, f"found {table!r}, allowed is a table")
     kind = study.excitation.kind
-    own = {f.name: getattr(study.excitation, f.name) for f in dataclasses.fields(study.excitation) if f.init}
+    values = {f.name: getattr(study.excitation, f.name) for f in dataclasses.fields(study.excitation) if f.init}
+    own = {name: value for name, value in values.items() if value is not None}
     if "file" in own:  # relative to where the program runs, while a new one is relative to the study
         own["file"] = str(Path(own["file"]).resolve())
     same = table.get("kind", kind) == kind

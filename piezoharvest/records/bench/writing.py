@@ -11,7 +11,7 @@ from typing import Any
 
 import tomli_w
 
-from piezoharvest.output import OutputError, check_directory, check_new_directory, write_table, write_text
+from piezoharvest.output import OutputError, check_directory, check_new_directory, write_table, write_text, writing
 from piezoharvest.parameters import Component
 from piezoharvest.records.bench.measuring import BenchCampaign, BenchRecord
 from piezoharvest.records.bench.sensors import channels
@@ -68,15 +68,14 @@ def write_campaign(campaign: BenchCampaign, path: str | Path) -> Path:
     check_directory(target.parent, create=True)
     new, old = (target.with_name(f".{target.name}.{os.getpid()}.{part}") for part in ("part", "old"))
     try:
-        new.mkdir()
-        for record in campaign.records:
-            write_table(record.columns, new / f"{record.name}.csv")
-        if campaign.bench.truth:
-            write_text(json.dumps(truth(campaign), indent=2) + "\n", new / TRUTH)
-        write_text(f"{_MARK}: a virtual bench, not a real one.\n" + tomli_w.dumps(table(campaign)), new / FILE)
-        _exchange(new, target, old)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from None
+        with writing(path):
+            new.mkdir()
+            for record in campaign.records:
+                write_table(record.columns, new / f"{record.name}.csv")
+            if campaign.bench.truth:
+                write_text(json.dumps(truth(campaign), indent=2) + "\n", new / TRUTH)
+            write_text(f"{_MARK}: a virtual bench, not a real one.\n" + tomli_w.dumps(table(campaign)), new / FILE)
+            _exchange(new, target, old)
     finally:
         shutil.rmtree(new, ignore_errors=True)
     return path / FILE

@@ -12,7 +12,7 @@ from piezoharvest.records.checks.dynamics import lost_between_samples, too_short
 from piezoharvest.records.checks.frequency import check_frequency
 from piezoharvest.records.checks.hum import mains_hum
 from piezoharvest.records.checks.model import against_model
-from piezoharvest.records.checks.raw import clock, not_a_number
+from piezoharvest.records.checks.raw import beyond_measure, clock, not_a_number
 from piezoharvest.records.checks.spikes import spikes
 from piezoharvest.records.checks.stated import stated_noise
 from piezoharvest.records.checks.stuck import constant, standing_still
@@ -63,6 +63,10 @@ def _errors(found: list[Finding]) -> bool:
 
 
 def _raw(record: Record) -> Iterator[Finding]:
+    strange = list(beyond_measure(record))
+    yield from strange
+    if strange:
+        return
     yield from clock(record)
     missing = list(not_a_number(record))
     yield from missing

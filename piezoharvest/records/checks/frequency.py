@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from piezoharvest.records.checks.raw import SIZES, strange
 from piezoharvest.records.checks.score import FACTOR
 from piezoharvest.records.expectation import impedances, transfers
 from piezoharvest.records.finding import Finding, runs, shifted
@@ -31,8 +32,8 @@ def _values(record: FrequencyRecord) -> Iterator[Finding]:
         finite &= np.isfinite(record.coherence)
     yield from _found(record, "nan", "response", ~finite, "rows with NaN, infinite or missing values", "numbers")
     yield from _found(record, "frequency", "frequency", record.frequency <= 0, "values not above 0 Hz", "those above")
-    falling = np.concatenate(([False], np.diff(record.frequency) <= 0))
-    yield from _found(record, "frequency", "frequency", falling, "values not above the one before", "increasing ones")
+    for channel, values in (("frequency", record.frequency), ("response", record.response)):
+        yield from _found(record, "size", channel, strange(values), "values beyond measure", SIZES)
     if record.coherence is not None:
         outside = (record.coherence < 0) | (record.coherence > 1 + 1e-6)
         yield from _found(record, "coherence", "coherence", outside, "values outside", "values from 0 to 1")

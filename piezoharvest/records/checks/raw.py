@@ -6,9 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from piezoharvest.records.channels import LARGEST, SMALLEST
 from piezoharvest.records.finding import Finding, Rows, counted, runs, shifted
 from piezoharvest.records.record import Record
 
+SIZES = f"0, or sizes from {SMALLEST:g} to {LARGEST:g} in SI units"
 _GAP = 1.5  # of the usual time between samples
 _UNEVEN = 0.2  # of it
 
@@ -21,6 +23,24 @@ def not_a_number(record: Record) -> Iterator[Finding]:
             rows = shifted(runs(bad), signal.first_row)
             message = f"found {counted(int(bad.sum()), 'value')} NaN, infinite or missing, allowed are finite numbers"
             yield Finding("error", "nan", signal.file, channel, rows, message)
+
+
+def beyond_measure(record: Record) -> Iterator[Finding]:
+    """Values of a size that no measurement has, of which squares are no numbers; instruments write 9.9e37 for none."""
+    for channel, signal in (("time", record.time), *record.signals.items()):
+        mask = strange(signal.values)
+        if mask.any():
+            rows = shifted(runs(mask), signal.first_row)
+            message = (
+                f"found {counted(int(mask.sum()), 'value')} such as {signal.values[mask][0]:g}, allowed are {SIZES}"
+            )
+            yield Finding("error", "size", signal.file, channel, rows, message)
+
+
+def strange(values: np.ndarray) -> np.ndarray:
+    """Mask of the values whose size is beyond all measurements; small ones are where all are small."""
+    sizes = np.where(np.isfinite(values), np.abs(values), 0.0)
+    return sizes > LARGEST if np.max(sizes, initial=0.0) >= SMALLEST else sizes > 0
 
 
 def clock(record: Record) -> Iterator[Finding]:

@@ -61,6 +61,8 @@ def _spectra(axes: Axes, found: Residuals, c: int, changed: bool) -> str:
     for values, look in [(found.before[:, c], BEFORE)] + ([(found.after[:, c], AFTER)] if changed else []):
         axes.loglog(*spectrum(values, step, scale), **{**look, "linewidth": 1.1})
     axes.axhline(scale * noise * np.sqrt(2 * step), color=style.PALETTE[2], linewidth=3, alpha=0.5, zorder=1.5)
+    style.power_ticks(axes.xaxis)
+    style.power_ticks(axes.yaxis)
     axes.yaxis.set_minor_formatter(NullFormatter())
     return f"{unit}/√Hz"
 
@@ -161,7 +163,9 @@ def structure_figure(sides: Sequence[tuple[str, Sequence[Leftover]]]) -> Figure:
         one.set_xticks(range(len(columns)), [_short(column) for column in columns], rotation=60, ha="right")
         one.grid(False)
     axes[0, 0].set_yticks(
-        range(len(rows)), [f"{record.rsplit('.', 1)[0][:24]} {channel}" for record, channel in rows], fontsize=6.5
+        range(len(rows)),
+        [f"{style.plain(record.rsplit('.', 1)[0])[:24]} {channel}" for record, channel in rows],
+        fontsize=6.5,
     )
     ticks = [-100, -10, -1, 0, 1, 10, 100]
     bar = figure.colorbar(axes[0, -1].images[0], ax=list(axes[0]), shrink=0.9, aspect=30, extend="both",

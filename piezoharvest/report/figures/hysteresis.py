@@ -29,9 +29,9 @@ def loops(parts: Sequence[tuple[Subject, Waveforms, Window]], periodic: bool) ->
         for subject, path in drawn:
             charge, voltage = (np.append(x, x[0]) if periodic else x for x in (path["charge"], path[signal]))
             axes.plot(charge_factor * charge, factor * voltage, linewidth=1.3, **subject.style)
-        axes.set_xlabel(f"charge $q_p$ in {charge_unit}")
-    inner.set_ylabel(f"hysteresis voltage $v_h$ in {units['hysteresis_voltage']}")
-    outer.set_ylabel(f"electrode voltage $v_p$ in {units['voltage']}")
+        axes.set_xlabel(f"charge qₚ in {charge_unit}")
+    inner.set_ylabel(f"hysteresis voltage vₕ in {units['hysteresis_voltage']}")
+    outer.set_ylabel(f"electrode voltage vₚ in {units['voltage']}")
     style.legend_above(figure, [Line2D([], [], label=s.label, **s.style) for s, _ in drawn])
     return figure
 

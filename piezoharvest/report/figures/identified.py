@@ -80,6 +80,7 @@ def _response_figure(predicted: Predicted, record: FrequencyRecord) -> Figure:
     unit = "ohm" if record.kind == "impedance" else f"{UNITS[record.output]}/({UNITS[record.input]})"
     axes[0].semilogy(x, np.abs(record.response), ".", markersize=3, color=style.PALETTE[0], label="measured")
     axes[0].semilogy(x, np.abs(values), label="predicted", **_PREDICTED)
+    style.power_ticks(axes[0].yaxis)
     axes[1].plot(x, np.degrees(np.angle(record.response)), ".", markersize=3, color=style.PALETTE[0])
     axes[1].plot(x, np.degrees(np.angle(values)), **_PREDICTED)
     residual = 100 * np.abs(record.response - values) / np.abs(record.response)

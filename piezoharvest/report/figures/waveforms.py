@@ -15,7 +15,7 @@ from piezoharvest.report.signals import Window
 from piezoharvest.report.units import prefix_of
 
 _UNITS = {"displacement": "m", "voltage": "V", "current": "A", "charge": "C"}
-_NAMES = {"current": "load current", "charge": "charge $q_p$"}
+_NAMES = {"current": "load current", "charge": "charge qₚ"}
 _COLOURS = {
     "drive": style.INK, "displacement": style.PALETTE[0], "voltage": style.PALETTE[1], "current": style.PALETTE[2],
     "charge": style.PALETTE[2],

@@ -4,17 +4,32 @@ from __future__ import annotations
 
 import re
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
 from itertools import product
 from math import prod
 from typing import Any
 
 import numpy as np
 
-from piezoharvest.records.readers.base import Reader, ReadError, numbers
+from piezoharvest.readers.base import Reader, ReadError, check_count, numbers
 
 _INDEX = re.compile(r"(.*)\[([\d\s,:-]*)\]", re.S)
 _MOST = 200  # columns of one array that are listed one by one
+
+
+class Deferred:
+    """An array that is read as a whole, once it is wanted."""
+
+    def __init__(self, shape: tuple[int, ...], load: Callable[[], np.ndarray]):
+        self.shape, self._load = shape, load
+
+    @cached_property
+    def _array(self) -> np.ndarray:
+        return self._load()
+
+    def __getitem__(self, index: tuple[Any, ...]) -> np.ndarray:
+        return self._array[index]
 
 
 class ArrayReader(Reader):
@@ -28,7 +43,7 @@ class ArrayReader(Reader):
     arrays: Mapping[str, Any]
 
     def _found(self, arrays: Mapping[str, Any]) -> None:
-        """Take the arrays of the file: anything with a shape and a dtype that can be indexed."""
+        """Take the arrays of the file: anything with a shape that can be indexed."""
         self.arrays = arrays
         self.names = tuple(column for name, array in arrays.items() for column in _columns(name, array.shape))
 
@@ -39,7 +54,11 @@ class ArrayReader(Reader):
     def resolve(self, column: str | int) -> str:
         indexed = isinstance(column, str) and _INDEX.fullmatch(column)
         if not indexed or column in self.names:
-            return super().resolve(column)
+            found = super().resolve(column)
+            if found in self.arrays or _INDEX.fullmatch(found):
+                return found
+            shape = self.arrays[found.rpartition("[")[0]].shape  # of an array whose columns are too many to be listed
+            raise ReadError(f"found an array of shape {shape}, allowed is one column of it, by an index", str(column))
         name, index = indexed.groups()
         if name not in self.arrays:
             name = super().resolve(name)
@@ -51,20 +70,34 @@ class ArrayReader(Reader):
         return f"{name}[{', '.join(parts)}]"
 
     def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
-        return {name: self._column(name) for name in names}
+        places = {name: self._place(name) for name in names}
+        check_count(sum(_size(*place) for place in places.values()))
+        return {name: self._column(name, *place) for name, place in places.items()}
 
-    def _column(self, name: str) -> np.ndarray:
+    def _place(self, name: str) -> tuple[Any, tuple[Any, ...]]:
+        """Array and index of a column."""
         indexed = _INDEX.fullmatch(name)
         if name in self.arrays or not indexed:
-            array, index = self.arrays[name], ()
-        else:
-            array = self.arrays[indexed[1]]
-            index = tuple(slice(None) if part == ":" else int(part) for part in indexed[2].split(", "))
+            return self.arrays[name], ()
+        return self.arrays[indexed[1]], tuple(
+            slice(None) if part == ":" else int(part) for part in indexed[2].split(", ")
+        )
+
+    def _column(self, name: str, array: Any, index: tuple[Any, ...]) -> np.ndarray:
         try:
             values = self._values(array, index)
+        except MemoryError:
+            raise
         except Exception as error:  # what a damaged file makes of its reader is not foreseeable
             raise ReadError(f"found damaged data ({error}), allowed is a whole file", name) from None
         return numbers(np.ravel(values, order="F"), name)
+
+
+def _size(array: Any, index: tuple[Any, ...]) -> int:
+    """How many numbers have to be read for a column."""
+    if isinstance(array, Deferred) or not index:
+        return prod(array.shape)
+    return prod(n for n, part in zip(array.shape, index, strict=True) if part == slice(None))
 
 
 def _columns(name: str, shape: tuple[int, ...]) -> Iterator[str]:

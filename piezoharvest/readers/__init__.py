@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+import sys
 from pathlib import Path
 
+from piezoharvest.input import InputError, check_readable
 from piezoharvest.parameters import subclasses_by
-from piezoharvest.records.readers.base import MissingColumnError, Reader, ReadError
+from piezoharvest.readers.apart import Apart
+from piezoharvest.readers.base import MissingColumnError, Reader, ReadError
 
 __all__ = ["MissingColumnError", "ReadError", "Reader", "open_reader", "registered"]
 
@@ -24,8 +27,14 @@ def registered() -> dict[str, type[Reader]]:
     return {suffix: cls for suffixes, cls in subclasses_by("suffixes", Reader).items() for suffix in suffixes}
 
 
-def open_reader(path: Path) -> Reader:
+def open_reader(path: Path, **lines: int) -> Reader:
     """Open a data file by the ending of its name.
+
+    Parameters
+    ----------
+    path : Path
+    **lines : int
+        `skip_rows` and `header_row` of a text file, as in `text.Text`.
 
     Raises
     ------
@@ -35,12 +44,16 @@ def open_reader(path: Path) -> Reader:
     known = registered()
     if path.suffix.lower() not in known:
         found = repr(path.suffix) if path.suffix else "no ending"
-        raise ReadError(f"found {found}, allowed are files ending in {', '.join(sorted(known))}")
+        endings = ", ".join(sorted(known))
+        raise ReadError(f"found {found}, allowed are files ending in {endings} (.txt for any table of numbers in text)")
+    cls = known[path.suffix.lower()]
     try:
-        with path.open("rb") as stream:
-            empty = not stream.read(1)
-    except OSError as error:
-        raise ReadError(f"found no readable file ({error.strerror}), allowed is a file of measured data") from None
+        empty = not check_readable(path, cls.most_bytes)
+    except InputError as error:
+        raise ReadError(f"{error}, allowed is a file of measured data") from None
     if empty:
         raise ReadError("found an empty file, allowed is a file of measured data")
-    return known[path.suffix.lower()](path)
+    if lines and not cls.by_lines:
+        allowed = ", ".join(sorted(suffix for suffix, each in known.items() if each.by_lines))
+        raise ReadError(f"found {' and '.join(lines)}, allowed in text files only ({allowed})")
+    return Apart(path, cls.unsafe) if cls.unsafe and sys.executable else cls(path, **lines)

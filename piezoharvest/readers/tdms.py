@@ -9,13 +9,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from piezoharvest.records.readers.base import Reader, ReadError, numbers
+from piezoharvest.readers.base import Reader, ReadError, check_count, numbers
 
 
 class Tdms(Reader):
     """TDMS file: channels by "group/channel", or by the channel's name alone; scaled as their properties say."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".tdms",)
+    unsafe: ClassVar[tuple[str, ...]] = ("nptdms",)
 
     def __init__(self, path: Path):
         from nptdms import TdmsFile
@@ -36,11 +37,14 @@ class Tdms(Reader):
         self.names = tuple(self._channels)
 
     def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        check_count(sum(len(self._channels[name]) for name in names))
         return {name: self._column(name) for name in names}
 
     def _column(self, name: str) -> np.ndarray:
         try:
             values = self._channels[name][:]
+        except MemoryError:
+            raise
         except Exception as error:  # as above
             raise ReadError(f"found damaged data ({error}), allowed is a whole TDMS file", name) from None
         return numbers(values, name)

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from piezoharvest.records.readers.arrays import ArrayReader
-from piezoharvest.records.readers.base import ReadError
+from piezoharvest.readers.arrays import ArrayReader, Deferred
+from piezoharvest.readers.base import ReadError
+from piezoharvest.readers.hdf5 import dtype_of, holds_numbers
+
+_NUMERIC = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
+_NESTED = ("struct", "cell", "object")
+_MOST_INNER = 100_000  # references or characters of one data set that are followed: cells, names of signals
 
 
 class Matlab(ArrayReader):
@@ -21,6 +27,7 @@ class Matlab(ArrayReader):
     """
 
     suffixes: ClassVar[tuple[str, ...]] = (".mat",)
+    unsafe: ClassVar[tuple[str, ...]] = ("h5py", "scipy.io")
 
     def __init__(self, path: Path):
         import h5py
@@ -37,6 +44,8 @@ class Matlab(ArrayReader):
             arrays: dict[str, Any] = {}
             for name, item in tree.items():
                 arrays |= self._recording(item) if _is_recording(item) else dict(_flat(name, item))
+        except MemoryError:
+            raise
         except Exception as error:  # the readers of damaged files fail in many ways
             raise ReadError(f"found no readable MATLAB file ({error}), allowed is a whole one") from None
         self._found(arrays)
@@ -98,11 +107,22 @@ def _flat(name: str, item: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _from_scipy(path: Path) -> dict[str, Any]:
-    """Variables of a file of version 4 to 7 as dicts, lists, strings and arrays."""
+    """Variables of a file of version 4 to 7 as dicts, lists, strings and arrays, the latter only read when wanted."""
+    from scipy.io import whosmat
+
+    found: dict[str, Any] = {}
+    for name, shape, kind in whosmat(path):
+        if kind in _NUMERIC:
+            found[name] = Deferred(tuple(n for n in shape if n != 1), partial(_variable, path, name))
+        elif kind in _NESTED and not name.startswith("__"):
+            found[name] = _plain(_variable(path, name))
+    return found
+
+
+def _variable(path: Path, name: str) -> Any:
     from scipy.io import loadmat
 
-    found = loadmat(path, squeeze_me=True, struct_as_record=False, chars_as_strings=True)
-    return {name: _plain(item) for name, item in found.items() if not name.startswith("__")}
+    return loadmat(path, variable_names=[name], squeeze_me=True, struct_as_record=False, chars_as_strings=True)[name]
 
 
 def _plain(item: Any) -> Any:
@@ -140,14 +160,21 @@ def _from_hdf5(item: Any) -> Any:
     if _refers(item):
         return _referred(item)
     if kind == b"char":
-        return "" if "MATLAB_empty" in item.attrs else "".join(map(chr, np.ravel(item[()])))
-    numeric = item.dtype.kind in "fiub" or item.dtype.names == ("real", "imag")
-    return _Transposed(item) if numeric and "MATLAB_empty" not in item.attrs else ""
+        return "" if "MATLAB_empty" in item.attrs else "".join(map(chr, np.ravel(_inner(item))))
+    return _Transposed(item) if holds_numbers(item) and "MATLAB_empty" not in item.attrs else ""
 
 
 def _refers(item: Any) -> bool:
-    return getattr(item, "dtype", None) is not None and item.dtype.kind == "O"
+    dtype = dtype_of(item)
+    return dtype is not None and dtype.kind == "O"
+
+
+def _inner(item: Any) -> np.ndarray:
+    """References or characters of a data set, of which a damaged or foreign one may claim any number."""
+    if item.size is not None and item.size > _MOST_INNER:
+        raise ValueError(f"{item.name} with {item.size} elements, of which at most {_MOST_INNER} are followed")
+    return item[()]
 
 
 def _referred(item: Any) -> list[Any]:
-    return [_from_hdf5(item.file[reference]) for reference in np.ravel(item[()], order="F") if reference]
+    return [_from_hdf5(item.file[reference]) for reference in np.ravel(_inner(item), order="F") if reference]

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import difflib
+import unicodedata
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+
+from piezoharvest.readers.units import Unit, stated_unit
+
+_LONGEST = 60  # characters of what stands in a file, in a message
+# What may be read of a campaign: 1 GiB as float64, 45 minutes of time and four channels at 10 kHz. A fit takes up to
+# ten times that (2 GiB have been measured for 6 million samples of four channels).
+MOST_NUMBERS = 1 << 27
 
 
 class ReadError(ValueError):
@@ -25,8 +33,8 @@ class ReadError(ValueError):
     """
 
     def __init__(self, message: str, column: str = "", row: int | None = None):
-        super().__init__(message)
-        self.message, self.column, self.row = message, column, row
+        self.message, self.column, self.row = " ".join(message.split()), column, row  # libraries write several lines
+        super().__init__(self.message)
 
 
 class MissingColumnError(ReadError):
@@ -46,6 +54,16 @@ class Reader(ABC):
         Columns that the file has.
     first_row : int
         Row of the first sample as people count: the line of a text file, else 1.
+    numbering : int or (n,) array of int
+        Row of the first of the samples that were last read, or of each where they do not follow each other.
+    left_out : tuple of (row, text) or None
+        The first line with numbers that stands below a table and was not read.
+    by_lines : bool
+        Whether rows are lines, of which some may be left out.
+    unsafe : tuple of str
+        Libraries that may not survive a damaged file: where there are any, a process of their own reads the files.
+    most_bytes : int
+        How large a file may be.
 
     Raises
     ------
@@ -56,6 +74,11 @@ class Reader(ABC):
     suffixes: ClassVar[tuple[str, ...]]
     names: Sequence[str]
     first_row: int = 1
+    numbering: int | np.ndarray = 1
+    left_out: tuple[int, str] | None = None
+    by_lines: ClassVar[bool] = False
+    unsafe: ClassVar[tuple[str, ...]] = ()
+    most_bytes: ClassVar[int] = 1 << 62
 
     def __init__(self, path: Path):
         self.path = path
@@ -69,6 +92,26 @@ class Reader(ABC):
         ReadError
             A column holds something that is not a number.
         """
+
+    def read_rows(self, names: Sequence[str], rows: tuple[int, int]) -> dict[str, np.ndarray]:
+        """Values of columns in some rows, the first and the last of which are given; others are not looked at.
+
+        Raises
+        ------
+        ReadError
+            There are no such rows; its column is then "rows".
+        """
+        values = self.read(names)
+        count, (begin, end) = min(map(len, values.values())), (row - self.first_row for row in rows)
+        if begin < 0 or end >= count:
+            allowed = f"allowed is from {self.first_row} to {self.first_row + count - 1}"
+            raise ReadError(f"found {list(rows)}, {allowed}", "rows")
+        self.numbering = rows[0]
+        return {name: array[begin : end + 1] for name, array in values.items()}
+
+    def unit(self, name: str) -> Unit | None:
+        """Unit that the file states for a column."""
+        return stated_unit(last_part(name))[1]
 
     def time_of(self, name: str) -> np.ndarray | None:
         """Time in s of a column's samples, (n,), where the format itself tells it."""
@@ -90,12 +133,15 @@ class Reader(ABC):
             raise MissingColumnError(f"found {len(self.names)} columns, allowed is a number up to that", str(column))
         named = [name for name in self.names if name == column]
         found = named or [name for name in self.names if last_part(name) == column]
+        found = found or [name for name in self.names if _plain(column) in (_plain(name), _plain(_without_unit(name)))]
         if len(found) > 1:
-            raise ReadError(f"found {len(found)} columns {column!r} ({shown(found)}), allowed is one", column)
+            raise ReadError(
+                f"found {len(found)} columns {cut(column)!r} ({shown(found)}), allowed is one (or its number)", column
+            )
         if not found:
-            near = difflib.get_close_matches(column, self.names, n=1)
+            near = difflib.get_close_matches(column[:_LONGEST], [name[:_LONGEST] for name in self.names], n=1)
             hint = f" (did you mean {near[0]!r}?)" if near else ""
-            raise MissingColumnError(f"found no column {column!r}{hint}, allowed are {shown(self.names)}", column)
+            raise MissingColumnError(f"found no column {cut(column)!r}{hint}, allowed are {shown(self.names)}", column)
         return found[0]
 
     def close(self) -> None:  # noqa: B027 - most files have nothing to be closed
@@ -108,14 +154,37 @@ class Reader(ABC):
         self.close()
 
 
+def check_count(count: int) -> None:
+    """Raise `ReadError` where that many numbers are too many to be read."""
+    if count > MOST_NUMBERS:
+        raise ReadError(f"found {count} numbers in the columns that are used, allowed are {MOST_NUMBERS}")
+
+
 def last_part(name: str) -> str:
     r"""Last part of a path such as "group/channel", or "Model Root"/"ADC"/"Out1" and Model Root/ADC\Out1 of dSPACE."""
     return name.replace("\\", "/").rsplit("/", 1)[-1].strip('"')
 
 
+def _without_unit(name: str) -> str:
+    """Name without a unit in brackets or behind it."""
+    bare, unit = stated_unit(name)
+    return bare if unit is not None and unit.firm else name
+
+
+def _plain(name: str) -> str:
+    """Name with one sign for micro, for ohm and for blanks of all kinds."""
+    return unicodedata.normalize("NFKC", name).strip()
+
+
+def cut(text: str) -> str:
+    """A text as a message shows it: not whole if it is long."""
+    text = text.strip()
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+
+
 def shown(names: Sequence[str], most: int = 12) -> str:
     """Names in a message: all of them, if they are not too many."""
-    kept = [name.strip() or "''" for name in names[:most]]
+    kept = [cut(name) or "''" for name in names[:most]]
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return (", ".join(kept) or "none") + more
 

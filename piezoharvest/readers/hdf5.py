@@ -5,14 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, ClassVar
 
-from piezoharvest.records.readers.arrays import ArrayReader
-from piezoharvest.records.readers.base import ReadError
+from piezoharvest.readers.arrays import ArrayReader
+from piezoharvest.readers.base import ReadError
 
 
 class Hdf5(ArrayReader):
     """HDF5 file: every data set of numbers, by its path; a column may also be named by the last part alone."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".h5", ".hdf5", ".hdf")
+    unsafe: ClassVar[tuple[str, ...]] = ("h5py",)
 
     def __init__(self, path: Path):
         import h5py
@@ -21,7 +22,7 @@ class Hdf5(ArrayReader):
         arrays: dict[str, Any] = {}
 
         def visit(name: str, item: Any) -> None:
-            if isinstance(item, h5py.Dataset) and (item.dtype.kind in "fiubc" or item.dtype.names == ("real", "imag")):
+            if isinstance(item, h5py.Dataset) and holds_numbers(item):
                 arrays[name] = item
 
         try:
@@ -36,3 +37,17 @@ class Hdf5(ArrayReader):
 
     def close(self) -> None:
         self._file.close()
+
+
+def holds_numbers(data: Any) -> bool:
+    """Whether a data set holds numbers; one without a shape holds nothing at all."""
+    dtype = dtype_of(data)
+    return dtype is not None and data.shape is not None and (dtype.kind in "fiubc" or dtype.names == ("real", "imag"))
+
+
+def dtype_of(item: Any) -> Any:
+    """Type of what is in a data set as numpy knows it; None for types that it does not know, and for groups."""
+    try:
+        return item.dtype
+    except (TypeError, AttributeError):
+        return None

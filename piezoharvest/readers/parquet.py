@@ -8,13 +8,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezoharvest.records.readers.base import Reader, ReadError, numbers
+from piezoharvest.readers.base import Reader, ReadError, check_count, numbers
 
 
 class Parquet(Reader):
     """Parquet file; what is null in it is not a number (NaN)."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".parquet",)
+    unsafe: ClassVar[tuple[str, ...]] = ("pyarrow.parquet",)
 
     def __init__(self, path: Path):
         from pyarrow import ArrowException, parquet
@@ -29,6 +30,7 @@ class Parquet(Reader):
     def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
         from pyarrow import ArrowException
 
+        check_count(len(names) * self._file.metadata.num_rows)
         try:
             return {name: self._column(name) for name in names}
         except (ArrowException, OSError) as error:

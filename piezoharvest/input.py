@@ -1,0 +1,62 @@
+"""Files that are read: only ordinary ones of bounded size, so that reading ends and fits into memory."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+_KINDS = {
+    stat.S_IFIFO: "a pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFSOCK: "a socket",
+}  # fmt: skip
+
+
+class InputError(ValueError):
+    """A file that cannot be read; says what was found."""
+
+
+def check_readable(path: str | Path, most: int) -> int:
+    """Make sure, before anything is read, that a file is there, an ordinary one, and not too large.
+
+    A pipe or a device may keep its reader waiting, or never end.
+
+    Parameters
+    ----------
+    path : str or Path
+    most : int
+        Bytes that it may have.
+
+    Returns
+    -------
+    int
+        Its size in bytes.
+
+    Raises
+    ------
+    InputError
+        It is not there, not a file, larger, or may not be read.
+    """
+    try:
+        found = os.stat(path)
+        kind = _KINDS.get(stat.S_IFMT(found.st_mode))
+        if kind is not None:
+            raise InputError(f"found {kind}")
+        with open(path, "rb"):
+            pass
+    except OSError as error:
+        raise InputError(f"found no readable file ({error.strerror})") from None
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"found no name of a file ({error})") from None  # "embedded null byte", as Python calls a NUL
+    if found.st_size > most:
+        raise InputError(f"found a file of {in_bytes(found.st_size)}, more than the {in_bytes(most)} allowed")
+    return found.st_size
+
+
+def in_bytes(count: int) -> str:
+    """A number of bytes in words."""
+    for unit, size in (("GiB", 1 << 30), ("MiB", 1 << 20), ("KiB", 1 << 10)):
+        if count >= size:
+            return f"{count / size:.4g} {unit}"
+    return f"{count} bytes"

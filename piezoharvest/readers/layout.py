@@ -1,0 +1,304 @@
+"""How a text file is laid out: where its table of numbers begins, what parts its cells, how the columns are called.
+
+The table is the first run of rows of equal width that are numbers. What stands above it, an instrument's preamble, may
+be anything; the rows right above give the names and units of the columns.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from piezoharvest.readers.base import ReadError, cut
+from piezoharvest.readers.units import unit_of
+
+COMMENT = ("#", "%")
+_MISSING = {"", "n/a", "na", "#n/a", "null", "nan", "-nan", "1.#ind", "-1.#ind", "1.#qnan", "-1.#qnan"}
+_INFINITE = {"inf", "infinity"}
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_CUT_NUMBER = re.compile(r"[+-]?\d*\.?\d*(?:[eE][+-]?\d*)?")  # what may be left of a number at the end of a cut file
+_BLANKS = re.compile(r'"[^"]*"|\S+')
+_FIRM = 3  # rows of numbers that make a table: a preamble may well have one or two, as a scale for each channel
+NEAR = 3  # lines above the table that may hold names and units
+_NO_UNITS = {"", "-", "1", "sequence"}  # in a row of units: oscilloscopes number their samples
+_REMARK = "comment"  # LabVIEW's last column, which rows have only where something was remarked
+ADVICE = "skip_rows (lines to leave out) or header_row (line of the names) says where it begins"
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """What parts the cells of a line (None: blanks), and what marks the decimals."""
+
+    delimiter: str | None
+    decimal: str
+
+    def split(self, line: str) -> list[str]:
+        """Cells of a line, without quotation marks and blanks around them."""
+        line = line.strip() if self.delimiter is None else line.strip("\r\n")
+        if self.delimiter is None:
+            cells = _BLANKS.findall(line)
+        elif '"' in line:
+            try:
+                cells = next(csv.reader([line], delimiter=self.delimiter, skipinitialspace=True), [""])
+            except csv.Error:  # a cell of more than 128 KiB
+                cells = line.split(self.delimiter)
+        else:
+            cells = line.split(self.delimiter)
+        return [cell.strip().strip('"').strip() for cell in cells]
+
+    def number(self, cell: str) -> float | None:
+        """Value of a cell; NaN where it says that there is none, and None where it is no number."""
+        text = cell.replace(self.decimal, ".") if self.decimal != "." else cell
+        if _NUMBER.fullmatch(text) and not (self.decimal != "." and "." in cell):
+            return float(text)
+        word = cell.lower()
+        if word in _MISSING:
+            return float("nan")
+        return float(word) if word.lstrip("+-") in _INFINITE else None
+
+    def is_number(self, cell: str) -> bool:
+        """Whether a cell is a number, or says that there is none."""
+        return self.number(cell) is not None
+
+    def is_cut(self, cells: Sequence[str]) -> bool:
+        """Whether cells may be the beginning of a row of numbers that was cut off."""
+        return all(
+            self.is_number(cell) or _CUT_NUMBER.fullmatch(cell.replace(self.decimal, ".")) is not None for cell in cells
+        )
+
+
+# By precedence: a comma beside semicolons, tabs or blanks is a decimal mark; beside nothing else it parts the cells.
+_DIALECTS = [Dialect(d, m) for d in (";", "\t", ",", None) for m in (".", ",")]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a text file is laid out.
+
+    Attributes
+    ----------
+    dialect : Dialect
+    names : tuple of str
+        Of the columns, "1", "2", ... where the file has none.
+    units : tuple of str
+        What a row of units says of the columns, "" where it says nothing.
+    width : int
+        Cells of a row.
+    numeric : tuple of int
+        Columns that are numbers in all the rows that were looked at.
+    above : int
+        Lines above the table.
+    header : frozenset of str
+        Lines of the preamble that have text: where they come again, the table goes on below them.
+    named : bool
+        Whether the file has the names.
+    remarks : bool
+        Whether a row may end in a remark, for which the header has a place beside the columns.
+    """
+
+    dialect: Dialect
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    width: int
+    numeric: tuple[int, ...]
+    above: int
+    header: frozenset[str]
+    remarks: bool
+    named: bool
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Rows of equal width that are numbers: first and last line, from 0, and the columns that always are."""
+
+    dialect: Dialect
+    first: int
+    last: int
+    width: int
+    numeric: frozenset[int]
+    count: int
+    whole: bool  # up to the end of the lines
+
+
+def find_layout(lines: Sequence[str], skip_rows: int = 0, header_row: int | None = None) -> Layout:
+    """Find the table in the first lines of a file.
+
+    Parameters
+    ----------
+    lines : sequence of str
+    skip_rows : int
+        Lines that are not looked at.
+    header_row : int, optional
+        Line, from 1, that has the names of the columns.
+
+    Raises
+    ------
+    ReadError
+        There is no table.
+    """
+    begin = max(skip_rows, header_row or 0)
+    run = _table(lines, begin)
+    if run is None:
+        seen = next(((n, line) for n, line in enumerate(lines[begin:], begin + 1) if line.strip()), None)
+        what = f"no rows of numbers (line {seen[0]} is {cut(seen[1])!r})" if seen else "no samples"
+        raise ReadError(f"found {what}, allowed is a table of numbers; {ADVICE}")
+    names, units = _names(lines, run, skip_rows, header_row)
+    named = bool(names)
+    names = names or tuple(str(n) for n in range(1, run.width + 1))
+    words = (line for line in lines[: run.first] if not all(map(run.dialect.is_number, run.dialect.split(line))))
+    header = frozenset(line.strip() for line in words)
+    remarks = any(
+        _bare(line).split(run.dialect.delimiter)[-1].strip().lower() == _REMARK
+        for line in lines[max(run.first - NEAR, 0) : run.first]
+        if line.strip()
+    )
+    return Layout(run.dialect, names, units, run.width, tuple(sorted(run.numeric)), run.first, header, remarks, named)
+
+
+def _table(lines: Sequence[str], begin: int) -> _Run | None:
+    """The table: of all dialects that with the most rows. Columns of text, such as dates, are only looked for then."""
+    found = [_first_run(lines, begin, dialect, True) for dialect in _DIALECTS]
+    if not any(found):
+        found = [_first_run(lines, begin, dialect, False) for dialect in _DIALECTS]
+        found += [_first_run(lines, begin, dialect, True, 1) for dialect in _DIALECTS if dialect.delimiter is None]
+    return max((run for run in found if run), key=lambda run: run.count, default=None)  # the first of equals
+
+
+def _first_run(lines: Sequence[str], begin: int, dialect: Dialect, strict: bool, least_width: int = 2) -> _Run | None:
+    """The first run of several rows, or else the longest; of rows with text in them always the longest."""
+    longest: _Run | None = None
+    for run in _runs(lines, begin, dialect, strict, least_width):
+        if longest is None or run.count > longest.count:
+            longest = run
+        if strict and run.count >= _FIRM:
+            break
+    if longest is None or (longest.count < 2 and not longest.whole):
+        return None
+    return _upward(longest, lines, begin) if strict else longest
+
+
+def _runs(lines: Sequence[str], begin: int, dialect: Dialect, strict: bool, least_width: int) -> Iterator[_Run]:
+    """All runs of rows of equal width; blank lines and comments neither belong to one nor end it."""
+    run: _Run | None = None
+    for n in range(begin, len(lines)):
+        if not lines[n].strip() or lines[n].lstrip().startswith(COMMENT):
+            continue
+        cells = dialect.split(lines[n]) if (dialect.delimiter or "") in lines[n] else []
+        numeric = _numbers(dialect, cells, strict) if len(cells) >= least_width else frozenset[int]()
+        if run is not None and len(cells) == run.width and _fitting(run.numeric & numeric, cells, strict):
+            run = replace(run, last=n, numeric=run.numeric & numeric, count=run.count + 1)
+            continue
+        if run is not None:
+            yield run
+        run = _Run(dialect, n, n, len(cells), numeric, 1, False) if numeric else None
+    if run is not None:
+        yield replace(run, whole=True)
+
+
+def _numbers(dialect: Dialect, cells: Sequence[str], strict: bool) -> frozenset[int]:
+    """Columns of a row that are numbers; none where too few are: all that are not empty, or else half of them."""
+    filled = [n for n, cell in enumerate(cells) if cell]
+    found = frozenset(n for n in filled if dialect.is_number(cells[n]))
+    enough = len(found) == len(filled) if strict else 2 * len(found) >= len(filled)
+    real = any(_NUMBER.fullmatch(cells[n].replace(dialect.decimal, ".")) for n in found)
+    return found if enough and real else frozenset()
+
+
+def _fitting(common: frozenset[int], cells: Sequence[str], strict: bool) -> bool:
+    """Whether a row has numbers where those above it have them."""
+    return bool(common) and (strict or 2 * len(common) >= sum(1 for cell in cells if cell))
+
+
+def _upward(run: _Run, lines: Sequence[str], begin: int) -> _Run:
+    """The run with the rows above it whose numbers stand in the same columns, though there is text in others or behind.
+
+    Some oscilloscopes write their settings into columns beside the first samples, LabVIEW a remark behind the first.
+    """
+    first = run.first
+    while first > begin:
+        cells = run.dialect.split(lines[first - 1])
+        if len(cells) < run.width or any(run.dialect.is_number(cell) for cell in cells[run.width :] if cell):
+            break
+        if not all(cells[n] and run.dialect.is_number(cells[n]) for n in run.numeric):
+            break
+        first -= 1
+    return replace(run, first=first)
+
+
+def _names(
+    lines: Sequence[str], run: _Run, skip_rows: int, header_row: int | None
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names, if there are any, and units of the columns from the rows above the table."""
+    empty = ("",) * run.width
+    samples = [run.dialect.split(lines[n]) for n in range(run.first, min(run.last + 1, run.first + _FIRM))]
+    if header_row is not None:
+        names = _fitted(lines[header_row - 1], run, samples)
+        if names is None:
+            count = len(run.dialect.split(_bare(lines[header_row - 1])))
+            found = f"found {count} names in {cut(lines[header_row - 1])!r}, allowed are {run.width} as in the table"
+            raise ReadError(f"{found} that begins in line {run.first + 1}", row=header_row)
+        below = [_fitted(line, run, samples) for line in lines[header_row : run.first] if line.strip()]
+        units = next((row for row in below if row is not None and _are_units(row)), None)
+        return names, _units(units) if units else empty
+    near = [n for n in range(run.first - 1, -1, -1) if lines[n].strip()][:NEAR]
+    fitting = [(n, row) for n in near if (row := _fitted(lines[n], run, samples)) is not None]
+    if not fitting:
+        _refuse_header(lines, run, [n for n in near if n >= skip_rows])
+        return (), empty
+    (line, row), *others = fitting
+    if others and _are_units(row):
+        return others[0][1], _units(row)
+    remark = lines[line].lstrip().startswith(COMMENT)
+    if others and remark and not lines[others[0][0]].lstrip().startswith(COMMENT):
+        row = others[0][1]
+    return row, empty
+
+
+def _refuse_header(lines: Sequence[str], run: _Run, near: Sequence[int]) -> None:
+    """Raise an error where the line right above the table has cells, but not as many: they may be names of others."""
+    if not near or near[0] != run.first - 1 or lines[near[0]].lstrip().startswith(COMMENT):
+        return
+    cells = run.dialect.split(lines[near[0]])
+    if len(cells) == 1 and run.width == 2:
+        single = _first_run(lines, run.first, _DIALECTS[-1], True, 1)
+        if run.dialect == Dialect(",", ".") and single is not None and single.count >= run.count:
+            found = f"found numbers such as {cut(lines[run.first])!r}, two columns or one with a decimal comma"
+            raise ReadError(f"{found}, allowed is a header with one name for each column; {ADVICE}", row=run.first + 1)
+    if len(cells) > 1 and run.dialect.delimiter is not None:
+        seen = f"as in the header, line {near[0] + 1}: {cut(lines[near[0]])!r}"
+        raise ReadError(f"found {run.width} columns, allowed are {len(cells)} {seen}; {ADVICE}", row=run.first + 1)
+
+
+def _bare(line: str) -> str:
+    """A line without the mark of a comment."""
+    return line.strip("\r\n").lstrip().lstrip("#% ") if line.lstrip().startswith(COMMENT) else line.strip("\r\n")
+
+
+def _fitted(line: str, run: _Run, samples: Sequence[Sequence[str]]) -> tuple[str, ...] | None:
+    """Cells of a line as names of the columns of a table; None where they are not as many, or numbers."""
+    cells = [_bare(line).strip().strip('"')] if run.width == 1 else run.dialect.split(_bare(line))
+    while len(cells) > run.width and (not cells[-1] or cells[-1].lower() == _REMARK):
+        cells.pop()
+    surplus = run.width - len(cells)
+    if surplus > 0 and not any(any(row[len(cells) :]) for row in samples):  # a delimiter ends every row of numbers
+        cells += [""] * surplus
+    words = any(cell and not run.dialect.is_number(cell) for cell in cells)
+    return tuple(cells) if len(cells) == run.width and words else None
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    """Whether a row is one of units."""
+    inner = [cell.strip("()[]<>").strip() for cell in cells]
+    bracketed = [cell[:1] in ("(", "[", "<") and cell[-1:] in (")", "]", ">") for cell in cells]
+    known = [unit_of(text) is not None for text in inner]
+    rest = (
+        b or k or text.lower() in _NO_UNITS or _NUMBER.fullmatch(text)
+        for text, b, k in zip(inner, bracketed, known, strict=True)
+    )  # fmt: skip
+    return (any(known) or any(bracketed)) and all(rest)
+
+
+def _units(cells: Sequence[str]) -> tuple[str, ...]:
+    return tuple(text if unit_of(text := cell.strip("()[]<>").strip()) else "" for cell in cells)

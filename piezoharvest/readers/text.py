@@ -1,0 +1,170 @@
+"""Tables of numbers in text: CSV with comma, semicolon or tab, decimal point or comma; columns apart by blanks."""
+
+from __future__ import annotations
+
+import codecs
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from piezoharvest.readers.base import MOST_NUMBERS, MissingColumnError, Reader, ReadError, check_count, cut
+from piezoharvest.readers.layout import ADVICE, NEAR, find_layout
+from piezoharvest.readers.table import Table, decoded
+from piezoharvest.readers.units import Unit, stated_unit, unit_of
+
+_BLOCK = 1 << 22  # bytes read at a time
+_HEAD = 1 << 18  # bytes, and lines, that tell how the file is laid out
+_HEAD_LINES = 1000
+
+
+class Text(Reader):
+    """Text file with a table of numbers, whose columns have the names above it, or else "1", "2", ...
+
+    Parameters
+    ----------
+    path : Path
+    skip_rows : int
+        Lines at the beginning that are not looked at.
+    header_row : int, optional
+        Line, from 1, that has the names; the table is the first one below it.
+    """
+
+    suffixes: ClassVar[tuple[str, ...]] = (".csv", ".txt", ".dat", ".tsv")
+    by_lines = True
+    most_bytes = 32 * MOST_NUMBERS  # a number with 17 digits has up to 25 characters
+
+    def __init__(self, path: Path, skip_rows: int = 0, header_row: int | None = None):
+        super().__init__(path)
+        self._encoding = _encoding(path)
+        begin = max(skip_rows, header_row or 0)
+        head = _head(_blocks(path, self._encoding), begin)
+        if len(head) < begin:
+            key = "skip_rows" if begin == skip_rows else "header_row"
+            raise ReadError(f"found {len(head)} lines, allowed is {key} up to that")
+        self.layout = find_layout(head, skip_rows, header_row)
+        self.names = self.layout.names
+        self._positions = {self._key(n): n for n in range(self.layout.width)}
+        self.first_row = self.layout.above + 1
+
+    def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        table = self._table(names, self.first_row)
+        if not table.count:
+            raise ReadError(f"found no samples, allowed is a table of numbers; {ADVICE}")
+        self.numbering, self.left_out = table.numbering(), table.left_out
+        return table.finish()
+
+    def read_rows(self, names: Sequence[str], rows: tuple[int, int]) -> dict[str, np.ndarray]:
+        first, last = rows
+        if first >= self.first_row:
+            table = self._table(names, first, last)
+            if table.last_row == last or (table.count and table.seen >= last and not table.below):
+                self.numbering = table.numbering()
+                return table.finish()
+        end = self._table(names[:1], self.first_row).last_row
+        raise ReadError(f"found {list(rows)}, allowed is from {self.first_row} to {end}", "rows")
+
+    def unit(self, name: str) -> Unit | None:
+        of_row = self.layout.units[self._positions[name]]
+        return unit_of(of_row) if of_row else stated_unit(name)[1]
+
+    def resolve(self, column: str | int) -> str:
+        try:
+            found = super().resolve(column)
+            return self._key(column - 1) if isinstance(column, int) else found
+        except MissingColumnError as error:
+            if self.layout.above < 2 and self.layout.named:
+                raise
+            where = f" in the table that begins in line {self.first_row}; {ADVICE}"
+            raise MissingColumnError(error.message + where, error.column) from None
+
+    def _table(self, names: Sequence[str], first: int, last: int | None = None) -> Table:
+        """Columns of some rows, read block by block: never much more in memory than they take."""
+        table = Table(self.layout, {name: self._positions[name] for name in names})
+        row = 1
+        for block in _blocks(self.path, self._encoding):
+            lines = block.count(b"\n")
+            if row + lines > first:
+                table.add(_lines_of(block, first - row, None if last is None else last + 1 - row), max(row, first))
+            row += lines
+            check_count(table.count * len(names))
+            if table.ended or (last is not None and row > last):
+                break
+        return table
+
+    def _key(self, position: int) -> str:
+        """What tells a column from all others: its name, or its number where there are several of that name."""
+        name = self.names[position]
+        return name if self.names.count(name) == 1 else f"{name} ({position + 1})".strip()
+
+
+def _encoding(path: Path) -> str | None:
+    """Encoding of a file that has to be decoded: UTF-16, which some instruments write. None for UTF-8 and Latin 1.
+
+    Raises
+    ------
+    ReadError
+        It is no text.
+    """
+    with path.open("rb") as stream:
+        start = stream.read(1 << 12)
+    if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    # Of text in UTF-16, every other byte is 0, but for few letters.
+    pairs = max(len(start) // 2, 1)
+    for encoding, zeros, others in (("utf-16-le", start[1::2], start[::2]), ("utf-16-be", start[::2], start[1::2])):
+        if zeros.count(0) > 0.9 * pairs and others.count(0) == 0:
+            return encoding
+    if 0 in start:
+        row = start[: start.index(0)].count(b"\n") + 1
+        raise ReadError("found binary data, allowed is text in UTF-8, UTF-16 or Latin 1", row=row)
+    return None
+
+
+def _blocks(path: Path, encoding: str | None) -> Iterator[bytes]:
+    """Whole lines of a file, some megabytes at a time, in UTF-8 or as they are, with line ends all the same."""
+    decoder = codecs.getincrementaldecoder(encoding or "latin-1")("replace") if encoding else None
+    rest, first = b"", True
+    with path.open("rb") as stream:
+        while True:
+            data = stream.read(_BLOCK)
+            final = not data
+            if decoder is not None:
+                data = decoder.decode(data, final).encode()
+            if first:
+                data, first = data.removeprefix(codecs.BOM_UTF8), False
+            data = rest + data
+            if b"\r" in data:
+                held = b"\r" if data.endswith(b"\r") and not final else b""  # its line feed may be still to come
+                data = data[: len(data) - len(held)].replace(b"\r\n", b"\n").replace(b"\r", b"\n") + held
+            end = len(data) if final else data.rfind(b"\n") + 1
+            if end:
+                yield data[:end] if data[:end].endswith(b"\n") else data[:end] + b"\n"
+            rest = data[end:]
+            if final:
+                return
+            if len(rest) > 4 * _BLOCK:
+                what = f"found a line of {len(rest) >> 20} MiB and more that begins with {cut(decoded(rest[:200]))!r}"
+                raise ReadError(f"{what}, allowed is a table of numbers")
+
+
+def _head(blocks: Iterator[bytes], begin: int) -> list[str]:
+    """The first lines of a file, as many as tell its layout; of those that are left out all but the last are empty."""
+    head: list[str] = []
+    size = 0
+    for block in blocks:
+        for line in block.split(b"\n")[:-1]:
+            head.append(decoded(line) if len(head) >= begin - NEAR else "")
+            size += len(line) if len(head) > begin else 0
+            if size > _HEAD or len(head) > begin + _HEAD_LINES:
+                return head
+    return head
+
+
+def _lines_of(block: bytes, begin: int, end: int | None) -> bytes:
+    """Lines of a block, by their numbers in it from 0."""
+    lines = block.count(b"\n")
+    if begin <= 0 and (end is None or end >= lines):
+        return block
+    return b"".join(line + b"\n" for line in block.split(b"\n")[:-1][max(begin, 0) : end])

@@ -1,0 +1,78 @@
+"""What a result must obey to be trusted, tried on energies that no engine has made."""
+
+import numpy as np
+import pytest
+
+from piezoharvest import SineForce, System, Transducer
+from piezoharvest.engine.lower import lower
+from piezoharvest.engine.trust import NO_BOUNDS, Bounds, bounds, closure, faults, uncertain
+from piezoharvest.shunts import Resistor
+
+RIGHT = {"mechanical_in": 1.0, "damping": 0.7, "hysteresis": 0.0, "harvested": 0.25, "shunt_loss": 0.05}
+MOST = Bounds(supplied=2.0, rounding=0.0)
+
+
+def wrong(change=0.0, before=10.0, amplitude=1e-4, most=MOST, periodic=True, **energy):
+    """Sentences that hold of these energies."""
+    found = faults({**RIGHT, **energy}, change, before, amplitude, most, periodic)
+    return [sentence for sentence, holds in found.items() if holds]
+
+
+def test_a_result_that_is_right():
+    assert wrong() == []
+
+
+@pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan])
+@pytest.mark.parametrize("name", RIGHT)
+def test_not_finite(name, value):
+    assert "its energies are not finite" in wrong(**{name: value})
+
+
+def test_what_is_unaccounted_for():
+    assert wrong(damping=0.7 + 3e-8) == ["energy does not close"]
+    assert wrong(damping=0.7 + 3e-9) == []
+
+
+def test_a_store_that_fills_is_no_steady_state():
+    assert wrong(change=0.3, damping=0.4) == ["the stored energy changes from period to period"]
+    assert wrong(change=0.3, damping=0.4, periodic=False) == []
+
+
+def test_more_than_the_drive_can_give():
+    """A motion that has blown up closes its account and repeats itself."""
+    grown = {name: 1e12 * value for name, value in RIGHT.items()}
+    assert wrong(**grown, before=1e13) == ["more power comes in than the drive can give, sum F^2/(2 b)"]
+    # A source in the circuit may drive the structure on.
+    assert wrong(mechanical_in=3.0, source=1.0, damping=3.7) == []
+
+
+def test_harvest_within_what_comes_in():
+    said = ["less than nothing is harvested, or more than comes in"]
+    assert wrong(harvested=-0.1, damping=1.05) == said
+    assert wrong(harvested=1.2, damping=-0.25, most=NO_BOUNDS) == []  # an effect gives what is missing
+    assert wrong(harvested=1.5, damping=0.0, shunt_loss=0.0, change=-0.5, before=0.1, periodic=False) == said
+
+
+def test_bound_of_the_drive():
+    device = Transducer(mass=0.01, damping=0.05, stiffness=1000.0, coupling=1e-3, capacitance=4e-8)
+    excitation = SineForce(amplitude=0.3, frequency=50.0)
+    system = System(device, Resistor(resistance=1e5))
+    most = bounds(device, excitation, lower(system, excitation))
+    assert most.supplied == pytest.approx(0.3**2 / (2 * 0.05) / 50.0, rel=1e-12)
+
+
+def test_many_designs_at_once():
+    energy = {name: np.array([value, value]) for name, value in RIGHT.items()}
+    energy["damping"][1] += 1e-3
+    share, _ = closure(energy, np.zeros(2))
+    assert share == pytest.approx([0.0, 1e-3], abs=1e-15)
+    found = faults(energy, np.zeros(2), 0.0, np.full(2, 1e-4), MOST, periodic=True)
+    assert found["energy does not close"].tolist() == [False, True]
+
+
+def test_digits_of_a_small_share_are_said():
+    said = uncertain({**RIGHT, "harvested": 1e-9, "closure": 1e-12}, 1.0)
+    assert said.endswith("confirms no more than 3 of its digits")
+    assert uncertain({**RIGHT, "harvested": 1e-9, "closure": 1e-8}, 1.0).endswith("confirms none of its digits")
+    assert uncertain({**RIGHT, "closure": 1e-12}, 1.0) == ""
+    assert uncertain({**RIGHT, "harvested": 0.0, "closure": 1e-12}, 1.0) == ""

@@ -1,0 +1,102 @@
+"""A recorded force is read as a campaign's records are, from any file that these may have."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from records.instrument_files import FORCE, NAMES, lines, random_layout, rows
+from scipy.io import savemat
+
+from piezoharvest import Record
+from piezoharvest.output import write_table
+from piezoharvest.parameters import ParameterError
+
+
+def record(path, column="force", **keys):
+    return Record(file=str(path), column=column, sample_rate=100.0, **keys)
+
+
+def written(folder, text, encoding="utf-8"):
+    (folder / "force.csv").write_bytes(text.encode(encoding))
+    return folder / "force.csv"
+
+
+def failure(path, *arguments, **keys) -> ParameterError:
+    with pytest.raises(ParameterError) as caught:
+        record(path, *arguments, **keys)
+    assert caught.value.message.startswith("found ")
+    assert "allowed " in caught.value.message
+    assert len(caught.value.message) < 700
+    return caught.value
+
+
+@pytest.mark.parametrize("seed", range(300, 340))
+def test_text_of_instruments(tmp_path, seed):
+    layout = random_layout(seed)
+    # The second column is in newtons wherever the file states a unit.
+    np.testing.assert_array_equal(record(written(tmp_path, layout.text(), layout.encoding), NAMES[1]).values, FORCE)
+
+
+@pytest.mark.parametrize("ending", ["npz", "h5", "parquet", "csv"])
+def test_other_formats(tmp_path, ending):
+    write_table({"force": FORCE}, tmp_path / f"force.{ending}")
+    np.testing.assert_array_equal(record(tmp_path / f"force.{ending}").values, FORCE)
+
+
+def test_a_column_of_a_complex_array(tmp_path):
+    savemat(tmp_path / "force.mat", {"data": np.column_stack([FORCE, 1j * FORCE])})
+    np.testing.assert_array_equal(record(tmp_path / "force.mat", "data[:, 0]").values, FORCE)
+    assert "found complex values" in failure(tmp_path / "force.mat", "data[:, 1]").message
+
+
+def test_by_number(tmp_path):
+    np.testing.assert_array_equal(record(written(tmp_path, lines(rows())), 2).values, FORCE)
+
+
+@pytest.mark.parametrize("column", [0, -1, 1.5, True, ["force"]])
+def test_no_column(tmp_path, column):
+    assert failure(written(tmp_path, lines(rows())), column).key == "column"
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"), [("force (mN)", 1e-3), ("force [kN]", 1e3), ("force_mN", 1e-3), ("force_V", 1)]
+)
+def test_units(tmp_path, name, factor):
+    path = written(tmp_path, lines(f"t,{name},x", rows()))
+    np.testing.assert_allclose(record(path, name).values, factor * FORCE, rtol=1e-15)
+
+
+def test_what_is_no_force(tmp_path):
+    error = failure(written(tmp_path, lines("t,CH1,x", "s,V,m", rows())), "CH1")
+    assert (error.key, "found the unit 'V' in column 'CH1'" in error.message) == ("column", True)
+
+
+def test_rows_that_begin_with_a_comment_are_no_samples(tmp_path):
+    table = rows()
+    text = lines("t,force,x", table[:10], "# the next one is wrong", "#" + table[0], table[10:])
+    np.testing.assert_array_equal(record(written(tmp_path, text)).values, FORCE)
+
+
+def test_two_columns_of_one_name(tmp_path):
+    assert "found 2 columns 'force'" in failure(written(tmp_path, lines("t,force,force", rows()))).message
+
+
+def test_where_the_table_begins(tmp_path):
+    path = written(tmp_path, lines("1,2,3", "4,5,6", "7,8,9", "", "t,force,x", rows()))
+    assert "header_row" in failure(path).message
+    for key in ({"skip_rows": 3}, {"header_row": 5}):
+        np.testing.assert_array_equal(record(path, **key).values, FORCE)
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        (lines("t,force,x", rows()[:5], "0.005,OVERLOAD,1", rows()[6:]), "found 'OVERLOAD', allowed is a number (in "),
+        (lines("t,force,x", rows()[:5], "0.005,,1", rows()[6:]), "row 7, allowed is a finite number"),
+        (lines("t,force,x", rows()[:5]) + "0.005,-1.", "found 2 columns, allowed are 3 as above"),
+        ("x" * 3_000_000 + "\n", "found no rows of numbers (line 1 is 'xxx"),
+    ],
+    ids=["text", "missing", "cut off", "no numbers"],
+)
+def test_what_is_wrong(tmp_path, text, found):
+    assert found in failure(written(tmp_path, text)).message
