@@ -22,8 +22,8 @@ MOST_MODES = 50
 MOST_ELEMENTS = 100
 # The combinations of stops that stick and slip are numbered: 2^50 of them in 9 configurations are below 2^63.
 MOST_STOPS = 50
-# Of the drive in a transient: at the least work that a period takes they are all that a simulation may compute.
-MOST_PERIODS = 1_500_000
+# Of the drive in a transient: those of a resistor, recorded, are about all the work that a simulation may take.
+MOST_PERIODS = 400_000
 # Of the first resonance, in a transient: rounding of the time is then a hundred-thousandth of a period.
 MOST_OSCILLATIONS = 10**11
 

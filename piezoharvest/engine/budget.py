@@ -16,7 +16,7 @@ from piezoharvest.engine import program as pg
 from piezoharvest.engine.compiled import compiled, inlined
 from piezoharvest.engine.tables import LEFT, LOOK
 
-MOST_WORK = 6_000_000_000  # of a simulation: some 6 s, where an ordinary one takes a hundredth of a second
+MOST_WORK = 8_000_000_000  # of a simulation: some 5 to 10 s, where an ordinary one takes a hundredth of a second
 # Between two looks for an interrupt.
 BETWEEN_LOOKS = 100_000_000
 # What a step takes beside its products, looking at guards, locating and carrying out an event; what a product of a
