@@ -87,7 +87,8 @@ def reestimated(problem: Problem, found: Fit) -> Noise:
     white = {name: sigma for name, sigma in found.noise.sigma.items() if name not in errors}
     if set(white) <= set(problem.known):
         return Noise({**white, **errors})
-    return Noise({**estimate(_residual_spectra(problem, found), problem.known, Noise(white)).sigma, **errors})
+    spectra = _residual_spectra(problem, found)
+    return Noise({**estimate(spectra, problem.known, Noise(white), problem.ceilings).sigma, **errors})
 
 
 def _residual_spectra(problem: Problem, found: Fit) -> Iterator[tuple[Sequence[str], str, np.ndarray, np.ndarray]]:
