@@ -12,7 +12,7 @@ from piezoharvest.diagnose.cut_drive import CHANCE, CutDrive, cut_off
 from piezoharvest.diagnose.leftover import Leftover, share_above_noise
 from piezoharvest.diagnose.search import Search, Searcher
 from piezoharvest.diagnose.trials import Step, Trials
-from piezoharvest.diagnose.unseen import overshadowing, plainest, shown_by, spoils, validated, with_fitted
+from piezoharvest.diagnose.unseen import not_followed, overshadowing, plainest, shown_by, spoils, validated, with_fitted
 from piezoharvest.effects import Clipping, Effect
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.fit import covariance
@@ -85,6 +85,8 @@ class Diagnosis:
         Records whose drive was cut off, after which they are left out.
     strayed : tuple of Estimate
         Parameters of the extended model that the data wants far from their nominal values.
+    unpredicted : tuple of str
+        Records that were to be validated with, but that a model with effects cannot follow.
     """
 
     campaign: Campaign
@@ -103,6 +105,7 @@ class Diagnosis:
     also_fitted: tuple[str, ...] = ()
     cut: tuple[str, ...] = ()
     strayed: tuple[Estimate, ...] = ()
+    unpredicted: tuple[str, ...] = ()
 
     @property
     def left(self) -> tuple[Leftover, ...]:
@@ -213,7 +216,7 @@ def _diagnosed(
         max(0.0, (after[0] - after[1]) / after[0]),
         _experiment(search) if verdict == "ambiguous" else None,
         trials.structure(before.found, scattered=not named), search, shown_by(unseen, checks[-1]),
-        strayed=strayed,
+        strayed=strayed, unpredicted=not_followed(campaign, unseen),
     )  # fmt: skip
 
 
@@ -238,7 +241,7 @@ def _chance(trials: Trials, search: Search, named: Sequence[Named]) -> bool:
         return False
     without = search.before_last
     # A model that has no solution without the effect has the next larger one in its place.
-    return len(without.model.transducer.effects) < len(named) and not trials.structure(without)
+    return len(without.model.transducer.effects) - search.given < len(named) and not trials.structure(without)
 
 
 def _astray(estimate: Estimate) -> bool:
@@ -261,7 +264,7 @@ def _needed(campaign: Campaign, before: Identification, trials: Trials, search: 
     """
     if n == len(search.order) - 1:
         return False
-    less = trials.without(Step(search.final), n)
+    less = trials.without(Step(search.final), search.given + n)
     if less is None:
         return True
     unseen, checks = validated(campaign, before, [less.found, search.final])
@@ -277,7 +280,7 @@ def _named(problem: Problem, search: Search, n: int, squares: Sequence[tuple[flo
     std = np.sqrt(np.diag(scatter))
     values: dict[str, tuple[float, float | None, str]] = {}
     for k, parameter in enumerate(final.model.parameters):
-        if parameter.path[:2] == ("effects", n):
+        if parameter.path[:2] == ("effects", search.given + n):
             value = float(np.real(value_at(final.model.transducer, parameter.path)))
             inner = parameter.inner(value) if value else 0.0
             slope = value**2 if parameter.scaling == "reciprocal" else parameter.slope(inner)
