@@ -105,7 +105,7 @@ def sentence(diagnosis: Diagnosis) -> str:
         parts.append(f"What {', '.join(diagnosis.cut)} hold{_s(diagnosis.cut)} {after}")
     if diagnosis.unpredicted:
         parts.append(
-            f"The model with these effects cannot follow {', '.join(diagnosis.unpredicted)}, by which nothing is judged."
+            f"The model with these effects cannot follow {', '.join(diagnosis.unpredicted)}, which had no say then."
         )
     if diagnosis.also_fitted:
         names, they = ", ".join(diagnosis.also_fitted), "it was" if len(diagnosis.also_fitted) == 1 else "they were"

@@ -13,7 +13,19 @@ from scipy.stats import chi2
 
 from piezoharvest.diagnose.candidates import Candidate, effect_line, effect_parameters
 from piezoharvest.diagnose.leftover import Leftover
-from piezoharvest.diagnose.trials import CLOSE, NEEDED, Made, Step, Trials, aim_beside, inflated, key_of, significance
+from piezoharvest.diagnose.trials import (
+    CERTAIN,
+    CLOSE,
+    NEEDED,
+    Made,
+    Step,
+    Trials,
+    aim_beside,
+    errors,
+    inflated,
+    key_of,
+    significance,
+)
 from piezoharvest.effects import Effect
 from piezoharvest.identify.descent import Fit
 from piezoharvest.predict.prediction import PredictionError
@@ -24,6 +36,7 @@ MOST = 3  # effects at once
 PROMISING = 0.15  # of the best score: what a full fit may still turn round
 FITS = 4  # full fits a stage
 STAND_INS = 2  # of these against a model whose strayed parameters are held
+SOME, GOOD = 0.05, 0.5  # of the squares above noise, all and those left: what explains less of both explains nothing
 BRIEF = 6  # iterations after which a full fit waits for the others of its stage
 DOUBTED = 100.0  # of -2 ln L, or of Wald's test: with less an effect may owe its gain to a better minimum
 OUTSTANDING = 0.3  # of the squares that the worst place has above noise: places with more have to be explained
@@ -78,11 +91,11 @@ class Search:
         """Without the last effect."""
         return self.nested[-2] if len(self.nested) > 1 else self.base
 
-    def without_last(self) -> Search:
-        """The same with the last effect taken for chance: nothing is left where it is not."""
+    def without_last(self, left: tuple[Leftover, ...]) -> Search:
+        """The same without the last effect, and what is left then."""
         return replace(
             self, nested=self.nested[:-1], order=self.before_last.model.transducer.effects[self.given :],
-            p_values=self.p_values[:-1], left=(), alternatives=(),
+            p_values=self.p_values[:-1], left=left, alternatives=(),
         )  # fmt: skip
 
 
@@ -139,22 +152,25 @@ class Searcher:
             if more.added and self._passed_by(before.now, more.now):
                 trials.tell("what stands out is as it was: no effect of the library explains it")
                 break
-        now = found.now
+        now, levels = self._determined(found.now, found.levels)
         now = trials.polished(now) if len(now.effects) > self.given else now
         left = trials.structure(now.found)
         close = () if left else self._alternatives(now, found.alternatives)
         return Search(
-            trials.base, self._nested(now), now.found.model.transducer.effects[self.given :], tuple(found.levels),
+            trials.base, self._nested(now), now.found.model.transducer.effects[self.given :], tuple(levels),
             tuple(first), left, close, tuple(trials.made),
         )  # fmt: skip
 
     def _one_more(self, found: _Found) -> _Found | None:
-        """The same with one effect more, or in a better minimum without it; None where no effect is more than chance."""
+        """The same with one effect more, or in a better minimum without it; None where none is more than chance."""
         trials, now = self.trials, found.now
         tried = self._next(now, found.held)
         if not tried:
             return None
         after, *alternatives = tried
+        if not self._matters(now, after):
+            trials.tell(f"{after.effects[-1]} explains little of what is left, and next to nothing of all")
+            return None
         level = self._p_value(now, after, trials.scores(now))
         better = self._led_to(now, after)
         if better is not None:
@@ -177,6 +193,14 @@ class Searcher:
         self.trials.drop(now, last)
         less = self.trials.without(now, last)
         return less if less is not None and less.cost < before.cost - 1.0 else None
+
+    def _matters(self, before: Step, after: Step) -> bool:
+        """Whether a new effect explains some of all that was missing, or a good part of what still is.
+
+        Where much is left that no effect explains, any of them takes a little of it.
+        """
+        gain = before.cost - after.cost
+        return gain > SOME * _above(self.trials.base) or gain > GOOD * _above(before.found)
 
     def _surveyed(self, now: Step) -> tuple[Step, Step | None]:
         """A step, and the model whose strayed parameters are at their nominal values, if any are not.
@@ -300,6 +324,22 @@ class Searcher:
             n = self.given
         return now, levels
 
+    def _determined(self, now: Step, levels: list[float]) -> tuple[Step, list[float]]:
+        """Effects of a search that is at its end, without those whose sizes are all but nothing for their errors.
+
+        Before the others were found these errors were larger: what was missing counts as noise.
+        """
+        n = len(now.effects) - 1
+        while n >= self.given:
+            if errors(self.trials.problem, now.found, n) < CERTAIN:
+                less = self.trials.without(now, n)
+                if less is not None:
+                    self.trials.tell(f"{now.effects[n]} is within {CERTAIN:g} standard errors of nothing")
+                    now, levels = less, self._without(levels, n)
+                    n = len(now.effects)
+            n -= 1
+        return now, levels
+
     def _without(self, levels: list[float], n: int) -> list[float]:
         """Levels without that of the n-th effect."""
         return [level for k, level in enumerate(levels, self.given) if k != n]
@@ -336,6 +376,11 @@ class Searcher:
                 if key not in found or more < found[key][1]:
                     found[key] = (step, more)
         return tuple(sorted(found.values(), key=lambda pair: pair[1]))
+
+
+def _above(found: Fit) -> float:
+    """Squares of the whitened residuals above those that noise has."""
+    return sum(float(sums.squares.sum() - sums.count.sum()) for sums in found.sums)
 
 
 def _indispensable(now: Step, less: Step) -> bool:

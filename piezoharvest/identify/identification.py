@@ -15,7 +15,7 @@ from piezoharvest.identify.fit import covariance, fit
 from piezoharvest.identify.gain import gain_of
 from piezoharvest.identify.histories import held, memories, recalled, remembers
 from piezoharvest.identify.identifiable import assumed, combination, experiment, undetermined
-from piezoharvest.identify.inertia import beyond_samples, hidden, may_be_hidden, without_inertia
+from piezoharvest.identify.inertia import beyond_samples, explains_as_well, hidden, may_be_hidden
 from piezoharvest.identify.model import Model, unexplained_blocks
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem, carried, renamed
@@ -28,10 +28,9 @@ from piezoharvest.predict.prediction import Prediction
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.record import FrequencyRecord, Record
-from piezoharvest.transducer import Transducer
+from piezoharvest.transducer import INERT, Transducer
 
 Tell = Callable[[str], None]
-QUIET = "inertia and damping do not show: the specimen is taken to be quasi-static"
 LONG = 1 << 19  # samples of a record that a fit begins with
 
 
@@ -170,13 +169,13 @@ def identify(
     if offsets is None:
         offsets = sorted({channel for each in data for channel in each.channels})
     problem = Problem(data, campaign.transducer, tuple(offsets))
-    if not campaign.transducer.quasi_static and beyond_samples(problem, campaign.transducer):
-        tell(QUIET)
-        campaign, problem = _quasi_static(campaign, problem)
+    if beyond_samples(problem, campaign.transducer):
+        return _without_inertia(campaign, tell, offsets)
     parameters = parameters_of(campaign.transducer, {r.drive for r in campaign.records if isinstance(r, Record)})
     model = Model(campaign.transducer, tuple(parameters), tuple(offsets))
     first = _first_fit(problem, model, tell) if near is None else _fit_near(problem, model, near, tell)
-    campaign, problem, first = _at_rest(campaign, problem, first, tell)
+    if may_be_hidden(problem, first) and _at_rest(campaign, problem, first):
+        return _without_inertia(campaign, tell, offsets)
     # Near another fit this has been asked of its model, which is less distorted by what the records hold.
     begun = recalled(problem, first) if near is None else None
     if begun is not None:
@@ -197,6 +196,9 @@ def identify(
         tell=tell,
         rounds=1,
     )
+    # Nominal values that nothing in the records confirms are no better than none.
+    if {(name,) for name in INERT} <= {varied[k].path for k in fixed} and _at_rest(campaign, problem, last):
+        return _without_inertia(campaign, tell, offsets)
     estimates = _estimates(campaign, first, fixed, last)
     shown = [*judged(problem.data, last), *_validated(campaign, last, tuple(offsets), tell)]
     return Identification(
@@ -206,22 +208,17 @@ def identify(
     )  # fmt: skip
 
 
-def _at_rest(campaign: Campaign, problem: Problem, first: Fit, tell: Tell) -> tuple[Campaign, Problem, Fit]:
-    """The same, of a quasi-static specimen if that explains the records as well."""
-    if not may_be_hidden(problem, first):
-        return campaign, problem, first
-    quiet, still = _quasi_static(campaign, problem)
-    found = without_inertia(problem, still, first, tell)
-    if found is None:
-        return campaign, problem, first
-    tell(QUIET)
-    return quiet, still, fit(still, found.model, found.own, found.noise, tell=tell, rounds=2)
-
-
-def _quasi_static(campaign: Campaign, problem: Problem) -> tuple[Campaign, Problem]:
-    """Campaign and problem of the same records of a quasi-static specimen."""
+def _at_rest(campaign: Campaign, problem: Problem, found: Fit) -> bool:
+    """Whether a quasi-static specimen explains the records as well as a fit does."""
     quiet = replace(campaign, transducer=hidden(campaign.transducer))
-    return quiet, Problem(prepared(quiet, "fit"), quiet.transducer, problem.offset_channels)
+    still = Problem(prepared(quiet, "fit"), quiet.transducer, problem.offset_channels)
+    return explains_as_well(problem, still, found)
+
+
+def _without_inertia(campaign: Campaign, tell: Tell, offsets: Sequence[str]) -> Identification:
+    """Identification of the quasi-static specimen."""
+    tell("inertia and damping do not show: the specimen is taken to be quasi-static")
+    return identify(replace(campaign, transducer=hidden(campaign.transducer)), tell, offsets)
 
 
 def _first_fit(problem: Problem, model: Model, tell: Tell) -> Fit:

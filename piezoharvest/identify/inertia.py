@@ -6,7 +6,6 @@ which on a logarithmic scale has no end. So it is asked whether the quasi-static
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -36,6 +35,8 @@ def beyond_samples(problem: Problem, transducer: Transducer) -> bool:
 
     Its ringing would show in samples at frequencies where nothing moves, and a fit would use it for what is missing.
     """
+    if transducer.quasi_static:
+        return False
     resonance = transducer.short_circuit_frequency
     return all(
         isinstance(data, Data)
@@ -52,18 +53,16 @@ def may_be_hidden(problem: Problem, found: Fit) -> bool:
     By how much is told by their covariance, along their values, not their logarithms.
     """
     places = [k for k, parameter in enumerate(found.model.parameters) if parameter.path[-1] in INERT]
-    moved = {data.drive for data in problem.data if isinstance(data, Data)}
-    if not places or "base_acceleration" in moved:
-        return False  # the mass is felt in the gain
-    if beyond_samples(problem, found.model.transducer):
-        return True
+    if not places:
+        return False
     covariance = inverse(found.information + found.prior)[np.ix_(places, places)]
     away = np.ones(len(places))
-    return float(away @ np.linalg.solve(covariance, away)) < WANTED or _mean_square(found) > POOR
+    hardly = float(away @ np.linalg.solve(covariance, away)) < WANTED
+    return hardly or mean_square(found) > POOR or beyond_samples(problem, found.model.transducer)
 
 
-def without_inertia(problem: Problem, quasi_static: Problem, found: Fit, tell: Callable[[str], None]) -> Fit | None:
-    """Fit of the quasi-static specimen, if mass and damping are not seen to do more.
+def explains_as_well(problem: Problem, quasi_static: Problem, found: Fit) -> bool:
+    """Whether the quasi-static specimen leaves no more than a fit does, or what that makes of the masses is no motion.
 
     Parameters
     ----------
@@ -71,20 +70,19 @@ def without_inertia(problem: Problem, quasi_static: Problem, found: Fit, tell: C
     quasi_static : Problem
         The same records, as such a specimen has them.
     found : Fit
-        With mass and damping, whose noise is kept.
-    tell : callable
-        Told about progress.
+        With masses and dampings; its noise is kept.
     """
+    if any(data.drive == "base_acceleration" for data in problem.data if isinstance(data, Data)):
+        return False  # the mass shows in the gain
     kept = tuple(parameter for parameter in found.model.parameters if parameter.path[-1] not in INERT)
     model = Model(hidden(found.model.transducer), kept, found.model.offset_channels, found.model.relaxed)
     own = renamed(problem, found.own, quasi_static, model)
     try:
-        other = fit(quasi_static, model, own, found.noise, estimate_noise=False, tell=tell)
+        other = fit(quasi_static, model, own, found.noise, estimate_noise=False)
     except (PredictionError, np.linalg.LinAlgError):
-        return None
-    wanted = WANTED * max(1.0, _mean_square(found))  # in units of what is left, if that is more than noise
-    seen = _squares(other) > _squares(found) + wanted and not beyond_samples(problem, found.model.transducer)
-    return None if seen else other
+        return False
+    wanted = WANTED * max(1.0, mean_square(found))  # in units of what is left, if that is more than noise
+    return _squares(other) < _squares(found) + wanted or beyond_samples(problem, found.model.transducer)
 
 
 def _squares(found: Fit) -> float:
@@ -92,5 +90,6 @@ def _squares(found: Fit) -> float:
     return sum(float(sums.squares.sum()) for sums in found.sums)
 
 
-def _mean_square(found: Fit) -> float:
+def mean_square(found: Fit) -> float:
+    """Mean square of the whitened residuals."""
     return _squares(found) / max(sum(float(sums.count.sum()) for sums in found.sums), 1.0)

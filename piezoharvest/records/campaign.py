@@ -66,6 +66,11 @@ class Campaign:
         """Findings of all records that are errors."""
         return tuple(finding for some in self.findings for finding in some if finding.severity == "error")
 
+    @property
+    def drives_base(self) -> bool:
+        """Whether a base acceleration is imposed in some record, which only a mass turns into a force."""
+        return any(isinstance(record, Record) and record.drive == "base_acceleration" for record in self.records)
+
     def of_role(self, role: str) -> tuple[Record | FrequencyRecord, ...]:
         """Records with a role, "fit" or "validate"."""
         return tuple(record for record in self.records if record.role == role)
@@ -151,10 +156,11 @@ def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
     # A channel may be missing in some records; one that [channels] names and none has may be misspelt.
     measured = {channel for record in records if isinstance(record, Record) for channel in record.signals}
     absent = [[finding for finding in some if finding.channel not in measured] for _, some in read]
-    if "mass" in unknown and any(getattr(record, "drive", "") == "base_acceleration" for record in records):
-        raise ParameterError("transducer.mass", "found no value, allowed under a base acceleration is a number")
     found = (tuple((*some, *_checked(record, transducer))) for record, some in zip(records, absent, strict=True))
-    return Campaign(title, path, transducer, records, tuple(found), unknown)
+    campaign = Campaign(title, path, transducer, records, tuple(found), unknown)
+    if "mass" in unknown and campaign.drives_base:
+        raise ParameterError("transducer.mass", "found no value, allowed under a base acceleration is a number")
+    return campaign
 
 
 def _nominal(table: Any) -> tuple[Transducer, tuple[str, ...]]:
