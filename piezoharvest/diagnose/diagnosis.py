@@ -10,7 +10,7 @@ import numpy as np
 from piezoharvest.diagnose.candidates import effect_line
 from piezoharvest.diagnose.cut_drive import CHANCE, CutDrive, cut_off
 from piezoharvest.diagnose.leftover import Leftover, share_above_noise
-from piezoharvest.diagnose.search import GOOD, SOME, Search, Searcher
+from piezoharvest.diagnose.search import GOOD, SOME, Search, Searcher, above_noise
 from piezoharvest.diagnose.trials import Step, Trials, amplitude_of
 from piezoharvest.diagnose.unseen import not_followed, overshadowing, plainest, shown_by, spoils, validated, with_fitted
 from piezoharvest.diagnose.zero import voltage_is_off
@@ -29,6 +29,9 @@ from piezoharvest.records.campaign import Campaign
 OFFSETS = ("displacement",)  # whose origin is where the sensor was put
 ASTRAY = 5.0  # times or parts of its nominal value: what a parameter has there is not its own
 CERTAINLY = 3.0  # standard deviations of what noise leaves, above which it is not noise alone
+# Of the squares above noise that the model without effects leaves: three hundredths of the size of what was missing are
+# within what the drive may have done between its samples and below its noise.
+FAINT = 1e-3
 LITTLE = 9.0  # of the sum of squares: less above the noise is not shared out, it may be chance
 
 
@@ -214,9 +217,9 @@ def _diagnosed(
     unseen, checks = validated(campaign, before, [before.found, *search.nested])
     squares = [share_above_noise(unseen, each) for each in checks]
     named = _all_named(campaign, before, trials, search, squares)
-    while _chance(trials, search, named) or _idle(search, squares):
-        tell(f"{search.order[-1].name} is left out: it does nothing for records that were not fitted")
-        search = search.without_last(trials.structure(search.before_last))
+    while _chance(trials, search, named) or _idle(search, named, squares):
+        tell(f"{search.order[-1].name} was chance: it does nothing for records that were not fitted, or for any")
+        search = search.without_last(trials.left(search.before_last))
         checks, squares = checks[:-1], squares[:-1]
         named = _all_named(campaign, before, trials, search, squares)
     alternatives = tuple(step.effects for step, _ in search.alternatives)
@@ -253,22 +256,22 @@ def _all_named(
 
 
 def _chance(trials: Trials, search: Search, named: Sequence[Named]) -> bool:
-    """Whether unseen records are worse with the last effect, and nothing is left without it."""
-    if not named or not named[-1].spoils:
-        return False
+    """Whether nothing is left without the last effect, and it is faint, or unseen records are worse with it."""
     without = search.before_last
+    if not named or not (named[-1].spoils or without.cost - search.final.cost < FAINT * above_noise(search.base)):
+        return False
     # A model that has no solution without the effect has the next larger one in its place.
-    return len(without.model.transducer.effects) - search.given < len(named) and not trials.structure(without)
+    return len(without.model.transducer.effects) - search.given < len(named) and not trials.left(without)
 
 
-def _idle(search: Search, squares: Sequence[tuple[float, float]]) -> bool:
+def _idle(search: Search, named: Sequence[Named], squares: Sequence[tuple[float, float]]) -> bool:
     """Whether the last effect explains next to nothing of what records that were not fitted plainly miss.
 
     Where much is missing that no effect explains, any of them takes a little of it off the records it is fitted to.
     """
     with_it, without = (len(found.model.transducer.effects) for found in (search.final, search.before_last))
-    if not search.order or without == with_it:
-        return False  # there is no solution without it
+    if not named or named[-1].spoils or without == with_it:
+        return False  # it is told what it spoils; or there is no solution without it
     (first, count), (before, _), (after, _) = squares[0], squares[-2], squares[-1]
     scatter = CERTAINLY * np.sqrt(2.0 * count)
     return before - after < min(SOME * (first - count - scatter), GOOD * (before - count - scatter))

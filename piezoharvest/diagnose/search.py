@@ -40,6 +40,7 @@ SOME, GOOD = 0.05, 0.5  # of the squares above noise, all and those left: what e
 BRIEF = 6  # iterations after which a full fit waits for the others of its stage
 DOUBTED = 100.0  # of -2 ln L, or of Wald's test: with less an effect may owe its gain to a better minimum
 OUTSTANDING = 0.3  # of the squares that the worst place has above noise: places with more have to be explained
+UNEXPLAINED = "what stands out is as it was: no effect of the library explains it"
 KEPT = 0.5  # of its squares above noise: a place that keeps more is not explained
 
 
@@ -133,7 +134,11 @@ class Searcher:
 
     def __init__(self, trials: Trials):
         self.trials = trials
-        self.given = len(trials.base.model.transducer.effects)  # that the campaign names: these are no finding
+
+    @property
+    def given(self) -> int:
+        """Effects that the campaign names: these are no finding."""
+        return len(self.trials.base.model.transducer.effects)
 
     def run(self) -> Search:
         """Find the effects that a model without any misses."""
@@ -150,11 +155,11 @@ class Searcher:
                 break
             before, found = found, more
             if more.added and self._passed_by(before.now, more.now):
-                trials.tell("what stands out is as it was: no effect of the library explains it")
+                trials.tell(UNEXPLAINED)
                 break
         now, levels = self._determined(found.now, found.levels)
         now = trials.polished(now) if len(now.effects) > self.given else now
-        left = trials.structure(now.found)
+        left = trials.left(now.found)
         close = () if left else self._alternatives(now, found.alternatives)
         return Search(
             trials.base, self._nested(now), now.found.model.transducer.effects[self.given :], tuple(levels),
@@ -169,7 +174,7 @@ class Searcher:
             return None
         after, *alternatives = tried
         if not self._matters(now, after):
-            trials.tell(f"{after.effects[-1]} explains little of what is left, and next to nothing of all")
+            trials.tell(UNEXPLAINED)
             return None
         level = self._p_value(now, after, trials.scores(now))
         better = self._led_to(now, after)
@@ -200,7 +205,7 @@ class Searcher:
         Where much is left that no effect explains, any of them takes a little of it.
         """
         gain = before.cost - after.cost
-        return gain > SOME * _above(self.trials.base) or gain > GOOD * _above(before.found)
+        return gain > SOME * above_noise(self.trials.base) or gain > GOOD * above_noise(before.found)
 
     def _surveyed(self, now: Step) -> tuple[Step, Step | None]:
         """A step, and the model whose strayed parameters are at their nominal values, if any are not.
@@ -378,7 +383,7 @@ class Searcher:
         return tuple(sorted(found.values(), key=lambda pair: pair[1]))
 
 
-def _above(found: Fit) -> float:
+def above_noise(found: Fit) -> float:
     """Squares of the whitened residuals above those that noise has."""
     return sum(float(sums.squares.sum() - sums.count.sum()) for sums in found.sums)
 

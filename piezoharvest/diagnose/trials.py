@@ -104,6 +104,7 @@ class Trials:
         self.problem, self.base, self.library, self.tell = problem, base, library, tell
         self.made: list[Made] = []
         self._scored: dict[int, tuple[Step, list[Candidate]]] = {}
+        self._own_noise: dict[int, tuple[Fit, Fit]] = {}
         self._known: dict[tuple[str, ...], Step] = {}
         self._structure: dict[tuple[int, bool], tuple[Fit, tuple[Leftover, ...]]] = {}
 
@@ -120,6 +121,22 @@ class Trials:
         if key not in self._structure:
             self._structure[key] = found, structure(self.problem, found, scattered=scattered)
         return self._structure[key][1]
+
+    def left(self, found: Fit) -> tuple[Leftover, ...]:
+        """Where a fit with effects leaves structure, whitened by itself and with its own noise.
+
+        The model without effects may pass on the noise of a drive in another way, by which it would not be white.
+        """
+        plain = self.structure(found)
+        if not plain or len(found.model.transducer.effects) == len(self.base.model.transducer.effects):
+            return plain
+        if id(found) not in self._own_noise:
+            try:
+                own = fit(self.problem, found.model, found.own, found.noise, rounds=2)
+            except (PredictionError, np.linalg.LinAlgError):
+                own = found
+            self._own_noise[id(found)] = found, own
+        return self.structure(self._own_noise[id(found)][1])
 
     def extended(
         self, now: Step, effect: Effect, aim: float, varied: Sequence[Parameter] | None = None, most: int = ITERATIONS

@@ -88,7 +88,7 @@ def reestimated(problem: Problem, found: Fit) -> Noise:
     if set(white) <= set(problem.known):
         return Noise({**white, **errors})
     spectra = _residual_spectra(problem, found)
-    return Noise({**estimate(spectra, problem.known, Noise(white), problem.ceilings).sigma, **errors})
+    return Noise({**estimate(spectra, problem.known, Noise(white), problem.limits).sigma, **errors})
 
 
 def _residual_spectra(problem: Problem, found: Fit) -> Iterator[tuple[Sequence[str], str, np.ndarray, np.ndarray]]:

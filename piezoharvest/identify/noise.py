@@ -71,7 +71,7 @@ def estimate(
     spectra: Iterable[tuple[Sequence[str], str, np.ndarray, np.ndarray]],
     known: Mapping[str, float],
     start: Noise,
-    most: Mapping[str, float] = MappingProxyType({}),
+    limits: Mapping[str, tuple[float, float]] = MappingProxyType({}),
 ) -> Noise:
     """Standard deviations from residuals.
 
@@ -84,18 +84,18 @@ def estimate(
         What is known and kept.
     start : Noise
         Weights, and what is kept where the residuals do not tell.
-    most : mapping of str to float
-        For each name the largest that is possible.
+    limits : mapping of str to (float, float)
+        For each name the smallest and the largest that is possible.
     """
     names = list(start.sigma)
-    limits = np.array([(most.get(name, np.inf) / start.sigma[name]) ** 2 for name in names])
+    bounds = np.array([np.square(limits.get(name, (0.0, np.inf))) / start.sigma[name] ** 2 for name in names]).T
     parts = [part for one in spectra for part in _parts(names, start, *one)]
     shares = np.array([(known.get(name, start.sigma[name]) / start.sigma[name]) ** 2 for name in names])
     free = np.array([k for k, name in enumerate(names) if name not in known and any(p.told[k] for p in parts)], int)
     for _ in range(SCORINGS if len(free) else 0):
         before = shares.copy()
         information, score = (np.sum(t, axis=0) for t in zip(*(_scoring(p, shares) for p in parts), strict=True))
-        shares = _most_likely(information, score, shares, free, limits)
+        shares = _most_likely(information, score, shares, free, bounds)
         if np.abs(shares - before).max() < SETTLED * shares.max():
             break
     return Noise({name: float(np.sqrt(share)) * start.sigma[name] for name, share in zip(names, shares, strict=True)})
@@ -104,17 +104,17 @@ def estimate(
 def _most_likely(
     information: np.ndarray, score: np.ndarray, shares: np.ndarray, free: np.ndarray, limits: np.ndarray
 ) -> np.ndarray:
-    """Shares of which the free ones are the most likely; what would be above its limit stays there for the others."""
-    found = shares.copy()
+    """Shares of which the free ones are the most likely; what would leave its limits stays there for the others."""
+    found, (lowest, highest) = shares.copy(), limits
     while len(free):
         fixed = np.delete(np.arange(len(shares)), free)
         right = score[free] - information[np.ix_(free, fixed)] @ found[fixed]
         found[free] = np.maximum(_nonnegative(information[np.ix_(free, free)], right), LEAST**2)
-        above = found > limits
-        if not above[free].any():
+        outside = (found < lowest) | (found > highest)
+        if not outside[free].any():
             break
-        found[above] = limits[above]
-        free = free[~above[free]]
+        found[free] = np.clip(found, lowest, highest)[free]
+        free = free[~outside[free]]
     return found
 
 

@@ -17,6 +17,7 @@ from piezoharvest.transducer import Transducer
 
 PRIOR = 1.0  # standard deviation of the logarithm of a parameter about its nominal value, where nothing else is known
 WEAK = 10.0  # the same for a linear one, in units of its own size
+CHANCE = 3.0  # standard errors, by which a noise may be less than the lines of records show
 FAINTEST = 1e-6  # of its range, that the noise of a channel is taken to have at least
 # Standard deviations of numbers of a record that may not show in it: the logarithm of how long a jump takes, which
 # shows in what overshoots or not at all, and where stops are at its beginning, as share of their thresholds.
@@ -69,15 +70,34 @@ class Problem:
         return {**shown, **{channel: sigma for data in self.data for channel, sigma in data.sigma.items()}}
 
     @cached_property
-    def ceilings(self) -> dict[str, float]:
-        """Largest standard deviations that the noise of the channels can have, as the records show it."""
-        found: dict[str, float] = {}
+    def limits(self) -> dict[str, tuple[float, float]]:
+        """Between which standard deviations the noise of the channels is, as the records themselves show it."""
+        found: dict[str, tuple[float, float]] = {}
         for data in self.data:
             if isinstance(data, FrequencyData):
                 continue
             for channel in (*data.channels, data.drive):
                 floor = FAINTEST * float(np.ptp(data.record[channel])) + 1e-300
-                found[channel] = max(found.get(channel, 0.0), floor, ceiling(data.record[channel]))
+                highest = max(found.get(channel, (0.0, 0.0))[1], floor, ceiling(data.record[channel]))
+                found[channel] = self._floors.get(channel, 0.0), highest
+        return found
+
+    @cached_property
+    def _floors(self) -> dict[str, float]:
+        """Smallest standard deviations of the noise of responses: less than all records show would be by chance."""
+        shown: dict[str, list[tuple[float, int] | None]] = {}
+        for data in self.data:
+            if isinstance(data, FrequencyData):
+                continue
+            for channel in data.channels:
+                shown.setdefault(channel, []).append(noise_floor(data.record[channel]))
+        found = {}
+        for channel, each in shown.items():
+            seen = [floor for floor in each if floor is not None]
+            if len(seen) == len(each):
+                total = sum(count for _, count in seen)
+                mean = float(np.sqrt(sum(sigma**2 * count for sigma, count in seen) / total))
+                found[channel] = mean * (1.0 - CHANCE / np.sqrt(2.0 * total))
         return found
 
     def start(self, model: Model) -> tuple[np.ndarray, ...]:
