@@ -180,8 +180,6 @@ def _whole(campaign: Campaign, tell: Callable[[str], None], library: Sequence[ty
         tell("the zero of the voltage is off: its mean is larger on a smaller resistor, which no current makes it")
         offsets = (*OFFSETS, "voltage")
     before = identify(campaign, offsets=offsets)
-    if before.campaign.transducer.quasi_static and not campaign.transducer.quasi_static:
-        tell("inertia and damping do not show: the specimen is taken to be quasi-static")
     found = _extended(before, tell, library)
     if found.search.final.converged or before.campaign.transducer.quasi_static or before.campaign.drives_base:
         return found

@@ -25,6 +25,7 @@ BEYOND = (0.0, 2.0, 4.0)  # standard deviations below the largest reading, where
 HELD = 2.0  # up to these where readings are held there;
 PASSED = 50.0  # squares above noise that have to go if there is one
 SLOWEST = 3.0  # records: within one, so slow a relaxation is off a straight line by less than a sixth of its way
+SPIKES = 2e-3  # of the samples, that something else than the signal may have taken beyond the end of a range
 REACHED = 6.0  # standard deviations: no noise takes a reading so far beyond the end of a range
 
 
@@ -148,8 +149,8 @@ def displacement_of(records: Sequence[Data], transducer: Transducer) -> float:
 
 def _ends(records: Sequence[Data], sigma: float, channel: str) -> tuple[float, float]:
     """Between which values the range of a channel may end."""
-    largest = max(float(np.abs(each.record[channel]).max()) for each in records if channel in each.channels)
-    return largest - REACHED * sigma, largest + REACHED * sigma
+    sizes = np.sort(np.abs(np.concatenate([each.record[channel] for each in records if channel in each.channels])))
+    return float(sizes[-1 - int(SPIKES * len(sizes))]) - REACHED * sigma, float(sizes[-1]) + REACHED * sigma
 
 
 def _harmonics(records: Sequence[Data]) -> dict[str, tuple[tuple[float, float], ...]]:
