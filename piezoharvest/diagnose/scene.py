@@ -14,6 +14,7 @@ from piezoharvest.identify.data import Data, pinned
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.evaluation import at_once
 from piezoharvest.identify.model import Model, noise_passed, residual_blocks
+from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.shunts.resistor import Resistor
 from piezoharvest.transducer import Transducer
@@ -42,6 +43,8 @@ class Scene:
         Whether a force that is imposed ever pulls.
     displacement : float
         Half of its peak-to-peak; where it is not measured, that of a spring under the drive.
+    jitter : float
+        What the noise of the drive would be of it.
     capacitance : float
     sample_time : float
     times : tuple of float
@@ -73,6 +76,7 @@ class Scene:
     peaks: Mapping[str, tuple[float, ...]]
     mains: Mapping[str, tuple[float, ...]]
     longest: float = float("inf")
+    jitter: float = 0.0
     ends: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     harmonics: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
 
@@ -117,6 +121,7 @@ def scene_of(data: Sequence[Data | FrequencyData], found: Fit) -> Scene:
         loaded="current" in channels or drives != {"voltage"},
         pulled=any(each.drive == "force" and _pulled(each.record["force"]) for each in records),
         displacement=displacement_of(records, found.model.transducer),
+        jitter=jitter_of(records, found.model.transducer, found.noise),
         capacitance=found.model.transducer.capacitance,
         sample_time=step,
         times=tuple(np.geomspace(*_span(data), TIMES).tolist()),
@@ -133,18 +138,29 @@ def scene_of(data: Sequence[Data | FrequencyData], found: Fit) -> Scene:
 
 def displacement_of(records: Sequence[Data], transducer: Transducer) -> float:
     """Half of the largest peak-to-peak displacement, measured or that of a spring under the drive."""
-    gains = {
-        "force": 1.0 / transducer.stiffness,
-        "voltage": abs(transducer.coupling) / transducer.stiffness,
-        "base_acceleration": transducer.all_modes[0].base_mass / transducer.stiffness,
-    }
     moved = [
         float(np.ptp(each.record["displacement"]))
         if "displacement" in each.record.signals
-        else gains[each.drive] * float(np.ptp(each.record[each.drive]))
+        else _compliance(each, transducer) * float(np.ptp(each.record[each.drive]))
         for each in records
     ]
     return 0.5 * max(moved, default=np.inf)
+
+
+def jitter_of(records: Sequence[Data], transducer: Transducer, noise: Noise) -> float:
+    """Displacement that the noise of a drive would be, of that record where it is least."""
+    return min((_compliance(each, transducer) * noise.sigma.get(each.drive, 0.0) for each in records), default=0.0)
+
+
+def _compliance(data: Data, transducer: Transducer) -> float:
+    """Displacement of a spring under a unit of the drive."""
+    force = {
+        "force": 1.0,
+        "voltage": abs(transducer.coupling),
+        "base_acceleration": abs(transducer.all_modes[0].base_mass),
+        "displacement": transducer.stiffness,
+    }
+    return force[data.drive] / transducer.stiffness
 
 
 def _ends(records: Sequence[Data], sigma: float, channel: str) -> tuple[float, float]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from piezoharvest.diagnose.candidates import Candidate, effect_parameters, extended, scores
 from piezoharvest.diagnose.leftover import Leftover, structure
-from piezoharvest.diagnose.scene import Scene, displacement_of, scene_of
+from piezoharvest.diagnose.scene import Scene, displacement_of, jitter_of, scene_of
 from piezoharvest.effects import Effect
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.descent import ITERATIONS, UNFINISHED, Fit
@@ -169,7 +169,12 @@ class Trials:
         """The step, unless its last effect is none that the records can show."""
         if step is None:
             return None
-        scene = replace(self._scene, displacement=displacement_of(self._records, step.found.model.transducer))
+        transducer, noise = step.found.model.transducer, step.found.noise
+        scene = replace(
+            self._scene,
+            displacement=displacement_of(self._records, transducer),
+            jitter=jitter_of(self._records, transducer, noise),
+        )
         effect = step.found.model.transducer.effects[-1]
         if not effect.shown(scene):
             self.tell(f"{effect.name} is out of the range that the records show")

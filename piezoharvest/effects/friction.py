@@ -38,8 +38,8 @@ class Friction(Effect):
         return [Product(self.stiffness, s, terms.u - ds)]
 
     def shown(self, scene):
-        # Above twice the amplitude it never slips, and is a spring.
-        return self.threshold < 2.0 * scene.displacement
+        # Above twice the amplitude it never slips, and is a spring; below the noise it never sticks.
+        return scene.jitter < self.threshold < 2.0 * scene.displacement
 
     @classmethod
     def starts(cls, scene):

@@ -7,8 +7,8 @@ from piezoharvest.effects import ChannelSkew, Clipping, Creep, DielectricRelaxat
 
 SCENE = Scene(
     drives=("force",), channels=("voltage",), loaded=True, pulled=False, displacement=1e-6, capacitance=1e-9,
-    sample_time=1e-3, times=(), loads=(), peaks={}, mains={}, longest=0.5, ends={"voltage": (1.1, 1.3)},
-    harmonics={"voltage": ((10.0, 2.0),), "force": ((12.3, 2.0),)},
+    sample_time=1e-3, times=(), loads=(), peaks={}, mains={}, longest=0.5, jitter=1e-8, ends={"voltage": (1.1, 1.3)},
+    harmonics={"voltage": ((10.0, 2.0),), "force": ((20.0, 2.0),)},
 )  # fmt: skip
 
 CASES = [
@@ -21,6 +21,7 @@ CASES = [
     (ChannelSkew(delay=1.0), False),
     (Friction(stiffness=1e4, threshold=5e-7), True),
     (Friction(stiffness=1e4, threshold=3e-6), False),
+    (Friction(stiffness=1e4, threshold=5e-9), False),
     (Clipping(limit=1.19, channel="voltage"), True),
     (Clipping(limit=0.82, channel="voltage"), False),
     (MainsHum(amplitude=0.1, frequency=50.02, channel="force"), True),

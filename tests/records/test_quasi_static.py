@@ -11,7 +11,7 @@ from piezoharvest.study import StudyError, load_study
 def campaign(folder, lines, drive="force"):
     time = np.arange(400) / 1000.0
     imposed, voltage = 5.0 + np.sin(40.0 * time), -0.3 * np.cos(40.0 * time)
-    unit = {"force": "force_N", "base_acceleration": "base_acceleration_m_s2"}[drive]
+    unit = {"force": "force_N", "base_acceleration": "base_acceleration_m_per_s2"}[drive]
     np.savetxt(
         folder / "r.csv", np.column_stack([time, imposed, voltage]), delimiter=",",
         header=f"time_s,{unit},voltage_V", comments="",
