@@ -232,6 +232,8 @@ def study_from(table: Mapping[str, Any], path: Path) -> Study:
         sweep=build(SweepOptions, table["sweep"], "sweep") if "sweep" in table else None,
         bench=_typed(dict, table.get("bench", {}), "bench"),
     )
+    if study.transducer.quasi_static:
+        raise ParameterError("transducer.quasi_static", "found true, allowed is false in a study")
     check_systems(study)
     return study
 

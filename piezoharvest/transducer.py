@@ -15,6 +15,12 @@ from piezoharvest.effects.base import Effect
 from piezoharvest.hysteresis import Hysteresis
 from piezoharvest.parameters import Component, quantity
 
+INERT = ("mass", "damping")  # of a mode; a quasi-static specimen has neither
+# Such a specimen follows its drive within this share of a sample: what is off by it is far less than the least noise
+# that a channel is taken to have, and exponentials still keep all digits that matter.
+SETTLED = 1e-6
+OVERDAMPED = 8.0  # b^2/(k m) of a mode that settles without ringing; from 4 on it does not
+
 
 @dataclass(frozen=True, kw_only=True)
 class Mode(Component):
@@ -38,6 +44,8 @@ class Transducer(Component):
     """Piezoelectric transducer: first mode, clamped capacitance, hysteresis, further modes, effects.
 
     Equations (INTERFACE section 1): m x'' + b x' + k x = F + T v_t, q_p = C v_t + sum T_i x_i, v_p = v_t + v_h(q_p).
+    Of a specimen that is `quasi_static` (a film, a stack far below its resonance) mass and damping are not known and
+    do nothing: k x = F + T v_t.
     """
 
     mass: float = quantity("kg", "mass m of the first mode", above=0)
@@ -50,6 +58,7 @@ class Transducer(Component):
     modes: tuple[Mode, ...] = ()
     effects: tuple[Effect, ...] = ()
     name: str = ""
+    quasi_static: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -61,6 +70,23 @@ class Transducer(Component):
         """The first mode, whose participation is 1, and the further ones."""
         first = Mode(**{f.name: getattr(self, f.name) for f in dataclasses.fields(Mode) if hasattr(self, f.name)})
         return (first, *self.modes)
+
+    def settled(self, sample_time: float) -> Transducer:
+        """Transducer whose modes follow their forces at once for samples so many seconds apart, whatever their masses.
+
+        Both poles are real, for a resonance would ring. What a mass makes of the acceleration of a base stays.
+        """
+
+        def swift(mode: Mode) -> Mode:
+            time = SETTLED * sample_time
+            damping = mode.stiffness * time
+            mass = damping * time / OVERDAMPED
+            return dataclasses.replace(mode, mass=mass, damping=damping, effective_mass=mode.base_mass)
+
+        first, *further = (swift(mode) for mode in self.all_modes)
+        return dataclasses.replace(
+            self, mass=first.mass, damping=first.damping, effective_mass=first.effective_mass, modes=tuple(further)
+        )
 
     @property
     def stick_capacitance(self) -> float:

@@ -42,7 +42,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
     """Result as the interface gives it.
 
     `scores`, `structure`, what parameters were before, and which records were used otherwise than they were to be
-    (`also_fitted`, `cut`) are added to it.
+    (`also_fitted`, `cut`, `unpredicted`) are added to it.
     """
     from piezoharvest.diagnose.account import scored, sentence
     from piezoharvest.effects import registered
@@ -55,6 +55,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "summary": sentence(found),
         "also_fitted": list(found.also_fitted),
         "cut": list(found.cut),
+        "unpredicted": list(found.unpredicted),
         "effects": [_effect(named) for named in found.effects],
         "alternatives": [list(names) for names in found.alternatives],
         "parameters": {

@@ -103,6 +103,12 @@ def sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.cut:
         after = "after the drive was cut off is left out."
         parts.append(f"What {', '.join(diagnosis.cut)} hold{_s(diagnosis.cut)} {after}")
+    if diagnosis.campaign.transducer.quasi_static:
+        parts.append("Inertia and damping do not show in these records.")
+    if diagnosis.unpredicted:
+        parts.append(
+            f"The model with these effects cannot follow {', '.join(diagnosis.unpredicted)}, which had no say then."
+        )
     if diagnosis.also_fitted:
         names, they = ", ".join(diagnosis.also_fitted), "it was" if len(diagnosis.also_fitted) == 1 else "they were"
         parts.append(f"More is left of {names} than of the records fitted before, so that {they} fitted, too.")

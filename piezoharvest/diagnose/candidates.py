@@ -22,6 +22,7 @@ from piezoharvest.identify.model import Model
 from piezoharvest.identify.problem import Problem, carried
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.predict.parameters import Parameter, parameter_of, put
+from piezoharvest.predict.prediction import PredictionError
 
 
 @dataclass(frozen=True)
@@ -189,7 +190,10 @@ def _tried(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[Candi
     for start in starts:
         model = extended(found.model, [start], [])
         own = carried(problem, found.model, found.own, model)
-        information, gradient, squares = linearised(problem, model, own, found)
+        try:
+            information, gradient, squares = linearised(problem, model, own, found)
+        except PredictionError:  # no record tells of an effect with which there is no solution
+            continue
         slope, weight = gradient - before, information + found.prior
         felt = np.diag(weight) > 0.0
         score = cost - squares + float(slope[felt] @ inverse(weight[np.ix_(felt, felt)]) @ slope[felt])

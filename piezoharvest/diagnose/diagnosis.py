@@ -10,14 +10,16 @@ import numpy as np
 from piezoharvest.diagnose.candidates import effect_line
 from piezoharvest.diagnose.cut_drive import CHANCE, CutDrive, cut_off
 from piezoharvest.diagnose.leftover import Leftover, share_above_noise
-from piezoharvest.diagnose.search import Search, Searcher
-from piezoharvest.diagnose.trials import Step, Trials
-from piezoharvest.diagnose.unseen import overshadowing, plainest, shown_by, spoils, validated, with_fitted
+from piezoharvest.diagnose.search import GOOD, SOME, Search, Searcher, above_noise
+from piezoharvest.diagnose.trials import Step, Trials, amplitude_of
+from piezoharvest.diagnose.unseen import not_followed, overshadowing, plainest, shown_by, spoils, validated, with_fitted
+from piezoharvest.diagnose.zero import voltage_is_off
 from piezoharvest.effects import Clipping, Effect
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.fit import covariance
 from piezoharvest.identify.identifiable import experiment
 from piezoharvest.identify.identification import Estimate, Identification, Quality, identify, judged, prepared, together
+from piezoharvest.identify.inertia import hidden
 from piezoharvest.identify.problem import Problem
 from piezoharvest.identify.threads import single_threaded
 from piezoharvest.predict.parameters import value_at
@@ -26,6 +28,10 @@ from piezoharvest.records.campaign import Campaign
 
 OFFSETS = ("displacement",)  # whose origin is where the sensor was put
 ASTRAY = 5.0  # times or parts of its nominal value: what a parameter has there is not its own
+CERTAINLY = 3.0  # standard deviations of what noise leaves, above which it is not noise alone
+# Of the squares above noise that the model without effects leaves: three hundredths of the size of what was missing are
+# within what the drive may have done between its samples and below its noise.
+FAINT = 1e-3
 LITTLE = 9.0  # of the sum of squares: less above the noise is not shared out, it may be chance
 
 
@@ -85,6 +91,8 @@ class Diagnosis:
         Records whose drive was cut off, after which they are left out.
     strayed : tuple of Estimate
         Parameters of the extended model that the data wants far from their nominal values.
+    unpredicted : tuple of str
+        Records that were to be validated with, but that a model with effects cannot follow.
     """
 
     campaign: Campaign
@@ -103,6 +111,7 @@ class Diagnosis:
     also_fitted: tuple[str, ...] = ()
     cut: tuple[str, ...] = ()
     strayed: tuple[Estimate, ...] = ()
+    unpredicted: tuple[str, ...] = ()
 
     @property
     def left(self) -> tuple[Leftover, ...]:
@@ -166,7 +175,18 @@ def _with_cut(cut: CutDrive, rest: Diagnosis) -> Diagnosis | None:
 def _whole(campaign: Campaign, tell: Callable[[str], None], library: Sequence[type[Effect]] | None) -> Diagnosis:
     """Diagnosis of all that a campaign holds."""
     tell("fitting the model")
-    return _extended(identify(campaign, offsets=OFFSETS), tell, library)
+    offsets = OFFSETS
+    if voltage_is_off(campaign):
+        tell("the zero of the voltage is off: its mean is larger on a smaller resistor, which no current makes it")
+        offsets = (*OFFSETS, "voltage")
+    before = identify(campaign, offsets=offsets)
+    found = _extended(before, tell, library)
+    if found.search.final.converged or before.campaign.transducer.quasi_static or before.campaign.drives_base:
+        return found
+    tell("the fit comes to no end: once more without inertia and damping, which may be what runs away")
+    quiet = replace(campaign, transducer=hidden(campaign.transducer))
+    other = _extended(identify(quiet, offsets=offsets), tell, library)
+    return other if other.search.final.converged else found
 
 
 def _extended(before: Identification, tell: Callable[[str], None], library: Sequence[type[Effect]] | None) -> Diagnosis:
@@ -178,7 +198,7 @@ def _extended(before: Identification, tell: Callable[[str], None], library: Sequ
             return found
         name = plainest(found.campaign, found.unseen)
     tell(f"{name}: more is left than in the records that were fitted, so that it is fitted, too")
-    more = identify(with_fitted(before.campaign, name), offsets=OFFSETS, near=before)
+    more = identify(with_fitted(before.campaign, name), offsets=before.offsets, near=before)
     found = _extended(more, tell, library)
     return replace(found, also_fitted=(name, *found.also_fitted))
 
@@ -195,9 +215,10 @@ def _diagnosed(
     unseen, checks = validated(campaign, before, [before.found, *search.nested])
     squares = [share_above_noise(unseen, each) for each in checks]
     named = _all_named(campaign, before, trials, search, squares)
-    while _chance(trials, search, named):
-        tell(f"{search.order[-1].name} was chance: unseen records are worse with it, nothing is left without it")
-        search, checks, squares = search.without_last(), checks[:-1], squares[:-1]
+    while _chance(trials, search, named) or _idle(search, named, squares):
+        tell(f"{search.order[-1].name} was chance: it does nothing for records that were not fitted, or for any")
+        search = search.without_last(trials.left(search.before_last))
+        checks, squares = checks[:-1], squares[:-1]
         named = _all_named(campaign, before, trials, search, squares)
     alternatives = tuple(step.effects for step, _ in search.alternatives)
     after, final = squares[-1], search.final
@@ -213,7 +234,7 @@ def _diagnosed(
         max(0.0, (after[0] - after[1]) / after[0]),
         _experiment(search) if verdict == "ambiguous" else None,
         trials.structure(before.found, scattered=not named), search, shown_by(unseen, checks[-1]),
-        strayed=strayed,
+        strayed=strayed, unpredicted=not_followed(campaign, unseen),
     )  # fmt: skip
 
 
@@ -233,12 +254,25 @@ def _all_named(
 
 
 def _chance(trials: Trials, search: Search, named: Sequence[Named]) -> bool:
-    """Whether unseen records are worse with the last effect, and nothing is left without it."""
-    if not named or not named[-1].spoils:
-        return False
+    """Whether nothing is left without the last effect, and it is faint, or unseen records are worse with it."""
     without = search.before_last
+    if not named or not (named[-1].spoils or without.cost - search.final.cost < FAINT * above_noise(search.base)):
+        return False
     # A model that has no solution without the effect has the next larger one in its place.
-    return len(without.model.transducer.effects) < len(named) and not trials.structure(without)
+    return len(without.model.transducer.effects) - search.given < len(named) and not trials.left(without)
+
+
+def _idle(search: Search, named: Sequence[Named], squares: Sequence[tuple[float, float]]) -> bool:
+    """Whether the last effect explains next to nothing of what records that were not fitted plainly miss.
+
+    Where much is missing that no effect explains, any of them takes a little of it off the records it is fitted to.
+    """
+    with_it, without = (len(found.model.transducer.effects) for found in (search.final, search.before_last))
+    if not named or named[-1].spoils or without == with_it:
+        return False  # it is told what it spoils; or there is no solution without it
+    (first, count), (before, _), (after, _) = squares[0], squares[-2], squares[-1]
+    scatter = CERTAINLY * np.sqrt(2.0 * count)
+    return before - after < min(SOME * (first - count - scatter), GOOD * (before - count - scatter))
 
 
 def _astray(estimate: Estimate) -> bool:
@@ -261,7 +295,7 @@ def _needed(campaign: Campaign, before: Identification, trials: Trials, search: 
     """
     if n == len(search.order) - 1:
         return False
-    less = trials.without(Step(search.final), n)
+    less = trials.without(Step(search.final), search.given + n)
     if less is None:
         return True
     unseen, checks = validated(campaign, before, [less.found, search.final])
@@ -277,38 +311,22 @@ def _named(problem: Problem, search: Search, n: int, squares: Sequence[tuple[flo
     std = np.sqrt(np.diag(scatter))
     values: dict[str, tuple[float, float | None, str]] = {}
     for k, parameter in enumerate(final.model.parameters):
-        if parameter.path[:2] == ("effects", n):
+        if parameter.path[:2] == ("effects", search.given + n):
             value = float(np.real(value_at(final.model.transducer, parameter.path)))
             inner = parameter.inner(value) if value else 0.0
             slope = value**2 if parameter.scaling == "reciprocal" else parameter.slope(inner)
             values[str(parameter.path[2])] = (value, float(slope * std[k]), parameter.unit)
     effect = search.order[n]
     if effect_line(effect):
-        values["amplitude"] = (*_amplitude(problem, final, effect, scatter), "")
+        values["amplitude"] = (*amplitude_of(problem, final, search.given + n, scatter), "")
     costs = [search.base.cost, *(each.cost for each in search.nested)]
     spoiled = spoils(before, after, costs[n] - costs[n + 1])
     return Named(effect, search.p_values[n], float(np.clip(gain, -1.0, 1.0)), values, spoiled)
 
 
-def _amplitude(problem: Problem, final: Fit, effect: Effect, scatter: np.ndarray) -> tuple[float, float]:
-    """Root mean square over records of a line's amplitude, and its standard error."""
-    names = [problem.own_names(final.model, data) for data in problem.data]
-    mine = np.array([_of(effect, name) for some in names for name in some])
-    parts = np.concatenate(final.own) * mine
-    records = sum(any(_of(effect, name) for name in some) for some in names)
-    amplitude = float(np.sqrt(parts @ parts / records))
-    slopes = np.pad(parts / (records * amplitude), (len(scatter) - len(parts), 0))
-    return amplitude, float(np.sqrt(slopes @ scatter @ slopes))
-
-
-def _of(effect: Effect, name: str) -> bool:
-    """Whether one of a record's own numbers is that of a line."""
-    return name.startswith(f"{effect.name} {getattr(effect, 'channel', '')} ")
-
-
 def _noise(squares: float, count: float) -> float:
     """Sum of squares that noise has in records where a model leaves so much: this, if it may be noise alone."""
-    return squares if squares < count + 3.0 * np.sqrt(2.0 * count) else count
+    return squares if squares < count + CERTAINLY * np.sqrt(2.0 * count) else count
 
 
 def _estimates(before: Identification, final: Fit):

@@ -54,8 +54,9 @@ def residuals(diagnosis: Diagnosis) -> Iterator[Residuals]:
     found = [diagnosis.before.found, diagnosis.search.final]
     data = prepared(diagnosis.campaign, "fit")
     yield from _of(Problem(data, diagnosis.campaign.transducer, diagnosis.before.offsets), found)
-    if diagnosis.campaign.of_role("validate"):
-        yield from _of(*validated(diagnosis.campaign, diagnosis.before, found))
+    unseen, checks = validated(diagnosis.campaign, diagnosis.before, found)
+    if any(each.role == "validate" for each in unseen.data):
+        yield from _of(unseen, checks)
 
 
 def _of(problem: Problem, fits: Sequence[Fit]) -> Iterator[Residuals]:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
+from piezoharvest.diagnose.leftover import fundamental
 from piezoharvest.identify.data import Data, pinned
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.evaluation import at_once
 from piezoharvest.identify.model import Model, noise_passed, residual_blocks
+from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.shunts.resistor import Resistor
+from piezoharvest.transducer import Transducer
 
 TIMES = 6  # time constants over the plausible range
 _NEAR = np.concatenate([mains + np.arange(-15, 16) * 0.02 for mains in (50.0, 60.0)])  # Hz
@@ -22,6 +25,9 @@ PULLED = 0.01  # of the range of a force
 BEYOND = (0.0, 2.0, 4.0)  # standard deviations below the largest reading, where a range may end,
 HELD = 2.0  # up to these where readings are held there;
 PASSED = 50.0  # squares above noise that have to go if there is one
+SLOWEST = 3.0  # records: within one, so slow a relaxation is off a straight line by less than a sixth of its way
+SPIKES = 2e-3  # of the samples, that something else than the signal may have taken beyond the end of a range
+REACHED = 6.0  # standard deviations: no noise takes a reading so far beyond the end of a range
 
 
 @dataclass(frozen=True)
@@ -36,7 +42,9 @@ class Scene:
     pulled : bool
         Whether a force that is imposed ever pulls.
     displacement : float
-        Half of its peak-to-peak.
+        Half of its peak-to-peak; where it is not measured, that of a spring under the drive.
+    jitter : float
+        What the noise of the drive would be of it.
     capacitance : float
     sample_time : float
     times : tuple of float
@@ -47,6 +55,13 @@ class Scene:
         For each channel where its range may end.
     mains : mapping of str to tuple of float
         For each channel, the drive among them, where near 50 and 60 Hz its residuals are strongest, Hz.
+    longest : float
+        Time that the longest record shows, s.
+    ends : mapping of str to (float, float)
+        For each channel between which values its range may end: it reads nothing far beyond it, and comes to it.
+    harmonics : mapping of str to tuple of (float, float)
+        For each channel, the drive among them, frequency of the drive in every record that has the channel (zero where
+        that is not one line), and by how much frequencies have to differ there to be told apart; Hz.
     """
 
     drives: tuple[str, ...]
@@ -60,6 +75,21 @@ class Scene:
     loads: tuple[float, ...]
     peaks: Mapping[str, tuple[float, ...]]
     mains: Mapping[str, tuple[float, ...]]
+    longest: float = float("inf")
+    jitter: float = 0.0
+    ends: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    harmonics: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
+
+    def shows_time(self, time_constant: float) -> bool:
+        """Whether something so slow still bends within a record, and something so fast between its samples."""
+        return self.sample_time < time_constant < SLOWEST * self.longest
+
+    def tells_line(self, channel: str, frequency: float) -> bool:
+        """Whether some record tells a line from harmonics of its drive, which any bent characteristic makes."""
+        return any(
+            not line or abs(frequency - round(frequency / line) * line) > apart
+            for line, apart in self.harmonics.get(channel, ())
+        )
 
 
 class _Left(NamedTuple):
@@ -79,7 +109,6 @@ def scene_of(data: Sequence[Data | FrequencyData], found: Fit) -> Scene:
     """Scene of the fitted records, as a model sees them."""
     records = [each for each in data if isinstance(each, Data)]
     channels = tuple(sorted({channel for each in records for channel in each.channels}))
-    displacements = [each.record["displacement"] for each in records if "displacement" in each.record.signals]
     step = min((each.setting.sample_time for each in records), default=float("inf"))
     resistors = [each.setting.shunt for each in records if isinstance(each.setting.shunt, Resistor)]
     loads = sorted({shunt.resistance for shunt in resistors})
@@ -91,14 +120,63 @@ def scene_of(data: Sequence[Data | FrequencyData], found: Fit) -> Scene:
         channels=channels,
         loaded="current" in channels or drives != {"voltage"},
         pulled=any(each.drive == "force" and _pulled(each.record["force"]) for each in records),
-        displacement=0.5 * max((float(np.ptp(values)) for values in displacements), default=1e-6),
+        displacement=displacement_of(records, found.model.transducer),
+        jitter=jitter_of(records, found.model.transducer, found.noise),
         capacitance=found.model.transducer.capacitance,
         sample_time=step,
         times=tuple(np.geomspace(*_span(data), TIMES).tolist()),
         loads=tuple(loads),
         peaks={channel: _ranges(blocks, found.noise.sigma[channel], channel) for channel in channels},
         mains=_mains(blocks),
+        longest=max(
+            (len(each) * each.setting.sample_time for each in records), default=_span(data)[1] if data else np.inf
+        ),
+        ends={channel: _ends(records, found.noise.sigma[channel], channel) for channel in channels},
+        harmonics=_harmonics(records),
     )
+
+
+def displacement_of(records: Sequence[Data], transducer: Transducer) -> float:
+    """Half of the largest peak-to-peak displacement, measured or that of a spring under the drive."""
+    moved = [
+        float(np.ptp(each.record["displacement"]))
+        if "displacement" in each.record.signals
+        else _compliance(each, transducer) * float(np.ptp(each.record[each.drive]))
+        for each in records
+    ]
+    return 0.5 * max(moved, default=np.inf)
+
+
+def jitter_of(records: Sequence[Data], transducer: Transducer, noise: Noise) -> float:
+    """Displacement that the noise of a drive would be, of that record where it is least."""
+    return min((_compliance(each, transducer) * noise.sigma.get(each.drive, 0.0) for each in records), default=0.0)
+
+
+def _compliance(data: Data, transducer: Transducer) -> float:
+    """Displacement of a spring under a unit of the drive."""
+    force = {
+        "force": 1.0,
+        "voltage": abs(transducer.coupling),
+        "base_acceleration": abs(transducer.all_modes[0].base_mass),
+        "displacement": transducer.stiffness,
+    }
+    return force[data.drive] / transducer.stiffness
+
+
+def _ends(records: Sequence[Data], sigma: float, channel: str) -> tuple[float, float]:
+    """Between which values the range of a channel may end."""
+    sizes = np.sort(np.abs(np.concatenate([each.record[channel] for each in records if channel in each.channels])))
+    return float(sizes[-1 - int(SPIKES * len(sizes))]) - REACHED * sigma, float(sizes[-1]) + REACHED * sigma
+
+
+def _harmonics(records: Sequence[Data]) -> dict[str, tuple[tuple[float, float], ...]]:
+    """Frequencies of the drives of records, and their resolutions, by channel."""
+    found: dict[str, list[tuple[float, float]]] = {}
+    for each in records:
+        line = fundamental(each) or 0.0
+        for channel in (*each.channels, each.drive):
+            found.setdefault(channel, []).append((line, 1.0 / (len(each) * each.setting.sample_time)))
+    return {channel: tuple(some) for channel, some in found.items()}
 
 
 def _pulled(force: np.ndarray) -> bool:

@@ -7,14 +7,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from scipy.stats import chi2
 
 from piezoharvest.diagnose.candidates import Candidate, effect_line, effect_parameters
 from piezoharvest.diagnose.leftover import Leftover
-from piezoharvest.diagnose.trials import CLOSE, NEEDED, Made, Step, Trials, aim_beside, inflated, key_of, significance
+from piezoharvest.diagnose.trials import (
+    CERTAIN,
+    CLOSE,
+    NEEDED,
+    Made,
+    Step,
+    Trials,
+    aim_beside,
+    errors,
+    inflated,
+    key_of,
+    significance,
+)
 from piezoharvest.effects import Effect
 from piezoharvest.identify.descent import Fit
+from piezoharvest.predict.prediction import PredictionError
 
 LEVEL = 1e-4  # chance of a false alarm, over all effects together
 HOPE = 30.0  # times the level, where a fit finds a time constant, say, between two starts: it gains up to half as much
@@ -22,9 +36,11 @@ MOST = 3  # effects at once
 PROMISING = 0.15  # of the best score: what a full fit may still turn round
 FITS = 4  # full fits a stage
 STAND_INS = 2  # of these against a model whose strayed parameters are held
+SOME, GOOD = 0.05, 0.5  # of the squares above noise, all and those left: what explains less of both explains nothing
 BRIEF = 6  # iterations after which a full fit waits for the others of its stage
 DOUBTED = 100.0  # of -2 ln L, or of Wald's test: with less an effect may owe its gain to a better minimum
 OUTSTANDING = 0.3  # of the squares that the worst place has above noise: places with more have to be explained
+UNEXPLAINED = "what stands out is as it was: no effect of the library explains it"
 KEPT = 0.5  # of its squares above noise: a place that keeps more is not explained
 
 
@@ -62,6 +78,11 @@ class Search:
     fits: tuple[Made, ...]
 
     @property
+    def given(self) -> int:
+        """Effects that the model without any finding has, as the campaign names them."""
+        return len(self.base.model.transducer.effects)
+
+    @property
     def final(self) -> Fit:
         """With all effects that are there."""
         return self.nested[-1] if self.nested else self.base
@@ -71,12 +92,35 @@ class Search:
         """Without the last effect."""
         return self.nested[-2] if len(self.nested) > 1 else self.base
 
-    def without_last(self) -> Search:
-        """The same with the last effect taken for chance: nothing is left where it is not."""
+    def without_last(self, left: tuple[Leftover, ...]) -> Search:
+        """The same without the last effect, and what is left then."""
         return replace(
-            self, nested=self.nested[:-1], order=self.before_last.model.transducer.effects,
-            p_values=self.p_values[:-1], left=(), alternatives=(),
+            self, nested=self.nested[:-1], order=self.before_last.model.transducer.effects[self.given :],
+            p_values=self.p_values[:-1], left=left, alternatives=(),
         )  # fmt: skip
+
+
+class _Found(NamedTuple):
+    """Where a search stands.
+
+    Attributes
+    ----------
+    now : Step
+    held : Step or None
+        The model whose strayed parameters are at their nominal values, if any are not.
+    levels : list of float
+        Of the effects that were found.
+    alternatives : list of Step
+        Others that were tried in the place of the last one.
+    added : bool
+        Whether an effect was found in the last step.
+    """
+
+    now: Step
+    held: Step | None
+    levels: list[float]
+    alternatives: list[Step]
+    added: bool = True
 
 
 class Searcher:
@@ -91,39 +135,57 @@ class Searcher:
     def __init__(self, trials: Trials):
         self.trials = trials
 
+    @property
+    def given(self) -> int:
+        """Effects that the campaign names: these are no finding."""
+        return len(self.trials.base.model.transducer.effects)
+
     def run(self) -> Search:
         """Find the effects that a model without any misses."""
         trials = self.trials
         now, held = self._surveyed(Step(trials.base))
-        first = trials.scores(now)
-        levels: list[float] = []
-        alternatives: list[Step] = []
-        while len(now.effects) < MOST:
-            tried = self._next(now, held)
-            if not tried:
+        first, found = trials.scores(now), _Found(now, held, [], [])
+        while len(found.now.effects) < self.given + MOST:
+            try:
+                more = self._one_more(found)
+            except PredictionError as error:  # what was found so far can follow them
+                trials.tell(f"the search ends: with one effect more the model cannot follow the records ({error})")
                 break
-            levels.append(self._p_value(now, tried[0], trials.scores(now)))
-            before, (now, *alternatives) = now, tried
-            better = self._led_to(before, now)
-            if better is not None:
-                levels[-1] = self._p_value(better, now, trials.scores(before))
-                if levels[-1] > LEVEL:
-                    trials.tell(f"{now.effects[-1]} has only led to a better minimum without it")
-                    levels.pop()
-                    alternatives = []
-                    now, held = self._surveyed(better)
-                    continue
-            trials.tell(f"found {', '.join(now.effects)}")
-            now, levels = self._revised(trials.redetermined(now), levels)
-            now, held = self._surveyed(now)
-            if self._passed_by(before, now):
-                trials.tell("what stands out is as it was: no effect of the library explains it")
+            if more is None:
                 break
-        now = trials.polished(now) if now.effects else now
-        left = trials.structure(now.found)
-        close = () if left else self._alternatives(now, alternatives)
-        nested, effects = self._nested(now), now.found.model.transducer.effects
-        return Search(trials.base, nested, effects, tuple(levels), tuple(first), left, close, tuple(trials.made))
+            before, found = found, more
+            if more.added and self._passed_by(before.now, more.now):
+                trials.tell(UNEXPLAINED)
+                break
+        now, levels = self._determined(found.now, found.levels)
+        now = trials.polished(now) if len(now.effects) > self.given else now
+        left = trials.left(now.found)
+        close = () if left else self._alternatives(now, found.alternatives)
+        return Search(
+            trials.base, self._nested(now), now.found.model.transducer.effects[self.given :], tuple(levels),
+            tuple(first), left, close, tuple(trials.made),
+        )  # fmt: skip
+
+    def _one_more(self, found: _Found) -> _Found | None:
+        """The same with one effect more, or in a better minimum without it; None where none is more than chance."""
+        trials, now = self.trials, found.now
+        tried = self._next(now, found.held)
+        if not tried:
+            return None
+        after, *alternatives = tried
+        if not self._matters(now, after):
+            trials.tell(UNEXPLAINED)
+            return None
+        level = self._p_value(now, after, trials.scores(now))
+        better = self._led_to(now, after)
+        if better is not None:
+            level = self._p_value(better, after, trials.scores(now))
+            if level > LEVEL:
+                trials.tell(f"{after.effects[-1]} has only led to a better minimum without it")
+                return _Found(*self._surveyed(better), found.levels, [], added=False)
+        trials.tell(f"found {', '.join(after.effects)}")
+        after, levels = self._revised(trials.redetermined(after), [*found.levels, level])
+        return _Found(*self._surveyed(after), levels, alternatives if better is None else [])
 
     def _led_to(self, before: Step, now: Step) -> Step | None:
         """The model before where a new effect has come to, if it fits better there.
@@ -136,6 +198,14 @@ class Searcher:
         self.trials.drop(now, last)
         less = self.trials.without(now, last)
         return less if less is not None and less.cost < before.cost - 1.0 else None
+
+    def _matters(self, before: Step, after: Step) -> bool:
+        """Whether a new effect explains some of all that was missing, or a good part of what still is.
+
+        Where much is left that no effect explains, any of them takes a little of it.
+        """
+        gain = before.cost - after.cost
+        return gain > SOME * above_noise(self.trials.base) or gain > GOOD * above_noise(before.found)
 
     def _surveyed(self, now: Step) -> tuple[Step, Step | None]:
         """A step, and the model whose strayed parameters are at their nominal values, if any are not.
@@ -204,13 +274,14 @@ class Searcher:
     def _nested(self, now: Step) -> tuple[Fit, ...]:
         """Fits with the first effect, the first two, and so on."""
         steps = [now]
-        while len(steps[0].effects) > 1:
+        while len(steps[0].effects) > self.given + 1:
             less = self.trials.without(steps[0], len(steps[0].effects) - 1)
             if less is None:
                 break
             steps.insert(0, less)
-        steps = [steps[0]] * (len(now.effects) - len(steps)) + steps
-        return tuple(step.found for step in steps) if now.effects else ()
+        count = len(now.effects) - self.given
+        steps = [steps[0]] * (count - len(steps)) + steps
+        return tuple(step.found for step in steps) if count else ()
 
     def _p_value(self, before: Step, after: Step, tried: Sequence[Candidate]) -> float:
         """Of an effect that was added, corrected for the number of starts that were tried.
@@ -237,8 +308,8 @@ class Searcher:
 
     def _revised(self, now: Step, levels: list[float]) -> tuple[Step, list[float]]:
         """Throw out what is no longer needed, and exchange what another effect explains better."""
-        n = 0
-        while len(now.effects) > 1 and n < len(now.effects) - 1:
+        n = self.given
+        while n < len(now.effects) - 1:
             self.trials.drop(now, n)  # another start than that of its stage
             less = self.trials.without(now, n)
             if less is None:
@@ -247,16 +318,36 @@ class Searcher:
             gone = float(chi2.sf(_reliable(less, now, n), self._numbers(now.found, n)))
             if gone > LEVEL:
                 self.trials.tell(f"{now.effects[n]} is not needed any more")
-                now, levels = less, levels[:n] + levels[n + 1 :]
+                now, levels = less, self._without(levels, n)
                 continue
             better = self._exchanged(now, less, n)
             if better is None:
                 n += 1
                 continue
             p_value = self._p_value(less, better, self.trials.scores(less))
-            now, levels = better, [*levels[:n], *levels[n + 1 :], p_value]
-            n = 0
+            now, levels = better, [*self._without(levels, n), p_value]
+            n = self.given
         return now, levels
+
+    def _determined(self, now: Step, levels: list[float]) -> tuple[Step, list[float]]:
+        """Effects of a search that is at its end, without those whose sizes are all but nothing for their errors.
+
+        Before the others were found these errors were larger: what was missing counts as noise.
+        """
+        n = len(now.effects) - 1
+        while n >= self.given:
+            if errors(self.trials.problem, now.found, n) < CERTAIN:
+                less = self.trials.without(now, n)
+                if less is not None:
+                    self.trials.tell(f"{now.effects[n]} is within {CERTAIN:g} standard errors of nothing")
+                    now, levels = less, self._without(levels, n)
+                    n = len(now.effects)
+            n -= 1
+        return now, levels
+
+    def _without(self, levels: list[float], n: int) -> list[float]:
+        """Levels without that of the n-th effect."""
+        return [level for k, level in enumerate(levels, self.given) if k != n]
 
     def _exchanged(self, now: Step, less: Step, n: int) -> Step | None:
         """Model with another effect in the place of the n-th, if that fits better."""
@@ -275,15 +366,14 @@ class Searcher:
         """Sets of as many effects that are nearly as likely."""
         found: dict[frozenset[str], tuple[Step, float]] = {}
         pool = [step for step in others if len(step.effects) == len(now.effects)]
-        if len(now.effects) > 1:
-            for n in range(len(now.effects) - 1):
-                less = self.trials.without(now, n)
-                if less is None or _indispensable(now, less):
-                    continue
-                for candidate in self.trials.scores(less)[:4]:
-                    if candidate.name not in now.effects and candidate.score > less.cost - now.cost - 3 * CLOSE:
-                        other = self.trials.extended(less, candidate.effect, now.fair_cost + CLOSE)
-                        pool += [other] if other is not None else []
+        for n in range(self.given, len(now.effects) - 1):
+            less = self.trials.without(now, n)
+            if less is None or _indispensable(now, less):
+                continue
+            for candidate in self.trials.scores(less)[:4]:
+                if candidate.name not in now.effects and candidate.score > less.cost - now.cost - 3 * CLOSE:
+                    other = self.trials.extended(less, candidate.effect, now.fair_cost + CLOSE)
+                    pool += [other] if other is not None else []
         for step in pool:
             more = step.fair_cost - now.fair_cost
             if more < CLOSE and set(step.effects) != set(now.effects):
@@ -291,6 +381,11 @@ class Searcher:
                 if key not in found or more < found[key][1]:
                     found[key] = (step, more)
         return tuple(sorted(found.values(), key=lambda pair: pair[1]))
+
+
+def above_noise(found: Fit) -> float:
+    """Squares of the whitened residuals above those that noise has."""
+    return sum(float(sums.squares.sum() - sums.count.sum()) for sums in found.sums)
 
 
 def _indispensable(now: Step, less: Step) -> bool:

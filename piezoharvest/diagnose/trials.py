@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from piezoharvest.diagnose.candidates import Candidate, effect_parameters, extended, scores
 from piezoharvest.diagnose.leftover import Leftover, structure
-from piezoharvest.diagnose.scene import scene_of
+from piezoharvest.diagnose.scene import Scene, displacement_of, jitter_of, scene_of
 from piezoharvest.effects import Effect
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.descent import ITERATIONS, UNFINISHED, Fit
 from piezoharvest.identify.fit import covariance, fit, inflation, inverse, linearised
 from piezoharvest.identify.histories import recalled
-from piezoharvest.identify.identifiable import undetermined
+from piezoharvest.identify.identifiable import UNKNOWN, size_of, undetermined
 from piezoharvest.identify.model import Model
 from piezoharvest.identify.problem import Problem, carried, prior_of
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
@@ -28,6 +29,7 @@ COARSELY = 10.0  # the same, of a fit that only serves for scores
 WANTED = 10.0  # of -2 ln L that parameters gain by straying: with less the data does not want them there
 CLOSE = 6.0  # of -2 ln L: odds of twenty to one
 PLAIN = 12  # iterations after which a fit without an effect costs
+CERTAIN = 2.0  # standard errors: what is nearer to nothing is not told from it, whatever it lowers the cost by
 NEEDED = 1e4  # of -2 ln L more, by which the effect is needed, whatever the end of that fit would be
 
 
@@ -102,6 +104,7 @@ class Trials:
         self.problem, self.base, self.library, self.tell = problem, base, library, tell
         self.made: list[Made] = []
         self._scored: dict[int, tuple[Step, list[Candidate]]] = {}
+        self._own_noise: dict[int, tuple[Fit, Fit]] = {}
         self._known: dict[tuple[str, ...], Step] = {}
         self._structure: dict[tuple[int, bool], tuple[Fit, tuple[Leftover, ...]]] = {}
 
@@ -119,6 +122,22 @@ class Trials:
             self._structure[key] = found, structure(self.problem, found, scattered=scattered)
         return self._structure[key][1]
 
+    def left(self, found: Fit) -> tuple[Leftover, ...]:
+        """Where a fit with effects leaves structure, whitened by itself and with its own noise.
+
+        The model without effects may pass on the noise of a drive in another way, by which it would not be white.
+        """
+        plain = self.structure(found)
+        if not plain or len(found.model.transducer.effects) == len(self.base.model.transducer.effects):
+            return plain
+        if id(found) not in self._own_noise:
+            try:
+                own = fit(self.problem, found.model, found.own, found.noise, rounds=2)
+            except (PredictionError, np.linalg.LinAlgError):
+                own = found
+            self._own_noise[id(found)] = found, own
+        return self.structure(self._own_noise[id(found)][1])
+
     def extended(
         self, now: Step, effect: Effect, aim: float, varied: Sequence[Parameter] | None = None, most: int = ITERATIONS
     ) -> Step | None:
@@ -135,7 +154,8 @@ class Trials:
             if alone is None:
                 return None
             model, own = replace(alone.found.model, parameters=(*varied, *more)), alone.found.own
-        return self._kept(self._fit(model, own, now.found, aim=aim, most=most))
+        step = self._kept(self._fit(model, own, now.found, aim=aim, most=most))
+        return step if most < ITERATIONS else self._seen(step)
 
     def finished(self, tried: Sequence[Step]) -> list[Step]:
         """Fits of which those that crawl go on when it is known what they have to come to; the best first."""
@@ -143,7 +163,32 @@ class Trials:
         for slow in sorted((step for step in tried if step.found.message == UNFINISHED), key=lambda s: s.fair_cost):
             step = self._kept(self._fit(slow.found.model, slow.found.own, slow.found, aim=aim_beside(done)))
             done += [] if step is None else [step]
-        return sorted(done, key=lambda step: step.fair_cost)
+        return sorted((step for step in done if self._seen(step)), key=lambda step: step.fair_cost)
+
+    def _seen(self, step: Step | None) -> Step | None:
+        """The step, unless its last effect is none that the records can show."""
+        if step is None:
+            return None
+        transducer, noise = step.found.model.transducer, step.found.noise
+        scene = replace(
+            self._scene,
+            displacement=displacement_of(self._records, transducer),
+            jitter=jitter_of(self._records, transducer, noise),
+        )
+        effect = step.found.model.transducer.effects[-1]
+        if not effect.shown(scene):
+            self.tell(f"{effect.name} is out of the range that the records show")
+            return None
+        return step
+
+    @cached_property
+    def _records(self) -> list[Data]:
+        return [data for data in self.problem.data if isinstance(data, Data)]
+
+    @cached_property
+    def _scene(self) -> Scene:
+        """What the records can show, whatever the model."""
+        return scene_of(self.problem.data, self.base)
 
     def held(self, now: Step) -> Step | None:
         """Full fit with the parameters that have strayed at their nominal values; None where none has."""
@@ -287,6 +332,49 @@ def significance(found: Fit, n: int) -> float:
     inner = parameter.inner(value_at(found.model.transducer, parameter.path))
     size = 1.0 if parameter.scaling == "log" else float(np.real(inner))
     return size**2 / float(covariance(found)[place, place])
+
+
+def errors(problem: Problem, found: Fit, n: int) -> float:
+    """How many of its standard errors the n-th effect's strength is away from nothing.
+
+    Parameters that the records do not determine are taken for known: an effect that is in proportion to one of these is
+    no less there.
+    """
+    scatter, place = covariance(found, _uncertain(found)), _strength_of(found, n)
+    if place is None:
+        size, error = amplitude_of(problem, found, n, scatter)
+        return size / error if error > 0.0 else np.inf
+    parameter = found.model.parameters[place]
+    if parameter.scaling == "log":
+        return np.inf
+    inner = float(np.real(parameter.inner(value_at(found.model.transducer, parameter.path))))
+    return abs(inner) / float(np.sqrt(scatter[place, place]))
+
+
+def _uncertain(found: Fit) -> list[int]:
+    """Parameters of the specimen that residuals as they are do not determine, the least certain one first."""
+    places = [k for k, parameter in enumerate(found.model.parameters) if parameter.path[0] != "effects"]
+    held: list[int] = []
+    while places:
+        std = np.sqrt(np.diag(covariance(found, held)))
+        worst = max(places, key=lambda k: std[k] / size_of(found, k))
+        if std[worst] / size_of(found, worst) < UNKNOWN:
+            break
+        held.append(worst)
+        places.remove(worst)
+    return held
+
+
+def amplitude_of(problem: Problem, found: Fit, n: int, scatter: np.ndarray) -> tuple[float, float]:
+    """Root mean square over records of the amplitude of a line, the n-th effect, and its standard error."""
+    effect = found.model.transducer.effects[n]
+    start = f"{effect.name} {getattr(effect, 'channel', '')} "  # of the records' own numbers that belong to it
+    names = [problem.own_names(found.model, data) for data in problem.data]
+    parts = np.concatenate(found.own) * [name.startswith(start) for some in names for name in some]
+    records = sum(any(name.startswith(start) for name in some) for some in names)
+    amplitude = float(np.sqrt(parts @ parts / records))
+    slopes = np.pad(parts / (records * amplitude), (len(scatter) - len(parts), 0))
+    return amplitude, float(np.sqrt(slopes @ scatter @ slopes))
 
 
 def _strength_of(found: Fit, n: int) -> int | None:

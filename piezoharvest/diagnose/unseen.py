@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from piezoharvest.diagnose.leftover import Leftover, structure
 from piezoharvest.identify.data import Data
-from piezoharvest.identify.descent import Fit
+from piezoharvest.identify.descent import Fit, White
 from piezoharvest.identify.fit import fit
 from piezoharvest.identify.identification import Identification, prepared
 from piezoharvest.identify.model import Model
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem, carried
+from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.identify.sums import Sums
+from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.campaign import Campaign
 
 # Of the sum of squares: an effect that is there makes records that were not fitted no worse than that, and than this
@@ -29,6 +32,8 @@ PLAIN = 100.0  # squares above noise, far more than the errors of fitted paramet
 def validated(campaign: Campaign, before: Identification, found: Sequence[Fit]) -> tuple[Problem, list[Fit]]:
     """Records that were not fitted, or all where there are none of these, with fits of their own numbers alone.
 
+    Records that one of the models cannot follow are left out: see `not_followed`.
+
     Parameters
     ----------
     campaign : Campaign
@@ -37,20 +42,59 @@ def validated(campaign: Campaign, before: Identification, found: Sequence[Fit]) 
     found : sequence of Fit
         Models that are held.
     """
-    data = prepared(campaign, "validate") or prepared(campaign, "fit")
-    problem = Problem(data, campaign.transducer, before.offsets)
+    campaign = replace(campaign, transducer=before.campaign.transducer)  # quasi-static, if it was found to be
+    data = prepared(campaign, "validate")
+    with suppress(PredictionError):
+        return _validated(data or prepared(campaign, "fit"), before, found)
+    followed = tuple(each for each in data if _follow(each, before, found))
+    return _validated(followed or prepared(campaign, "fit"), before, found)
+
+
+def not_followed(campaign: Campaign, unseen: Problem) -> tuple[str, ...]:
+    """Records that were not fitted, and that a model cannot follow."""
+    followed = {data.name for data in unseen.data}
+    return tuple(record.name for record in campaign.of_role("validate") if record.name not in followed)
+
+
+def _follow(data: Data | FrequencyData, before: Identification, found: Sequence[Fit]) -> bool:
+    """Whether models can follow a record."""
+    try:
+        _validated([data], before, found)
+    except PredictionError:
+        return False
+    return True
+
+
+def _validated(
+    data: Sequence[Data | FrequencyData], before: Identification, found: Sequence[Fit]
+) -> tuple[Problem, list[Fit]]:
+    """Records with fits of their own numbers alone."""
+    problem = Problem(data, before.campaign.transducer, before.offsets)
     noise = Noise({**problem.noise().sigma, **before.noise.sigma})
     fits: list[Fit] = []
-    for model in (replace(each.model, parameters=()) for each in found):
+    for each in found:
+        model = replace(each.model, parameters=())
         starts = [
             carried(problem, fits[-1].model, fits[-1].own, model) if fits else _identified(problem, before, model)
         ]
-        if any(len(each.setting.jumps) for each in data if isinstance(each, Data)):
+        if any(len(one.setting.jumps) for one in data if isinstance(one, Data)):
             starts.append(problem.start(model))  # when a drive jumped may be caught beside the instant
         white = fits[0].white if fits else None
-        tried = (fit(problem, model, own, noise, white=white, estimate_noise=False, enough=ENOUGH) for own in starts)
-        fits.append(min(tried, key=lambda each: each.cost))
+        try:
+            fits.append(_best(problem, model, starts, noise, white))
+        except PredictionError:
+            if any(one.role != "fit" for one in data):
+                raise
+            fits.append(_best(problem, model, [each.own], noise, white))  # from where it has followed them
     return problem, fits
+
+
+def _best(
+    problem: Problem, model: Model, starts: Sequence[tuple[np.ndarray, ...]], noise: Noise, white: White | None
+) -> Fit:
+    """The best fit of the records' own numbers from several starts."""
+    tried = (fit(problem, model, own, noise, white=white, estimate_noise=False, enough=ENOUGH) for own in starts)
+    return min(tried, key=lambda each: each.cost)
 
 
 def _identified(problem: Problem, before: Identification, model: Model) -> tuple[np.ndarray, ...]:

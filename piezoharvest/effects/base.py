@@ -64,6 +64,14 @@ class Effect(Component):
         """
         raise NotImplementedError
 
+    def shown(self, scene: Any) -> bool:
+        """Whether the records of a `diagnose.scene.Scene` can show the effect with these values.
+
+        Outside (a time constant far longer than the records, a threshold that is never reached) a fit only uses it for
+        what it is like there, which is something else.
+        """
+        return True
+
     @property
     def absent(self) -> bool:
         """Whether it is at its null value, in every design of a batch."""

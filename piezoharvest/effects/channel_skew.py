@@ -23,6 +23,9 @@ class ChannelSkew(Effect):
     def late(self, channel):
         return self.delay if channel in ("voltage", "current") else 0.0
 
+    def shown(self, scene):
+        return self.delay < scene.longest
+
     @classmethod
     def starts(cls, scene):
         if {"voltage", "current"} & set(scene.channels):

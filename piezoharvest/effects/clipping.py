@@ -22,6 +22,10 @@ class Clipping(Effect):
     def span(self, channel):
         return self.limit if channel == self.channel else float("inf")
 
+    def shown(self, scene):
+        lowest, highest = scene.ends[self.channel]
+        return lowest <= self.limit <= highest
+
     @classmethod
     def starts(cls, scene):
         for channel in scene.channels:

@@ -42,6 +42,9 @@ class Creep(Effect):
         """The ratio; any in designs of a batch without creep, where y is zero."""
         return np.where(np.equal(self.compliance_ratio, 0), 1.0, self.compliance_ratio)
 
+    def shown(self, scene):
+        return scene.shows_time(self.time_constant)
+
     @classmethod
     def starts(cls, scene):
         for time_constant in scene.times:

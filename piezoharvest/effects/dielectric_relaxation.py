@@ -35,6 +35,9 @@ class DielectricRelaxation(Effect):
         _, rate = terms.own("relaxation")
         return [Product(self.time_constant / self.capacitance, rate, rate)]
 
+    def shown(self, scene):
+        return scene.shows_time(self.time_constant)
+
     @classmethod
     def starts(cls, scene):
         for time_constant in scene.times:

@@ -23,6 +23,9 @@ class DisplacementLag(Effect):
     def act(self, specimen):
         specimen.lag(self.time_constant)
 
+    def shown(self, scene):
+        return self.time_constant < scene.longest
+
     @classmethod
     def starts(cls, scene):
         if "displacement" in scene.channels:

@@ -37,6 +37,10 @@ class Friction(Effect):
         s, ds = terms.own("stop")
         return [Product(self.stiffness, s, terms.u - ds)]
 
+    def shown(self, scene):
+        # Above twice the amplitude it never slips, and is a spring; below the noise it never sticks.
+        return scene.jitter < self.threshold < 2.0 * scene.displacement
+
     @classmethod
     def starts(cls, scene):
         for share in (0.01, 0.03, 0.07, 0.15, 0.3):

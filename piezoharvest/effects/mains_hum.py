@@ -6,6 +6,9 @@ from typing import ClassVar, Literal
 from piezoharvest.effects.base import Effect
 from piezoharvest.parameters import quantity
 
+NETWORKS = (50.0, 60.0)  # Hz
+TOLERANCE = 0.01  # of its frequency, that a network keeps (EN 50160, section 4.1)
+
 
 @dataclass(frozen=True, kw_only=True)
 class MainsHum(Effect):
@@ -22,6 +25,10 @@ class MainsHum(Effect):
 
     def line(self, channel):
         return self.frequency if channel == self.channel else None
+
+    def shown(self, scene):
+        near = min(abs(self.frequency - mains) / mains for mains in NETWORKS)
+        return near < TOLERANCE and scene.tells_line(self.channel, self.frequency)
 
     @classmethod
     def starts(cls, scene):

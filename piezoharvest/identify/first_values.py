@@ -192,7 +192,7 @@ def _with_stiffness(data: Sequence[Data], found: Transducer) -> Transducer:
     """Stiffness from displacement against force, k x = F + T v, where the force changes slowly."""
     products = np.zeros(2)
     for each in data:
-        if each.drive != "force" or "displacement" not in each.channels or not _slow(each, _resonance(found)):
+        if each.drive != "force" or "displacement" not in each.channels or not slow(each, _resonance(found)):
             continue
         loop, force, x = loop_of(each, found), thinned(each.record["force"]), thinned(each.record["displacement"])
         if loop is not None:
@@ -202,7 +202,7 @@ def _with_stiffness(data: Sequence[Data], found: Transducer) -> Transducer:
     return _put(found, stiffness=products[0] / products[1]) if products[1] > 0 else found
 
 
-def _slow(data: Data, resonance: float) -> bool:
+def slow(data: Data, resonance: float) -> bool:
     """Whether hardly any of a drive's power is near the resonance."""
     drive = data.record[data.drive]
     power = np.abs(np.fft.rfft(drive - drive.mean())) ** 2

@@ -87,7 +87,8 @@ def reestimated(problem: Problem, found: Fit) -> Noise:
     white = {name: sigma for name, sigma in found.noise.sigma.items() if name not in errors}
     if set(white) <= set(problem.known):
         return Noise({**white, **errors})
-    return Noise({**estimate(_residual_spectra(problem, found), problem.known, Noise(white)).sigma, **errors})
+    spectra = _residual_spectra(problem, found)
+    return Noise({**estimate(spectra, problem.known, Noise(white), problem.limits).sigma, **errors})
 
 
 def _residual_spectra(problem: Problem, found: Fit) -> Iterator[tuple[Sequence[str], str, np.ndarray, np.ndarray]]:
@@ -107,11 +108,17 @@ def linearised(
     return whole(model, own, sums_of(problem, model, own, found.white))
 
 
-def covariance(found: Fit) -> np.ndarray:
+def covariance(found: Fit, held: Sequence[int] = ()) -> np.ndarray:
     """Covariance of all parameters, with the residuals' colour as it is: a sandwich by bands of frequency.
 
     Where the residuals of a band are larger than the noise (rounding, slow noise, what the model misses), the
     information of the band counts that much less; they are never taken to be smaller.
+
+    Parameters
+    ----------
+    found : Fit
+    held : sequence of int
+        Parameters that are taken for known, whose rows and columns are zero.
     """
     model, own = found.model, found.own
     p, at = len(model.parameters), len(model.parameters)
@@ -125,8 +132,13 @@ def covariance(found: Fit) -> np.ndarray:
         places = np.concatenate([np.arange(p), np.arange(at, at + len(mine))])
         meat[np.ix_(places, places)] += np.einsum("b,bij->ij", excess, part.information) + part.scatter
         at += len(mine)
-    bread = inverse(found.information + found.prior)
-    return bread @ (meat + found.prior) @ bread
+    free = np.delete(np.arange(len(meat)), list(held))
+    bread = np.zeros_like(meat)
+    bread[np.ix_(free, free)] = inverse((found.information + found.prior)[np.ix_(free, free)])
+    total = bread @ (meat + found.prior) @ bread
+    # Rounding may leave less of what is hardly determined than white noise would make it, or less than nothing.
+    np.fill_diagonal(total, np.maximum(np.diag(total), np.diag(bread)))
+    return total
 
 
 def inflation(found: Fit, k: int) -> float:

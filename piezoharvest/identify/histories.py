@@ -76,7 +76,11 @@ def recalled(problem: Problem, found: Fit) -> tuple[np.ndarray, ...] | None:
         if not np.any(_histories(one, bare, one.data[0])) or not _suspect(one.data[0], bare, mine, white):
             return mine
         cost = float(sums.squares.sum() + prior_of(one, bare)[1] @ mine**2)
-        again = _ends(one, bare, _begun(one, bare, mine, found.noise), found.noise, white=(white,))
+        try:
+            starts = _begun(one, bare, mine, found.noise)
+        except PredictionError:  # the beginning, cut off, is another problem, which may have no solution
+            return mine
+        again = _ends(one, bare, starts, found.noise, white=(white,))
         return again[0].own[0] if again and again[0].cost < cost - BETTER else mine
 
     own = _apart(better, problem, found.own, found.sums, found.white)

@@ -15,6 +15,7 @@ from piezoharvest.identify.fit import covariance, fit
 from piezoharvest.identify.gain import gain_of
 from piezoharvest.identify.histories import held, memories, recalled, remembers
 from piezoharvest.identify.identifiable import assumed, combination, experiment, undetermined
+from piezoharvest.identify.inertia import beyond_samples, explains_as_well, hidden, may_be_hidden
 from piezoharvest.identify.model import Model, unexplained_blocks
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem, carried, renamed
@@ -27,7 +28,7 @@ from piezoharvest.predict.prediction import Prediction
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.record import FrequencyRecord, Record
-from piezoharvest.transducer import Transducer
+from piezoharvest.transducer import INERT, Transducer
 
 Tell = Callable[[str], None]
 LONG = 1 << 19  # samples of a record that a fit begins with
@@ -168,9 +169,13 @@ def identify(
     if offsets is None:
         offsets = sorted({channel for each in data for channel in each.channels})
     problem = Problem(data, campaign.transducer, tuple(offsets))
+    if beyond_samples(problem, campaign.transducer):
+        return _without_inertia(campaign, tell, offsets)
     parameters = parameters_of(campaign.transducer, {r.drive for r in campaign.records if isinstance(r, Record)})
     model = Model(campaign.transducer, tuple(parameters), tuple(offsets))
     first = _first_fit(problem, model, tell) if near is None else _fit_near(problem, model, near, tell)
+    if may_be_hidden(problem, first) and _at_rest(campaign, problem, first):
+        return _without_inertia(campaign, tell, offsets)
     # Near another fit this has been asked of its model, which is less distorted by what the records hold.
     begun = recalled(problem, first) if near is None else None
     if begun is not None:
@@ -180,8 +185,9 @@ def identify(
     model = replace(first.model, relaxed=True) if relaxed else first.model
     own = carried(problem, first.model, first.own, model)
     fixed = undetermined(first)
-    kept = [p for k, p in enumerate(parameters) if k not in fixed]
-    nominal = _with_nominal(first.model.transducer, campaign.transducer, [parameters[k] for k in fixed])
+    varied = first.model.parameters
+    kept = [p for k, p in enumerate(varied) if k not in fixed]
+    nominal = _with_nominal(first.model.transducer, campaign.transducer, [varied[k] for k in fixed])
     last = fit(
         problem,
         replace(model, transducer=nominal, parameters=tuple(kept)),
@@ -190,13 +196,29 @@ def identify(
         tell=tell,
         rounds=1,
     )
-    estimates = _estimates(campaign.transducer, parameters, first, fixed, last)
-    shown = [*judged(data, last), *_validated(campaign, last, tuple(offsets), tell)]
+    # Nominal values that nothing in the records confirms are no better than none.
+    if {(name,) for name in INERT} <= {varied[k].path for k in fixed} and _at_rest(campaign, problem, last):
+        return _without_inertia(campaign, tell, offsets)
+    estimates = _estimates(campaign, first, fixed, last)
+    shown = [*judged(problem.data, last), *_validated(campaign, last, tuple(offsets), tell)]
     return Identification(
         campaign, last.model.transducer, tuple(estimates),
         together([r for r in shown if r.role == "fit"]), together([r for r in shown if r.role == "validate"]),
         tuple(shown), last.noise, last.converged, last.message, last, tuple(offsets),
     )  # fmt: skip
+
+
+def _at_rest(campaign: Campaign, problem: Problem, found: Fit) -> bool:
+    """Whether a quasi-static specimen explains the records as well as a fit does."""
+    quiet = replace(campaign, transducer=hidden(campaign.transducer))
+    still = Problem(prepared(quiet, "fit"), quiet.transducer, problem.offset_channels)
+    return explains_as_well(problem, still, found)
+
+
+def _without_inertia(campaign: Campaign, tell: Tell, offsets: Sequence[str]) -> Identification:
+    """Identification of the quasi-static specimen."""
+    tell("inertia and damping do not show: the specimen is taken to be quasi-static")
+    return identify(replace(campaign, transducer=hidden(campaign.transducer)), tell, offsets)
 
 
 def _first_fit(problem: Problem, model: Model, tell: Tell) -> Fit:
@@ -235,14 +257,17 @@ def _with_nominal(transducer: Transducer, nominal: Transducer, parameters: Seque
     return transducer
 
 
-def _estimates(nominal: Transducer, parameters, first: Fit, fixed: list[int], last: Fit):
+def _estimates(campaign: Campaign, first: Fit, fixed: list[int], last: Fit):
     """Estimates in the order of the parameters."""
     std = np.sqrt(np.diag(covariance(last)))
     places = {p.path: k for k, p in enumerate(last.model.parameters)}
-    for k, parameter in enumerate(parameters):
-        before = float(value_at(nominal, parameter.path))
-        if k in fixed:
-            together = combination(first, k, [j for j in fixed if j != k])
+    varied = {p.path: k for k, p in enumerate(first.model.parameters)}
+    for parameter in parameters_of(replace(campaign.transducer, quasi_static=False), set()):
+        if parameter.name in campaign.unknown:
+            continue
+        before, k = float(value_at(campaign.transducer, parameter.path)), varied.get(parameter.path)
+        if k is None or k in fixed:
+            together = "" if k is None else combination(first, k, [j for j in fixed if j != k])
             yield Estimate(
                 parameter, before, before, None, False, combination=together, experiment=experiment(parameter)
             )

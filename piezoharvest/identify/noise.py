@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from scipy.optimize import nnls
 UPPER = 0.5  # share of the band from which noise is estimated: what is slower may be structure
 BANDS = 16  # that tell noise from lines
 FAR = 6.0  # standard deviations that a band is above the median where a line spoils it
+LOOSE = 1.3  # times what a channel shows at its highest frequencies: so much its own estimate scatters in short records
 LEAST = 0.1  # of the noise before: a channel that seems to have less is not given all the weight at once
 SCORINGS, SETTLED = 50, 1e-6  # iterations to the most likely noise; relative change at their end
 ALIKE = 1e-12  # relative eigenvalue of an information that tells nothing
@@ -54,8 +56,22 @@ def first_guess(values: np.ndarray, kept: np.ndarray | slice = slice(None)) -> f
     return float(np.sqrt(np.median(fourth**2) / 0.4549 / FOURTH)) if len(fourth) else 0.0
 
 
+def ceiling(values: np.ndarray) -> float:
+    """Standard deviation that the white noise of a channel has at most: all that its upper half band shows is noise.
+
+    Residuals may show more there, what a wrong model makes of the noise of the drive, but that is no noise of this
+    channel.
+    """
+    window = np.hanning(len(values))
+    power = np.abs(np.fft.rfft((values - values.mean()) * window)[int(UPPER * (len(values) // 2 + 1)) :]) ** 2
+    return LOOSE * float(np.sqrt(power.mean() / np.sum(window**2)))
+
+
 def estimate(
-    spectra: Iterable[tuple[Sequence[str], str, np.ndarray, np.ndarray]], known: Mapping[str, float], start: Noise
+    spectra: Iterable[tuple[Sequence[str], str, np.ndarray, np.ndarray]],
+    known: Mapping[str, float],
+    start: Noise,
+    limits: Mapping[str, tuple[float, float]] = MappingProxyType({}),
 ) -> Noise:
     """Standard deviations from residuals.
 
@@ -68,20 +84,38 @@ def estimate(
         What is known and kept.
     start : Noise
         Weights, and what is kept where the residuals do not tell.
+    limits : mapping of str to (float, float)
+        For each name the smallest and the largest that is possible.
     """
     names = list(start.sigma)
+    bounds = np.array([np.square(limits.get(name, (0.0, np.inf))) / start.sigma[name] ** 2 for name in names]).T
     parts = [part for one in spectra for part in _parts(names, start, *one)]
     shares = np.array([(known.get(name, start.sigma[name]) / start.sigma[name]) ** 2 for name in names])
     free = np.array([k for k, name in enumerate(names) if name not in known and any(p.told[k] for p in parts)], int)
     for _ in range(SCORINGS if len(free) else 0):
         before = shares.copy()
         information, score = (np.sum(t, axis=0) for t in zip(*(_scoring(p, shares) for p in parts), strict=True))
-        fixed = np.delete(np.arange(len(names)), free)
-        right = score[free] - information[np.ix_(free, fixed)] @ shares[fixed]
-        shares[free] = np.maximum(_nonnegative(information[np.ix_(free, free)], right), LEAST**2)
+        shares = _most_likely(information, score, shares, free, bounds)
         if np.abs(shares - before).max() < SETTLED * shares.max():
             break
     return Noise({name: float(np.sqrt(share)) * start.sigma[name] for name, share in zip(names, shares, strict=True)})
+
+
+def _most_likely(
+    information: np.ndarray, score: np.ndarray, shares: np.ndarray, free: np.ndarray, limits: np.ndarray
+) -> np.ndarray:
+    """Shares of which the free ones are the most likely; what would leave its limits stays there for the others."""
+    found, (lowest, highest) = shares.copy(), limits
+    while len(free):
+        fixed = np.delete(np.arange(len(shares)), free)
+        right = score[free] - information[np.ix_(free, fixed)] @ found[fixed]
+        found[free] = np.maximum(_nonnegative(information[np.ix_(free, free)], right), LEAST**2)
+        outside = (found < lowest) | (found > highest)
+        if not outside[free].any():
+            break
+        found[free] = np.clip(found, lowest, highest)[free]
+        free = free[~outside[free]]
+    return found
 
 
 def _nonnegative(information: np.ndarray, right: np.ndarray) -> np.ndarray:

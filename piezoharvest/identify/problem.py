@@ -10,13 +10,15 @@ import numpy as np
 from piezoharvest.identify.data import Data
 from piezoharvest.identify.denoise import noise_floor
 from piezoharvest.identify.model import Model, own_limits, own_names
-from piezoharvest.identify.noise import Noise, first_guess
+from piezoharvest.identify.noise import Noise, ceiling, first_guess
 from piezoharvest.identify.responses import FIRST_ERROR, FrequencyData
 from piezoharvest.predict.parameters import value_at
 from piezoharvest.transducer import Transducer
 
 PRIOR = 1.0  # standard deviation of the logarithm of a parameter about its nominal value, where nothing else is known
 WEAK = 10.0  # the same for a linear one, in units of its own size
+CHANCE = 3.0  # standard errors, by which a noise may be less than the lines of records show
+FAINTEST = 1e-6  # of its range, that the noise of a channel is taken to have at least
 # Standard deviations of numbers of a record that may not show in it: the logarithm of how long a jump takes, which
 # shows in what overshoots or not at all, and where stops are at its beginning, as share of their thresholds.
 UNSEEN = {"rise": 2.0, "history": 1.0}
@@ -47,7 +49,7 @@ class Problem:
                 continue
             for channel in (*data.channels, data.drive):
                 guess = first_guess(data.record[channel])
-                floor = 1e-6 * float(np.ptp(data.record[channel])) + 1e-300
+                floor = FAINTEST * float(np.ptp(data.record[channel])) + 1e-300
                 found.setdefault(channel, []).append(data.sigma.get(channel, max(guess, floor)))
         return Noise({**{channel: float(np.median(values)) for channel, values in found.items()}, **self.known})
 
@@ -66,6 +68,37 @@ class Problem:
             for name, some in floors.items()
         }
         return {**shown, **{channel: sigma for data in self.data for channel, sigma in data.sigma.items()}}
+
+    @cached_property
+    def limits(self) -> dict[str, tuple[float, float]]:
+        """Between which standard deviations the noise of the channels is, as the records themselves show it."""
+        found: dict[str, tuple[float, float]] = {}
+        for data in self.data:
+            if isinstance(data, FrequencyData):
+                continue
+            for channel in (*data.channels, data.drive):
+                floor = FAINTEST * float(np.ptp(data.record[channel])) + 1e-300
+                highest = max(found.get(channel, (0.0, 0.0))[1], floor, ceiling(data.record[channel]))
+                found[channel] = self._floors.get(channel, 0.0), highest
+        return found
+
+    @cached_property
+    def _floors(self) -> dict[str, float]:
+        """Smallest standard deviations of the noise of responses: less than all records show would be by chance."""
+        shown: dict[str, list[tuple[float, int] | None]] = {}
+        for data in self.data:
+            if isinstance(data, FrequencyData):
+                continue
+            for channel in data.channels:
+                shown.setdefault(channel, []).append(noise_floor(data.record[channel]))
+        found = {}
+        for channel, each in shown.items():
+            seen = [floor for floor in each if floor is not None]
+            if len(seen) == len(each):
+                total = sum(count for _, count in seen)
+                mean = float(np.sqrt(sum(sigma**2 * count for sigma, count in seen) / total))
+                found[channel] = mean * (1.0 - CHANCE / np.sqrt(2.0 * total))
+        return found
 
     def start(self, model: Model) -> tuple[np.ndarray, ...]:
         """Own numbers of the records before a fit: all zero."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from piezoharvest.transducer import Transducer
+from piezoharvest.transducer import INERT, Transducer
 
 # Small enough for what it is multiplied with to be one that components take (parameters.COMPLEX_STEP).
 STEP = 1e-165
@@ -79,7 +79,7 @@ def _fields(component: Any, names: Sequence[str], path: Path) -> list[Parameter]
 
 def parameters_of(transducer: Transducer, drive_kinds: set[str]) -> list[Parameter]:
     """Parameters of a transducer without its effects, those that the drives of a campaign let matter."""
-    mechanical = ["mass", "damping", "stiffness", "coupling"]
+    mechanical = [*(() if transducer.quasi_static else INERT), "stiffness", "coupling"]
     found = _fields(transducer, [*mechanical, "capacitance"], ())
     for n, mode in enumerate(transducer.modes):
         found += _fields(mode, mechanical, ("modes", n))

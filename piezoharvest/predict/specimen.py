@@ -107,6 +107,7 @@ class Specimen:
     """
 
     def __init__(self, transducer: Transducer, shunt: Shunt | None, drive: str, sample_time: float) -> None:
+        transducer = transducer.settled(sample_time) if transducer.quasi_static else transducer
         self.transducer, self.sample_time, self.drive_name = transducer, sample_time, drive
         self._used = 0
         self.drive, self.drive_rate, self.one, self.time = (self._column() for _ in INPUTS)

@@ -26,9 +26,11 @@ from piezoharvest.records.frequency import read_frequency_record
 from piezoharvest.records.reading import read_record
 from piezoharvest.records.record import FrequencyRecord, Record
 from piezoharvest.study import StudyError, build_transducer, read_toml
-from piezoharvest.transducer import Transducer
+from piezoharvest.transducer import INERT, Transducer
 
 _TABLES = ("title", "transducer", "channels", "records")
+UNKNOWN = "unknown"  # mass or damping of a specimen that has none to speak of
+NO_VALUE = 1.0  # that stands where a quasi-static specimen has no mass: it does nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +48,8 @@ class Campaign:
         In the order of the file.
     findings : tuple of tuple of Finding
         For each record what its checks have found; warnings only, unless the campaign comes with an error.
+    unknown : tuple of str
+        Parameters of the transducer of which the file gives no value: mass and damping of a quasi-static specimen.
     """
 
     title: str
@@ -53,6 +57,7 @@ class Campaign:
     transducer: Transducer
     records: tuple[Record | FrequencyRecord, ...]
     findings: tuple[tuple[Finding, ...], ...]
+    unknown: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[Finding, ...]:
@@ -63,6 +68,11 @@ class Campaign:
     def errors(self) -> tuple[Finding, ...]:
         """Findings of all records that are errors."""
         return tuple(finding for some in self.findings for finding in some if finding.severity == "error")
+
+    @property
+    def drives_base(self) -> bool:
+        """Whether a base acceleration is imposed in some record, which only a mass turns into a force."""
+        return any(isinstance(record, Record) and record.drive == "base_acceleration" for record in self.records)
 
     def of_role(self, role: str) -> tuple[Record | FrequencyRecord, ...]:
         """Records with a role, "fit" or "validate"."""
@@ -107,6 +117,8 @@ def load_campaign(path: str | Path) -> Campaign:
       1, with the table below it.
     - `kind = "frf"`: `input` (default force), `output` and a load; columns frequency_Hz, real and imaginary, or
       magnitude and phase_rad or phase_deg, or a complex response, and coherence; or others by `[records.channels]`.
+    - `quasi_static = true` in `[transducer]`, or `mass = "unknown"` or `damping = "unknown"`: of a specimen that
+      follows its drive at once, whose mass and damping may be left out.
     - `kind = "impedance"`: `mechanical` ("free" or "blocked"); columns frequency_Hz, resistance_ohm and reactance_ohm,
       or impedance_ohm and phase_rad or phase_deg. Sweeps may go up or down and overlap; a line at 0 Hz is left out.
     """
@@ -144,7 +156,7 @@ def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
         raise ParameterError("title", f"found {repr(title)[:80]}, allowed is a string")
     if "transducer" not in table:
         raise ParameterError("transducer", "found no such key, allowed is a table")
-    transducer = build_transducer(table["transducer"])
+    transducer, unknown = _nominal(table["transducer"])
     sources = {**default_sources(), **build_sources(table.get("channels", {}), "campaign", "channels")}
     entries = table.get("records")
     if not isinstance(entries, list) or not entries:
@@ -155,8 +167,31 @@ def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
     # A channel may be missing in some records; one that [channels] names and none has may be misspelt.
     measured = {channel for record in records if isinstance(record, Record) for channel in record.signals}
     absent = [[f for f in some if f.check != "missing column" or f.channel not in measured] for _, some in read]
-    found = (tuple((*some, *check(record, transducer))) for record, some in zip(records, absent, strict=True))
-    return Campaign(title, path, transducer, records, tuple(found))
+    found = (tuple((*some, *_checked(record, transducer))) for record, some in zip(records, absent, strict=True))
+    campaign = Campaign(title, path, transducer, records, tuple(found), unknown)
+    if "mass" in unknown and campaign.drives_base:
+        raise ParameterError("transducer.mass", "found no value, allowed under a base acceleration is a number")
+    return campaign
+
+
+def _nominal(table: Any) -> tuple[Transducer, tuple[str, ...]]:
+    """Transducer from its table, and what that does not tell of it: where no mass is known, none can be felt."""
+    table = dict(table) if isinstance(table, Mapping) else table
+    unknown: tuple[str, ...] = ()
+    if isinstance(table, dict):
+        unknown = tuple(name for name in INERT if table.get(name) == UNKNOWN)
+        if unknown or table.get("quasi_static") is True:
+            unknown = tuple(name for name in INERT if name in unknown or not {name, "catalogue"} & set(table))
+            table |= {"quasi_static": True, **dict.fromkeys(unknown, NO_VALUE)}
+    return build_transducer(table), unknown
+
+
+def _checked(record: Record | FrequencyRecord, transducer: Transducer) -> tuple[Finding, ...]:
+    """What the checks of a record find."""
+    if transducer.quasi_static:
+        rate = record.frequency.max() if isinstance(record, FrequencyRecord) else record.sample_rate
+        transducer = transducer.settled(1.0 / float(rate))
+    return check(record, transducer)
 
 
 def _entries(entries: list, sources: Mapping, path: Path) -> Iterator[tuple[Record | FrequencyRecord, list[Finding]]]:

@@ -1,0 +1,44 @@
+"""Records that a model cannot follow are named, and a diagnosis stands without them."""
+
+import pytest
+from diagnose_runs import RECORDS, campaign
+
+from piezoharvest.diagnose import diagnose, trials, unseen
+from piezoharvest.diagnose.account import sentence
+from piezoharvest.effects import Creep, Leakage
+from piezoharvest.predict.prediction import PredictionError
+
+HIDDEN = {"leakage": {"resistance": 3e6}}
+
+
+@pytest.mark.parametrize("validated_with", [1, 2])
+def test_records_that_cannot_be_followed_are_named(validated_with, tmp_path, monkeypatch):
+    measured = campaign(tmp_path, HIDDEN, [*RECORDS, {**RECORDS[3], "load_resistance": 51.43e3}][: 3 + validated_with])
+    lost = measured.of_role("validate")[0].name
+    plain = unseen.fit
+
+    def failing(problem, model, *more, **options):
+        if model.transducer.effects and lost in {data.name for data in problem.data}:
+            raise PredictionError("no solution at sample 7")
+        return plain(problem, model, *more, **options)
+
+    monkeypatch.setattr(unseen, "fit", failing)
+    told = diagnose(measured, library=[Leakage])
+    assert told.verdict == "effect"
+    assert [named.effect.name for named in told.effects] == ["leakage"]
+    assert told.unpredicted == (lost,)
+    assert f"The model with these effects cannot follow {lost}" in sentence(told)
+
+
+def test_what_was_found_stands_where_one_effect_more_cannot_be_followed(tmp_path, monkeypatch):
+    measured, plain, told = campaign(tmp_path, HIDDEN), trials.scores, []
+
+    def failing(problem, found, *more):
+        if found.model.transducer.effects:
+            raise PredictionError("no solution at sample 7")
+        return plain(problem, found, *more)
+
+    monkeypatch.setattr(trials, "scores", failing)
+    found = diagnose(measured, told.append, library=[Leakage, Creep])
+    assert [named.effect.name for named in found.effects] == ["leakage"]
+    assert any("no solution at sample 7" in text for text in told)
