@@ -126,15 +126,11 @@ def extras(model: Model, data: Data, prediction: Prediction) -> list[Extra]:
 def first_samples(data: Data) -> list[tuple[int, int]]:
     """Samples (and channels) after a jump: what a sensor reads there, between before and after, is a number of its own.
 
-    By how much the reading without noise is above what was read.
+    By how much the reading without noise is above what was read. Where neighbouring steps jump, a sample after both is
+    one number.
     """
-    return [
-        (int(jump) + 1 + k, c)
-        for jump in data.setting.motion.jumps
-        for k in range(LATEST)
-        for c in range(len(data.channels))
-        if jump + 1 + k < len(data)
-    ]
+    after = {int(jump) + 1 + k for jump in data.setting.motion.jumps for k in range(LATEST)}
+    return [(sample, c) for sample in sorted(after) if sample < len(data) for c in range(len(data.channels))]
 
 
 def own_names(model: Model, data: Data) -> tuple[str, ...]:
