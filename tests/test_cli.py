@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
+import piezoharvest.cli
 import piezoharvest.design
 import piezoharvest.engine
 import piezoharvest.report
@@ -394,13 +395,19 @@ class TestBadInput:
         assert f"study.toml: design.{key}: found '{value}', which this version cannot do yet" in message
 
 
+def heed_interrupts():
+    """In a child: tests that run in the background hand on that Ctrl-C is ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 class TestProgram:
     """What only a process of its own shows."""
 
     @staticmethod
     def start(*arguments: str, **options) -> subprocess.Popen:
         command = [sys.executable, "-m", "piezoharvest", *arguments]
-        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        return subprocess.Popen(command, preexec_fn=heed_interrupts, **pipes, **options)
 
     def test_help_loads_nothing_heavy(self):
         code = (
@@ -431,13 +438,21 @@ class TestProgram:
         assert process.stderr.read() == ""
         process.stderr.close()
 
-    def test_interrupt(self, tmp_path):
+    @pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+    @pytest.mark.parametrize("command", ["simulate", "design", "sweep", "measure", "identify", "diagnose"])
+    def test_interrupt(self, tmp_path, command, sent, status):
         os.mkfifo(tmp_path / "study.toml")
-        process = self.start("simulate", "study.toml", cwd=tmp_path)
+        out = ("--out", "new.csv") if command in ("simulate", "sweep", "measure") else ("--report", "new")
+        process = self.start(command, "study.toml", *out, cwd=tmp_path)
         with (tmp_path / "study.toml").open("w"):  # opens once the program reads
-            process.send_signal(signal.SIGINT)
+            process.send_signal(sent)
             out, err = process.communicate(timeout=60)
-        assert (process.returncode, out, err) == (130, "", "piezoharvest: interrupted\n")
+        assert (process.returncode, out, err) == (status, "", "piezoharvest: interrupted\n")
+        assert os.listdir(tmp_path) == ["study.toml"]
+
+    def test_interrupt_while_arguments_are_read(self, run, monkeypatch):
+        monkeypatch.setattr(piezoharvest.cli, "app", lambda *_, **__: 130)  # as typer has it
+        assert run("simulate", "study.toml") == (130, "", "piezoharvest: interrupted\n")
 
     def test_interrupt_within_a_simulation(self, study, run, engine):
         engine(response(), KeyboardInterrupt())

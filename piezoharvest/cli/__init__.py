@@ -1,14 +1,16 @@
 """The command line: `piezoharvest simulate | design | sweep | measure | identify | diagnose | export | demo`.
 
 typer only reads the arguments; each command hands back the work to be done, which `main` runs. Exit status: 0 done;
-1 ran, but the answer is not to be trusted; 2 bad input; 130 interrupted.
+1 ran, but the answer is not to be trusted; 2 bad input; 130 interrupted, 143 told to end.
 """
 
 from __future__ import annotations
 
 import math
 import os
+import signal
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -217,18 +219,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if hasattr(sys.stdout, "reconfigure"):
         sys.stdout.reconfigure(errors="replace")  # pyright: ignore[reportAttributeAccessIssue]
     try:
+        _end_as_if_interrupted()
         result = app(arguments, prog_name="piezoharvest", standalone_mode=False)
+        if result == 130:  # typer has kept the interrupt to itself
+            raise KeyboardInterrupt
         status: Any = result() if callable(result) else result or 0
         sys.stdout.flush()
         return status
     except KeyboardInterrupt:
         return _say("interrupted", 130)
+    except SystemExit as ended:
+        return _say("interrupted", int(ended.code or 0))
     except BrokenPipeError:
         # Who reads the results has left: nothing to say, and nothing to flush into the pipe at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
     except Exception as error:
         return _failed(error)
+
+
+def _end_as_if_interrupted() -> None:
+    """Let SIGTERM, by which containers and batch systems end a run, leave as little behind as Ctrl-C."""
+
+    def end(*_: object) -> None:
+        raise SystemExit(143)
+
+    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, end)
 
 
 def _failed(error: Exception) -> int:

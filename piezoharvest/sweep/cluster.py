@@ -124,7 +124,7 @@ def _answering(address: str) -> str:
 
 async def _kind(address: str, arguments: dict) -> str:
     """What answers at the address, by its own word."""
-    from distributed.comm import connect
+    from distributed.comm.core import connect
 
     comm = await connect(address, timeout=_PATIENCE, **arguments)
     try:
