@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
+import piezoharvest.cli
 import piezoharvest.design
 import piezoharvest.engine
 import piezoharvest.report
@@ -395,13 +396,19 @@ class TestBadInput:
         assert f"study.toml: design.{key}: found '{value}', which this version cannot do yet" in message
 
 
+def heed_interrupts():
+    """In a child: tests that run in the background hand on that Ctrl-C is ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 class TestProgram:
     """What only a process of its own shows."""
 
     @staticmethod
     def start(*arguments: str, **options) -> subprocess.Popen:
         command = [sys.executable, "-m", "piezoharvest", *arguments]
-        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        return subprocess.Popen(command, preexec_fn=heed_interrupts, **pipes, **options)
 
     def test_help_loads_nothing_heavy(self):
         code = (
@@ -443,6 +450,10 @@ class TestProgram:
         out, err = process.communicate(timeout=60)
         assert time.monotonic() - begin < 2.0
         assert (process.returncode, out, err) == (130, "", "piezoharvest: interrupted\n")
+
+    def test_interrupt_while_arguments_are_read(self, run, monkeypatch):
+        monkeypatch.setattr(piezoharvest.cli, "app", lambda *_, **__: 130)  # as typer has it
+        assert run("simulate", "study.toml") == (130, "", "piezoharvest: interrupted\n")
 
     def test_interrupt_within_a_simulation(self, study, run, engine):
         engine(response(), KeyboardInterrupt())

@@ -1,7 +1,7 @@
 """The command line: `piezoharvest simulate | design | sweep | measure | identify | diagnose | export | demo`.
 
 typer only reads the arguments; each command hands back the work to be done, which `main` runs. Exit status: 0 done;
-1 ran, but the answer is not to be trusted; 2 bad input; 130 interrupted.
+1 ran, but the answer is not to be trusted; 2 bad input; 130 interrupted, 143 told to end.
 """
 
 from __future__ import annotations
@@ -9,7 +9,9 @@ from __future__ import annotations
 import errno
 import math
 import os
+import signal
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -219,12 +221,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if hasattr(sys.stdout, "reconfigure"):
         sys.stdout.reconfigure(errors="replace")  # pyright: ignore[reportAttributeAccessIssue]
     try:
+        _end_as_if_interrupted()
         result = app(arguments, prog_name="piezoharvest", standalone_mode=False)
+        if result == 130:  # typer has kept the interrupt to itself
+            raise KeyboardInterrupt
         status: Any = result() if callable(result) else result or 0
         sys.stdout.flush()
         return status
     except KeyboardInterrupt:
         return _say("interrupted", 130)
+    except SystemExit as ended:
+        return _say("interrupted", int(ended.code or 0))
     except BrokenPipeError:
         _discard_output()  # who reads the results has left: nothing to say
         return 141
@@ -240,6 +247,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _discard_output() -> None:
     """Leave nothing that Python would try to write, and complain about, at its exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _end_as_if_interrupted() -> None:
+    """Let SIGTERM, by which containers and batch systems end a run, leave as little behind as Ctrl-C."""
+
+    def end(*_: object) -> None:
+        raise SystemExit(143)
+
+    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, end)
 
 
 def _failed(error: Exception) -> int:

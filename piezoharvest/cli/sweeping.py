@@ -29,7 +29,7 @@ def sweep(path: Path, out: Path, *, workers: int, scheduler: str | None, as_json
     try:
         with _progress() as progress:
             result = run(study, out, workers=workers, scheduler=scheduler, progress=progress, tell=note)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemExit):
         note("what is done is kept: the same command goes on from there")
         raise
     if as_json:
@@ -70,7 +70,10 @@ def _progress() -> Iterator[Progress]:
             return Text(f"{task.speed:.0f} designs/s" if task.speed else "- designs/s")
 
     console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda done, total: None
+        return
     columns = (BarColumn(), MofNCompleteColumn(), Rate(), TimeRemainingColumn(), TextColumn("left"))
-    with Bar(*columns, console=console, disable=not console.is_terminal) as bar:
+    with Bar(*columns, console=console) as bar:
         task = bar.add_task("", total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)

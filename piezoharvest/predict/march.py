@@ -13,13 +13,15 @@ import math
 import numpy as np
 from numba import njit
 
+from piezoharvest.engine.compiled import kept
+
 _STOP, _PRODUCT, _POWER = 0, 1, 2
 _TRIES = 60
 _LEAST_SHARE = 0.01  # of a Newton step
 _CLOSE = 1e-13  # relative residual of the inputs at which Newton ends
 _ROUNDED = 0.1  # share of an input, which times that is well above its rounding
 _NEAR = 1e-8  # the same, which is still good enough where rounding stands in the way
-_fast = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+_fast = njit(nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 
 
 @_fast
@@ -263,6 +265,7 @@ def _find(K, base, limits, kinds, places, before, old, h, held, w, trial, slopes
     return worst < _NEAR
 
 
+@kept
 @_fast
 def march(
     coefficients, every, lane, rise, first, share, at_start, h, M, H, O, limits, kinds, places,  # noqa: E741

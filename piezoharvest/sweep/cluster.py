@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import pickle
+import threading
+import warnings
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
@@ -22,7 +25,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 _KEY = "--scheduler"
-_PATIENCE = 10.0  # s, for a scheduler to answer
+_PATIENCE = 8.0  # s, for a scheduler to answer, or to begin to listen where it was started a moment ago
 _AHEAD = 4  # chunks for each thread of the cluster
 _LEAST = 64  # chunks under way, so that a cluster that grows with its work does
 
@@ -72,19 +75,17 @@ def _refused(found: str) -> ParameterError:
 def _connected(address: str) -> Iterator[Client]:
     """Client of the scheduler at the address."""
     from distributed import Client
-    from distributed.comm.addressing import resolve_address
-    from distributed.security import Security
 
     log = logging.getLogger("distributed.client")
     level = log.level
     log.setLevel(logging.CRITICAL + 1)  # what it tells of a lost scheduler is told here, in one sentence
     try:
         try:
-            resolved = resolve_address(address)
-            if resolved.startswith("tls") and not Security().get_connection_args("client").get("ssl_context"):
-                raise ValueError("no certificates in the configuration of Dask")
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of a way to connect that is no more
+                resolved = _answering(address)
             client = Client(resolved, timeout=_PATIENCE, set_as_default=False)
-        except (OSError, ValueError):
+        except Exception:  # whatever an address that is none leads to, in Dask and below it
             found = f"found no scheduler that answers at {address!r}"
             allowed = "allowed is the address of a running one, such as tcp://127.0.0.1:8786"
             raise ParameterError(_KEY, f"{found}, {allowed}") from None
@@ -92,3 +93,42 @@ def _connected(address: str) -> Iterator[Client]:
             yield client
     finally:
         log.setLevel(level)
+
+
+def _answering(address: str) -> str:
+    """Whole address of a scheduler that has answered.
+
+    `Client` itself waits for minutes for one that takes a connection and is silent, as it does while it ends. So it is
+    asked in a thread first that nothing waits for.
+    """
+    from distributed.comm.addressing import resolve_address
+    from distributed.security import Security
+
+    resolved = resolve_address(address)
+    arguments = Security().get_connection_args("client")
+    if resolved.startswith("tls") and not arguments.get("ssl_context"):
+        raise ValueError("no certificates in the configuration of Dask")
+    kind: Future[str] = Future()
+
+    def ask() -> None:
+        try:
+            kind.set_result(asyncio.run(_kind(resolved, arguments)))
+        except Exception as error:
+            kind.set_exception(error)
+
+    threading.Thread(target=ask, daemon=True).start()
+    if kind.result(_PATIENCE) != "Scheduler":
+        raise ValueError("a worker, say")
+    return resolved
+
+
+async def _kind(address: str, arguments: dict) -> str:
+    """What answers at the address, by its own word."""
+    from distributed.comm.core import connect
+
+    comm = await connect(address, timeout=_PATIENCE, **arguments)
+    try:
+        await comm.write({"op": "identity", "reply": True})
+        return (await comm.read())["type"]
+    finally:
+        comm.abort()

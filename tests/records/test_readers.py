@@ -237,7 +237,8 @@ def write_parquet(path, arrays):
 def write_tdms(path, arrays):
     with TdmsWriter(path) as writer:
         for part in (slice(0, 4), slice(4, None)):
-            writer.write_segment([ChannelObject("bench", name, values[part]) for name, values in arrays.items()])
+            parts = {name: values[part] for name, values in arrays.items() if len(values[part])}
+            writer.write_segment([ChannelObject("bench", name, values) for name, values in parts.items()])
 
 
 def write_mat(path, arrays):

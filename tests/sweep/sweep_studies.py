@@ -1,6 +1,7 @@
 """Studies to be swept, as files, and what comes of them."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -95,7 +96,13 @@ def study_of(folder, *texts):
 def start(folder, *arguments):
     """The command line as a process of its own."""
     command = [sys.executable, "-m", "piezoharvest", "sweep", *map(str, arguments)]
-    return subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen(command, cwd=folder, preexec_fn=_heed_interrupts, **pipes)
+
+
+def _heed_interrupts():
+    """In the child: tests that run in the background hand on that Ctrl-C is ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def finish(process):

@@ -5,8 +5,12 @@ import os
 import pickle
 import re
 import signal
+import socket
 import subprocess
 import sys
+import threading
+import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -112,6 +116,91 @@ def test_workers_may_come_late_and_the_scheduler_may_go(dask, tmp_path):
     assert err.endswith("; the same command resumes\n")
     assert err.count("\n") == 1
     assert len(parts(out)) >= 1
+
+
+@contextmanager
+def listening(answer=None):
+    """A port on which something takes connections, and answers nothing or always the same; gives the port."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        taken = []
+
+        def serve():
+            while True:
+                try:
+                    taken.append(server.accept()[0])
+                    if answer:
+                        taken[-1].sendall(answer)
+                except OSError:  # the test has ended
+                    return
+
+        threading.Thread(target=serve, daemon=True).start()
+        try:
+            yield server.getsockname()[1]
+        finally:
+            server.shutdown(socket.SHUT_RDWR)
+            for connection in taken:
+                connection.close()
+
+
+def refused(folder, address):
+    """The one sentence about an address, said in time."""
+    begun = time.monotonic()
+    status, out, err = finish(start(folder, "study.toml", "--out", "out.parquet", "--scheduler", address))
+    took = time.monotonic() - begun
+    assert (status, out) == (2, "")
+    assert err.count("\n") == 1
+    assert os.listdir(folder) == ["study.toml"]
+    return err, took
+
+
+def no_scheduler(address):
+    return (
+        f"piezoharvest: error: --scheduler: found no scheduler that answers at {address!r}, "
+        "allowed is the address of a running one, such as tcp://127.0.0.1:8786\n"
+    )
+
+
+@pytest.mark.parametrize(
+    "answer", [None, b"HTTP/1.1 400 Bad Request\r\n\r\n", b"\0" * 64], ids=["silent", "http", "zeros"]
+)
+def test_a_port_without_a_scheduler_is_left_in_time(tmp_path, answer):
+    write(tmp_path, LONG)
+    with listening(answer) as port:
+        err, took = refused(tmp_path, f"tcp://127.0.0.1:{port}")
+    assert err == no_scheduler(f"tcp://127.0.0.1:{port}")
+    assert took < cluster._PATIENCE + 20.0  # the start of Python and Dask, on a machine that is busy
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "tcp://127.0.0.1:1", "127.0.0.1:1", "tcp://no.such.host.invalid:8786", "tcp://[::1]:1", "tcp://127.0.0.1:99999999",
+        "inproc://127.0.0.1/1/2", "inproc://", "ucx://127.0.0.1:1", "ws://127.0.0.1:1", "tls://127.0.0.1:1",
+        "http://127.0.0.1:1", "tcp://127.0.0.1:port", "tcp://", "127.0.0.1", "garbage", ":", "", "tcp://\x01:1",
+    ],
+)  # fmt: skip
+def test_an_address_that_is_none(run, monkeypatch, address):
+    monkeypatch.setattr(cluster, "_PATIENCE", 0.5)  # or most of these take it whole
+    assert run(LONG, "--out", "out.parquet", "--scheduler", address) == (2, "", no_scheduler(address))
+    assert os.listdir() == ["study.toml"]
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "inproc://127.0.0.1/1/2", "ucx://127.0.0.1:1"])
+def test_nothing_else_is_said_of_it(tmp_path, address):
+    """By no package that is asked: what a process of its own shows."""
+    write(tmp_path, LONG)
+    assert refused(tmp_path, address)[0] == no_scheduler(address)
+
+
+def test_the_address_of_a_worker_is_none(dask, tmp_path):
+    from distributed import Client
+
+    write(tmp_path, LONG)
+    dask.join("worker")
+    with Client(dask.address, set_as_default=False) as client:
+        client.wait_for_workers(1, timeout=60)
+        (address,) = client.scheduler_info()["workers"]
+    assert refused(tmp_path, address)[0] == no_scheduler(address)
 
 
 def test_another_version_on_the_workers_is_refused(dask, tmp_path, monkeypatch):
