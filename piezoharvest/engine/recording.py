@@ -164,6 +164,7 @@ def _energies_of_step(P, L, S, D, slot, level):
 @compiled
 def _form_size(P, L, S, form):
     """Sum of the sizes of all terms of a quadratic form of the state now."""
+    products(L, 8)  # one number at a time
     size = 0.0
     for j in range(L[pg.A]):
         column = 0.0
@@ -189,6 +190,7 @@ def _collect_short(P, L, S, D, slot, tau):
 def _quadrature(P, L, S, D, slot, tau):
     """Energies of a motion by tau by Gauss-Legendre quadrature, left at QUADRATURE: right where it is smooth."""
     z, energies = vector(L, D, SAMPLE), D[st.QUADRATURE]
+    products(L, len(NODES) * (L[pg.PRODUCTS] + L[pg.H]))
     for e in range(D[st.ENERGIES]):
         S[energies + e] = 0.0
     for q in range(len(NODES)):
