@@ -124,6 +124,9 @@ def faults(energy: Mapping[str, Any], change: Any, before: Any, amplitude: Any, 
         "more power comes in than the drive can give, sum F^2/(2 b)": (
             finite & periodic & passive & (energy["mechanical_in"] > (1.0 + CERTAIN) * most.supplied + rounding)
         ),
+        "a loss is negative": finite & np.any(
+            [energy.get(name, 0.0) < -CERTAIN * largest for name in ("damping", "hysteresis", "shunt_loss")], axis=0
+        ),
         "less than nothing is harvested, or more than comes in": finite & (
             (harvested < -CERTAIN * largest) | (harvested > given + (0.0 if periodic else before) + CERTAIN * largest)
         ),

@@ -49,8 +49,12 @@ def test_more_than_the_drive_can_give():
 def test_harvest_within_what_comes_in():
     said = ["less than nothing is harvested, or more than comes in"]
     assert wrong(harvested=-0.1, damping=1.05) == said
-    assert wrong(harvested=1.2, damping=-0.25, most=NO_BOUNDS) == []  # an effect gives what is missing
+    assert wrong(harvested=1.2, bias_current=-0.95, most=NO_BOUNDS) == []  # an effect gives what is missing
     assert wrong(harvested=1.5, damping=0.0, shunt_loss=0.0, change=-0.5, before=0.1, periodic=False) == said
+
+
+def test_a_loss_that_gives():
+    assert wrong(damping=-0.1, harvested=1.05, mechanical_in=1.0, before=0.0)[0] == "a loss is negative"
 
 
 def test_bound_of_the_drive():
