@@ -1,5 +1,6 @@
 # make demo   install on first use and write the demonstration report to demo-report/
 # make test   run the tests
+# make lowest run a part of the tests with the lowest versions of all dependencies (Python 3.11; 3 minutes)
 # make bench  measure speed and error beside ngspice, solve_ivp and NumPy: reports/speed/, table in README.md (10 minutes)
 # make paper  simulate and audit the reference paper's tables: reports/paper/index.html, findings.json (5 minutes)
 # make recovery  diagnose random campaigns and count the right answers: reports/diagnosis/ (hours; goes on where it was stopped)
@@ -11,13 +12,23 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test bench paper actuators recovery coverage check clean
+# Tests through which the package meets its dependencies, without those that take long.
+MEETING := tests/test_cli.py tests/test_study.py tests/test_linear.py tests/test_packaging.py tests/records tests/report \
+	tests/sweep/test_sweep_input.py tests/sweep/test_sweep_plan.py tests/sweep/test_sweep_results.py \
+	tests/sweep/test_sweep_dask.py tests/identify/test_identify_cli.py tests/identify/test_loops.py \
+	tests/engine/test_vector.py
+
+.PHONY: demo test lowest bench paper actuators recovery coverage check clean
 
 demo: .venv/.installed
 	$(BIN)/piezoharvest demo --out demo-report
 
 test: .venv/.installed
 	$(BIN)/python -m pytest -n 2 -q
+
+lowest: build/lowest/.installed
+	NUMBA_CACHE_DIR=$(CURDIR)/build/lowest/numba build/lowest/bin/python -m pytest -n 2 -q --disable-warnings \
+		-m 'not slow and not browser and not spice' $(MEETING)
 
 bench: .venv/.installed
 	$(BIN)/python -m reports.speed
@@ -41,6 +52,11 @@ check: .venv/.installed
 .venv/.installed: pyproject.toml
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,dev]'
+	touch $@
+
+build/lowest/.installed: pyproject.toml .ci/lowest.txt
+	$(PYTHON) -m venv build/lowest
+	build/lowest/bin/python -m pip install --quiet --disable-pip-version-check -e '.[test]' -c .ci/lowest.txt
 	touch $@
 
 clean:

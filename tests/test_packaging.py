@@ -1,0 +1,60 @@
+"""What pyproject.toml says of the package's dependencies."""
+
+import ast
+import re
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+import piezoharvest
+from piezoharvest.engine.compiled import TESTED
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+DEPENDENCIES, TEST = PROJECT["dependencies"], PROJECT["optional-dependencies"]["test"]
+
+
+def normal(name):
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def imported(folder):
+    """Packages that the files of a folder import, wherever in a file, but for this one and those of Python."""
+    found = set()
+    for path in folder.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                found.add(node.module.split(".")[0])
+    return found - set(sys.stdlib_module_names) - {"piezoharvest"}
+
+
+def test_what_is_imported_is_declared():
+    homes = packages_distributions()
+    declared = {normal(re.match(r"[\w.-]+", dependency)[0]) for dependency in DEPENDENCIES}
+    packages = imported(Path(piezoharvest.__file__).parent)
+    assert {"cvxpy", "numba", "numpy"} <= packages
+    missing = {name for name in packages if not declared & set(map(normal, homes[name]))}
+    assert missing == set()
+
+
+def test_lowest_versions_are_the_bounds():
+    wanted = {dependency.replace(">=", "==") for dependency in (*DEPENDENCIES, *TEST)}
+    lines = (ROOT / ".ci" / "lowest.txt").read_text().splitlines()
+    assert [line for line in lines if not line.startswith("#")] == sorted(wanted)
+
+
+@pytest.mark.parametrize("dependency", [*DEPENDENCIES, *TEST])
+def test_every_dependency_has_a_lower_bound_and_no_other(dependency):
+    """An upper one would keep users from what is mended upstream."""
+    assert re.fullmatch(r"[\w-]+>=[\d.]+", dependency)
+
+
+def test_versions_of_numba_are_those_that_its_internals_were_tested_with():
+    (line,) = [line for line in (ROOT / "pyproject.toml").read_text().splitlines() if '"numba>=' in line]
+    first, last = (".".join(map(str, version)) for version in TESTED)
+    assert f'"numba>={first}", # {first} to {last} are tested' in line
