@@ -74,8 +74,8 @@ def _modules() -> set[str]:
 
 
 def stamp(file: str) -> str:
-    """What tells code compiled of the functions in a file from code made of other sources."""
-    content = hashlib.sha256()
+    """What tells code compiled of the functions in a file from code made of other sources or by another numba."""
+    content = hashlib.sha256(numba.__version__.encode())
     for _, text in sorted(_texts(file).items()):
         content.update(_digest(text))
     return content.hexdigest()[:16]
@@ -86,7 +86,7 @@ class _Files(IndexDataCacheFile):
 
     def __init__(self, folder: str, function: str, mark: str):
         super().__init__(folder, function, mark)
-        self._function, self._mark = f"{function}.numba{numba.__version__}", mark
+        self._function, self._mark = function, mark
 
     def _path(self, key: tuple) -> str:
         return self._data_path(f"{self._function}.{self._mark}.{_digest(repr(key).encode()).hex()[:16]}.nbc")

@@ -23,7 +23,7 @@ FLOOR = 1e-3
 SLACK = 1e-10
 # Steps tried in a run, and for each interval between its nodes: most intervals take one to three, an event some ten; a
 # thousand at events take a fifth of a second.
-MAX_TRIALS, TRIALS_EACH = 50_000, 20
+MAX_TRIALS, TRIALS_EACH = 2_000_000, 400
 
 _STAGES = np.append(0.0, NODES)
 # Coefficients of the cubic through values at the start and the stages.
