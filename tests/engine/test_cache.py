@@ -61,6 +61,16 @@ def plus(x):
 """,
 }
 RUN = "from piezoharvest.engine.small import small; print(small(2.0), sum(small.stats.cache_hits.values()))"
+# Several processes look for kept code at one time: each says that it is about to, and waits for the others.
+TOGETHER = """\
+import os, sys, time
+from piezoharvest.engine.small import small
+folder, own, count = sys.argv[1], sys.argv[2], int(sys.argv[3])
+open(os.path.join(folder, own), "w").close()
+while len(os.listdir(folder)) < count:
+    time.sleep(0.005)
+print(small(2.0), sum(small.stats.cache_hits.values()))
+"""
 UNKEPT = "warning: compiled code cannot be kept on disk ("
 
 
@@ -225,11 +235,13 @@ class TestKept:
         assert before != after
 
     def test_processes_that_compile_at_once(self, package, tmp_path):
-        together = [begin(package, NUMBA_CACHE_DIR=tmp_path) for _ in range(4)]
+        meeting, kept = tmp_path / "meeting", tmp_path / "kept"
+        meeting.mkdir()
+        together = [begin(package, TOGETHER, meeting, n, 4, NUMBA_CACHE_DIR=kept) for n in range(4)]
         assert [finish(process) for process in together] == [("9.0 0", [])] * 4
-        (kept,) = code_files(tmp_path)
-        assert kept.suffix == ".nbc"
-        assert finish(begin(package, NUMBA_CACHE_DIR=tmp_path)) == ("9.0 1", [])
+        (code,) = code_files(kept)
+        assert code.suffix == ".nbc"
+        assert finish(begin(package, NUMBA_CACHE_DIR=kept)) == ("9.0 1", [])
 
     @pytest.mark.parametrize("damage", ["short", "changed"])
     def test_damaged_code_is_made_again(self, package, tmp_path, damage):
