@@ -15,7 +15,7 @@ from piezoharvest.engine.shooting import ACCEPTED
 from piezoharvest.engine.state import State
 from piezoharvest.engine.steady import EngineError, Orbit, Shooting, check
 from piezoharvest.engine.transient import Machine
-from piezoharvest.engine.trust import NO_BOUNDS, Bounds, bounds, closure, faults, uncertain
+from piezoharvest.engine.trust import NO_BOUNDS, Bounds, bounds, cleaned, closure, faults, uncertain
 from piezoharvest.excitation import Excitation, Ramps
 from piezoharvest.limits import check_length
 from piezoharvest.shunts.short import Short
@@ -179,8 +179,7 @@ def _stored(machine: Machine, state: State) -> float:
     check(machine.run(state, state.clock[st.NOW]))
     storage = machine.lowered.program.storage
     z = state.z[: len(storage)]
-    with np.errstate(over="ignore", invalid="ignore"):
-        return 0.5 * float(z @ storage @ z)
+    return 0.5 * float(z @ storage @ z)
 
 
 def _length(system: System, excitation: Excitation, transient: float | None) -> float:
@@ -257,7 +256,11 @@ def _response(
     if energy["source"] == 0.0:
         del energy["source"]
     half = 0.5 * (state.extremes[:, 1] - state.extremes[:, 0])
-    share, largest = (float(value) for value in closure(energy, change, before))
+    held = 0.0 if most is not None else before  # of a steady state only what flows counts
+    energy = cleaned(energy, before if most is not None else 0.0)
+    if not any(energy.values()) and most is not None:
+        change = 0.0
+    share, largest = (float(value) for value in closure(energy, change, held))
     wrong = faults(energy, change, before, half[0], most or NO_BOUNDS, periodic=most is not None)
     found = next((sentence for sentence, holds in wrong.items() if holds), "")
     if change != 0.0:

@@ -19,7 +19,8 @@ from piezoharvest.transducer import Transducer
 CLOSURE = 1e-8  # energy that no entry accounts for, relative, beyond which a result is not trusted
 FREE = 1e-3  # of the energy stored at the beginning: a motion that gets or loses less is measured against that
 DRIFT = 1e-4  # change of the stored energy over a period, relative, by which no average may be off
-LOSSLESS = 1e-11  # of the stored energy: what is supplied to a device that loses less than that is rounding
+LOSSLESS = 1e-14  # of the stored energy, some 45 units in the last place: where nothing more flows, it is rounding
+LOSSES = ("damping", "hysteresis", "shunt_loss")
 CERTAIN = 1e-6  # relative rounding of powers, by which a bound may be passed
 DIGITS = 1e-6  # of the harvested power: what is less certain is said
 
@@ -70,16 +71,40 @@ def _flat(value: Any) -> Any:
     return value[..., 0] if value.ndim else value
 
 
+def cleaned(energy: Mapping[str, float], before: float) -> dict[str, float]:
+    """Energies of a steady state without what only rounding has made of nothing.
+
+    Parameters
+    ----------
+    energy : mapping of str to float
+        As in `Response`, but for "stored" and "closure".
+    before : float
+        Stored energy where the period began, J.
+
+    Returns
+    -------
+    dict of str to float
+        All zero where nothing flows but rounding of what is stored, as in a device without losses; no harvest where it
+        is less than nothing by rounding of what flows.
+    """
+    sizes = [abs(value) for value in energy.values()]
+    if max(sizes) <= LOSSLESS * abs(before):
+        return dict.fromkeys(energy, 0.0)
+    harvested = energy["harvested"]
+    return {**energy, "harvested": 0.0 if -CLOSURE * max(sizes) <= harvested < 0.0 else harvested}
+
+
 @np.errstate(all="ignore")
 def closure(energy: Mapping[str, Any], change: Any, before: Any = 0.0) -> tuple[Any, Any]:
-    """Share of the energy supplied that no entry accounts for, and what it is a share of (J).
+    """Share of the energy that flows which no entry accounts for, and what it is a share of (J).
 
     Parameters
     ----------
     energy : mapping of str to float or array
         As in `Response`, but for "stored" and "closure".
     change, before : float or array
-        Change of the stored energy, and stored energy where the run began, J.
+        Change of the stored energy, J; and what is stored where a transient began, as a motion that gets or loses less
+        than a thousandth of that is measured against it. In a steady state nothing but what flows counts.
     """
     supplied = energy["mechanical_in"] + energy.get("source", 0.0)
     spent = sum(value for name, value in energy.items() if name not in ("mechanical_in", "source"))
@@ -107,28 +132,29 @@ def faults(energy: Mapping[str, Any], change: Any, before: Any, amplitude: Any, 
     -------
     dict of str to bool or array
     """
-    gap, largest = closure(energy, change, before)
+    gap, largest = closure(energy, change, 0.0 if periodic else before)
     supplied, harvested = energy["mechanical_in"] + energy.get("source", 0.0), energy["harvested"]
-    rounding = np.minimum(most.rounding * np.square(amplitude), CERTAIN * largest)
+    # What flows, however much is stored: a power is no more certain for the energy of a preload.
+    flows = np.max(np.abs([supplied, *np.broadcast_arrays(*energy.values())]), axis=0)
+    rounding = np.minimum(most.rounding * np.square(amplitude), CERTAIN * flows)
     finite = np.isfinite(largest) & np.isfinite(gap) & np.isfinite(amplitude) & np.isfinite(change)
     # What an effect gives, a bias current for one, has a negative sign.
     takes = [value for name, value in energy.items() if name not in ("mechanical_in", "source", "harvested")]
     given = supplied - sum(np.minimum(value, 0.0) for value in takes)
-    passive = given <= energy["mechanical_in"] + CERTAIN * largest
+    passive = given <= energy["mechanical_in"] + CERTAIN * flows
+    own = [energy.get(name, 0.0) for name in LOSSES]
     return {
         "its energies are not finite": ~finite,
         "energy does not close": finite & (gap * largest > np.maximum(CLOSURE * largest, rounding)),
         "the stored energy changes from period to period": (
-            finite & periodic & (np.abs(change) > DRIFT * np.abs(supplied) + rounding + LOSSLESS * np.abs(before))
+            finite & periodic & (np.abs(change) > DRIFT * np.abs(supplied) + rounding)
         ),
         "more power comes in than the drive can give, sum F^2/(2 b)": (
             finite & periodic & passive & (energy["mechanical_in"] > (1.0 + CERTAIN) * most.supplied + rounding)
         ),
-        "a loss is negative": finite & np.any(
-            [energy.get(name, 0.0) < -CERTAIN * largest for name in ("damping", "hysteresis", "shunt_loss")], axis=0
-        ),
+        "a loss is negative": finite & np.any([value < -CERTAIN * flows for value in own], axis=0),
         "less than nothing is harvested, or more than comes in": finite & (
-            (harvested < -CERTAIN * largest) | (harvested > given + (0.0 if periodic else before) + CERTAIN * largest)
+            (harvested < -CERTAIN * flows) | (harvested > given + (0.0 if periodic else before) + CERTAIN * flows)
         ),
     }  # fmt: skip
 

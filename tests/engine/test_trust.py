@@ -5,7 +5,7 @@ import pytest
 
 from piezoharvest import SineForce, System, Transducer
 from piezoharvest.engine.lower import lower
-from piezoharvest.engine.trust import NO_BOUNDS, Bounds, bounds, closure, faults, uncertain
+from piezoharvest.engine.trust import NO_BOUNDS, Bounds, bounds, cleaned, closure, faults, uncertain
 from piezoharvest.shunts import Resistor
 
 RIGHT = {"mechanical_in": 1.0, "damping": 0.7, "hysteresis": 0.0, "harvested": 0.25, "shunt_loss": 0.05}
@@ -51,6 +51,26 @@ def test_harvest_within_what_comes_in():
     assert wrong(harvested=-0.1, damping=1.05) == said
     assert wrong(harvested=1.2, bias_current=-0.95, most=NO_BOUNDS) == []  # an effect gives what is missing
     assert wrong(harvested=1.5, damping=0.0, shunt_loss=0.0, change=-0.5, before=0.1, periodic=False) == said
+
+
+def test_what_is_stored_makes_no_power_certain():
+    """Of a preload's 4e12 J, 18 were gained in a period, and 0.4 supplied: that was called a steady state."""
+    energy = {"mechanical_in": -0.4, "damping": -0.009, "harvested": 10.0}
+    said = wrong(change=18.0, before=3.9e12, **energy)
+    assert "energy does not close" in said and "the stored energy changes from period to period" in said
+    assert "energy does not close" in wrong(harvested=0.2501, before=1e12)
+
+
+def test_a_device_without_losses_has_no_power():
+    rounding = {"mechanical_in": -2e-22, "damping": 0.0, "hysteresis": 0.0, "harvested": 3e-30, "shunt_loss": 6e-30}
+    assert set(cleaned(rounding, before=1.4e-7).values()) == {0.0}
+    assert cleaned(RIGHT, before=1e13) == RIGHT
+    assert cleaned(rounding, before=0.0) == rounding
+
+
+def test_no_less_than_nothing_is_harvested():
+    assert cleaned({**RIGHT, "harvested": -1e-12}, 0.0)["harvested"] == 0.0
+    assert cleaned({**RIGHT, "harvested": -1e-6}, 0.0)["harvested"] == -1e-6
 
 
 def test_a_loss_that_gives():
