@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from piezoharvest.engine import state as st
+from piezoharvest.engine.budget import MOST_WORK
 from piezoharvest.engine.lower import lower
 from piezoharvest.engine.transient import Machine
 from reports.speed.studies import Case, energy_coordinates
@@ -30,8 +31,9 @@ class Simulation:
         self.restart()
 
     def restart(self) -> None:
-        """Go back to rest."""
+        """Go back to rest, with all the work to spend that one simulation may take."""
         self.state = self.machine.state()
+        self.lowered.budget.left = MOST_WORK
 
     def run(self, t_end: float) -> None:
         """Run on to t_end (s)."""
