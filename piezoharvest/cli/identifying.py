@@ -70,18 +70,19 @@ def identify(path: Path, *, as_json: bool, report: Path | None) -> int:
         from piezoharvest.report import write_identification
 
         print(write_identification(found, report), file=sys.stderr if as_json else sys.stdout)
-    return 0 if found.converged else 1
+    return 1 if found.doubts else 0
 
 
 def remarks(found: Identification) -> list[str]:
     """What has to be known before the answer is used."""
-    told = [] if found.converged else [f"not to be trusted: {found.message}"]
+    told = [*(f"not to be trusted: {doubt}" for doubt in found.doubts), *found.warnings]
     for role, quality in (("fitted", found.fit), ("validation", found.validation)):
         told += [
             f"{channel} of the {role} records: residual {quality.rms[channel] / noise:.3g} times the noise: the model "
             "lacks something"
             for channel, noise in quality.noise.items()
-            if quality.rms[channel] > LOUD * noise
+            # Of responses, whose noise is another for each line, this is told above.
+            if "/" not in channel and quality.rms[channel] > LOUD * noise
         ]
     return told
 
@@ -92,26 +93,36 @@ def identification_json(found: Identification) -> dict[str, Any]:
         "title": found.campaign.title,
         "converged": found.converged,
         "message": found.message,
+        "trusted": not found.doubts,
+        "warnings": [*found.doubts, *found.warnings],
         "parameters": {estimate.parameter.name: _estimate(estimate) for estimate in found.estimates},
         "fit": _quality(found.fit),
         "validation": _quality(found.validation),
         "records": [
-            {"file": record.name, "role": record.role, **_quality(record.quality), "own": dict(record.own)}
+            {
+                "file": record.name,
+                "role": record.role,
+                **_quality(record.quality),
+                "own": dict(record.own),
+                "warning": record.warning,
+            }
             for record in found.records
         ],
     }
 
 
 def _estimate(estimate: Estimate) -> dict[str, Any]:
-    keys = ("value", "std", "identifiable", "nominal", "assumes", "combination", "experiment")
+    keys = ("value", "std", "identifiable", "nominal", "assumes", "combination", "experiment", "note")
     table = {key: getattr(estimate, key) for key in keys}
     return {"value": table["value"], "std": table["std"], "unit": estimate.parameter.unit, **table}
 
 
 def _remark(estimate: Estimate) -> str:
     if estimate.identifiable:
-        return f"at the nominal {' and '.join(estimate.assumes)}" if estimate.assumes else ""
-    return "not identifiable" + (f"; known: {estimate.combination}" if estimate.combination else "")
+        parts = [f"at the nominal {' and '.join(estimate.assumes)}"] if estimate.assumes else []
+    else:
+        parts = ["not identifiable", *([f"known: {estimate.combination}"] if estimate.combination else [])]
+    return "; ".join([*parts, *([estimate.note] if estimate.note else [])])
 
 
 def _quality(quality: Quality) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from piezoharvest.diagnose.zero import voltage_is_off
 from piezoharvest.effects import Clipping, Effect
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.fit import covariance
-from piezoharvest.identify.identifiable import experiment
+from piezoharvest.identify.identifiable import UNKNOWN, experiment, relative_error
 from piezoharvest.identify.identification import Estimate, Identification, Quality, identify, judged, prepared, together
 from piezoharvest.identify.inertia import hidden
 from piezoharvest.identify.problem import Problem
@@ -342,8 +342,11 @@ def _estimates(before: Identification, final: Fit):
             continue
         value = float(np.real(value_at(final.model.transducer, estimate.parameter.path)))
         slope = estimate.parameter.slope(estimate.parameter.inner(value))
+        error = float(slope * std[k])
+        told_now = relative_error(value, error) < UNKNOWN
         yield replace(
-            estimate, value=value, std=float(slope * std[k]), identifiable=True, combination="", experiment="",
+            estimate, value=value, std=error, identifiable=told_now, combination="",
+            experiment="" if told_now else experiment(estimate.parameter),
             assumes=tuple(name for name in estimate.assumes if name not in told),
         )  # fmt: skip
 

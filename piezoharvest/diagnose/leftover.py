@@ -18,7 +18,7 @@ from piezoharvest.identify.evaluation import at_once
 from piezoharvest.identify.model import Model
 from piezoharvest.identify.noise import first_guess, rounding
 from piezoharvest.identify.problem import Problem
-from piezoharvest.identify.responses import FrequencyData, ResponseWeights, relative_error
+from piezoharvest.identify.responses import FrequencyData, ResponseWeights
 from piezoharvest.identify.spectra import in_time
 from piezoharvest.identify.sums import Whitener
 
@@ -311,7 +311,7 @@ def _responses(problem: Problem, found: Fit) -> list[Leftover]:
         if not isinstance(data, FrequencyData) or len(data) < LEAST:
             continue
         record, value = data.record, data.response(replace(found.model, parameters=()))[0]
-        residual = (record.response - value) / (relative_error(record) * np.abs(record.response))
+        residual = (record.response - value) / data.sigma_of_lines
         # A few lines that are far off, at a sharp resonance, must not count for all.
         residual /= np.maximum(np.abs(residual), 3.0 * np.median(np.abs(residual)))
         alike = np.real(np.vdot(residual[:-APART], residual[APART:])) / np.sum(np.abs(residual) ** 2)

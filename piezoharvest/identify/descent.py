@@ -14,7 +14,7 @@ from piezoharvest.identify.evaluation import sums_of, whiteners, whole
 from piezoharvest.identify.model import Model, inner_values, moved
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem, prior_of
-from piezoharvest.identify.responses import ResponseWeights
+from piezoharvest.identify.responses import FrequencyData, ResponseWeights
 from piezoharvest.identify.sums import Sums, Whitener
 from piezoharvest.parameters import ParameterError
 from piezoharvest.predict.prediction import PredictionError
@@ -31,6 +31,9 @@ HOPES = 3  # iterations whose promises tell the same, of those that no failed st
 LEAP = 0.5  # of a logarithm in one iteration: what the data hardly shows must not run away meanwhile
 FAR, NEAR = 1e-4, 1e-6  # damping at first, of a rough fit and of one that goes on from there
 LEAST = 1e-12  # relative eigenvalue of an information matrix
+UNDAMPED = 1e-12  # the least damping
+RELIEFS = 4  # times that damping is taken away in vain
+RETURNS = 2  # steps back to the bottom of a valley
 
 White: TypeAlias = tuple[Whitener | ResponseWeights, ...]
 
@@ -106,9 +109,11 @@ def descend(
     judge = _Judge(problem, white or whiteners(problem, model, own, noise), mean, precision)
     here = judge.at(model, own, np.concatenate([inner_values(model), *own]))
     damping, converged, message = FAR if loose else NEAR, False, UNFINISHED
-    iteration, quiet, bend = 0, 0, np.zeros_like(here.information)
+    iteration, quiet, reliefs, bend = 0, 0, 0, np.zeros_like(here.information)
     costs, hopes, rejected = [here.cost], list[float](), False
     count = sum(float(part.count.sum()) for part in here.sums)
+    # Responses have no corners that would leave ripples in the cost: what a step promises there, it holds.
+    smooth = all(isinstance(data, FrequencyData) for data in problem.data)
     for iteration in range(1, most + 1):
         values = here.values
         step, promise = _step(
@@ -116,6 +121,9 @@ def descend(
             np.maximum(lower - values, -leap), np.minimum(upper - values, leap), np.diag(here.information) != 0.0,
         )  # fmt: skip
         limit = max(1.0, ROUGH * here.squares) if loose else max(enough, FINE * (here.squares - count))
+        if smooth and promise < limit and damping > UNDAMPED and reliefs < RELIEFS:
+            damping, reliefs = max(1e-3 * damping, UNDAMPED), reliefs + 1  # it may be this that promises so little
+            continue
         if promise < limit or quiet == QUIET:
             converged, message = True, "converged"
             break
@@ -123,17 +131,20 @@ def descend(
         # Along the values, not their logarithms: what stands in for a delay follows that on a straight line.
         step = np.where(delaying, np.log1p(np.maximum(step, np.expm1(-LEAP))), step)
         there = judge.tried(here, np.clip(values + step, lower, upper))
+        if smooth and there is not None and there.cost >= here.cost:
+            there = _back_in_the_valley(judge, there, 100.0 * damping, lower, upper, leap, here.cost)
         if there is not None and there.cost < here.cost:
             gained = (here.cost - there.cost) / promise
             quiet = quiet + 1 if here.cost - there.cost < limit else 0
             if gained < HELD:
-                bend = _bent(bend, there.information + np.diag(precision), step, here.slope - there.slope)
+                gone = there.values - values
+                bend = _bent(bend, there.information + np.diag(precision), gone, here.slope - there.slope)
             elif gained > 1.0 / HELD:
                 bend = np.zeros_like(bend)  # of a place that is left behind: it only makes steps too short here
-            here = there
+            here, reliefs = there, 0
             # What was too little damping a moment ago is so still.
             relief = 1.0 if rejected else 0.1
-            damping = max(damping * (relief if gained > 0.5 else 1.0 if gained > 0.1 else 4.0), 1e-12)
+            damping = max(damping * (relief if gained > 0.5 else 1.0 if gained > 0.1 else 4.0), UNDAMPED)
             rejected = False
             tell(f"iteration {iteration}: {here.cost:.6g}")
         else:
@@ -154,6 +165,35 @@ def descend(
         here.model, here.own, noise, here.cost, here.sums, here.information, np.diag(precision), judge.white,
         converged, iteration, message,
     )  # fmt: skip
+
+
+def _back_in_the_valley(
+    judge: _Judge,
+    there: _Place,
+    damping: float,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    leap: np.ndarray,
+    cost: float,
+) -> _Place:
+    """From a place that a straight step has come to, back to the bottom of a valley that bends.
+
+    What circuits make of a sharp resonance can be exchanged for damping and stiffness along a bend whose sides are 1e10
+    times as steep as its bottom. With more damping a step goes down the side alone.
+    """
+    for _ in range(RETURNS):
+        values = there.values
+        information = there.information + np.diag(judge.precision)
+        alive = np.diag(there.information) != 0.0
+        low, high = np.maximum(lower - values, -leap), np.minimum(upper - values, leap)
+        step, _ = _step(information, there.slope, damping, low, high, alive)
+        lower_still = judge.tried(there, np.clip(values + step, lower, upper))
+        if lower_still is None or lower_still.cost >= there.cost:
+            break
+        there = lower_still
+        if there.cost < cost:
+            break
+    return there
 
 
 class _Place(NamedTuple):
@@ -187,7 +227,7 @@ class _Judge:
         try:
             model = moved(here.model, values[: len(here.model.parameters)])
             return self.at(model, _split(values, model, here.own), values)
-        except (PredictionError, ParameterError, np.linalg.LinAlgError, OverflowError):
+        except (PredictionError, ParameterError, np.linalg.LinAlgError, ArithmeticError):
             return None
 
     def in_the_end(self, here: _Place, white: White | None, noise: Noise) -> tuple[_Judge, _Place]:

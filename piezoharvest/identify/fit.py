@@ -20,6 +20,7 @@ from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.identify.sums import spectra_of
 
 ENOUGH = 1e-2  # of -2 ln L that an iteration may still promise
+ROUNDED = 1e-13  # relative eigenvalue of an information matrix, below which it is rounding
 ROUNDS = 3  # of estimating the noise
 
 
@@ -79,16 +80,26 @@ def fit(
 
 def reestimated(problem: Problem, found: Fit) -> Noise:
     """Noise from the residuals of a fit."""
-    errors = {
-        data.name: found.noise.sigma[data.name] * max(np.sqrt(sums.squares.sum() / max(sums.count.sum(), 1.0)), 1e-3)
-        for data, sums in zip(problem.data, found.sums, strict=True)
-        if isinstance(data, FrequencyData)
-    }
+    errors = noise_of_responses(problem, found)
     white = {name: sigma for name, sigma in found.noise.sigma.items() if name not in errors}
     if set(white) <= set(problem.known):
         return Noise({**white, **errors})
     spectra = _residual_spectra(problem, found)
     return Noise({**estimate(spectra, problem.known, Noise(white), problem.limits).sigma, **errors})
+
+
+def noise_of_responses(problem: Problem, found: Fit) -> dict[str, float]:
+    """Factors on the noise of measured responses, by record.
+
+    Their noise is known from their lines: where a model leaves more, it lacks something, and they weigh less. Of lines
+    that are too few to tell it, the residuals are all there is.
+    """
+    errors = {}
+    for data, sums in zip(problem.data, found.sums, strict=True):
+        if isinstance(data, FrequencyData):
+            factor = found.noise.sigma[data.name] * np.sqrt(sums.squares.sum() / max(sums.count.sum(), 1.0))
+            errors[data.name] = float(max(factor, 1e-3 if data.reference is None else 1.0))
+    return errors
 
 
 def _residual_spectra(problem: Problem, found: Fit) -> Iterator[tuple[Sequence[str], str, np.ndarray, np.ndarray]]:
@@ -134,16 +145,40 @@ def covariance(found: Fit, held: Sequence[int] = ()) -> np.ndarray:
         at += len(mine)
     free = np.delete(np.arange(len(meat)), list(held))
     bread = np.zeros_like(meat)
-    bread[np.ix_(free, free)] = inverse((found.information + found.prior)[np.ix_(free, free)])
+    bread[np.ix_(free, free)] = posterior(*(part[np.ix_(free, free)] for part in (found.information, found.prior)))
+    if np.all(excess == 1.0) and not any(np.any(part.scatter) for part in found.sums):
+        return bread
     total = bread @ (meat + found.prior) @ bread
     # Rounding may leave less of what is hardly determined than white noise would make it, or less than nothing.
     np.fill_diagonal(total, np.maximum(np.diag(total), np.diag(bread)))
     return total
 
 
+def standard_errors(found: Fit) -> np.ndarray:
+    """Of all that is varied; rounding may take what the data hardly shows below zero."""
+    return np.sqrt(np.maximum(np.diag(covariance(found)), 0.0))
+
+
 def inflation(found: Fit, k: int) -> float:
     """How many times as large the variance of a parameter is as noise that is as it was taken to be would make it."""
     return max(1.0, float(covariance(found)[k, k] / inverse(found.information + found.prior)[k, k]))
+
+
+def posterior(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
+    """Covariance after data and priors.
+
+    A sharp resonance tells the ratio of stiffness and mass 1e10 times as well as either of them: what rounding makes of
+    directions of which the data say nothing would be worth more than the prior, so there it is the prior's alone.
+    """
+    size = np.maximum(np.sqrt(np.abs(np.diag(information + prior))), 1e-50)
+    values, vectors = np.linalg.eigh((information + prior) / np.outer(size, size))
+    told, untold = values > ROUNDED * values.max(), values <= ROUNDED * values.max()
+    found = (vectors[:, told] / values[told]) @ vectors[:, told].T
+    if np.any(untold):
+        null = vectors[:, untold] / size[:, None]
+        left, right = np.linalg.eigh(null.T @ prior @ null)
+        found = found + (vectors[:, untold] @ right / np.maximum(left, 1e-300)) @ (vectors[:, untold] @ right).T
+    return found / np.outer(size, size)
 
 
 def inverse(information: np.ndarray) -> np.ndarray:

@@ -7,12 +7,22 @@ from collections.abc import Sequence
 import numpy as np
 
 from piezoharvest.identify.descent import Fit
-from piezoharvest.identify.fit import inverse
+from piezoharvest.identify.fit import inverse, posterior, standard_errors
 from piezoharvest.identify.problem import WEAK
-from piezoharvest.predict.parameters import Parameter
+from piezoharvest.identify.responses import ResponseWeights
+from piezoharvest.predict.parameters import Parameter, value_at
 
-UNKNOWN = 0.5  # standard deviation of a logarithm from which on a parameter counts as not determined
-OFF = 0.1  # of a logarithm, that the nominal value of a parameter may be off
+# Relative standard error from which on a parameter counts as not determined: two of them reach from the value to zero,
+# where what it stands for is absent, and the nominal value, good to a factor of e before, is hardly known any better.
+UNKNOWN = 0.5
+# Share of a nominal value's prior that counts beside the records: the verdict is on these, and it only has to be kept
+# from dividing by zero where they say nothing.
+SLIGHT = 1e-2
+# A nominal damping is good to a factor of ten, others are to one of e at worst: of several that are only known together
+# it is not the damping that is taken as nominal.
+TRUST = {"damping": float(np.log(10.0))}
+ALIKE = 0.9  # of the largest doubt: where several come near it, the first one of them is taken as nominal
+OFF, OFF_FAR = 0.1, 0.35  # of a logarithm, that the nominal value of a parameter may be off; 30 % less are 0.35
 TIED = 0.2  # exponent from which on another parameter belongs to the combination
 
 # Which measurement separates what is only known together.
@@ -30,18 +40,35 @@ SEPARATE = {
 def undetermined(found: Fit) -> list[int]:
     """Parameters that the data cannot determine when all others are free: the least certain one is taken out first."""
     parameters = found.model.parameters
-    sizes = [size_of(found, k) for k in range(len(parameters))]
+    sizes = np.array([size_of(found, k) for k in range(len(parameters))])
+    trust = np.array([TRUST.get(str(parameter.path[-1]), 1.0) for parameter in parameters])
     free = list(range(len(found.information)))
     out: list[int] = []
     while True:
-        total = (found.information + found.prior)[np.ix_(free, free)]
-        std = np.sqrt(np.diag(inverse(total)))
-        doubt = [(std[n] / sizes[k], k) for n, k in enumerate(free) if k < len(parameters)]
-        if not doubt or max(doubt)[0] < UNKNOWN:
+        at = np.ix_(free, free)
+        std = np.sqrt(np.maximum(np.diag(posterior(found.information[at], SLIGHT * found.prior[at])), 0.0))
+        doubt = {k: std[n] / sizes[k] for n, k in enumerate(free) if k < len(parameters)}
+        doubt = {k: size / trust[k] for k, size in doubt.items() if size >= UNKNOWN}
+        if not doubt:
             return out
-        worst = max(doubt)[1]
+        worst = next(k for k, size in doubt.items() if size >= ALIKE * max(doubt.values()))
         out.append(worst)
         free.remove(worst)
+
+
+def doubtful(found: Fit) -> list[int]:
+    """Parameters of a fit whose standard errors are not well below their values, the least certain one first."""
+    std = standard_errors(found)
+    shares = []
+    for k, parameter in enumerate(found.model.parameters):
+        value = float(value_at(found.model.transducer, parameter.path))
+        shares.append(relative_error(value, parameter.slope(parameter.inner(value)) * float(std[k])))
+    return [int(k) for k in np.argsort(shares)[::-1] if shares[k] >= UNKNOWN]
+
+
+def relative_error(value: float, std: float) -> float:
+    """Standard error of a parameter over its value; infinite of one that is zero."""
+    return std / abs(value) if value else np.inf
 
 
 def size_of(found: Fit, k: int) -> float:
@@ -72,15 +99,20 @@ def combination(found: Fit, k: int, fixed: Sequence[int]) -> str:
 def assumed(found: Fit, k: int, fixed: Sequence[int]) -> tuple[str, ...]:
     """Which undetermined parameters one is told beside, at their nominal values.
 
-    Were these off by what nominal values may be, it would be off by more than its standard error.
+    Were these off by what nominal values may be, it would be off by more than its standard error. That is a tenth; of
+    responses, which tell their parameters to more digits than the curvature of such ties is known, a third, and nine
+    times as much damping, which acts as such and not by its logarithm.
     """
     others = [j for j in range(len(found.information)) if j not in fixed]
-    std = np.sqrt(inverse((found.information + found.prior)[np.ix_(others, others)])[others.index(k), others.index(k)])
+    at = np.ix_(others, others)
+    std = np.sqrt(posterior(found.information[at], found.prior[at])[others.index(k), others.index(k)])
+    through = any(isinstance(white, ResponseWeights) for white in found.white)
     names = []
     for j in fixed:
-        size, (followers, follow) = size_of(found, j), _followers(found, j, fixed)
-        if np.isfinite(size) and abs(follow[followers.index(k)]) * OFF * size > std:
-            names.append(found.model.parameters[j].name)
+        parameter, size, (followers, follow) = found.model.parameters[j], size_of(found, j), _followers(found, j, fixed)
+        off = (np.expm1(TRUST[parameter.path[-1]]) if parameter.path[-1] in TRUST else OFF_FAR) if through else OFF
+        if np.isfinite(size) and abs(follow[followers.index(k)]) * off * size > std:
+            names.append(parameter.name)
     return tuple(names)
 
 

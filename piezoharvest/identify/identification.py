@@ -5,22 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from piezoharvest.identify.data import Data, data_of
 from piezoharvest.identify.descent import Fit
 from piezoharvest.identify.evaluation import at_once
-from piezoharvest.identify.fit import covariance, fit
+from piezoharvest.identify.fit import fit, noise_of_responses, standard_errors
 from piezoharvest.identify.gain import gain_of
 from piezoharvest.identify.histories import held, memories, recalled, remembers
-from piezoharvest.identify.identifiable import assumed, combination, experiment, undetermined
+from piezoharvest.identify.identifiable import assumed, combination, doubtful, experiment, undetermined
 from piezoharvest.identify.inertia import beyond_samples, explains_as_well, hidden, may_be_hidden
 from piezoharvest.identify.model import Model, unexplained_blocks
 from piezoharvest.identify.noise import Noise
 from piezoharvest.identify.problem import Problem, carried, renamed
-from piezoharvest.identify.responses import FrequencyData
-from piezoharvest.identify.starts import started
+from piezoharvest.identify.responses import FrequencyData, Judged
+from piezoharvest.identify.signs import with_known_signs
+from piezoharvest.identify.starts import ROUGH, in_tune, started
 from piezoharvest.identify.threads import single_threaded
 from piezoharvest.parameters import ParameterError
 from piezoharvest.predict.parameters import Parameter, parameters_of, value_at
@@ -32,6 +34,8 @@ from piezoharvest.transducer import INERT, Transducer
 
 Tell = Callable[[str], None]
 LONG = 1 << 19  # samples of a record that a fit begins with
+ALIKE = 1e-3  # relative difference of weights that make no difference
+CONTRADICTED = 25.0  # of -2 ln L: five standard errors, by which a nominal value is off that the records contradict
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,10 @@ class Estimate:
         What is known instead, where something is.
     experiment : str
         The measurement that would determine it.
+    note : str
+        What else has to be known: that its sign is the nominal one, or that the records contradict the nominal value.
+    contradicted : bool
+        Whether the records contradict the nominal value, though they do not determine it.
     """
 
     parameter: Parameter
@@ -63,6 +71,8 @@ class Estimate:
     assumes: tuple[str, ...] = ()
     combination: str = ""
     experiment: str = ""
+    note: str = ""
+    contradicted: bool = False
 
 
 @dataclass(frozen=True)
@@ -75,12 +85,25 @@ class Quality:
 
 @dataclass(frozen=True)
 class RecordQuality:
-    """One record: its name, role, and residuals."""
+    """One record: its name, role, and residuals.
+
+    Attributes
+    ----------
+    name, role : str
+    quality : Quality
+    own : mapping of str to float
+    warning : str
+        What is to be known of a frequency response before the answer is used.
+    missed : bool
+        Whether the fit misses what a frequency response plainly shows.
+    """
 
     name: str
     role: str
     quality: Quality
     own: Mapping[str, float]
+    warning: str = ""
+    missed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +138,23 @@ class Identification:
     message: str
     found: Fit
     offsets: tuple[str, ...]
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why the answer is not to be trusted."""
+        missed = (record.warning for record in self.records if record.missed and record.role == "fit")
+        return (*(() if self.converged else (self.message,)), *missed)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is to be known before the answer is used, beside the doubts."""
+        contradicted = [estimate.parameter.name for estimate in self.estimates if estimate.contradicted]
+        rough = (
+            f"the records contradict the nominal {' and '.join(contradicted)} without telling the value: give a nearer "
+            "one; standard errors of what else is fitted are rough"
+        )
+        told = (r.warning for r in self.records if r.warning and not (r.missed and r.role == "fit"))
+        return (*((rough,) if contradicted else ()), *told)
 
 
 def prepared(campaign: Campaign, role: str) -> tuple[Data | FrequencyData, ...]:
@@ -171,7 +211,8 @@ def identify(
     problem = Problem(data, campaign.transducer, tuple(offsets))
     if beyond_samples(problem, campaign.transducer):
         return _without_inertia(campaign, tell, offsets)
-    parameters = parameters_of(campaign.transducer, {r.drive for r in campaign.records if isinstance(r, Record)})
+    drives = {r.drive for r in campaign.records if isinstance(r, Record)}
+    parameters, unsigned = with_known_signs(parameters_of(campaign.transducer, drives), data, campaign.transducer)
     model = Model(campaign.transducer, tuple(parameters), tuple(offsets))
     first = _first_fit(problem, model, tell) if near is None else _fit_near(problem, model, near, tell)
     if may_be_hidden(problem, first) and _at_rest(campaign, problem, first):
@@ -183,23 +224,15 @@ def identify(
         first = fit(problem, first.model, begun, first.noise, tell=tell, rounds=2)
     relaxed = memories(problem, first.model) and not remembers(problem, first)
     model = replace(first.model, relaxed=True) if relaxed else first.model
+    first = _in_its_noise(problem, first, tell)
     own = carried(problem, first.model, first.own, model)
-    fixed = undetermined(first)
-    varied = first.model.parameters
-    kept = [p for k, p in enumerate(varied) if k not in fixed]
-    nominal = _with_nominal(first.model.transducer, campaign.transducer, [varied[k] for k in fixed])
-    last = fit(
-        problem,
-        replace(model, transducer=nominal, parameters=tuple(kept)),
-        own,
-        first.noise,
-        tell=tell,
-        rounds=1,
-    )
+    verdict = _verdict(problem, first, replace(model, transducer=first.model.transducer), own, tell)
+    last = verdict.last
     # Nominal values that nothing in the records confirms are no better than none.
-    if {(name,) for name in INERT} <= {varied[k].path for k in fixed} and _at_rest(campaign, problem, last):
+    unconfirmed = {first.model.parameters[k].path for k in verdict.fixed}
+    if {(name,) for name in INERT} <= unconfirmed and _at_rest(campaign, problem, last):
         return _without_inertia(campaign, tell, offsets)
-    estimates = _estimates(campaign, first, fixed, last)
+    estimates = _estimates(campaign, first, verdict, unsigned)
     shown = [*judged(problem.data, last), *_validated(campaign, last, tuple(offsets), tell)]
     return Identification(
         campaign, last.model.transducer, tuple(estimates),
@@ -249,6 +282,58 @@ def _fit_near(problem: Problem, model: Model, near: Identification, tell: Tell) 
     return fit(problem, model, own, noise, estimate_noise=False, tell=tell)
 
 
+def _in_its_noise(problem: Problem, first: Fit, tell: Tell) -> Fit:
+    """The same fit with the weights that responses have in the end: what comes after is compared with it."""
+    factors = noise_of_responses(problem, first)
+    if all(abs(factor / first.noise.sigma[name] - 1.0) < ALIKE for name, factor in factors.items()):
+        return first
+    return fit(problem, first.model, first.own, Noise({**first.noise.sigma, **factors}), tell=tell, rounds=1)
+
+
+class _Verdict(NamedTuple):
+    """The last fit, which parameters it keeps at their nominal values, and which of these the records contradict."""
+
+    last: Fit
+    fixed: list[int]
+    contradicted: list[int]
+
+
+def _verdict(problem: Problem, first: Fit, model: Model, own: Sequence[np.ndarray], tell: Tell) -> _Verdict:
+    """Fit of what the records determine: what they do not is nominal, unless they contradict that."""
+
+    def refitted(fixed: Sequence[int]) -> Fit:
+        kept = tuple(p for k, p in enumerate(model.parameters) if k not in fixed)
+        device = _with_nominal(model.transducer, problem.nominal, [model.parameters[k] for k in fixed])
+        start = in_tune(problem, replace(model, transducer=device, parameters=kept), tell) if fixed else model
+        return fit(problem, start, own, first.noise, tell=tell, rounds=1)
+
+    fixed, contradicted = undetermined(first), list[int]()
+    last = refitted(fixed)
+    for k in list(fixed):
+        if not _worse(last, first):
+            break
+        freed = refitted([other for other in fixed if other != k])
+        if _worse(last, freed):
+            fixed, last = [other for other in fixed if other != k], freed
+            contradicted.append(k)
+    places = {parameter.path: k for k, parameter in enumerate(model.parameters)}
+    while True:
+        doubts = [places[last.model.parameters[n].path] for n in doubtful(last)]
+        doubt = next((k for k in doubts if k not in contradicted), None)
+        if doubt is None:
+            return _Verdict(last, fixed, contradicted)
+        less = refitted([*fixed, doubt])
+        if _worse(less, last):
+            contradicted.append(doubt)
+        else:
+            fixed, last = [*fixed, doubt], less
+
+
+def _worse(fewer: Fit, more: Fit) -> bool:
+    """Whether records contradict the values that a fit keeps."""
+    return fewer.cost - more.cost > max(CONTRADICTED, ROUGH * more.cost)
+
+
 def _with_nominal(transducer: Transducer, nominal: Transducer, parameters: Sequence[Parameter]) -> Transducer:
     from piezoharvest.predict.parameters import put
 
@@ -257,12 +342,15 @@ def _with_nominal(transducer: Transducer, nominal: Transducer, parameters: Seque
     return transducer
 
 
-def _estimates(campaign: Campaign, first: Fit, fixed: list[int], last: Fit):
+def _estimates(campaign: Campaign, first: Fit, verdict: _Verdict, unsigned: frozenset[str]):
     """Estimates in the order of the parameters."""
-    std = np.sqrt(np.diag(covariance(last)))
+    last, fixed = verdict.last, verdict.fixed
+    std = standard_errors(last)
     places = {p.path: k for k, p in enumerate(last.model.parameters)}
     varied = {p.path: k for k, p in enumerate(first.model.parameters)}
     for parameter in parameters_of(replace(campaign.transducer, quasi_static=False), set()):
+        if parameter.path in varied:
+            parameter = first.model.parameters[varied[parameter.path]]  # as it was varied
         if parameter.name in campaign.unknown:
             continue
         before, k = float(value_at(campaign.transducer, parameter.path)), varied.get(parameter.path)
@@ -275,7 +363,16 @@ def _estimates(campaign: Campaign, first: Fit, fixed: list[int], last: Fit):
         value = float(value_at(last.model.transducer, parameter.path))
         slope = parameter.slope(parameter.inner(value))
         std_here = slope * float(std[places[parameter.path]])
-        yield Estimate(parameter, value, before, std_here, True, assumed(first, k, fixed))
+        if k in verdict.contradicted:
+            less = "smaller" if abs(value) < abs(before) else "larger"
+            note = f"the records contradict the nominal value: it is {less}, but they do not tell by how much"
+            yield Estimate(
+                parameter, value, before, std_here, False, experiment=experiment(parameter), note=note,
+                contradicted=True,
+            )  # fmt: skip
+            continue
+        note = "sign as nominal: the records tell its square" if parameter.name in unsigned else ""
+        yield Estimate(parameter, value, before, std_here, True, assumed(first, k, fixed), note=note)
 
 
 def _validated(campaign: Campaign, last: Fit, offsets: tuple[str, ...], tell: Tell) -> list[RecordQuality]:
@@ -295,9 +392,11 @@ def judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuali
         if isinstance(each, FrequencyData):
             value, _ = each.response(replace(found.model, parameters=()))
             rms = float(np.sqrt(np.mean(np.abs(each.record.response - value) ** 2)))
-            noise = found.noise.sigma[each.name] * float(np.sqrt(2 * np.mean(np.abs(each.record.response) ** 2)))
+            noise = float(np.sqrt(np.mean(each.sigma_of_lines**2)))
             output = f"{each.record.output}/{each.record.input}"
-            each_record.append(RecordQuality(each.name, each.role, Quality({output: rms}, {output: noise}), {}))
+            quality, judgement = Quality({output: rms}, {output: noise}), each.judged(value)
+            missed = judgement.missed is not None
+            each_record.append(RecordQuality(each.name, each.role, quality, {}, _warning(each, judgement), missed))
             continue
         squares, count = np.zeros(len(each.channels)), 0
         for _, _, residual in unexplained_blocks(found.model, each, own):
@@ -308,6 +407,23 @@ def judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuali
         own_values = dict(zip(names, own.tolist(), strict=True))
         each_record.append(RecordQuality(each.name, each.role, Quality(rms, _expected(each, found)), own_values))
     return each_record
+
+
+def _warning(data: FrequencyData, judged: Judged) -> str:
+    """What is to be known of how a response is met."""
+    if data.reference is None:
+        return f"{data.name}: {len(data)} lines are too few to show their noise: the residual was taken for it"
+    if judged.missed is not None:
+        return (
+            f"{data.name}: near {judged.missed:.6g} Hz the fit is off by {judged.share:.0%} of the response, where the "
+            "noise is far less: it misses a resonance, or the specimen has one that the model has not"
+        )
+    if judged.lacking:
+        return (
+            f"{data.name}: the residual is {judged.ratio:.3g} times the noise that the lines themselves show: the "
+            "model lacks something; standard errors are wider by as much"
+        )
+    return ""
 
 
 def _expected(data: Data, found: Fit) -> dict[str, float]:

@@ -11,7 +11,7 @@ from piezoharvest.identify.data import Data
 from piezoharvest.identify.denoise import noise_floor
 from piezoharvest.identify.model import Model, own_limits, own_names
 from piezoharvest.identify.noise import Noise, ceiling, first_guess
-from piezoharvest.identify.responses import FIRST_ERROR, FrequencyData
+from piezoharvest.identify.responses import FrequencyData
 from piezoharvest.predict.parameters import value_at
 from piezoharvest.transducer import Transducer
 
@@ -45,7 +45,7 @@ class Problem:
         found: dict[str, list[float]] = {}
         for data in self.data:
             if isinstance(data, FrequencyData):
-                found[data.name] = [FIRST_ERROR]
+                found[data.name] = [1.0]  # times the noise that its lines show
                 continue
             for channel in (*data.channels, data.drive):
                 guess = first_guess(data.record[channel])

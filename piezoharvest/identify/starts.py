@@ -15,12 +15,15 @@ from piezoharvest.identify.fit import fit
 from piezoharvest.identify.histories import held, remembers
 from piezoharvest.identify.model import Model
 from piezoharvest.identify.problem import Problem
-from piezoharvest.predict.parameters import put, value_at
+from piezoharvest.identify.responses import FrequencyData
+from piezoharvest.identify.tuned import tuned
+from piezoharvest.predict.parameters import parameters_of, put, value_at
 from piezoharvest.predict.prediction import PredictionError
 
 POOR = 1.1  # mean square of the whitened residuals, above which there may be a better minimum
 NEAR = 30.0  # the same of first values that are near enough for sure
 STRETCHES = (0.7, 1.4)  # of the first thresholds
+TRIED = 40  # iterations from each start of the responses
 ROUGH = 1e-3  # of -2 ln L for each residual: what a rough fit leaves
 
 
@@ -40,6 +43,7 @@ def started(problem: Problem, model: Model, tell: Callable[[str], None]) -> Fit:
         Told about progress.
     """
     first = _nearest(problem, model, replace(model, transducer=first_values(problem.data, model.transducer)))
+    first = in_tune(problem, first, tell)
     free = tuple(p for p in model.parameters if p.path[0] != "hysteresis")
     if len(free) == len(model.parameters):
         return fit(problem, first, tell=tell, rounds=2)
@@ -59,6 +63,37 @@ def started(problem: Problem, model: Model, tell: Callable[[str], None]) -> Fit:
     if other is None:
         other = _restretched(problem, first, own, best, tell)
     return best if other is None else fit(problem, other.model, other.own, tell=tell, rounds=2)
+
+
+def in_tune(problem: Problem, first: Model, tell: Callable[[str], None]) -> Model:
+    """The model that frequency responses by themselves lead to, from the first one or the resonances that they show."""
+    data = [each for each in problem.data if isinstance(each, FrequencyData)]
+    if not data:
+        return first
+    alone = Problem(data, first.transducer, problem.offset_channels)
+    nominal, best = replace(first, offset_channels=()), None
+    varied = {parameter.path for parameter in first.parameters}
+    kept = [p.path for p in parameters_of(first.transducer, set()) if p.path not in varied]
+    for transducer in (*tuned(data, first.transducer, problem.nominal), first.transducer):
+        moved = [path for path in kept if value_at(transducer, path) != value_at(first.transducer, path)]
+        if any(path[-1] in ("mass", "stiffness") for path in moved):
+            continue  # put back, it would be out of tune again
+        for path in moved:
+            transducer = put(transducer, path, value_at(first.transducer, path))
+        start = replace(nominal, transducer=transducer)
+        try:
+            found = fit(alone, start, enough=_enough(alone), rounds=1, estimate_noise=False, most=TRIED)
+        except (PredictionError, np.linalg.LinAlgError):
+            continue
+        if best is None or found.cost < best.cost:
+            best = found
+        # With the priors: from some starts a fit ends far off along what the responses do not tell.
+        if best.cost < sum(each.allowed for each in data):
+            break
+    if best is None:
+        return first
+    tell("start: the resonances that the responses show")
+    return replace(first, transducer=best.model.transducer)
 
 
 def _remembering(problem: Problem, first: Model, own, best: Fit, tell: Callable[[str], None]) -> Fit | None:

@@ -31,7 +31,9 @@ class VectorFit(NamedTuple):
     error: float
 
 
-def vector_fit(s: np.ndarray, responses: np.ndarray, poles: np.ndarray, rounds: int = 15) -> VectorFit:
+def vector_fit(
+    s: np.ndarray, responses: np.ndarray, poles: np.ndarray, rounds: int = 15, weight: np.ndarray | float = 1.0
+) -> VectorFit:
     """Poles and residues of sum_k R_k/(s - p_k) + D, R and p real or in conjugate pairs, all poles stable.
 
     Parameters
@@ -43,14 +45,16 @@ def vector_fit(s: np.ndarray, responses: np.ndarray, poles: np.ndarray, rounds: 
         Start, one of each conjugate pair with positive imaginary part.
     rounds : int
         Relocations of the poles.
+    weight : (f,) array or float
+        Of each line's misfit.
     """
-    count, poles = len(s), np.asarray(poles, complex)
+    count, poles, weight = len(s), np.asarray(poles, complex), np.broadcast_to(weight, len(s))[:, None]
     for _ in range(rounds):
-        basis = _basis(s, poles)
+        basis = basis_of(s, poles)
         own, shared = np.column_stack((basis, np.ones(count))), basis.shape[1] + 1
         blocks = []
         for response in responses.T:
-            rows = _real(np.hstack((own, -response[:, None] * own)))
+            rows = _real(weight * np.hstack((own, -response[:, None] * own)))
             triangle = np.asarray(np.linalg.qr(rows, mode="r"))
             blocks.append(triangle[own.shape[1] :, own.shape[1] :])
         # Relaxed: the sum of the scaling function's real part is that of 1, instead of its value at infinity.
@@ -61,14 +65,16 @@ def vector_fit(s: np.ndarray, responses: np.ndarray, poles: np.ndarray, rounds: 
         scale = np.linalg.norm(matrix, axis=0)
         solution = np.linalg.lstsq(matrix / scale, right)[0] / scale
         poles = _zeros(poles, solution[: shared - 1] / solution[-1])
-    rows = _real(np.column_stack((_basis(s, poles), np.ones(count))))
-    found = np.linalg.lstsq(rows, _real(responses))[0]
-    error = float(np.linalg.norm(rows @ found - _real(responses)))
+    rows, wanted = _real(weight * np.column_stack((basis_of(s, poles), np.ones(count)))), _real(weight * responses)
+    scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+    found = np.linalg.lstsq(rows / scale, wanted)[0]
+    error = float(np.linalg.norm(rows / scale @ found - wanted))
+    found = found / scale[:, None]
     return VectorFit(poles, _residues(poles, found), found[-1], error)
 
 
-def _basis(s: np.ndarray, poles: np.ndarray) -> np.ndarray:
-    """Partial fractions whose factors are real, (f, order)."""
+def basis_of(s: np.ndarray, poles: np.ndarray) -> np.ndarray:
+    """Partial fractions whose factors are real, (f, order): two for one of each pair, one for a real pole."""
     columns = []
     for pole in poles:
         if pole.imag == 0:
@@ -76,7 +82,7 @@ def _basis(s: np.ndarray, poles: np.ndarray) -> np.ndarray:
         else:
             one, other = 1 / (s - pole), 1 / (s - pole.conjugate())
             columns += [one + other, 1j * (one - other)]
-    return np.array(columns).T
+    return np.array(columns).reshape(-1, len(s)).T
 
 
 def _zeros(poles: np.ndarray, factors: np.ndarray) -> np.ndarray:
@@ -101,7 +107,7 @@ def _residues(poles: np.ndarray, found: np.ndarray) -> np.ndarray:
     for pole in poles:
         rows.append(found[n] + (0 if pole.imag == 0 else 1j * found[n + 1]))
         n += 1 if pole.imag == 0 else 2
-    return np.array(rows)
+    return np.array(rows).reshape(len(poles), found.shape[1])
 
 
 def _real(values: np.ndarray) -> np.ndarray:

@@ -30,6 +30,8 @@ class Parameter:
         What is varied: the logarithm, the value, or 1/value for what is absent at infinity.
     lower, upper : float
         Bounds of what is varied.
+    sign : float
+        Of a value whose logarithm is varied: 1 or -1.
     """
 
     path: Path
@@ -37,6 +39,7 @@ class Parameter:
     scaling: str
     lower: float
     upper: float
+    sign: float = 1.0
 
     @property
     def name(self) -> str:
@@ -45,18 +48,20 @@ class Parameter:
 
     def inner(self, value: float) -> float:
         """What is varied, from a value."""
-        return {"log": np.log, "linear": float, "reciprocal": lambda v: 1.0 / v}[self.scaling](value)
+        if self.scaling == "log":
+            return np.log(self.sign * value)
+        return float(value) if self.scaling == "linear" else 1.0 / value
 
     def outer(self, inner: complex) -> Any:
         """Value, from what is varied."""
         if self.scaling == "linear":
             return inner
         if self.scaling == "log":
-            return np.exp(inner)
+            return self.sign * np.exp(inner)
         return 1.0 / inner if inner != 0 else np.inf
 
     def slope(self, inner: float) -> float:
-        """Derivative of the value to what is varied; that of 1/value where this is absent at infinity."""
+        """Size of the derivative of the value to what is varied; that of 1/value where this is absent at infinity."""
         return float(np.exp(inner)) if self.scaling == "log" else 1.0
 
 

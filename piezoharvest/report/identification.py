@@ -45,10 +45,11 @@ def write_identification(found: Identification, directory: str | Path) -> Path:
     page = page_template("identification.html.j2").render(
         title=found.campaign.title,
         sentence=_sentence(found),
-        warning="" if found.converged else f"Not to be trusted: {found.message}.",
+        warning=f"Not to be trusted: {'; '.join(found.doubts)}." if found.doubts else "",
         parameters=[_row(estimate) for estimate in found.estimates],
         unknown=[_unknown(estimate) for estimate in found.estimates if not estimate.identifiable],
         residuals=list(_residuals(found)),
+        lacks=found.warnings,
         warnings=[str(finding) for finding in found.campaign.warnings],
         figures=figures,
         file=found.campaign.path.name,
@@ -107,12 +108,14 @@ def _row(estimate: Estimate) -> dict[str, Any]:
         "share": NONE if std is None or not value else percent(std / abs(value), 2),
         "nominal": engineering(estimate.nominal, unit, 4),
         "change": change if estimate.identifiable else NONE,
+        "note": estimate.note,
     }
 
 
 def _unknown(estimate: Estimate) -> dict[str, str]:
-    known = f"Known is only {estimate.combination}. " if estimate.combination else ""
-    return {"name": estimate.parameter.name, "text": f"{known}What would determine it: {estimate.experiment}."}
+    kept = "is not known: " + estimate.note if estimate.note else "keeps its nominal value"
+    known = f" Known is only {estimate.combination}." if estimate.combination else ""
+    return {"name": estimate.parameter.name, "text": f"{kept}.{known} What would determine it: {estimate.experiment}."}
 
 
 def _residuals(found: Identification) -> Iterator[dict[str, Any]]:
@@ -127,5 +130,6 @@ def _residuals(found: Identification) -> Iterator[dict[str, Any]]:
                 "rms": engineering(rms, unit),
                 "noise": engineering(noise, unit),
                 "ratio": number(ratio, 3),
-                "loud": ratio > LOUD,
+                # Of responses, whose noise is another for each line, the judgement is the record's own.
+                "loud": bool(record.warning) if "/" in channel else ratio > LOUD,
             }

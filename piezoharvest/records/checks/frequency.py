@@ -15,6 +15,11 @@ from piezoharvest.transducer import Transducer
 
 _ACTIVE = 0.05  # part of |Z| that may be below zero
 _OPPOSED = -0.5
+_NEAR, _PLACES = (
+    (0.7, 1.4),
+    25,
+)  # times the nominal resonances, that these may be, and at how many places they are tried
+_FEW = 100  # lines that are compared there
 
 
 def check_frequency(record: FrequencyRecord, transducer: Transducer) -> Iterator[Finding]:
@@ -60,24 +65,44 @@ def _against_model(record: FrequencyRecord, transducer: Transducer) -> Iterator[
             what = "values with a resistance below zero"
             yield from _found(record, "sign", "response", active, what, "passive ones; likely a wrong sign or phase")
             return
-    expected = _expected(record, transducer)
-    if expected is None:
+    expected = _expected(record, transducer, record.frequency)
+    if expected is None or not any(_off(record.response, expected)):
         return
-    ratio = np.median(np.log(np.abs(record.response) / np.abs(expected)), axis=-1)
-    if ratio.min() > np.log(FACTOR) or ratio.max() < -np.log(FACTOR):
-        what = f"values of {np.exp(np.median(ratio)):.2g} times what the nominal model gives"
+    # Near a resonance a phase turns and a size changes by more than what a nominal value is off by.
+    few = np.linspace(0, len(record) - 1, min(len(record), _FEW)).astype(int)
+    placed = _placed(record, transducer, few)
+    ratio, opposed = _off(record.response[few], placed if placed is not None else expected[:, few])
+    if ratio:
+        what = f"values of {ratio:.2g} times what the nominal model gives"
         allowed = f"those up to {FACTOR:g} times more or less; likely a wrong unit"
         yield from _found(record, "unit", "response", everything, what, allowed)
-    turn = np.median(np.cos(np.angle(record.response) - np.angle(expected)), axis=-1)
-    if turn.max() < _OPPOSED:
+    if opposed:
         what = "values against what the nominal model gives"
         yield from _found(record, "sign", "response", everything, what, "those of its sign; likely a wrong sign")
 
 
-def _expected(record: FrequencyRecord, transducer: Transducer) -> np.ndarray | None:
+def _off(response: np.ndarray, expected: np.ndarray) -> tuple[float | None, bool]:
+    """By how much a response differs from all that is expected, (variants, f), and whether it is opposed to that."""
+    ratio = np.median(np.log(np.abs(response) / np.abs(expected)), axis=-1)
+    far = ratio.min() > np.log(FACTOR) or ratio.max() < -np.log(FACTOR)
+    turn = np.median(np.cos(np.angle(response) - np.angle(expected)), axis=-1)
+    return float(np.exp(np.median(ratio))) if far else None, bool(turn.max() < _OPPOSED)
+
+
+def _placed(record: FrequencyRecord, transducer: Transducer, few: np.ndarray) -> np.ndarray | None:
+    """The response of some lines with the nominal resonances anywhere near, and anywhere in the band."""
+    own = np.array([np.sqrt(mode.stiffness / mode.mass) / (2 * np.pi) for mode in transducer.all_modes])
+    band = np.linspace(record.frequency.min(), record.frequency.max(), _PLACES)
+    factors = np.concatenate([np.geomspace(*_NEAR, _PLACES), (own[:, None] / band).ravel()])
+    factors = factors[(factors >= _NEAR[0]) & (factors <= _NEAR[1])]
+    expected = _expected(record, transducer, np.outer(factors, record.frequency[few]).ravel())
+    return None if expected is None else expected.reshape(-1, len(few))
+
+
+def _expected(record: FrequencyRecord, transducer: Transducer, frequency: np.ndarray) -> np.ndarray | None:
     """The response by the nominal model, (variants, f); None where nothing is foretold."""
     if record.kind == "impedance":
-        return impedances(transducer, record.frequency, record.mechanical)
-    foretold = transfers(transducer, record.shunt, record.input, record.frequency).get(record.output)
+        return impedances(transducer, frequency, record.mechanical)
+    foretold = transfers(transducer, record.shunt, record.input, frequency).get(record.output)
     expected = None if foretold is None else foretold[record.input]
     return expected if expected is not None and np.all(expected) else None
