@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -12,7 +14,9 @@ from piezoharvest.design.goal import LEAST, Figures, Slopes
 from piezoharvest.design.operation import mean_nodes, narrowest_width
 from piezoharvest.design.twoport import LinearView
 from piezoharvest.engine import Gradient, NoGradientError, gradient, simulate
+from piezoharvest.engine.budget import MOST_WORK, Budget
 from piezoharvest.engine.response import Response
+from piezoharvest.excitation import Excitation
 from piezoharvest.parameters import ParameterError
 from piezoharvest.shunts import LinearShunt, Shunt
 from piezoharvest.shunts.short import Short
@@ -23,6 +27,9 @@ _TUNING_NODES, _FINAL_NODES = 41, 121  # at most
 _FEWEST_POINTS = 9  # in search of the worst peak of what does not switch: the two-port tells where else to look
 _TUNING_POINTS, _FINAL_POINTS = 17, 41  # of what does
 _PEAK_STEPS = 8
+# Of all simulations of a design together, in the units of `engine.budget`: 15 s or so. The largest of designs/
+# takes a third of it.
+_MOST_WORK = 2 * MOST_WORK
 _TUNING_SAMPLES = 16  # waveforms are not looked at while tuning; amplitudes do not depend on them
 
 
@@ -39,10 +46,13 @@ class Trial:
         The transducer, its operation and the goal.
     simulations : int
         How many steady states or transients have been searched, with a gradient or without.
+    left : int
+        Work that they may still take.
     """
 
     view: LinearView
     simulations: int = 0
+    left: int = _MOST_WORK
     _known: dict[tuple[Shunt, bool], Figures] = field(default_factory=dict)
     _tangents: dict[tuple[Shunt, tuple[str, ...]], Tangent] = field(default_factory=dict)
 
@@ -74,7 +84,7 @@ class Trial:
             nodes, weights = self._nodes[False] if op.band else (op.frequencies, np.ones(1))
             self.simulations += len(nodes)
             system = System(self.view.transducer, shunt)
-            found = [gradient(system, op.at(float(f))) for f in nodes]
+            found = [self._gradient(system, op.at(float(f))) for f in nodes]
             self._tangents[key] = self._sum_up(found, weights, parts)
         return self._tangents[key]
 
@@ -102,10 +112,28 @@ class Trial:
         operation = self.view.operation
         excitation = operation.excitation if frequency is None else operation.at(frequency)
         samples = {} if complete else {"samples": _TUNING_SAMPLES}
-        response = simulate(System(self.view.transducer, shunt), excitation, **samples)
+        with self._counted() as budget:
+            response = simulate(System(self.view.transducer, shunt), excitation, budget=budget, **samples)
+        if self.left <= 0:
+            what = "found more to simulate than one design may take"
+            raise ParameterError("design", f"{what}, allowed are fewer candidates, a narrower band or fewer tones")
         if response.exhausted:  # as many others would be
             raise self._impossible(response)
         return response
+
+    def _gradient(self, system: System, excitation: Excitation) -> Gradient:
+        with self._counted() as budget:
+            return gradient(system, excitation, budget)
+
+    @contextmanager
+    def _counted(self) -> Iterator[Budget]:
+        """Work for one more simulation, which counts for the design."""
+        budget = Budget(min(MOST_WORK, self.left))
+        allowed = budget.left
+        try:
+            yield budget
+        finally:
+            self.left -= allowed - budget.left
 
     def _alone(self, shunt: Shunt, complete: bool) -> Figures:
         r = self._simulate(shunt, complete)

@@ -15,7 +15,7 @@ from piezoharvest.engine.lower import Lowered, lower, symmetric
 from piezoharvest.engine.simulation import simulate
 from piezoharvest.engine.state import QUEUE_LENGTH
 from piezoharvest.engine.transient import Machine
-from piezoharvest.engine.trust import Bounds, bounds, closure, faults
+from piezoharvest.engine.trust import Bounds, bounds, closure, faults, harvest
 from piezoharvest.excitation import Excitation
 from piezoharvest.parameters import Component
 from piezoharvest.shunts.short import Short
@@ -103,7 +103,8 @@ def _columns(lowered: Lowered, out: np.ndarray, designs: int, most: Bounds) -> d
     mean_dc = energy.pop(pg.MEAN_DC) / period
     wrong = faults(energy, out[:, many.STORED], 0.0, out[:, many.DISPLACEMENT], most, periodic=True)
     right = settled & ~np.any([*wrong.values()], axis=0)
-    harvested, taken = energy["harvested"], energy["mechanical_in"]
+    harvested, taken = harvest(energy), energy["mechanical_in"]
+    energy["harvested"] = harvested
     columns = {
         "harvested_power": harvested / period,
         "mechanical_power": taken / period,

@@ -14,6 +14,10 @@ import numpy as np
 from piezoharvest.engine import program as pg
 from piezoharvest.parameters import COMPLEX_STEP
 
+# Difference of two rates times the longest time, below which a divided difference is taken by its series (then exact to
+# rounding); above it, that of two exponentials has lost two digits at most.
+CLOSE = 0.02
+
 
 class Dual(NamedTuple):
     """A number or an array and its derivatives with respect to p quantities, on the first axis."""
@@ -116,15 +120,25 @@ class Flow:
         return np.real((growth.reshape(shape) * modal) @ self.vectors.T)
 
     def forced(self, start: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Derivatives (m, p, a) of the motion from a given state (a,) at m times with respect to the quantities."""
-        half = 0.5 * np.multiply.outer(times, self.rates)
-        mean, gap = half[:, :, None] + half[:, None, :], half[:, :, None] - half[:, None, :]
-        growth, close, tiny = np.exp(2 * half), np.abs(gap) < 0.5, np.abs(gap) < 1e-3
-        apart = (growth[:, :, None] - growth[:, None, :]) / np.where(close, 1.0, 2 * gap)
-        small = np.where(close, gap, 0.0)
-        sinc = np.where(tiny, 1 + small**2 / 6 + small**4 / 120, np.sinh(small) / np.where(tiny, 1.0, small + ~close))
-        divided = times[:, None, None] * np.where(close, np.exp(mean) * sinc, apart)
-        modal = np.einsum("mij,pij,j->mpi", divided, self.change, self.inverse @ start)
+        """Derivatives (m, p, a) of the motion from a given state (a,) at m times with respect to the quantities.
+
+        Of two rates that are apart by more than the longest time tells, the divided difference is that of two
+        exponentials, whose products with what does not depend on time are taken once for all times.
+        """
+        a, driven = len(self.rates), self.change * (self.inverse @ start)  # (p, i, j)
+        gap = self.rates[:, None] - self.rates[None, :]
+        close = np.abs(gap) * np.max(times, initial=0.0) < CLOSE
+        growth = np.exp(np.multiply.outer(times, self.rates))
+        apart = np.where(close, 0.0, driven) / np.where(close, 1.0, gap)
+        modal = growth[:, None, :] * apart.sum(axis=2)
+        modal -= (growth @ apart.reshape(-1, a).T).reshape(modal.shape)
+        rows, columns = np.nonzero(close)
+        mean = 0.5 * (self.rates[rows] + self.rates[columns])
+        half = 0.5 * np.multiply.outer(times, gap[rows, columns])
+        divided = times[:, None] * np.exp(np.multiply.outer(times, mean)) * (1 + half**2 / 6 + half**4 / 120)
+        for row in range(a):
+            own = rows == row
+            modal[:, :, row] += divided[:, own] @ driven[:, row, columns[own]].T
         return np.real(modal @ self.vectors.T)
 
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from piezoharvest.engine import program as pg
+from piezoharvest.engine.budget import Budget
 from piezoharvest.engine.lower import lower
 from piezoharvest.engine.modes import nominal
 from piezoharvest.engine.orbit import follow
@@ -57,7 +58,7 @@ class NoGradientError(ArithmeticError):
     """There is no periodic steady state to take a gradient at."""
 
 
-def gradient(system: System, excitation: Excitation) -> Gradient:
+def gradient(system: System, excitation: Excitation, budget: Budget | None = None) -> Gradient:
     """Gradient at the periodic steady state that `simulate` finds.
 
     Parameters
@@ -65,6 +66,8 @@ def gradient(system: System, excitation: Excitation) -> Gradient:
     system : System
     excitation : Excitation
         Periodic. By its own quantities the gradient is taken where it is one sine.
+    budget : Budget, optional
+        Work that it may take, and is taken from; default what one simulation may.
 
     Returns
     -------
@@ -81,7 +84,7 @@ def gradient(system: System, excitation: Excitation) -> Gradient:
         raise NoGradientError("the transducer has effects that are nonlinear between events")
     batch = lower(*stepped(system, excitation))
     # One lowering serves both: what the complex steps begin from is the design itself.
-    lowered = batch._replace(program=nominal(batch.program))
+    lowered = batch._replace(program=nominal(batch.program), budget=budget or batch.budget)
     try:
         orbit, mirrored, _, _, settles = search(lowered, excitation)
         if not settles:

@@ -9,6 +9,7 @@ import numpy as np
 
 from piezoharvest.engine import program as pg
 from piezoharvest.engine import state as st
+from piezoharvest.engine.budget import Budget
 from piezoharvest.engine.lower import Lowered, lower, symmetric
 from piezoharvest.engine.response import Response, Waveforms
 from piezoharvest.engine.shooting import ACCEPTED
@@ -27,7 +28,14 @@ UNSETTLED_PERIODS = 64  # averaged over where there is no periodic steady state
 
 
 @np.errstate(all="ignore")  # what is not finite is told by the result
-def simulate(system: System, excitation: Excitation, *, transient: float | None = None, samples: int = 512) -> Response:
+def simulate(
+    system: System,
+    excitation: Excitation,
+    *,
+    transient: float | None = None,
+    samples: int = 512,
+    budget: Budget | None = None,
+) -> Response:
     """Simulate a system exactly, event by event.
 
     Parameters
@@ -40,6 +48,8 @@ def simulate(system: System, excitation: Excitation, *, transient: float | None 
         directly; any other excitation is run from rest through its length.
     samples : int
         Waveform samples in a period, or in the length of an excitation without one.
+    budget : Budget, optional
+        Work that it may take, and is taken from; default what one simulation may.
 
     Returns
     -------
@@ -63,6 +73,7 @@ def simulate(system: System, excitation: Excitation, *, transient: float | None 
     periodic = transient is None and excitation.period is not None
     length = None if periodic else _length(system, excitation, transient)
     lowered = lower(system, excitation, length)
+    lowered = lowered._replace(budget=budget or lowered.budget)
     try:
         if length is None:
             most = bounds(system.transducer, excitation, lowered)
@@ -257,11 +268,11 @@ def _response(
         del energy["source"]
     half = 0.5 * (state.extremes[:, 1] - state.extremes[:, 0])
     held = 0.0 if most is not None else before  # of a steady state only what flows counts
-    energy = cleaned(energy, before if most is not None else 0.0)
+    computed, energy = energy, cleaned(energy, before if most is not None else 0.0)
     if not any(energy.values()) and most is not None:
-        change = 0.0
-    share, largest = (float(value) for value in closure(energy, change, held))
-    wrong = faults(energy, change, before, half[0], most or NO_BOUNDS, periodic=most is not None)
+        computed, change = energy, 0.0
+    share, largest = (float(value) for value in closure(computed, change, held))
+    wrong = faults(computed, change, before, half[0], most or NO_BOUNDS, periodic=most is not None)
     found = next((sentence for sentence, holds in wrong.items() if holds), "")
     if change != 0.0:
         energy["stored"] = change
@@ -277,7 +288,7 @@ def _response(
     return Response(
         shunt=kind,
         converged=not found,
-        message=found if found else uncertain(energy, largest),
+        message=found if found else uncertain(computed["harvested"], share * largest),
         period=length,
         harvested_power=energy["harvested"] / length,
         mechanical_power=energy["mechanical_in"] / length,

@@ -90,8 +90,14 @@ def cleaned(energy: Mapping[str, float], before: float) -> dict[str, float]:
     sizes = [abs(value) for value in energy.values()]
     if max(sizes) <= LOSSLESS * abs(before):
         return dict.fromkeys(energy, 0.0)
+    return {**energy, "harvested": float(harvest(energy))}
+
+
+def harvest(energy: Mapping[str, Any]) -> Any:
+    """Harvested energy; nothing where it is less than that by rounding of what flows."""
+    flows = np.max(np.abs(np.broadcast_arrays(*energy.values())), axis=0)
     harvested = energy["harvested"]
-    return {**energy, "harvested": 0.0 if -CLOSURE * max(sizes) <= harvested < 0.0 else harvested}
+    return np.where((harvested < 0.0) & (harvested >= -CERTAIN * flows), 0.0, harvested)
 
 
 @np.errstate(all="ignore")
@@ -159,10 +165,15 @@ def faults(energy: Mapping[str, Any], change: Any, before: Any, amplitude: Any, 
     }  # fmt: skip
 
 
-def uncertain(energy: Mapping[str, float], largest: float) -> str:
-    """A sentence on the digits of the harvested energy, where it is a small share of what the closure is a share of."""
-    harvested, off = abs(energy["harvested"]), energy["closure"] * largest
-    if not off > DIGITS * harvested > 0.0:
+def uncertain(harvested: float, off: float) -> str:
+    """A sentence on the digits of the harvested energy, where energy closes to less than these.
+
+    Parameters
+    ----------
+    harvested, off : float
+        As it was computed, and what no entry accounts for, J.
+    """
+    if not off > DIGITS * abs(harvested) > 0.0:
         return ""
     digits = int(-np.log10(off / harvested)) if off < harvested else 0
     confirmed = f"no more than {digits} of its digits" if digits else "none of its digits"

@@ -117,3 +117,17 @@ def test_candidate_that_takes_too_much_work_is_left_out(host, run, monkeypatch):
     assert any(note.startswith("left out: rectifier: ") for note in found.notes)
     with pytest.raises(ParameterError, match="with rectifier: given up"):
         run(host(0.025, 50), candidates=("rectifier",))
+
+
+def test_a_design_takes_only_so_much_work(host, run, monkeypatch):
+    """What is drafted first is designed, and the rest is left out by name."""
+    made, used = Trial.__init__, []
+    monkeypatch.setattr(Trial, "__init__", lambda self, view: (made(self, view), used.append(self))[0])
+    run(host(0.025, 50), candidates=("resistor",))
+    enough = 3 * (Trial.left - used[0].left)
+    monkeypatch.setattr(Trial, "__init__", lambda self, view: made(self, view, left=enough))
+    found = run(host(0.025, 50), candidates=("resistor", "rectifier"))
+    assert [candidate.shunt.kind for candidate in found.candidates] == ["resistor"]
+    assert any(note.startswith("left out: rectifier: found more to simulate than one") for note in found.notes)
+    with pytest.raises(ParameterError, match="more to simulate than one design may take, allowed are fewer candidates"):
+        run(host(0.025, 50), candidates=("rectifier",))

@@ -70,7 +70,8 @@ def test_a_device_without_losses_has_no_power():
 
 def test_no_less_than_nothing_is_harvested():
     assert cleaned({**RIGHT, "harvested": -1e-12}, 0.0)["harvested"] == 0.0
-    assert cleaned({**RIGHT, "harvested": -1e-6}, 0.0)["harvested"] == -1e-6
+    assert cleaned({**RIGHT, "harvested": -3e-7}, 0.0)["harvested"] == 0.0
+    assert cleaned({**RIGHT, "harvested": -1e-5}, 0.0)["harvested"] == -1e-5
 
 
 def test_a_loss_that_gives():
@@ -95,8 +96,8 @@ def test_many_designs_at_once():
 
 
 def test_digits_of_a_small_share_are_said():
-    said = uncertain({**RIGHT, "harvested": 1e-9, "closure": 1e-12}, 1.0)
-    assert said.endswith("confirms no more than 3 of its digits")
-    assert uncertain({**RIGHT, "harvested": 1e-9, "closure": 1e-8}, 1.0).endswith("confirms none of its digits")
-    assert uncertain({**RIGHT, "closure": 1e-12}, 1.0) == ""
-    assert uncertain({**RIGHT, "harvested": 0.0, "closure": 1e-12}, 1.0) == ""
+    assert uncertain(1e-9, off=1e-12).endswith("confirms no more than 3 of its digits")
+    assert uncertain(1e-9, off=1e-8).endswith("confirms none of its digits")
+    assert uncertain(-1e-8, off=1e-9).endswith("confirms none of its digits")
+    assert uncertain(0.25, off=1e-12) == ""
+    assert uncertain(0.0, off=1e-12) == ""
