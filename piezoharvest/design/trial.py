@@ -27,9 +27,8 @@ _TUNING_NODES, _FINAL_NODES = 41, 121  # at most
 _FEWEST_POINTS = 9  # in search of the worst peak of what does not switch: the two-port tells where else to look
 _TUNING_POINTS, _FINAL_POINTS = 17, 41  # of what does
 _PEAK_STEPS = 8
-# Of all simulations of a design together, in the units of `engine.budget`: 15 s or so. The largest of designs/
-# takes a third of it.
-_MOST_WORK = 2 * MOST_WORK
+# Of all simulations of a design together, in the units of `engine.budget`: 10 s or so, twice the largest of designs/.
+_MOST_WORK = MOST_WORK * 5 // 4
 _TUNING_SAMPLES = 16  # waveforms are not looked at while tuning; amplitudes do not depend on them
 
 
