@@ -9,44 +9,54 @@ True
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import Any
+import importlib as _importlib
+import typing as _typing
 
 __version__ = "0.1.0"
 
 # Where each public name lives: loaded when first used, so that importing the package costs nothing.
 _HOMES = {
-    "piezoharvest.transducer": ("Mode", "Transducer"),
-    "piezoharvest.hysteresis": ("Hysteresis",),
-    "piezoharvest.system": ("System",),
-    "piezoharvest.parameters": ("Component", "ParameterError", "quantity"),
-    "piezoharvest.excitation": (
+    "description.transducer": ("Mode", "Transducer"),
+    "description.hysteresis": ("Hysteresis",),
+    "description.system": ("System",),
+    "description.parameters": ("Component", "ParameterError", "quantity"),
+    "description.excitation": (
         "Excitation", "Multisine", "RandomBase", "RandomForce", "Record", "SineBase", "SineForce", "StepForce",
     ),
-    "piezoharvest.shunts": (
+    "description.shunts": (
         "LinearShunt", "NegativeCapacitance", "Network", "Open", "ParallelRL", "ParallelRLC", "ParallelSSHI",
         "Rectifier", "Resistor", "SECE", "SSDI", "SSDS", "SSDV", "SeriesRL", "SeriesRLC", "SeriesSSHI", "Short",
         "Shunt",
     ),
-    "piezoharvest.effects": ("DielectricRelaxation", "Effect", "Leakage"),
-    "piezoharvest.engine": (
+    "description.effects": (
+        "BiasCurrent", "ChannelSkew", "Clipping", "ContactCompliance", "CouplingDrift", "Creep",
+        "DielectricRelaxation", "DisplacementLag", "Effect", "Friction", "Leakage", "LoadError", "MainsHum",
+        "NonlinearCoupling", "Stiffening", "VoltageDependentCapacitance",
+    ),
+    "engine": (
         "Gradient", "NoGradientError", "Response", "Waveforms", "gradient", "simulate", "simulate_many",
     ),
-    "piezoharvest.linear": (
+    "linear": (
         "TwoPort", "admittance", "closed_loop", "coupling_factor", "frequency_response", "linearize", "resonances",
     ),
-    "piezoharvest.study": ("Study", "StudyError", "load_study"),
-    "piezoharvest.report": ("write_report",),
+    "study": ("DesignOptions", "Study", "StudyError", "load_study"),
+    "design": ("DesignResult", "design"),
+    "sweep": ("sweep",),
+    "bench": ("measure",),
+    "records": ("Campaign", "CampaignError", "load_campaign"),
+    "identify": ("Identification", "identify"),
+    "diagnose": ("Diagnosis", "diagnose"),
+    "report": ("write_diagnosis", "write_identification", "write_report"),
 }  # fmt: skip
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
-__all__ = sorted(_HOME)
+__all__ = sorted(_HOME)  # type: ignore[reportUnsupportedDunderAll]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> _typing.Any:
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_HOME[name]), name)
+    return getattr(_importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *__all__])
+    return [*__all__, "__version__"]

@@ -17,15 +17,15 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, create_model
 
-from piezoharvest import catalogue, effects, excitation, shunts
-from piezoharvest.effects import Effect
-from piezoharvest.excitation import Excitation
+from piezoharvest.description import catalogue, effects, excitation, shunts
+from piezoharvest.description.effects import Effect
+from piezoharvest.description.excitation import Excitation
+from piezoharvest.description.limits import check_size
+from piezoharvest.description.parameters import Component, ParameterError, allowed, quantity
+from piezoharvest.description.shunts import Shunt
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.input import InputError, check_readable
-from piezoharvest.limits import check_size
-from piezoharvest.parameters import Component, ParameterError, allowed, quantity
-from piezoharvest.shunts import Shunt
-from piezoharvest.system import System
-from piezoharvest.transducer import Transducer
 
 _T = TypeVar("_T")
 _C = TypeVar("_C", bound=Component)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from piezoharvest.description.system import System
 from piezoharvest.study import build_excitation, build_shunt, build_transducer
-from piezoharvest.system import System
 
 # A strongly coupled bench: k_e^2 = 0.025, Q_m = 50, driven between its resonances.
 BENCH = {"mass": 0.010, "damping": 0.0628, "stiffness": 986.96, "coupling": 1.0e-3, "capacitance": 40e-9}

@@ -23,9 +23,9 @@ import piezoharvest.report
 import piezoharvest.spice
 from piezoharvest import __version__
 from piezoharvest.cli import main
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.engine.response import Response, Waveforms
 from piezoharvest.output import TABLE_SUFFIXES, WAVEFORM_COLUMNS, OutputError, atomic, check_file, write_text
-from piezoharvest.parameters import ParameterError
 
 STUDY = """\
 title = "bench harvester"

@@ -8,8 +8,8 @@ from records.instrument_files import FORCE, NAMES, lines, random_layout, rows
 from scipy.io import savemat
 
 from piezoharvest import Record
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.output import write_table
-from piezoharvest.parameters import ParameterError
 
 
 def record(path, column="force", **keys):

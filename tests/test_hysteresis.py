@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from piezoharvest.hysteresis import Hysteresis, play, stop
-from piezoharvest.parameters import ParameterError
+from piezoharvest.description.hysteresis import Hysteresis, play, stop
+from piezoharvest.description.parameters import ParameterError
 
 paths = st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=25).map(np.array)
 thresholds = st.floats(0.05, 2.0)

@@ -10,12 +10,11 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from piezoharvest import linear
-from piezoharvest.circuit import Product
-from piezoharvest.effects import DielectricRelaxation, Leakage
-from piezoharvest.hysteresis import Hysteresis
-from piezoharvest.linear import TwoPort
-from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts import (
+from piezoharvest.description.circuit import Product
+from piezoharvest.description.effects import DielectricRelaxation, Leakage
+from piezoharvest.description.hysteresis import Hysteresis
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts import (
     LinearShunt,
     NegativeCapacitance,
     Open,
@@ -27,8 +26,9 @@ from piezoharvest.shunts import (
     SeriesRLC,
     Short,
 )
-from piezoharvest.system import System
-from piezoharvest.transducer import Mode, Transducer
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Mode, Transducer
+from piezoharvest.linear import TwoPort
 
 PLAIN = Transducer(mass=0.010, damping=0.0628, stiffness=986.96, coupling=1e-3, capacitance=40e-9)
 HYSTERESIS = Hysteresis(thresholds=(1e-7, 3e-7), weights=(5e5, 1.5e6))
@@ -107,7 +107,7 @@ def test_admittance(shunt, formula):
 
 
 def test_every_linear_shunt_is_covered_above():
-    from piezoharvest.shunts import registered
+    from piezoharvest.description.shunts import registered
 
     shipped = [cls for cls in registered().values() if cls.__module__.startswith("piezoharvest.")]
     kinds = {cls.kind for cls in shipped if issubclass(cls, LinearShunt)}

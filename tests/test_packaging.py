@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import piezoharvest
-from piezoharvest.engine.compiled import TESTED
+from piezoharvest.engine.compilation.compiled import TESTED
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

@@ -7,11 +7,11 @@ import pytest
 from oracles.ngspice import NgspiceError, needs_ngspice, run_netlist
 from studies import BENCH, SECOND, STOPS, bench, inversion, objects, solve
 
-from piezoharvest.effects import Stiffening
-from piezoharvest.excitation import RandomBase, Record, StepForce
+from piezoharvest.description.effects import Stiffening
+from piezoharvest.description.excitation import RandomBase, Record, StepForce
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts import SSDV, Open, ParallelSSHI, Resistor, Shunt, registered
 from piezoharvest.linear import frequency_response
-from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts import SSDV, Open, ParallelSSHI, Resistor, Shunt, registered
 from piezoharvest.spice import export_spice
 from piezoharvest.spice.circuits import WRITERS
 

@@ -7,14 +7,14 @@ from typing import ClassVar
 
 import pytest
 
-from piezoharvest import catalogue, shunts
-from piezoharvest.effects import Leakage
-from piezoharvest.excitation import SineForce
-from piezoharvest.hysteresis import Hysteresis
-from piezoharvest.parameters import quantity
-from piezoharvest.shunts import LinearShunt, Network, ParallelSSHI, Resistor
+from piezoharvest.description import catalogue, shunts
+from piezoharvest.description.effects import Leakage
+from piezoharvest.description.excitation import SineForce
+from piezoharvest.description.hysteresis import Hysteresis
+from piezoharvest.description.parameters import quantity
+from piezoharvest.description.shunts import LinearShunt, Network, ParallelSSHI, Resistor
+from piezoharvest.description.transducer import Mode, Transducer
 from piezoharvest.study import DesignOptions, Study, StudyError, SweepOptions, SweepParameter, load_study
-from piezoharvest.transducer import Mode, Transducer
 
 STUDY = """\
 title = "bench harvester"

@@ -80,7 +80,7 @@ def simulate(
     A waveform file is one long table with the columns shunt (from 0), kind, time_s, drive (N or m/s^2), displacement_m,
     velocity_m_per_s, voltage_V, current_A, charge_C, hysteresis_voltage_V and dc_voltage_V.
     """
-    from piezoharvest.cli import work
+    from piezoharvest.cli import commands as work
 
     return partial(work.simulate, study, as_json=json, transient=transient, out=out)
 
@@ -97,7 +97,7 @@ def design(
 
     The table [design] says what is wanted; every candidate is set against the bound of passive linear shunts.
     """
-    from piezoharvest.cli import work
+    from piezoharvest.cli import commands as work
 
     return partial(work.design, study, as_json=json, report=report)
 
@@ -122,7 +122,7 @@ def sweep(
     """
     if scheduler is not None and workers > 1:
         raise typer.BadParameter("found --workers with it, allowed is one of them", param_hint="--scheduler")
-    from piezoharvest.cli import sweeping
+    from piezoharvest.cli import sweep_command as sweeping
 
     return partial(sweeping.sweep, study, out, workers=workers, scheduler=scheduler, as_json=json)
 
@@ -138,7 +138,7 @@ def measure(
     table [bench]. DIR, which has to be new, empty or an earlier campaign, gets campaign.toml and a CSV file for each
     record.
     """
-    from piezoharvest.cli import measuring
+    from piezoharvest.cli import measure_command as measuring
 
     return partial(measuring.measure, study, out)
 
@@ -154,7 +154,7 @@ def identify(
     The records of a campaign are read, checked, and fitted at once. A parameter that they cannot determine keeps its
     nominal value and is reported as not identifiable.
     """
-    from piezoharvest.cli import identifying
+    from piezoharvest.cli import identify_command as identifying
 
     return partial(identifying.identify, campaign, as_json=json, report=report)
 
@@ -170,7 +170,7 @@ def diagnose(
     The model is fitted, every known effect is tested, those that are there are named and fitted with it, and the gain
     is measured on the validation records. Structure that no known effect explains is reported as unexplained.
     """
-    from piezoharvest.cli import diagnosing
+    from piezoharvest.cli import diagnose_command as diagnosing
 
     return partial(diagnosing.diagnose, campaign, as_json=json, report=report)
 
@@ -187,7 +187,7 @@ def export(
     """Write a netlist for circuit simulators."""
     if form != "spice":
         raise typer.BadParameter(f"found {form!r}, allowed is spice", param_hint="--format")
-    from piezoharvest.cli import work
+    from piezoharvest.cli import commands as work
 
     return partial(work.export, study, out, shunt)
 
@@ -200,7 +200,7 @@ def demo(
 
     Ends with a report to look at: its path is the last line.
     """
-    from piezoharvest.cli import work
+    from piezoharvest.cli import commands as work
 
     return partial(work.demo, out)
 
@@ -265,7 +265,7 @@ def _failed(error: Exception) -> int:
         context: Any = getattr(error, "ctx", None)
         command = context.command_path if context else "piezoharvest"
         return _say(f"{error.format_message().rstrip('.')} (see {command} --help)", 2)  # pyright: ignore
-    from piezoharvest.cli.work import BAD_INPUT
+    from piezoharvest.cli.commands import BAD_INPUT
 
     if isinstance(error, BAD_INPUT):
         return _say(f"error: {error}", 2)

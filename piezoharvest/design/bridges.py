@@ -12,14 +12,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.description.shunts.harvesting.parallel_sshi import ParallelSSHI
+from piezoharvest.description.shunts.harvesting.series_sshi import SeriesSSHI
+from piezoharvest.description.shunts.linear.open import Open
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.starts import Start
 from piezoharvest.design.twoport import LinearView
 from piezoharvest.linear import TwoPort
-from piezoharvest.shunts.bridge import Bridge
-from piezoharvest.shunts.open import Open
-from piezoharvest.shunts.parallel_sshi import ParallelSSHI
-from piezoharvest.shunts.series_sshi import SeriesSSHI
 
 _LOADS = np.geomspace(1e-4, 1e4, 801)  # R C w, before the local maxima are polished
 _DROP_STEPS = 40

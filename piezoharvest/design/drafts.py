@@ -11,16 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from piezoharvest.circuit import Port
+from piezoharvest.description.circuit import Port
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts import LinearShunt, Shunt, registered
+from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.description.shunts.linear.open import Open
+from piezoharvest.description.shunts.linear.short import Short
+from piezoharvest.description.shunts.switching import InductiveSwitch, SynchronisedShunt
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.design.operation import Operation
-from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts import LinearShunt, Shunt, registered
-from piezoharvest.shunts.bridge import Bridge
-from piezoharvest.shunts.open import Open
-from piezoharvest.shunts.short import Short
-from piezoharvest.shunts.switching import InductiveSwitch, SynchronisedShunt
 from piezoharvest.study import DesignOptions
-from piezoharvest.transducer import Transducer
 
 QUALITY = 6.0  # inverts to exp(-pi/(2 Q)) = 0.77 of the voltage: between the 0.6 of a small coil and 0.9 of a good one
 FLIP_SHARE = 1 / 50  # of the period: short beside it, and still slow enough for a coil

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from piezoharvest.shunts import Shunt
+from piezoharvest.description.shunts import Shunt
 from piezoharvest.study import DesignOptions
 
 if TYPE_CHECKING:

@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
+from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.goal import MARGIN, PENALTY
 from piezoharvest.design.region import Region
 from piezoharvest.design.starts import Start
 from piezoharvest.design.twoport import LinearView
-from piezoharvest.shunts import Shunt
 
 _REACH = 3.0  # e-folds about the start of a round
 _STEP = 1e-5  # of central differences, in e-folds: the error of the gradient is 1e-10

@@ -8,13 +8,13 @@ from functools import cache
 
 import numpy as np
 
-from piezoharvest.excitation import Excitation, Multisine, Tones
+from piezoharvest.description.excitation import Excitation, Multisine, Tones
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.linear.open import Open
+from piezoharvest.description.shunts.linear.short import Short
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.linear import poles, resonances
-from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts.open import Open
-from piezoharvest.shunts.short import Short
-from piezoharvest.system import System
-from piezoharvest.transducer import Transducer
 
 _EXACT = 1e-9  # relative error of a mean over a band, on the two-port
 _MOST_NODES = 400

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from piezoharvest.netlist import Element
-from piezoharvest.shunts import Shunt
+from piezoharvest.description.netlist import Element
+from piezoharvest.description.shunts import Shunt
 
 if TYPE_CHECKING:
     from piezoharvest.engine.response import Response

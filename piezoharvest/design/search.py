@@ -7,6 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts import LinearShunt
+from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.design.bridges import bridge_starts
 from piezoharvest.design.drafts import Draft, Drafting
 from piezoharvest.design.goal import Goal, largest_inductance
@@ -18,9 +21,6 @@ from piezoharvest.design.result import Candidate, DesignResult
 from piezoharvest.design.starts import Host, Start, starts
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.twoport import LinearView
-from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts import LinearShunt
-from piezoharvest.shunts.bridge import Bridge
 from piezoharvest.study import DesignOptions, Study
 
 LARGEST_COIL = 1.0  # H; beyond, "discrete inductors are limited" (Fleming, Behrens & Moheimani, SMS 12, 57-64, 2003)

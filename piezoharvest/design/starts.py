@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from piezoharvest.description.shunts import LinearShunt
+from piezoharvest.description.shunts.linear.negative_capacitance import NegativeCapacitance
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.twoport import LinearView
 from piezoharvest.linear import TwoPort, resonances
-from piezoharvest.shunts import LinearShunt
-from piezoharvest.shunts.negative_capacitance import NegativeCapacitance
 
 
 class Start(NamedTuple):

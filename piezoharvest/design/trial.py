@@ -10,17 +10,17 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from piezoharvest.description.excitation import Excitation
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts import LinearShunt, Shunt
+from piezoharvest.description.shunts.linear.short import Short
+from piezoharvest.description.system import System
 from piezoharvest.design.goal import LEAST, Figures, Slopes
 from piezoharvest.design.operation import mean_nodes, narrowest_width
 from piezoharvest.design.twoport import LinearView
 from piezoharvest.engine import Gradient, NoGradientError, gradient, simulate
-from piezoharvest.engine.budget import MOST_WORK, Budget
 from piezoharvest.engine.response import Response
-from piezoharvest.excitation import Excitation
-from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts import LinearShunt, Shunt
-from piezoharvest.shunts.short import Short
-from piezoharvest.system import System
+from piezoharvest.engine.work_limit import MOST_WORK, Budget
 
 _MEAN_ERROR = 1e-3  # of a mean over a band: below what parts are worth being told apart by
 _TUNING_NODES, _FINAL_NODES = 41, 121  # at most

@@ -9,15 +9,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from piezoharvest.description.shunts import Shunt
+from piezoharvest.description.shunts.linear.resistor import Resistor
+from piezoharvest.description.shunts.linear.short import Short
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.design.goal import Figures, Goal
 from piezoharvest.design.operation import Operation
 from piezoharvest.linear import frequency_response, hysteresis_slope, poles
 from piezoharvest.linear.response import FrequencyResponse
-from piezoharvest.shunts import Shunt
-from piezoharvest.shunts.resistor import Resistor
-from piezoharvest.shunts.short import Short
-from piezoharvest.system import System
-from piezoharvest.transducer import Transducer
 
 _GRID = 61  # points of a band between which the poles tell where else to look
 _ZOOMS, _ZOOM_POINTS = 7, 11  # a peak's place to 1e-5 of the grid's spacing, its height to the square of that

@@ -5,6 +5,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from piezoharvest.callable_package import make_callable
+
 if TYPE_CHECKING:
     from piezoharvest.diagnose.diagnosis import Diagnosis, Named, diagnose
 
@@ -16,3 +18,6 @@ def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.diagnosis"), name)
+
+
+make_callable(__name__)

@@ -7,20 +7,28 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from piezoharvest.diagnose.candidates import effect_line
-from piezoharvest.diagnose.cut_drive import CHANCE, CutDrive, cut_off
-from piezoharvest.diagnose.leftover import Leftover, share_above_noise
-from piezoharvest.diagnose.search import GOOD, SOME, Search, Searcher, above_noise
-from piezoharvest.diagnose.trials import Step, Trials, amplitude_of
-from piezoharvest.diagnose.unseen import not_followed, overshadowing, plainest, shown_by, spoils, validated, with_fitted
-from piezoharvest.diagnose.zero import voltage_is_off
-from piezoharvest.effects import Clipping, Effect
-from piezoharvest.identify.descent import Fit
-from piezoharvest.identify.fit import covariance
-from piezoharvest.identify.identifiable import UNKNOWN, experiment, relative_error
+from piezoharvest.description.effects import Clipping, Effect
+from piezoharvest.diagnose.candidate_fits import Step, Trials, amplitude_of
+from piezoharvest.diagnose.drive_saturation import CHANCE, CutDrive, cut_off
+from piezoharvest.diagnose.residual_tests import Leftover, share_above_noise
+from piezoharvest.diagnose.score_tests import effect_line
+from piezoharvest.diagnose.stepwise_selection import GOOD, SOME, Search, Searcher, above_noise
+from piezoharvest.diagnose.validation import (
+    not_followed,
+    overshadowing,
+    plainest,
+    shown_by,
+    spoils,
+    validated,
+    with_fitted,
+)
+from piezoharvest.diagnose.voltage_offset import voltage_is_off
+from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.output_error import covariance
+from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.identifiability import UNKNOWN, experiment, relative_error
 from piezoharvest.identify.identification import Estimate, Identification, Quality, identify, judged, prepared, together
-from piezoharvest.identify.inertia import hidden
-from piezoharvest.identify.problem import Problem
+from piezoharvest.identify.start_values.quasi_static import hidden
 from piezoharvest.identify.threads import single_threaded
 from piezoharvest.predict.parameters import value_at
 from piezoharvest.predict.prediction import PredictionError

@@ -13,10 +13,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from piezoharvest.identify.data import Data
-from piezoharvest.identify.denoise import denoised
-from piezoharvest.identify.model import Model, residual_blocks
-from piezoharvest.identify.sums import Whitener, spectra_of
+from piezoharvest.identify.fitting.data import Data
+from piezoharvest.identify.fitting.likelihood import Whitener, spectra_of
+from piezoharvest.identify.fitting.model import Model, residual_blocks
+from piezoharvest.identify.noise.drive_denoising import denoised
 from piezoharvest.predict.drive import drive_of
 from piezoharvest.predict.prediction import PredictionError
 

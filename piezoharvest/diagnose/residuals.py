@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezoharvest.diagnose.diagnosis import Diagnosis
-from piezoharvest.diagnose.leftover import blocks_of
-from piezoharvest.diagnose.unseen import validated
-from piezoharvest.identify.data import Data
-from piezoharvest.identify.descent import Fit
+from piezoharvest.diagnose.residual_tests import blocks_of
+from piezoharvest.diagnose.validation import validated
+from piezoharvest.identify.fitting.data import Data
+from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.identification import judged, prepared
-from piezoharvest.identify.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from piezoharvest.engine.batch import simulate_many
     from piezoharvest.engine.response import Response, Waveforms
-    from piezoharvest.engine.sensitivity import Gradient, NoGradientError, gradient
+    from piezoharvest.engine.sensitivity.gradient import Gradient, NoGradientError, gradient
     from piezoharvest.engine.simulation import simulate
 
 __all__ = ["Gradient", "NoGradientError", "Response", "Waveforms", "gradient", "simulate", "simulate_many"]
 
 _HOMES = {
     "Response": "response", "Waveforms": "response", "simulate": "simulation", "simulate_many": "batch",
-    "gradient": "sensitivity", "Gradient": "sensitivity", "NoGradientError": "sensitivity",
+    "gradient": "sensitivity.gradient", "Gradient": "sensitivity.gradient",
+    "NoGradientError": "sensitivity.gradient",
 }  # fmt: skip
 
 

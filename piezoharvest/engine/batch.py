@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from piezoharvest.engine import many
-from piezoharvest.engine import program as pg
-from piezoharvest.engine import section as sc
-from piezoharvest.engine.lower import Lowered, lower, symmetric
+from piezoharvest.description.excitation import Excitation
+from piezoharvest.description.parameters import Component
+from piezoharvest.description.shunts.linear.short import Short
+from piezoharvest.description.system import System
+from piezoharvest.engine.lowering.lower import Lowered, lower, symmetric
+from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.memory.state import QUEUE_LENGTH
+from piezoharvest.engine.plausibility import Bounds, bounds, closure, faults, harvest
+from piezoharvest.engine.run import Machine
 from piezoharvest.engine.simulation import simulate
-from piezoharvest.engine.state import QUEUE_LENGTH
-from piezoharvest.engine.transient import Machine
-from piezoharvest.engine.trust import Bounds, bounds, closure, faults, harvest
-from piezoharvest.excitation import Excitation
-from piezoharvest.parameters import Component
-from piezoharvest.shunts.short import Short
-from piezoharvest.system import System
+from piezoharvest.engine.steady_state import many_designs as many
+from piezoharvest.engine.steady_state import section as sc
 
 AT_ONCE = 128  # designs whose programs are laid out at one time: what fits into the cache
 LOG = 512  # events of a span of which the times are kept

@@ -7,20 +7,20 @@ from functools import lru_cache
 
 import numpy as np
 
-from piezoharvest.engine import program as pg
-from piezoharvest.engine import state as st
-from piezoharvest.engine.budget import Budget
-from piezoharvest.engine.lower import Lowered, lower, symmetric
+from piezoharvest.description.excitation import Excitation, Ramps
+from piezoharvest.description.limits import check_length
+from piezoharvest.description.shunts.linear.short import Short
+from piezoharvest.description.system import System
+from piezoharvest.engine.lowering.lower import Lowered, lower, symmetric
+from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.memory import state as st
+from piezoharvest.engine.memory.state import State
+from piezoharvest.engine.plausibility import NO_BOUNDS, Bounds, bounds, cleaned, closure, faults, uncertain
 from piezoharvest.engine.response import Response, Waveforms
-from piezoharvest.engine.shooting import ACCEPTED
-from piezoharvest.engine.state import State
-from piezoharvest.engine.steady import EngineError, Orbit, Shooting, check
-from piezoharvest.engine.transient import Machine
-from piezoharvest.engine.trust import NO_BOUNDS, Bounds, bounds, cleaned, closure, faults, uncertain
-from piezoharvest.excitation import Excitation, Ramps
-from piezoharvest.limits import check_length
-from piezoharvest.shunts.short import Short
-from piezoharvest.system import System
+from piezoharvest.engine.run import Machine
+from piezoharvest.engine.steady_search import EngineError, Orbit, Shooting, check
+from piezoharvest.engine.steady_state.shooting import ACCEPTED
+from piezoharvest.engine.work_limit import Budget
 
 LONGEST_LOG = 100_000
 MOST_SAMPLES = 1_000_000  # of a transient: beyond that they are spread over it
@@ -60,7 +60,7 @@ def simulate(
     ------
     ParameterError
         An effect of the transducer takes a power that is no whole number, or acts on a shunt with which it cannot be
-        simulated, or there is too much of something (`piezoharvest.limits`).
+        simulated, or there is too much of something (`piezoharvest.description.limits`).
 
     Notes
     -----

@@ -5,13 +5,15 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from piezoharvest.callable_package import make_callable
+
 if TYPE_CHECKING:
-    from piezoharvest.identify.frequency import fit_modes, select_modes
+    from piezoharvest.identify.frequency.modal_fit import fit_modes, select_modes
+    from piezoharvest.identify.frequency.modes import ModalFit, Modes
+    from piezoharvest.identify.frequency.multisine import FrequencyError, MultisineResponse, multisine_response
+    from piezoharvest.identify.hysteresis.loop_fit import Loop, LoopError, LoopFit
+    from piezoharvest.identify.hysteresis.loops import identify_loop
     from piezoharvest.identify.identification import Estimate, Identification, identify
-    from piezoharvest.identify.loop_fit import Loop, LoopError, LoopFit
-    from piezoharvest.identify.loops import identify_loop
-    from piezoharvest.identify.modes import ModalFit, Modes
-    from piezoharvest.identify.multisine import FrequencyError, MultisineResponse, multisine_response
 
 __all__ = [
     "Estimate", "FrequencyError", "Identification", "Loop", "LoopError", "LoopFit", "ModalFit", "Modes",
@@ -19,12 +21,12 @@ __all__ = [
 ]  # fmt: skip
 
 _PLACES = {
-    "frequency": ("fit_modes", "select_modes"),
+    "frequency.modal_fit": ("fit_modes", "select_modes"),
     "identification": ("Estimate", "Identification", "identify"),
-    "loop_fit": ("Loop", "LoopError", "LoopFit"),
-    "loops": ("identify_loop",),
-    "modes": ("ModalFit", "Modes"),
-    "multisine": ("FrequencyError", "MultisineResponse", "multisine_response"),
+    "hysteresis.loop_fit": ("Loop", "LoopError", "LoopFit"),
+    "hysteresis.loops": ("identify_loop",),
+    "frequency.modes": ("ModalFit", "Modes"),
+    "frequency.multisine": ("FrequencyError", "MultisineResponse", "multisine_response"),
 }
 
 
@@ -34,3 +36,6 @@ def __getattr__(name: str) -> Any:
         if name in names:
             return getattr(import_module(f"{__name__}.{module}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+make_callable(__name__)

@@ -9,28 +9,28 @@ from typing import NamedTuple
 
 import numpy as np
 
-from piezoharvest.identify.data import Data, data_of
-from piezoharvest.identify.descent import Fit
-from piezoharvest.identify.evaluation import at_once
-from piezoharvest.identify.fit import fit, noise_of_responses, standard_errors
-from piezoharvest.identify.gain import gain_of
-from piezoharvest.identify.histories import held, memories, recalled, remembers
-from piezoharvest.identify.identifiable import assumed, combination, doubtful, experiment, undetermined
-from piezoharvest.identify.inertia import beyond_samples, explains_as_well, hidden, may_be_hidden
-from piezoharvest.identify.model import Model, unexplained_blocks
-from piezoharvest.identify.noise import Noise
-from piezoharvest.identify.problem import Problem, carried, renamed
-from piezoharvest.identify.responses import FrequencyData, Judged
-from piezoharvest.identify.signs import with_known_signs
-from piezoharvest.identify.starts import ROUGH, in_tune, started
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.transducer import INERT, Transducer
+from piezoharvest.identify.fitting.coupling_signs import with_known_signs
+from piezoharvest.identify.fitting.data import Data, data_of
+from piezoharvest.identify.fitting.evaluation import at_once
+from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.measured_responses import FrequencyData, Judged
+from piezoharvest.identify.fitting.model import Model, unexplained_blocks
+from piezoharvest.identify.fitting.output_error import fit, noise_of_responses, standard_errors
+from piezoharvest.identify.fitting.problem import Problem, carried, renamed
+from piezoharvest.identify.identifiability import assumed, combination, doubtful, experiment, undetermined
+from piezoharvest.identify.noise.noise_gain import gain_of
+from piezoharvest.identify.noise.noise_model import Noise
+from piezoharvest.identify.start_values.initial_hysteresis_state import held, memories, recalled, remembers
+from piezoharvest.identify.start_values.multistart import ROUGH, in_tune, started
+from piezoharvest.identify.start_values.quasi_static import beyond_samples, explains_as_well, hidden, may_be_hidden
 from piezoharvest.identify.threads import single_threaded
-from piezoharvest.parameters import ParameterError
 from piezoharvest.predict.parameters import Parameter, parameters_of, value_at
 from piezoharvest.predict.prediction import Prediction
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.record import FrequencyRecord, Record
-from piezoharvest.transducer import INERT, Transducer
 
 Tell = Callable[[str], None]
 LONG = 1 << 19  # samples of a record that a fit begins with

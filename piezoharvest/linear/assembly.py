@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from piezoharvest.circuit import Port, Product, Row, State
-from piezoharvest.equations import connected, device, own_rows
-from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts.base import LinearShunt, Shunt
-from piezoharvest.system import System
-from piezoharvest.terms import Rows, Terms, state_names
-from piezoharvest.transducer import Transducer
+from piezoharvest.description.circuit import Port, Product, Row, State
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.base import LinearShunt, Shunt
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Transducer
+from piezoharvest.equations.rows import connected, device, own_rows
+from piezoharvest.equations.terms import Rows, Terms, state_names
 
 OperatingPoint = str | Sequence[bool]
 Termination = Callable[[Port, SimpleNamespace, SimpleNamespace, Mapping[str, Row]], Sequence[Row]]

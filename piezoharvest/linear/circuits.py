@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from piezoharvest.circuit import Port
+from piezoharvest.description.circuit import Port
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.base import LinearShunt, Shunt
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.linear.assembly import angular
-from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts.base import LinearShunt, Shunt
-from piezoharvest.transducer import Transducer
 
 
 class CircuitColumns(NamedTuple):

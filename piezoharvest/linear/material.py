@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.linear.assembly import require_positive
-from piezoharvest.parameters import ParameterError
-from piezoharvest.transducer import Transducer
 
 
 def material_coupling(d: float, s: float, epsilon: float) -> float:

@@ -6,13 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from piezoharvest.description.shunts.base import LinearShunt
+from piezoharvest.description.shunts.linear.open import Open
+from piezoharvest.description.shunts.linear.short import Short
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.linear.assembly import OperatingPoint, hysteresis_slope
 from piezoharvest.linear.stability import poles
-from piezoharvest.shunts.base import LinearShunt
-from piezoharvest.shunts.open import Open
-from piezoharvest.shunts.short import Short
-from piezoharvest.system import System
-from piezoharvest.transducer import Transducer
 
 
 class Resonance(NamedTuple):

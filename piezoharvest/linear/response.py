@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from piezoharvest.circuit import Product
+from piezoharvest.description.circuit import Product
+from piezoharvest.description.system import System
 from piezoharvest.linear.assembly import OperatingPoint, angular, assemble, hysteresis_slope
-from piezoharvest.system import System
 
 
 @dataclass(frozen=True)

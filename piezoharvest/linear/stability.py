@@ -6,11 +6,11 @@ import dataclasses
 
 import numpy as np
 
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.base import LinearShunt
+from piezoharvest.description.system import System
+from piezoharvest.equations.terms import Terms
 from piezoharvest.linear.assembly import CANCELLED, OperatingPoint, assemble, hysteresis_slope
-from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts.base import LinearShunt
-from piezoharvest.system import System
-from piezoharvest.terms import Terms
 
 _RANK = 1e-13  # of the largest singular value: what rounding leaves of a zero
 _DOUBLINGS = 14  # of an unstable value, up and down, in search of a stable one

@@ -7,7 +7,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from piezoharvest.circuit import Port, Row, State
+from piezoharvest.description.circuit import Port, Row, State
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.base import LinearShunt
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.linear.assembly import (
     LinearModel,
     OperatingPoint,
@@ -17,10 +21,6 @@ from piezoharvest.linear.assembly import (
     require_positive,
 )
 from piezoharvest.linear.circuits import circuit_columns
-from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts.base import LinearShunt
-from piezoharvest.system import System
-from piezoharvest.transducer import Transducer
 
 if TYPE_CHECKING:
     from control import StateSpace

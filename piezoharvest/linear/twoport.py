@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.linear.assembly import OperatingPoint, angular, connect, hysteresis_slope
-from piezoharvest.parameters import ParameterError
-from piezoharvest.transducer import Transducer
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from piezoharvest.predict.specimen import POSITIVE_POWER, POWER, PRODUCT
+from piezoharvest.predict.record_model import POSITIVE_POWER, POWER, PRODUCT
 
 
 def outputs_of(

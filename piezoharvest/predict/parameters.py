@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from piezoharvest.transducer import INERT, Transducer
+from piezoharvest.description.transducer import INERT, Transducer
 
 # Small enough for what it is multiplied with to be one that components take (parameters.COMPLEX_STEP).
 STEP = 1e-165

@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from piezoharvest.description.transducer import Transducer
+from piezoharvest.predict.discrete_model import MAGNIFIED, Lowered, Setting
 from piezoharvest.predict.drive import FINE, RISE, divided, rising
-from piezoharvest.predict.lowered import MAGNIFIED, Lowered, Setting
 from piezoharvest.predict.parameters import Parameter
-from piezoharvest.predict.run import NEVER, Pace, Run, pace_of, padded
-from piezoharvest.predict.specimen import STOP, Matrices
-from piezoharvest.predict.steps import Step, equilibria
-from piezoharvest.transducer import Transducer
+from piezoharvest.predict.record_model import STOP, Matrices
+from piezoharvest.predict.sample_step import Step, equilibria
+from piezoharvest.predict.segments import NEVER, Pace, Run, pace_of, padded
 
 BLOCK = 1 << 16  # samples at a time: a record of millions of samples is never in memory with its derivatives
 

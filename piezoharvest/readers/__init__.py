@@ -11,8 +11,8 @@ import pkgutil
 import sys
 from pathlib import Path
 
+from piezoharvest.description.parameters import subclasses_by
 from piezoharvest.input import InputError, check_readable
-from piezoharvest.parameters import subclasses_by
 from piezoharvest.readers.apart import Apart
 from piezoharvest.readers.base import MissingColumnError, Reader, ReadError
 

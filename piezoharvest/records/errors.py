@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.finding import Rows, in_words
 from piezoharvest.study import StudyError
-
-if TYPE_CHECKING:
-    from piezoharvest.records.campaign import Campaign
 
 
 class CampaignError(StudyError):

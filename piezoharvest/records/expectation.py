@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from piezoharvest.description.shunts import LinearShunt, Open, Short, Shunt
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.linear import TwoPort, assemble, hysteresis_slope
 from piezoharvest.linear.assembly import LinearModel, angular, connect
-from piezoharvest.shunts import LinearShunt, Open, Short, Shunt
-from piezoharvest.transducer import Transducer
 
 _MASSES = (1.0, 0.5, 0.7, 1.4, 2.0)
 _DAMPINGS = (1.0, 0.3, 3.0)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.signal import butter
 from scipy.stats import norm
 
-from piezoharvest.parameters import ParameterError
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.records.weights import gradient_transposed, simpson_weights, smooth, smooth_transposed
 
 CUTOFF = 100.0

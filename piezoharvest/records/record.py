@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from piezoharvest.shunts import Shunt
+from piezoharvest.description.shunts import Shunt
 
 Role = Literal["fit", "validate"]
 

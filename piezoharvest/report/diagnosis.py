@@ -8,18 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import piezoharvest
+from piezoharvest.description.effects import registered
 from piezoharvest.diagnose import Diagnosis
-from piezoharvest.diagnose.account import Scored, cosines, scored, sentence, values
-from piezoharvest.diagnose.hint import hints
-from piezoharvest.diagnose.leftover import Leftover, leftovers
+from piezoharvest.diagnose.residual_regression import hints
+from piezoharvest.diagnose.residual_tests import Leftover, leftovers
 from piezoharvest.diagnose.residuals import Residuals, residuals
-from piezoharvest.effects import registered
+from piezoharvest.diagnose.summary import Scored, cosines, scored, sentence, values
+from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.identification import prepared
-from piezoharvest.identify.problem import Problem
 from piezoharvest.output import check_directory, write_text
 from piezoharvest.report.figures import diagnosed
+from piezoharvest.report.figures.pictures import Picture, place_pictures
 from piezoharvest.report.pages import NAME, page_template
-from piezoharvest.report.pictures import Picture, place_pictures
 from piezoharvest.report.units import NONE, engineering, number, percent, response_unit, with_error
 
 MOST_PLACES = 12  # in the table of what is left

@@ -7,23 +7,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from piezoharvest.description.shunts import Open, Short
 from piezoharvest.engine.response import Waveforms
 from piezoharvest.report.figures import bode, curves, hysteresis, ledger, waveforms
+from piezoharvest.report.figures.pictures import Picture
 from piezoharvest.report.limits import Limit, hysteretic
-from piezoharvest.report.pictures import Picture
 from piezoharvest.report.signals import occasion, signals_of, windows
-from piezoharvest.report.spans import (
-    dense,
-    design_band,
-    drive_frequency,
-    frequency_range,
-    loads,
-    sweep_span,
-)
+from piezoharvest.report.spans import dense, design_band, drive_frequency, frequency_range, loads, sweep_span
 from piezoharvest.report.subjects import Subject
 from piezoharvest.report.sweeps import Bench, Curve
 from piezoharvest.report.units import engineering, pretty_unit
-from piezoharvest.shunts import Open, Short
 from piezoharvest.study import Study
 
 MOST_CURVES = 6  # in one figure: as many as there are colours

@@ -9,12 +9,12 @@ from typing import Any
 
 import piezoharvest
 from piezoharvest.identify import Estimate, Identification
-from piezoharvest.identify.predicted import Predicted, predictions
+from piezoharvest.identify.prediction_overlay import Predicted, predictions
 from piezoharvest.output import check_directory, write_text
 from piezoharvest.records import FrequencyRecord
 from piezoharvest.report.figures import identified
+from piezoharvest.report.figures.pictures import Picture, place_pictures
 from piezoharvest.report.pages import NAME, page_template
-from piezoharvest.report.pictures import Picture, place_pictures
 from piezoharvest.report.records import record_figure
 from piezoharvest.report.units import NONE, engineering, number, percent, response_unit, with_error
 

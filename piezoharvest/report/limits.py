@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from piezoharvest.excitation import Excitation, Tones
+from piezoharvest.description.excitation import Excitation, Tones
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.linear import resonances
-from piezoharvest.transducer import Transducer
 
 
 @dataclass(frozen=True)

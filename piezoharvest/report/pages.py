@@ -13,11 +13,12 @@ from markupsafe import Markup, escape
 
 import piezoharvest
 from piezoharvest.output import check_directory, write_text
-from piezoharvest.report import style, tables
+from piezoharvest.report import tables
 from piezoharvest.report.answer import answer
+from piezoharvest.report.figures import style
+from piezoharvest.report.figures.pictures import place_pictures
 from piezoharvest.report.gallery import Gallery
 from piezoharvest.report.limits import power_limit
-from piezoharvest.report.pictures import place_pictures
 from piezoharvest.report.spans import design_band, frequency_range
 from piezoharvest.report.subjects import subjects_of
 from piezoharvest.report.units import decibel, engineering

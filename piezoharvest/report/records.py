@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from piezoharvest.records import Finding, FrequencyRecord, Record, Signal
-from piezoharvest.records.channels import UNITS
 from piezoharvest.records.finding import index_of
-from piezoharvest.report import style
+from piezoharvest.records.reading.channels import UNITS
+from piezoharvest.report.figures import style
 from piezoharvest.report.units import prefix_of, pretty_unit
 
 _COLOURS = {"error": style.LIMIT, "warning": style.PALETTE[4]}

@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from piezoharvest.description.system import System
 from piezoharvest.engine import simulate
 from piezoharvest.engine.response import Response, Waveforms
 from piezoharvest.report.spans import drive_frequency, large_signal
 from piezoharvest.report.subjects import Subject
 from piezoharvest.report.units import engineering
 from piezoharvest.study import Study
-from piezoharvest.system import System
 
 _SAMPLES = 4096  # of a period, to draw a switched current
 _IN_RESONANCE = 200  # samples in a period of the first resonance, to draw a switched voltage in a run

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.linear import resonances
 from piezoharvest.report.limits import ModeFigures, mode_figures
 from piezoharvest.report.subjects import Subject
 from piezoharvest.report.units import engineering
 from piezoharvest.study import Study
-from piezoharvest.transducer import Transducer
 
 _WIDTHS = 4.0  # half-power widths, or distances of the two resonances, to each side
 _DECADE = 10.0

@@ -8,11 +8,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from piezoharvest.description.shunts import LinearShunt, Shunt
 from piezoharvest.design.result import Candidate, shunt_table
 from piezoharvest.engine.response import Response, Waveforms
-from piezoharvest.report.style import line_style
+from piezoharvest.report.figures.style import line_style
 from piezoharvest.report.units import kind_name, quantity_text, symbol
-from piezoharvest.shunts import LinearShunt, Shunt
 
 LOADS = ("load_resistance", "resistance", "dc_voltage")
 

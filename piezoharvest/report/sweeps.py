@@ -10,17 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from piezoharvest.description.excitation import Excitation
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts import Short, Shunt
+from piezoharvest.description.system import System
 from piezoharvest.design.operation import mean_nodes
 from piezoharvest.engine import simulate
-from piezoharvest.excitation import Excitation
 from piezoharvest.linear import frequency_response
-from piezoharvest.parameters import ParameterError
 from piezoharvest.report.limits import hysteretic
 from piezoharvest.report.spans import design_band, drive_frequency
 from piezoharvest.report.subjects import Subject
-from piezoharvest.shunts import Short, Shunt
 from piezoharvest.study import Study
-from piezoharvest.system import System
 
 BUDGET = 5.0  # s of simulation for one figure
 FEWEST = 5  # points that make a curve

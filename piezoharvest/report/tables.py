@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from piezoharvest.parameters import Component
+from piezoharvest.description.parameters import Component
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.report.figures.ledger import name_of
 from piezoharvest.report.limits import Limit, ModeFigures, hysteretic, mode_figures, white_input
 from piezoharvest.report.subjects import Subject, values_of
 from piezoharvest.report.units import decibel, engineering, kind_name, number, percent, quantity_text
 from piezoharvest.study import Study
-from piezoharvest.transducer import Transducer
 
 _LIMITS = {
     "max_voltage": "voltage too high", "max_inductance": "inductance too large", "min_power": "power too low",

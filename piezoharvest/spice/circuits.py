@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts.base import Shunt
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.spice.deck import Deck, number, total
-from piezoharvest.spice.scene import Circuit, Scene
+from piezoharvest.spice.operating_point import Circuit, Scene
 from piezoharvest.spice.switching import write_bridge, write_discharge, write_loop, write_series_bridge
 
 

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from piezoharvest.excitation import Ramps
+from piezoharvest.description.excitation import Ramps
 from piezoharvest.spice.deck import Deck, number, total
 from piezoharvest.spice.effects import write_effects
-from piezoharvest.spice.scene import Scene
+from piezoharvest.spice.operating_point import Scene
 from piezoharvest.spice.stop import KNEE, write_stop
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from piezoharvest.circuit import Row
-from piezoharvest.parameters import ParameterError
+from piezoharvest.description.circuit import Row
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.equations.terms import PRODUCT, TIMED, Element
 from piezoharvest.spice.deck import Deck, number, total
-from piezoharvest.spice.scene import Scene
+from piezoharvest.spice.operating_point import Scene
 from piezoharvest.spice.stop import write_stop
-from piezoharvest.terms import PRODUCT, TIMED, Element
 
 
 def write_effects(deck: Deck, scene: Scene) -> None:

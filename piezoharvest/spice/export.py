@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 
-from piezoharvest.equations import connected
-from piezoharvest.excitation import Excitation, Tones
-from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts.base import Shunt
+from piezoharvest.description.excitation import Excitation, Tones
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Transducer
+from piezoharvest.equations.rows import connected
 from piezoharvest.spice.circuits import write_shunt
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.device import displacement, mechanical_power, write_drive, write_mechanics, write_transducer
-from piezoharvest.spice.scene import Circuit, Scene, make_scene
-from piezoharvest.system import System
-from piezoharvest.transducer import Transducer
+from piezoharvest.spice.operating_point import Circuit, Scene, make_scene
 
 # Default run: this many of the longest time constant, within these numbers of periods; steps in the shortest pulse.
 SETTLING = 10.0

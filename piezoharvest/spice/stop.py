@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from piezoharvest.spice.deck import Deck, number
-from piezoharvest.spice.scene import Scene
+from piezoharvest.spice.operating_point import Scene
 
 # It leaves its slope over this share of its threshold; the area of its loop is wrong by about the square of it.
 KNEE = 0.02

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from piezoharvest.circuit import Switch
-from piezoharvest.shunts.bridge import Bridge
-from piezoharvest.shunts.switching import InductiveSwitch, SynchronisedShunt
+from piezoharvest.description.circuit import Switch
+from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.description.shunts.switching import InductiveSwitch, SynchronisedShunt
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.device import coupled_acceleration, coupled_velocity
-from piezoharvest.spice.scene import Circuit, Scene
+from piezoharvest.spice.operating_point import Circuit, Scene
 
 # Bridge: ratio of its resistance to 1/(w C), and of the rounding of its corner to the expected voltage.
 BRIDGE = 1e-4

@@ -1,8 +1,11 @@
 """Sweeps: the same study at many values of its parameters, kept in one table."""
 
+from piezoharvest.callable_package import make_callable
 from piezoharvest.sweep.processes import start_early
 from piezoharvest.sweep.run import sweep
 from piezoharvest.sweep.store import SUFFIXES
 from piezoharvest.sweep.summary import SweepResult
 
 __all__ = ["SUFFIXES", "SweepResult", "start_early", "sweep"]
+
+make_callable(__name__)

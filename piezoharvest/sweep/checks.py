@@ -6,12 +6,12 @@ import dataclasses
 
 import numpy as np
 
-from piezoharvest.parameters import ParameterError, check_quantity
+from piezoharvest.description.parameters import ParameterError, check_quantity
+from piezoharvest.equations.terms import Terms
 from piezoharvest.study import Study, StudyError, check_systems, unknown
 from piezoharvest.sweep.place import parameters, place
 from piezoharvest.sweep.plan import Plan
 from piezoharvest.sweep.table import known_outputs, paths
-from piezoharvest.terms import Terms
 
 _TRIED = 64  # designs
 

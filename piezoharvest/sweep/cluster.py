@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from piezoharvest import __version__
-from piezoharvest.parameters import ParameterError
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.study import Study
 from piezoharvest.sweep.evaluate import Answers, evaluate
 from piezoharvest.sweep.stream import Chunk, Done, stream

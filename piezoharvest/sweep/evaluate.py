@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from piezoharvest.parameters import ParameterError
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.study import Study
 from piezoharvest.sweep.place import place
 from piezoharvest.sweep.table import paths, wanted_outputs

@@ -8,11 +8,11 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from piezoharvest.effects import Effect
-from piezoharvest.excitation import Excitation
-from piezoharvest.parameters import Component, ParameterError
+from piezoharvest.description.effects import Effect
+from piezoharvest.description.excitation import Excitation
+from piezoharvest.description.parameters import Component, ParameterError
+from piezoharvest.description.system import System
 from piezoharvest.study import Study
-from piezoharvest.system import System
 
 _ROOTS = ("transducer", "excitation", "shunts")
 

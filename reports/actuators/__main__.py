@@ -10,7 +10,7 @@ from PIL import Image
 from rich.console import Console
 
 from piezoharvest.output import atomic
-from piezoharvest.report import style
+from piezoharvest.report.figures import style
 from reports.actuators.data import DATA
 from reports.actuators.figures import FIGURES
 from reports.actuators.page import write_page

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.account import sentence
+from piezoharvest.diagnose.summary import sentence
 from piezoharvest.output import write_table, write_text
 from piezoharvest.records import load_campaign
 from reports.actuators import mirror

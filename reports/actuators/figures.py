@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from piezoharvest.report import style
+from piezoharvest.report.figures import style
 from reports.actuators import mirror, stack
 from reports.actuators.data import LEVELS, STACK_RATE, minor_loops, sine
 from reports.actuators.results import comparison, hysteretic_shifts

@@ -7,7 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from piezoharvest.identify.frequency import ModalFit, MultisineResponse, fit_modes, multisine_response, select_modes
+from piezoharvest.identify.frequency.modal_fit import (
+    ModalFit,
+    MultisineResponse,
+    fit_modes,
+    multisine_response,
+    select_modes,
+)
 from reports.actuators.data import LEVELS, MIRROR_RATE, multisines
 
 # Relative test errors in %, by level, as published (NOTES.md of the data set).

@@ -21,8 +21,8 @@ import numpy as np
 from numba import njit
 from scipy.ndimage import uniform_filter1d
 
-from piezoharvest.identify.frequency import fit_modes
-from piezoharvest.identify.modes import Modes
+from piezoharvest.identify.frequency.modal_fit import fit_modes
+from piezoharvest.identify.frequency.modes import Modes
 from reports.actuators.data import LEVELS, MIRROR_RATE, multisines
 from reports.actuators.mirror import Errors, errors, fits
 

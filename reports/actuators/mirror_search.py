@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import solve
 
-from piezoharvest.identify.modes import Modes
+from piezoharvest.identify.frequency.modes import Modes
 from reports.actuators.data import LEVELS, MIRROR_RATE
 from reports.actuators.mirror import fits
 from reports.actuators.mirror_hysteresis import (

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
-from piezoharvest.identify.coloured import noise_floor
-from piezoharvest.identify.loop_model import convex_fit
-from piezoharvest.identify.loops import LoopFit, identify_loop
-from piezoharvest.identify.memory import plays
+from piezoharvest.identify.hysteresis.loop_model import convex_fit
+from piezoharvest.identify.hysteresis.loops import LoopFit, identify_loop
+from piezoharvest.identify.hysteresis.play_operators import plays
+from piezoharvest.identify.noise.coloured_noise import noise_floor
 from reports.actuators.data import STACK_RATE, Loops, minor_loops, sine
 
 CYCLE = 200  # samples of the 1 Hz sine

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
-from piezoharvest.report import style
+from piezoharvest.report.figures import style
 from reports.diagnosis.summary import THEORY, Results, confusion, coverage, power, smallest
 
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from piezoharvest.records.bench.measuring import BenchCampaign
-from piezoharvest.records.channels import COLUMNS
+from piezoharvest.bench.measuring import BenchCampaign
+from piezoharvest.records.reading.channels import COLUMNS
 
 # Channel, and what is added to its readings but for a factor, of readings and time as share of the record less a half.
 Fault = tuple[str, Callable[[np.ndarray, np.ndarray], np.ndarray]]

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 import piezoharvest
 from piezoharvest.output import write_text
-from piezoharvest.report import style
+from piezoharvest.report.figures import style
 from reports.diagnosis.figures import confusion_figure, coverage_figure, power_figure, time_figure
 from reports.diagnosis.summary import STRONG, THEORY, Results, coverage, days, of_kind, power, share, size, smallest
 from reports.diagnosis.trials import DRAWS

@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from piezoharvest.bench import measure, write_campaign
+from piezoharvest.bench.measuring import BenchCampaign
+from piezoharvest.description.effects import registered
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import Diagnosis, diagnose
-from piezoharvest.effects import registered
 from piezoharvest.predict.parameters import value_at
 from piezoharvest.records import load_campaign
-from piezoharvest.records.bench import measure, write_campaign
-from piezoharvest.records.bench.measuring import BenchCampaign
-from piezoharvest.records.channels import COLUMNS
+from piezoharvest.records.reading.channels import COLUMNS
 from piezoharvest.study import Study, load_study
-from piezoharvest.transducer import Transducer
 from reports.diagnosis.foreign import faulty
 from reports.identification.specimens import specimen
 

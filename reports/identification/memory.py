@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from piezoharvest.description.shunts import Resistor
 from piezoharvest.output import write_table
-from piezoharvest.predict.lowered import setting_of
+from piezoharvest.predict.discrete_model import setting_of
 from piezoharvest.predict.prediction import Prediction
-from piezoharvest.shunts import Resistor
 from piezoharvest.study import build_transducer
 
 SAMPLES, RATE, LOAD = 6_000_000, 1e4, 97780.0

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import norm
 
 from piezoharvest.output import write_text
-from piezoharvest.report import style
+from piezoharvest.report.figures import style
 
 GOAL, LIMIT = 0.95, 3.0
 

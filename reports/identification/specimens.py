@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from piezoharvest.hysteresis import Hysteresis
+from piezoharvest.bench import measure, write_campaign
+from piezoharvest.description.hysteresis import Hysteresis
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify import identify
 from piezoharvest.predict.parameters import value_at
 from piezoharvest.records import load_campaign
-from piezoharvest.records.bench import measure, write_campaign
 from piezoharvest.study import Study, load_study
-from piezoharvest.transducer import Transducer
 
 STUDY = Path(__file__).parents[2] / "designs" / "paper_campaign" / "study.toml"
 OFF = 0.3  # largest relative error of a nominal value

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from piezoharvest.report.pictures import Picture
+from piezoharvest.report.figures.pictures import Picture
 from reports.paper import beyond, compare, reproduction
 from reports.paper.extended import bench, extended_fit
 from reports.paper.figures import comparisons, harvest, in_kind

@@ -15,7 +15,7 @@ from markupsafe import Markup, escape
 
 import piezoharvest
 from piezoharvest.output import write_text
-from piezoharvest.report.pictures import Picture, place_pictures
+from piezoharvest.report.figures.pictures import Picture, place_pictures
 from piezoharvest.report.units import number
 from reports.paper import beyond, compare, reproduction
 from reports.paper.audit.finding import Finding

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from piezoharvest.records.bench.settings import build_bench
+from piezoharvest.bench.settings import build_bench
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.study import load_study
-from piezoharvest.transducer import Transducer
 from reports.speed import engine, reference, studies
 from reports.speed.studies import SAMPLE_RATE, Case
 from reports.speed.transient import Sizes

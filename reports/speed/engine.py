@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from piezoharvest.engine import state as st
-from piezoharvest.engine.budget import MOST_WORK
-from piezoharvest.engine.lower import lower
-from piezoharvest.engine.transient import Machine
+from piezoharvest.engine.lowering.lower import lower
+from piezoharvest.engine.memory import state as st
+from piezoharvest.engine.run import Machine
+from piezoharvest.engine.work_limit import MOST_WORK
 from reports.speed.studies import Case, energy_coordinates
 from reports.speed.timing import Seconds, once, repeat
 

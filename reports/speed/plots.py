@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from piezoharvest.report.style import LIMIT, PALETTE, grid_of_axes, legend_above, log_axis, styled, write_png
+from piezoharvest.report.figures.style import LIMIT, PALETTE, grid_of_axes, legend_above, log_axis, styled, write_png
 from reports.speed.summary import NAMES, waiting
 
 COLOURS = dict(zip(("piezoharvest", *NAMES), PALETTE, strict=False))

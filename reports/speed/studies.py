@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from piezoharvest.description.system import System
 from piezoharvest.study import build_excitation, build_shunt, build_transducer
-from piezoharvest.system import System
 
 TRANSDUCER = {"mass": 0.010, "damping": 0.0628, "stiffness": 986.96, "coupling": 1.0e-3, "capacitance": 40e-9}
 # The charge swings by 0.57 uC to each side: all three operators slip in every half period.

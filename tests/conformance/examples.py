@@ -6,9 +6,9 @@ from typing import Literal, get_args, get_origin, get_type_hints
 
 from studies import BENCH, DRIVE
 
-from piezoharvest.effects import Effect
-from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts import LinearShunt
+from piezoharvest.description.effects import Effect
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts import LinearShunt
 
 OMEGA = 2 * 3.141592653589793 * DRIVE["frequency"]
 IMPEDANCE = 1 / (OMEGA * BENCH["capacitance"])

@@ -12,19 +12,19 @@ from examples import plain_examples, typical
 from studies import BENCH, DRIVE, LOOP, SECOND, STOPS, distance, objects, phasor
 from studies import bench as bench_study
 
-from piezoharvest import effects, shunts
+from piezoharvest.bench import effects as bench_effects
+from piezoharvest.bench.solver import CIRCUITS, Model, integrate
 from piezoharvest.cli import main
+from piezoharvest.description import effects, shunts
+from piezoharvest.description.excitation import SineForce
+from piezoharvest.description.hysteresis import Hysteresis
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.engine import simulate, simulate_many
-from piezoharvest.engine.sensitivity import NoGradientError, gradient
-from piezoharvest.excitation import SineForce
-from piezoharvest.hysteresis import Hysteresis
+from piezoharvest.engine.sensitivity.gradient import NoGradientError, gradient
 from piezoharvest.linear import TwoPort, check_stability, frequency_response
-from piezoharvest.parameters import ParameterError
-from piezoharvest.records.bench import effects as bench_effects
-from piezoharvest.records.bench.solver import CIRCUITS, Model, integrate
 from piezoharvest.study import build, build_excitation, build_shunt, build_transducer
-from piezoharvest.system import System
-from piezoharvest.transducer import Transducer
 
 UNITS = pint.UnitRegistry()
 PLAIN = Transducer(**BENCH)

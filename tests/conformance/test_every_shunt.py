@@ -8,15 +8,15 @@ import pytest
 from examples import examples
 from studies import BENCH, DRIVE, LOOP, SECOND, STOPS, distance
 
-from piezoharvest import effects, shunts
+from piezoharvest.description import effects, shunts
+from piezoharvest.description.excitation import SineForce
+from piezoharvest.description.hysteresis import Hysteresis
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts import LinearShunt
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Mode, Transducer
 from piezoharvest.engine import simulate
-from piezoharvest.excitation import SineForce
-from piezoharvest.hysteresis import Hysteresis
 from piezoharvest.linear import check_stability, frequency_response
-from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts import LinearShunt
-from piezoharvest.system import System
-from piezoharvest.transducer import Mode, Transducer
 
 EXAMPLES = examples(shunts.registered())
 UNITS = pint.UnitRegistry()

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from studies import BENCH, DRIVE, STOPS, distance
 
-from piezoharvest import effects, shunts
+from piezoharvest.description import effects, shunts
+from piezoharvest.description.excitation import SineForce
+from piezoharvest.description.hysteresis import Hysteresis
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.engine import simulate
-from piezoharvest.excitation import SineForce
-from piezoharvest.hysteresis import Hysteresis
-from piezoharvest.system import System
-from piezoharvest.transducer import Transducer
 
 UNITS = pint.UnitRegistry()
 DIMENSIONS = ("[mass]", "[length]", "[time]", "[current]")

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from studies import BENCH, DRIVE, LOOP
 
-from piezoharvest import shunts
-from piezoharvest.circuit import Guard, Product, State
+from piezoharvest.description import shunts
+from piezoharvest.description.circuit import Guard, Product, State
+from piezoharvest.description.excitation import SineForce
+from piezoharvest.description.parameters import quantity
+from piezoharvest.description.shunts.switching import InductiveSwitch
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.engine import simulate
-from piezoharvest.excitation import SineForce
 from piezoharvest.linear import frequency_response
-from piezoharvest.parameters import quantity
-from piezoharvest.shunts.switching import InductiveSwitch
-from piezoharvest.system import System
-from piezoharvest.transducer import Transducer
 
 DEVICE = Transducer(**BENCH)
 DRIVE = SineForce(amplitude=DRIVE["amplitude"], frequency=DRIVE["frequency"])

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from piezoharvest.description.excitation import SineForce
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.design import design
-from piezoharvest.excitation import SineForce
 from piezoharvest.study import DesignOptions, Study
-from piezoharvest.transducer import Transducer
 
 STIFFNESS, MASS, CAPACITANCE = 986.96, 0.01, 40e-9
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import differential_evolution, minimize_scalar
 
-from piezoharvest.excitation import Multisine, RandomForce
-from piezoharvest.hysteresis import Hysteresis
+from piezoharvest.description.excitation import Multisine, RandomForce
+from piezoharvest.description.hysteresis import Hysteresis
+from piezoharvest.description.shunts import NegativeCapacitance, ParallelRL, Resistor, SeriesRL, Short
+from piezoharvest.description.system import System
 from piezoharvest.linear import frequency_response
-from piezoharvest.shunts import NegativeCapacitance, ParallelRL, Resistor, SeriesRL, Short
-from piezoharvest.system import System
 
 FORCE = 0.02
 
@@ -199,8 +199,8 @@ def test_negative_capacitance_keeps_what_the_template_says(host, run):
 
 def test_hysteresis_moves_the_optimum(host, run):
     """With slipping stops the tuning goes on where the two-port ends: no other load does better in the simulation."""
+    from piezoharvest.description.excitation import SineForce
     from piezoharvest.engine import simulate
-    from piezoharvest.excitation import SineForce
 
     stops = Hysteresis(thresholds=(1e-7, 3e-7), weights=(5e6, 1.5e7))
     transducer = host(0.1, 50, hysteresis=stops)

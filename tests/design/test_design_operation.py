@@ -5,6 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from piezoharvest.description.effects import Stiffening
+from piezoharvest.description.excitation import Multisine, RandomForce, Record, SineForce, StepForce
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts import Open, ParallelRL, Resistor, SeriesRL
+from piezoharvest.description.system import System
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.goal import Goal
 from piezoharvest.design.operation import mean_nodes, operation_of
@@ -12,13 +17,8 @@ from piezoharvest.design.region import COIL_QUALITY, Region
 from piezoharvest.design.starts import Host, starts
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.twoport import LinearView
-from piezoharvest.effects import Stiffening
-from piezoharvest.excitation import Multisine, RandomForce, Record, SineForce, StepForce
 from piezoharvest.linear import frequency_response
-from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts import Open, ParallelRL, Resistor, SeriesRL
 from piezoharvest.study import DesignOptions
-from piezoharvest.system import System
 
 
 @pytest.mark.parametrize("quality", [5, 50, 500])

@@ -3,6 +3,10 @@
 import numpy as np
 import pytest
 
+from piezoharvest.description.excitation import Multisine, SineForce
+from piezoharvest.description.hysteresis import Hysteresis
+from piezoharvest.description.shunts import ParallelRL, Resistor, SeriesRL
+from piezoharvest.description.system import System
 from piezoharvest.design import trial as trials
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.goal import Goal
@@ -13,12 +17,8 @@ from piezoharvest.design.starts import Host, Start
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.twoport import LinearView
 from piezoharvest.engine import NoGradientError, simulate
-from piezoharvest.excitation import Multisine, SineForce
-from piezoharvest.hysteresis import Hysteresis
 from piezoharvest.linear import TwoPort
-from piezoharvest.shunts import ParallelRL, Resistor, SeriesRL
 from piezoharvest.study import DesignOptions
-from piezoharvest.system import System
 
 FORCE = 0.02
 STOPS = Hysteresis(thresholds=(1e-7, 3e-7), weights=(5e6, 1.5e7))

@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from piezoharvest.description.excitation import SineForce, StepForce
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts import SSDV, Network, ParallelSSHI, Rectifier, Resistor
+from piezoharvest.description.system import System
 from piezoharvest.engine import simulate
-from piezoharvest.excitation import SineForce, StepForce
-from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts import SSDV, Network, ParallelSSHI, Rectifier, Resistor
 from piezoharvest.study import build_shunt, load_study
-from piezoharvest.system import System
 
 
 @pytest.fixture(scope="module")
 def bench():
-    from piezoharvest.transducer import Transducer
+    from piezoharvest.description.transducer import Transducer
 
     return Transducer(mass=0.01, damping=0.0628, stiffness=986.96, coupling=1e-3, capacitance=40e-9)
 

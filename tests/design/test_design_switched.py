@@ -5,16 +5,16 @@ import dataclasses
 import numpy as np
 import pytest
 
+from piezoharvest.description.excitation import SineForce
+from piezoharvest.description.shunts import ParallelSSHI, Rectifier, SeriesSSHI
+from piezoharvest.description.system import System
 from piezoharvest.design.bridges import powers, strain_source
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.goal import Goal
 from piezoharvest.design.operation import operation_of
 from piezoharvest.design.twoport import LinearView
 from piezoharvest.engine import simulate
-from piezoharvest.excitation import SineForce
-from piezoharvest.shunts import ParallelSSHI, Rectifier, SeriesSSHI
 from piezoharvest.study import DesignOptions
-from piezoharvest.system import System
 
 FORCE = 0.02
 QUALITY = 6.0

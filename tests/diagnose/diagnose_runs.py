@@ -5,16 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
-from piezoharvest.diagnose.scene import scene_of
-from piezoharvest.identify.data import Data
-from piezoharvest.identify.fit import fit
-from piezoharvest.identify.model import Model
-from piezoharvest.identify.noise import Noise
-from piezoharvest.identify.problem import Problem
+from piezoharvest.bench import measure, write_campaign
+from piezoharvest.diagnose.start_values import scene_of
+from piezoharvest.identify.fitting.data import Data
+from piezoharvest.identify.fitting.model import Model
+from piezoharvest.identify.fitting.output_error import fit
+from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.noise.noise_model import Noise
 from piezoharvest.predict.parameters import parameters_of
 from piezoharvest.predict.prediction import Prediction
 from piezoharvest.records import load_campaign
-from piezoharvest.records.bench import measure, write_campaign
 from piezoharvest.study import study_from
 
 SIGMA = {"displacement": 1.5e-8, "voltage": 1.5e-3, "current": 3.5e-8}

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from diagnose_runs import RECORDS, campaign
 
+from piezoharvest.description.effects import Clipping, Leakage, Stiffening
 from piezoharvest.diagnose import diagnose
-from piezoharvest.effects import Clipping, Leakage, Stiffening
 from piezoharvest.identify import identify
+from piezoharvest.identify.fitting.model import unexplained_blocks
 from piezoharvest.identify.identification import prepared
-from piezoharvest.identify.model import unexplained_blocks
 
 
 @pytest.mark.parametrize("channel", ["voltage", "current"])

@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 from diagnose_runs import RECORDS, campaign
 
+from piezoharvest.description.effects import Clipping, Leakage
 from piezoharvest.diagnose import diagnose, diagnosis
-from piezoharvest.diagnose.account import sentence
-from piezoharvest.diagnose.cut_drive import cut_off
-from piezoharvest.effects import Clipping, Leakage
+from piezoharvest.diagnose.drive_saturation import cut_off
+from piezoharvest.diagnose.summary import sentence
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.finding import Finding
 

@@ -8,11 +8,11 @@ import pytest
 from diagnose_runs import campaign
 
 from piezoharvest.cli import main
+from piezoharvest.description.effects import BiasCurrent, registered
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.hint import hints
-from piezoharvest.effects import BiasCurrent, registered
+from piezoharvest.diagnose.residual_regression import hints
+from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.identification import prepared
-from piezoharvest.identify.problem import Problem
 from piezoharvest.report import write_diagnosis
 
 KEYS = {

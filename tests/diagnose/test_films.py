@@ -3,10 +3,10 @@
 import films
 import pytest
 
+from piezoharvest.description.effects import BiasCurrent, Leakage
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.account import sentence
-from piezoharvest.diagnose.zero import voltage_is_off
-from piezoharvest.effects import BiasCurrent, Leakage
+from piezoharvest.diagnose.summary import sentence
+from piezoharvest.diagnose.voltage_offset import voltage_is_off
 from piezoharvest.records import load_campaign
 
 METER = 1.0e6  # ohm

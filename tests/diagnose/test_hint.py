@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from diagnose_runs import SIGMA, campaign, fitted, reading
 
-from piezoharvest.diagnose.hint import hints
-from piezoharvest.identify.fit import fit
+from piezoharvest.diagnose.residual_regression import hints
+from piezoharvest.identify.fitting.output_error import fit
+from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.identification import prepared
-from piezoharvest.identify.problem import Problem
 
 
 @pytest.fixture(scope="module")

@@ -3,12 +3,12 @@
 import pytest
 from diagnose_runs import RECORDS, STACK, campaign
 
+from piezoharvest.description.effects import CouplingDrift, Friction, Leakage, NonlinearCoupling, Stiffening
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.candidates import extended
-from piezoharvest.effects import CouplingDrift, Friction, Leakage, NonlinearCoupling, Stiffening
+from piezoharvest.diagnose.score_tests import extended
+from piezoharvest.identify.fitting.model import Model
+from piezoharvest.identify.fitting.problem import Problem, carried
 from piezoharvest.identify.identification import prepared
-from piezoharvest.identify.model import Model
-from piezoharvest.identify.problem import Problem, carried
 from piezoharvest.records import load_campaign
 
 LIBRARY = [CouplingDrift, Leakage, NonlinearCoupling, Stiffening]

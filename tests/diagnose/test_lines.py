@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from diagnose_runs import SIGMA, campaign, fitted, reading
 
+from piezoharvest.description.effects import Leakage, MainsHum
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.candidates import effect_parameters, extended
-from piezoharvest.effects import Leakage, MainsHum
-from piezoharvest.identify.fit import covariance, fit
+from piezoharvest.diagnose.score_tests import effect_parameters, extended
+from piezoharvest.identify.fitting.output_error import covariance, fit
+from piezoharvest.identify.fitting.problem import Problem, carried
 from piezoharvest.identify.identification import prepared
-from piezoharvest.identify.problem import Problem, carried
 
 FREQUENCY, AMPLITUDE = 50.013, 2e-3  # Hz, V
 

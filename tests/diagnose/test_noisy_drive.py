@@ -7,22 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from piezoharvest.bench import measure, write_campaign
+from piezoharvest.description.effects import ChannelSkew
 from piezoharvest.diagnose import diagnose, drive_noise
-from piezoharvest.diagnose.candidates import effect_parameters, extended
-from piezoharvest.diagnose.hint import hints
-from piezoharvest.diagnose.scene import scene_of
-from piezoharvest.effects import ChannelSkew
-from piezoharvest.identify.data import data_of
-from piezoharvest.identify.evaluation import whiteners
-from piezoharvest.identify.fit import covariance, fit, inflation
+from piezoharvest.diagnose.residual_regression import hints
+from piezoharvest.diagnose.score_tests import effect_parameters, extended
+from piezoharvest.diagnose.start_values import scene_of
+from piezoharvest.identify.fitting.data import data_of
+from piezoharvest.identify.fitting.evaluation import whiteners
+from piezoharvest.identify.fitting.likelihood import Whitener, spectra_of
+from piezoharvest.identify.fitting.model import Model, residual_blocks, unexplained_blocks
+from piezoharvest.identify.fitting.output_error import covariance, fit, inflation
+from piezoharvest.identify.fitting.problem import Problem, carried
 from piezoharvest.identify.identification import prepared
-from piezoharvest.identify.model import Model, residual_blocks, unexplained_blocks
-from piezoharvest.identify.noise import Noise
-from piezoharvest.identify.problem import Problem, carried
-from piezoharvest.identify.sums import Whitener, spectra_of
+from piezoharvest.identify.noise.noise_model import Noise
 from piezoharvest.predict.parameters import parameters_of
 from piezoharvest.records import load_campaign
-from piezoharvest.records.bench import measure, write_campaign
 from piezoharvest.study import build_transducer, study_from
 
 STACK = {

@@ -3,9 +3,11 @@
 import pytest
 from diagnose_runs import RECORDS, campaign
 
-from piezoharvest.diagnose import diagnose, trials, unseen
-from piezoharvest.diagnose.account import sentence
-from piezoharvest.effects import Creep, Leakage
+from piezoharvest.description.effects import Creep, Leakage
+from piezoharvest.diagnose import candidate_fits as trials
+from piezoharvest.diagnose import diagnose
+from piezoharvest.diagnose import validation as unseen
+from piezoharvest.diagnose.summary import sentence
 from piezoharvest.predict.prediction import PredictionError
 
 HIDDEN = {"leakage": {"resistance": 3e6}}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from piezoharvest.bench import measure, write_campaign
 from piezoharvest.diagnose import diagnose
 from piezoharvest.records import load_campaign
-from piezoharvest.records.bench import measure, write_campaign
 from piezoharvest.study import load_study
 
 STUDY = """

@@ -8,16 +8,24 @@ import pytest
 from diagnose_runs import SIGMA, campaign, fitted, reading, synthetic
 from scipy.stats import kstest
 
-from piezoharvest.diagnose.candidates import _tried, cosine, effect_parameters, extended, scores
-from piezoharvest.diagnose.leftover import Block, _bursts, blocks_of, leftovers, structure
-from piezoharvest.diagnose.unseen import spoils
-from piezoharvest.effects import BiasCurrent, Clipping, DielectricRelaxation, Leakage, LoadError, Stiffening, registered
-from piezoharvest.identify.fit import fit
+from piezoharvest.description.effects import (
+    BiasCurrent,
+    Clipping,
+    DielectricRelaxation,
+    Leakage,
+    LoadError,
+    Stiffening,
+    registered,
+)
+from piezoharvest.diagnose.residual_tests import Block, _bursts, blocks_of, leftovers, structure
+from piezoharvest.diagnose.score_tests import _tried, cosine, effect_parameters, extended, scores
+from piezoharvest.diagnose.validation import spoils
+from piezoharvest.identify.fitting.likelihood import spectra_of
+from piezoharvest.identify.fitting.model import Model
+from piezoharvest.identify.fitting.output_error import fit
+from piezoharvest.identify.fitting.problem import Problem, carried
 from piezoharvest.identify.identification import prepared
-from piezoharvest.identify.model import Model
-from piezoharvest.identify.noise import Noise
-from piezoharvest.identify.problem import Problem, carried
-from piezoharvest.identify.sums import spectra_of
+from piezoharvest.identify.noise.noise_model import Noise
 from piezoharvest.predict.prediction import Prediction
 
 
@@ -226,7 +234,7 @@ def test_an_effect_at_its_null_changes_nothing(name, records):
 
 def values(transducer, data, effects):
     """Sizes of the channels as they are predicted, sensors included."""
-    from piezoharvest.predict.sensing import Course, sensed
+    from piezoharvest.predict.sensors import Course, sensed
 
     prediction = Prediction(dataclasses.replace(transducer, effects=tuple(effects)), data.setting)
     found = np.concatenate([block.values for block in prediction.blocks(False)])

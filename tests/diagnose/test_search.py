@@ -6,11 +6,7 @@ from types import SimpleNamespace
 import pytest
 from diagnose_runs import campaign, fitted
 
-from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.candidates import extended
-from piezoharvest.diagnose.search import DOUBTED, MOST, Searcher
-from piezoharvest.diagnose.trials import Step, Trials
-from piezoharvest.effects import (
+from piezoharvest.description.effects import (
     BiasCurrent,
     Clipping,
     Leakage,
@@ -19,8 +15,12 @@ from piezoharvest.effects import (
     VoltageDependentCapacitance,
     registered,
 )
-from piezoharvest.identify import descent
-from piezoharvest.identify.fit import fit
+from piezoharvest.diagnose import diagnose
+from piezoharvest.diagnose.candidate_fits import Step, Trials
+from piezoharvest.diagnose.score_tests import extended
+from piezoharvest.diagnose.stepwise_selection import DOUBTED, MOST, Searcher
+from piezoharvest.identify.fitting import levenberg_marquardt as descent
+from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.identification import prepared
 from piezoharvest.predict.parameters import put
 
@@ -145,7 +145,7 @@ def test_a_model_that_was_caught_is_taken_from_where_a_small_effect_has_led(monk
     An effect whose strength its own standard error exceeds owes its gain to something else, however large that is.
     """
     made = []
-    monkeypatch.setattr("piezoharvest.diagnose.search.significance", lambda found, n: wald)
+    monkeypatch.setattr("piezoharvest.diagnose.stepwise_selection.significance", lambda found, n: wald)
     less = SimpleNamespace(cost=1000.0 - gain + left, effects=())
     trials = SimpleNamespace(drop=lambda now, n: made.append((now.effects, n)), without=lambda now, n: less)
     before = SimpleNamespace(cost=1000.0)

@@ -2,8 +2,16 @@
 
 import pytest
 
-from piezoharvest.diagnose.scene import Scene
-from piezoharvest.effects import ChannelSkew, Clipping, Creep, DielectricRelaxation, DisplacementLag, Friction, MainsHum
+from piezoharvest.description.effects import (
+    ChannelSkew,
+    Clipping,
+    Creep,
+    DielectricRelaxation,
+    DisplacementLag,
+    Friction,
+    MainsHum,
+)
+from piezoharvest.diagnose.start_values import Scene
 
 SCENE = Scene(
     drives=("force",), channels=("voltage",), loaded=True, pulled=False, displacement=1e-6, capacitance=1e-9,

@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import pytest
 from diagnose_runs import RECORDS, STACK, campaign
 
+from piezoharvest.description.effects import Leakage
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.account import sentence
-from piezoharvest.diagnose.search import Searcher
-from piezoharvest.diagnose.trials import CLOSE
-from piezoharvest.effects import Leakage
+from piezoharvest.diagnose.candidate_fits import CLOSE
+from piezoharvest.diagnose.stepwise_selection import Searcher
+from piezoharvest.diagnose.summary import sentence
 
 
 def test_what_is_far_from_its_nominal_value_is_said(tmp_path):

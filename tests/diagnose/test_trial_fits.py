@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from diagnose_runs import SIGMA, STEP, campaign, fitted, reading, synthetic
 
-from piezoharvest.diagnose.candidates import effect_parameters, extended
-from piezoharvest.diagnose.trials import ROUGHLY, Step, Trials, inflated, significance
-from piezoharvest.effects import Clipping, Leakage, Stiffening
-from piezoharvest.identify.fit import fit
+from piezoharvest.description.effects import Clipping, Leakage, Stiffening
+from piezoharvest.diagnose.candidate_fits import ROUGHLY, Step, Trials, inflated, significance
+from piezoharvest.diagnose.score_tests import effect_parameters, extended
+from piezoharvest.identify.fitting.model import Model
+from piezoharvest.identify.fitting.output_error import fit
+from piezoharvest.identify.fitting.problem import Problem, carried
 from piezoharvest.identify.identification import prepared
-from piezoharvest.identify.model import Model
-from piezoharvest.identify.noise import Noise
-from piezoharvest.identify.problem import Problem, carried
+from piezoharvest.identify.noise.noise_model import Noise
 from piezoharvest.predict.parameters import parameters_of
 
 

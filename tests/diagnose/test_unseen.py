@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from diagnose_runs import STEP, campaign
 
+from piezoharvest.description.effects import Clipping, Leakage
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.account import sentence
-from piezoharvest.effects import Clipping, Leakage
+from piezoharvest.diagnose.summary import sentence
 
 LIBRARY = [Clipping, Leakage]
 SMALL = {"amplitude": 200.0, "offset": 300.0}

@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 import piezoharvest
-from piezoharvest.engine.cache import sources
-from piezoharvest.engine.compiled import TESTED
+from piezoharvest.engine.compilation.cache import sources
+from piezoharvest.engine.compilation.compiled import TESTED
 
 PACKAGE = Path(piezoharvest.__file__).parent
 STUDY = """
@@ -158,7 +158,7 @@ def code_files(folder):
 
 
 class TestSources:
-    @pytest.mark.parametrize("module", ["piezoharvest.engine.kernel", "piezoharvest.predict.march"])
+    @pytest.mark.parametrize("module", ["piezoharvest.engine.entry_point", "piezoharvest.predict.propagate"])
     def test_all_that_compiled_functions_can_be_made_of_is_in_their_stamp(self, module):
         """Functions and constants come by imports: here as Python itself reads them."""
         found, todo = {}, [module]
@@ -172,7 +172,7 @@ class TestSources:
 
     def test_all_modules_of_the_functions_compiled_into_an_entry_are_in_its_stamp(self):
         """Whatever way they have come."""
-        from piezoharvest.engine.kernel import engine
+        from piezoharvest.engine.entry_point import engine
 
         found, todo = set(), [engine.py_func]
         while todo:
@@ -198,7 +198,7 @@ class TestSources:
 
 
 def within(package, function):
-    code = f"import sys; from piezoharvest.engine.cache import {function} as f; print(*f(sys.argv[1]))"
+    code = f"import sys; from piezoharvest.engine.compilation.cache import {function} as f; print(*f(sys.argv[1]))"
     return finish(begin(package, code, package / "engine" / "small.py"))[0].split()
 
 

@@ -7,10 +7,10 @@ from random_studies import random_study
 from studies import BENCH, DRIVE, LOOP, STOPS, bench, objects, solve
 
 from piezoharvest.engine import simulate
-from piezoharvest.engine.lower import lower
+from piezoharvest.engine.lowering.lower import lower
+from piezoharvest.engine.run import Machine
 from piezoharvest.engine.simulation import search
-from piezoharvest.engine.steady import Shooting, check
-from piezoharvest.engine.transient import Machine
+from piezoharvest.engine.steady_search import Shooting, check
 from piezoharvest.linear import frequency_response
 
 CAPACITANCES = np.logspace(-9, -3, 13)

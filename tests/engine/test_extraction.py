@@ -8,9 +8,10 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 from studies import BENCH, STOPS, distance
 
-from piezoharvest import SineForce, System, Transducer, effects, shunts, simulate
-from piezoharvest.hysteresis import Hysteresis
-from piezoharvest.parameters import ParameterError
+from piezoharvest import SineForce, System, Transducer, simulate
+from piezoharvest.description import effects, shunts
+from piezoharvest.description.hysteresis import Hysteresis
+from piezoharvest.description.parameters import ParameterError
 
 DRIVE = SineForce(amplitude=0.02, frequency=50.6)
 LENGTH = 0.12

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from studies import DRIVE, LOOP, SECOND, STOPS, bench, objects, solve
 
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.engine import simulate
-from piezoharvest.engine.budget import Budget
-from piezoharvest.engine.lower import lower
+from piezoharvest.engine.lowering.lower import lower
+from piezoharvest.engine.memory.tables import MOST_NUMBERS
+from piezoharvest.engine.run import Machine
 from piezoharvest.engine.simulation import search
-from piezoharvest.engine.steady import EngineError, check
-from piezoharvest.engine.tables import MOST_NUMBERS
-from piezoharvest.engine.transient import Machine
-from piezoharvest.parameters import ParameterError
+from piezoharvest.engine.steady_search import EngineError, check
+from piezoharvest.engine.work_limit import Budget
 
 RECTIFIER = {"kind": "rectifier", "smoothing_capacitance": 1e-6, "load_resistance": 1e6}
 STIFFENING = {"effects": {"stiffening": {"cubic_stiffness": 1e5}}}
@@ -115,7 +115,7 @@ def test_as_much_as_is_allowed_is_simulated_in_bounded_memory(excitation, transd
 def test_tables_of_one_mode_at_a_time_give_the_same(monkeypatch):
     study = bench({**RECTIFIER, **LOOP, "kind": "parallel_sshi"}, hysteresis=STOPS)
     wanted = solve(study)
-    monkeypatch.setattr("piezoharvest.engine.tables.MOST_NUMBERS", 1)
+    monkeypatch.setattr("piezoharvest.engine.memory.tables.MOST_NUMBERS", 1)
     found = solve(study)
     assert found.events_per_period == wanted.events_per_period
     assert found.harvested_power == pytest.approx(wanted.harvested_power, rel=1e-9)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from studies import BENCH, DRIVE, SECOND, STOPS, bench, distance, objects, one_period, phasor, solve
 
+from piezoharvest.description.excitation import Multisine
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.engine import simulate
-from piezoharvest.excitation import Multisine
 from piezoharvest.linear import check_stability, frequency_response
-from piezoharvest.parameters import ParameterError
 
 NEGATIVE = {"kind": "negative_capacitance", "resistance": 1e5}
 CIRCUITS = {

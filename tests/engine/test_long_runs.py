@@ -5,9 +5,9 @@ import pytest
 from oracles.reference import simulate as reference
 from studies import BENCH, DRIVE, LOOP, bench, objects
 
-from piezoharvest.engine.lower import lower
-from piezoharvest.engine.steady import check
-from piezoharvest.engine.transient import Machine
+from piezoharvest.engine.lowering.lower import lower
+from piezoharvest.engine.run import Machine
+from piezoharvest.engine.steady_search import check
 
 PERIODS = 100
 SHUNT = {"kind": "parallel_sshi", "smoothing_capacitance": 1e-6, "load_resistance": 1e5, **LOOP}

@@ -24,7 +24,7 @@ from piezoharvest import (
     simulate_many,
 )
 from piezoharvest.engine.batch import NAMES, one_of
-from piezoharvest.engine.kernel import engine
+from piezoharvest.engine.entry_point import engine
 
 DESIGNS = 12
 FORCE = SineForce(amplitude=0.02, frequency=50.6)

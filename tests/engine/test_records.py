@@ -12,13 +12,13 @@ from scipy.linalg import expm
 from studies import LOOP, STOPS, bench, distance, objects
 
 from piezoharvest import Hysteresis, Record, Resistor, System, Transducer, simulate
-from piezoharvest.effects import BiasCurrent
-from piezoharvest.engine import program as pg
-from piezoharvest.engine import tables as tb
-from piezoharvest.engine.lower import lower
-from piezoharvest.engine.steady import check
-from piezoharvest.engine.transient import Machine
-from piezoharvest.excitation import Ramps
+from piezoharvest.description.effects import BiasCurrent
+from piezoharvest.description.excitation import Ramps
+from piezoharvest.engine.lowering.lower import lower
+from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.memory import tables as tb
+from piezoharvest.engine.run import Machine
+from piezoharvest.engine.steady_search import check
 
 # A stack of 22 kHz under records of 1 kHz (Goldfarb & Celanovic, 1997).
 STACK = {"mass": 0.0158, "damping": 1250.0, "stiffness": 3.125e8, "coupling": 7.822, "capacitance": 3.2e-6}

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from piezoharvest import SineForce, System, Transducer
-from piezoharvest.engine.lower import lower
-from piezoharvest.engine.trust import NO_BOUNDS, Bounds, bounds, cleaned, closure, faults, uncertain
-from piezoharvest.shunts import Resistor
+from piezoharvest.description.shunts import Resistor
+from piezoharvest.engine.lowering.lower import lower
+from piezoharvest.engine.plausibility import NO_BOUNDS, Bounds, bounds, cleaned, closure, faults, uncertain
 
 RIGHT = {"mechanical_in": 1.0, "damping": 0.7, "hysteresis": 0.0, "harvested": 0.25, "shunt_loss": 0.05}
 MOST = Bounds(supplied=2.0, rounding=0.0)

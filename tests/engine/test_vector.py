@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from piezoharvest.engine import vector as vc
-from piezoharvest.engine.algebra import radius, solve_conserving
-from piezoharvest.engine.compiled import entry
+from piezoharvest.engine.compilation.compiled import entry
+from piezoharvest.engine.memory import vector as vc
+from piezoharvest.engine.memory.algebra import radius, solve_conserving
 
 MULTIPLY, GROW, POLYNOMIAL, COPY, DOT, TOP, INSIDE, ADD, COMBINE, SIZE = range(10)
 EDGE = 7.25  # what stands around a result and must stay

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from piezoharvest.hysteresis import Hysteresis
-from piezoharvest.records.bench import measure, write_campaign
+from piezoharvest.bench import measure, write_campaign
+from piezoharvest.description.hysteresis import Hysteresis
 from piezoharvest.study import build_transducer, study_from
 
 STACK = {

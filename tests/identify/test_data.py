@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from piezoharvest.identify.data import FAINT, bend_of
+from piezoharvest.identify.fitting.data import FAINT, bend_of
 
 TIME = np.arange(10_000) / 1000.0
 NONE = np.zeros(0, int)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.fft import dct
 
-from piezoharvest.identify.denoise import denoised
+from piezoharvest.identify.noise.drive_denoising import denoised
 
 TIME = np.arange(10_000) / 1000.0
 

@@ -9,17 +9,17 @@ import pytest
 from identify.identify_runs import LINEAR, STACK, campaign_file
 from scipy.integrate import solve_ivp
 
-from piezoharvest.hysteresis import Hysteresis
-from piezoharvest.identify import first_values as module
-from piezoharvest.identify.data import data_of
-from piezoharvest.identify.first_values import first_values, free_capacitance, steps_of
-from piezoharvest.identify.model import Model
-from piezoharvest.identify.problem import Problem
-from piezoharvest.identify.responses import FrequencyData
-from piezoharvest.identify.starts import _nearest
+from piezoharvest.description.hysteresis import Hysteresis
+from piezoharvest.description.shunts import Resistor
+from piezoharvest.identify.fitting.data import data_of
+from piezoharvest.identify.fitting.measured_responses import FrequencyData
+from piezoharvest.identify.fitting.model import Model
+from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.start_values import initial_estimates as module
+from piezoharvest.identify.start_values.initial_estimates import first_values, free_capacitance, steps_of
+from piezoharvest.identify.start_values.multistart import _nearest
 from piezoharvest.records import load_campaign
 from piezoharvest.records.record import FrequencyRecord, Record, Signal
-from piezoharvest.shunts import Resistor
 from piezoharvest.study import build_transducer
 
 RATE = 1000.0

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from identify.identify_runs import campaign_file
 
-from piezoharvest.identify import model as models
-from piezoharvest.identify.data import begins_abruptly, scatter_of
-from piezoharvest.identify.descent import _bent, _pace
-from piezoharvest.identify.gain import _solved
+from piezoharvest.identify.fitting import model as models
+from piezoharvest.identify.fitting.data import begins_abruptly, scatter_of
+from piezoharvest.identify.fitting.levenberg_marquardt import _bent, _pace
+from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.identification import prepared
-from piezoharvest.identify.noise import Noise, estimate, first_guess
-from piezoharvest.identify.problem import Problem
-from piezoharvest.identify.spectra import gram, whitened
+from piezoharvest.identify.noise.noise_gain import _solved
+from piezoharvest.identify.noise.noise_model import Noise, estimate, first_guess
+from piezoharvest.identify.noise.spectra import gram, whitened
 from piezoharvest.predict.parameters import parameters_of
 from piezoharvest.records import load_campaign
 

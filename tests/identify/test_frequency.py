@@ -10,8 +10,8 @@ import control
 import numpy as np
 import pytest
 
-from piezoharvest.identify.frequency import FrequencyError, Modes, fit_modes, multisine_response, select_modes
-from piezoharvest.identify.vector_fitting import vector_fit
+from piezoharvest.identify.frequency.modal_fit import FrequencyError, Modes, fit_modes, multisine_response, select_modes
+from piezoharvest.identify.frequency.vector_fitting import vector_fit
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "fast_steering_mirror"
 RATE, SAMPLES = 1000.0, 1024

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from identify_runs import RECORDS, STACK
 
-from piezoharvest.identify import histories, identify
+from piezoharvest.bench import measure, write_campaign
+from piezoharvest.identify import identify
+from piezoharvest.identify.start_values import initial_hysteresis_state as histories
 from piezoharvest.records import load_campaign
-from piezoharvest.records.bench import measure, write_campaign
 from piezoharvest.study import study_from
 
 FAST = {"kind": "sine_force", "amplitude": 500.0, "offset": 600.0, "frequency": 11.0}

@@ -9,9 +9,9 @@ import pytest
 from identify.identify_runs import STACK, campaign_file
 
 from piezoharvest.identify import identify
-from piezoharvest.identify.denoise import denoised, noise_floor
-from piezoharvest.identify.noise import rounding
-from piezoharvest.identify.sums import by_code, spectra_of
+from piezoharvest.identify.fitting.likelihood import by_code, spectra_of
+from piezoharvest.identify.noise.drive_denoising import denoised, noise_floor
+from piezoharvest.identify.noise.noise_model import rounding
 from piezoharvest.output import write_table
 from piezoharvest.predict.parameters import value_at
 from piezoharvest.records import CampaignError, load_campaign

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 from scipy.signal import lfilter
 
-from piezoharvest.hysteresis import play, stop
-from piezoharvest.identify.coloured import covariance, effective_samples, noise_floor
-from piezoharvest.identify.loop_fit import Loop, LoopError
-from piezoharvest.identify.loop_model import convex_fit
-from piezoharvest.identify.loops import identify_loop
-from piezoharvest.identify.memory import initial_states, plays, turning_points
+from piezoharvest.description.hysteresis import play, stop
+from piezoharvest.identify.hysteresis.loop_fit import Loop, LoopError
+from piezoharvest.identify.hysteresis.loop_model import convex_fit
+from piezoharvest.identify.hysteresis.loops import identify_loop
+from piezoharvest.identify.hysteresis.play_operators import initial_states, plays, turning_points
+from piezoharvest.identify.noise.coloured_noise import covariance, effective_samples, noise_floor
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "picma_stack_hysteresis"
 R, W = np.array([0.1, 0.35, 0.8]), np.array([1.0, 0.6, 0.9])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from piezoharvest.identify.noise import Noise, ceiling, estimate
+from piezoharvest.identify.noise.noise_model import Noise, ceiling, estimate
 
 SIGMA = 0.01
 

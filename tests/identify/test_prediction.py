@@ -10,18 +10,18 @@ import pytest
 from identify.identify_runs import LINEAR, STACK
 from scipy.integrate import solve_ivp
 
-from piezoharvest.effects import registered
-from piezoharvest.effects.channel_skew import ChannelSkew
-from piezoharvest.effects.displacement_lag import DisplacementLag
+from piezoharvest.bench.effects import registered as bench_effects
+from piezoharvest.bench.solver import CIRCUITS, Model, integrate
+from piezoharvest.description.effects import registered
+from piezoharvest.description.effects.sensing.channel_skew import ChannelSkew
+from piezoharvest.description.effects.sensing.displacement_lag import DisplacementLag
+from piezoharvest.description.transducer import Transducer
+from piezoharvest.predict.discrete_model import setting_of
 from piezoharvest.predict.drive import FINE, RISE, corners_of, divided, drive_of, rising
-from piezoharvest.predict.lowered import setting_of
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
 from piezoharvest.predict.prediction import Prediction
-from piezoharvest.predict.sensing import Course, sensed
-from piezoharvest.records.bench.effects import registered as bench_effects
-from piezoharvest.records.bench.solver import CIRCUITS, Model, integrate
+from piezoharvest.predict.sensors import Course, sensed
 from piezoharvest.study import build, build_excitation, build_shunt, build_transducer
-from piezoharvest.transducer import Transducer
 
 LOAD = {"kind": "resistor", "resistance": 51.43e3}
 SINE = {"kind": "sine_force", "amplitude": 450.0, "offset": 550.0, "frequency": 5.0}

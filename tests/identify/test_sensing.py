@@ -7,9 +7,9 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from piezoharvest.effects import ChannelSkew, Clipping
+from piezoharvest.description.effects import ChannelSkew, Clipping
 from piezoharvest.predict.parameters import parameter_of
-from piezoharvest.predict.sensing import Course, sensed
+from piezoharvest.predict.sensors import Course, sensed
 
 LIMIT, NOISE = 2.0, 0.1
 

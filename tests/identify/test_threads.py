@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from piezoharvest.identify import frequency, identification, loops
+from piezoharvest.identify import identification
+from piezoharvest.identify.frequency import modal_fit as frequency
+from piezoharvest.identify.hysteresis import loops
 
 
 def threads():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from piezoharvest.identify.tones import MOST, tones
+from piezoharvest.identify.noise.tones import MOST, tones
 
 COUNT, SIGMA = 10_000, 1.0
 TIME = np.arange(COUNT)

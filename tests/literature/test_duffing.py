@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.special import ellipj, ellipk
 
-from piezoharvest.effects import Stiffening
+from piezoharvest.description.effects import Stiffening
+from piezoharvest.description.excitation import StepForce
+from piezoharvest.description.shunts import Short
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.engine import simulate
-from piezoharvest.excitation import StepForce
-from piezoharvest.shunts import Short
-from piezoharvest.system import System
-from piezoharvest.transducer import Transducer
 
 MASS, STIFFNESS, START = 0.01, 1e3, 1e-3
 

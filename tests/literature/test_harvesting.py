@@ -7,11 +7,19 @@ import pytest
 from scipy.optimize import brentq, minimize, minimize_scalar
 from studies import inversion
 
+from piezoharvest.description.excitation import SineForce
+from piezoharvest.description.shunts import (
+    SECE,
+    NegativeCapacitance,
+    ParallelSSHI,
+    Rectifier,
+    Resistor,
+    SeriesRL,
+    SeriesSSHI,
+)
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.engine import simulate
-from piezoharvest.excitation import SineForce
-from piezoharvest.shunts import SECE, NegativeCapacitance, ParallelSSHI, Rectifier, Resistor, SeriesRL, SeriesSSHI
-from piezoharvest.system import System
-from piezoharvest.transducer import Transducer
 
 # ---- section 1: prescribed displacement ------------------------------------------------------------------------------
 # So weakly coupled (k_e^2 = 1e-12) that no shunt can change the displacement; flips of a 1e-5th of the period.

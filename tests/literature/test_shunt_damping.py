@@ -10,9 +10,9 @@ import pytest
 from scipy.optimize import minimize, minimize_scalar
 
 from piezoharvest import linear
-from piezoharvest.shunts import NegativeCapacitance, Open, Resistor, SeriesRL, Short
-from piezoharvest.system import System
-from piezoharvest.transducer import Transducer
+from piezoharvest.description.shunts import NegativeCapacitance, Open, Resistor, SeriesRL, Short
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Transducer
 
 COUPLINGS = [0.05, 0.2, 0.5]  # K
 W_SC = 2 * np.pi * 50.0

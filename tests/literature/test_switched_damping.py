@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from studies import inversion
 
+from piezoharvest.description.excitation import SineForce
+from piezoharvest.description.shunts import SSDI, SSDS, SSDV, Short
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.engine import simulate
-from piezoharvest.excitation import SineForce
-from piezoharvest.shunts import SSDI, SSDS, SSDV, Short
-from piezoharvest.system import System
-from piezoharvest.transducer import Transducer
 
 FORCE = 0.02
 

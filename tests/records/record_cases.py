@@ -9,10 +9,10 @@ from unittest.mock import patch
 
 import numpy as np
 
+from piezoharvest.description.system import System
 from piezoharvest.engine import simulate
 from piezoharvest.records import Record, Signal
 from piezoharvest.study import build_excitation, build_shunt, build_transducer
-from piezoharvest.system import System
 
 STACK = {"catalogue": "NAC2125-H10"}
 BENCH = {"mass": 0.010, "damping": 0.0628, "stiffness": 986.96, "coupling": 1.0e-3, "capacitance": 40e-9}

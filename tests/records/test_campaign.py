@@ -8,12 +8,12 @@ import pytest
 from record_cases import stack_sine
 from scipy.io import savemat
 
+from piezoharvest.description.shunts import Open, Resistor, SeriesRL
+from piezoharvest.description.system import System
 from piezoharvest.linear import TwoPort, frequency_response
 from piezoharvest.output import write_table
 from piezoharvest.records import Campaign, CampaignError, Finding, FrequencyRecord, Record, load_campaign
-from piezoharvest.shunts import Open, Resistor, SeriesRL
 from piezoharvest.study import StudyError, build_transducer
-from piezoharvest.system import System
 
 TRANSDUCER = '[transducer]\ncatalogue = "NAC2125-H10"\n'
 RECORD = '[[records]]\nfile = "run.csv"\nload_resistance = 97780.0\n'

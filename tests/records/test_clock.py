@@ -7,7 +7,7 @@ from decimal import ROUND_DOWN, Decimal
 import numpy as np
 import pytest
 
-from piezoharvest.records.clock import even_times
+from piezoharvest.records.reading.time_stamps import even_times
 
 
 def printed(times, form):

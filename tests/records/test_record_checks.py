@@ -23,9 +23,9 @@ from record_cases import (
     with_values,
 )
 
+from piezoharvest.description.shunts import Open, Short
 from piezoharvest.records.checks import check
 from piezoharvest.records.finding import runs
-from piezoharvest.shunts import Open, Short
 from piezoharvest.study import build_transducer
 
 CAPACITANCE = 3.2e-6  # of the stack

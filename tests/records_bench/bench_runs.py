@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from piezoharvest.records.bench.effects import registered
-from piezoharvest.records.bench.solver import CIRCUITS, Model, integrate
+from piezoharvest.bench.effects import registered
+from piezoharvest.bench.solver import CIRCUITS, Model, integrate
 from piezoharvest.study import build, build_excitation, build_shunt, build_transducer, study_from
 
 # The ring stack of the paper: 22 kHz mechanics under records of 1 kHz.

@@ -14,12 +14,12 @@ import pytest
 import tomli_w
 from bench_runs import LOAD, SINE, STACK, study, tables
 
-import piezoharvest.records.bench.writing as writing
+import piezoharvest.bench.writing as writing
+from piezoharvest.bench import measure, write_campaign
+from piezoharvest.bench.sensors import channels
 from piezoharvest.cli import main
 from piezoharvest.output import OutputError
 from piezoharvest.records import load_campaign
-from piezoharvest.records.bench import measure, write_campaign
-from piezoharvest.records.bench.sensors import channels
 from piezoharvest.records.power import analyse
 from piezoharvest.study import build_transducer, load_study
 

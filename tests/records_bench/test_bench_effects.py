@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from bench_runs import HOLD, LINEAR, LOAD, OPEN, SHORT, SINE, C, K, T, error, study, waves
 
-from piezoharvest.parameters import ParameterError
-from piezoharvest.records.bench import measure
-from piezoharvest.records.bench.effects import registered
+from piezoharvest.bench import measure
+from piezoharvest.bench.effects import registered
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.study import StudyError, build
 
 FORCE = HOLD["amplitude"]

@@ -5,8 +5,8 @@ import pytest
 from bench_runs import LOAD, OPEN, SHORT, SINE, STACK, study
 from scipy.stats import kstest
 
-from piezoharvest.records.bench import Bench, measure
-from piezoharvest.records.bench.sensors import channels, sample
+from piezoharvest.bench import Bench, measure
+from piezoharvest.bench.sensors import channels, sample
 
 COLUMNS = {"force": "force_N", "displacement": "displacement_m", "voltage": "voltage_V", "current": "current_A"}
 

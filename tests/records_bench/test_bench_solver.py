@@ -12,9 +12,9 @@ from oracles.reference import simulate as reference
 from scipy.integrate import simpson, solve_ivp
 from studies import BENCH, DRIVE, SECOND, STOPS
 
-import piezoharvest.records.bench
-from piezoharvest.hysteresis import stop
-from piezoharvest.records.bench.solver import SolverError
+import piezoharvest.bench
+from piezoharvest.bench.solver import SolverError
+from piezoharvest.description.hysteresis import stop
 from piezoharvest.study import build_excitation
 
 # What the solver promises, relative to the largest value of each waveform.
@@ -219,8 +219,8 @@ def test_what_has_no_solution_is_said():
 
 
 def test_more_steps_than_a_run_may_take_are_said(monkeypatch):
-    monkeypatch.setattr("piezoharvest.records.bench.solver.march.MAX_TRIALS", 100)
-    monkeypatch.setattr("piezoharvest.records.bench.solver.march.TRIALS_EACH", 0)
+    monkeypatch.setattr("piezoharvest.bench.solver.march.MAX_TRIALS", 100)
+    monkeypatch.setattr("piezoharvest.bench.solver.march.TRIALS_EACH", 0)
     with pytest.raises(SolverError, match=r"more than 100 steps, on the way to 0\.\d+ s"):
         waves()
 
@@ -228,7 +228,7 @@ def test_more_steps_than_a_run_may_take_are_said(monkeypatch):
 def test_nothing_of_the_engine_is_used():
     """Neither the engine nor the equations that it lowers, so that data for tests do not come from what they test."""
     forbidden = {"engine", "linear", "equations", "circuit", "effects", "spice"}
-    for path in Path(piezoharvest.records.bench.__file__).parent.rglob("*.py"):
+    for path in Path(piezoharvest.bench.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             names = [node.module] if isinstance(node, ast.ImportFrom) else []
             names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []

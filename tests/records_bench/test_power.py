@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from scipy.integrate import cumulative_simpson, simpson
 from scipy.signal import butter, sosfreqz
 
-from piezoharvest.hysteresis import Hysteresis
-from piezoharvest.parameters import ParameterError
-from piezoharvest.records.bench import measure
+from piezoharvest.bench import measure
+from piezoharvest.description.hysteresis import Hysteresis
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.records.power import analyse, cycle_boundaries
 from piezoharvest.records.weights import gradient_transposed, simpson_weights, smooth, smooth_transposed
 

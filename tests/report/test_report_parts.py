@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from report_studies import STUDIES, designed
 
+from piezoharvest.description.excitation import Multisine, RandomForce, SineBase, SineForce, StepForce
+from piezoharvest.description.shunts import SECE, ParallelSSHI, Rectifier, Resistor
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Mode, Transducer
 from piezoharvest.engine import simulate
-from piezoharvest.excitation import Multisine, RandomForce, SineBase, SineForce, StepForce
 from piezoharvest.report import units
 from piezoharvest.report.limits import mode_figures, power_limit, white_input
 from piezoharvest.report.spans import loads, resonance_span, sweep_span
 from piezoharvest.report.subjects import subjects_of
 from piezoharvest.report.sweeps import Bench, _coarse_to_fine
-from piezoharvest.shunts import SECE, ParallelSSHI, Rectifier, Resistor
-from piezoharvest.system import System
-from piezoharvest.transducer import Mode, Transducer
 
 BEAM = Transducer(mass=0.01, damping=0.0628, stiffness=986.96, coupling=1e-3, capacitance=40e-9)
 FORCE = SineForce(amplitude=0.02, frequency=50.6)

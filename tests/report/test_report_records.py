@@ -9,10 +9,10 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
+from piezoharvest.description.shunts import Resistor
 from piezoharvest.records import Finding, FrequencyRecord, Record, Signal
+from piezoharvest.report.figures.style import Powers, grid_of_axes, inline_svg, write_png
 from piezoharvest.report.records import record_figure
-from piezoharvest.report.style import Powers, grid_of_axes, inline_svg, write_png
-from piezoharvest.shunts import Resistor
 
 
 def record(count=5000, **values):

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from piezoharvest.circuit import Port
-from piezoharvest.netlist import Element, normal_tree, read_netlist, spice_number
-from piezoharvest.parameters import ParameterError
-from piezoharvest.shunts import Network, ParallelRL, ParallelRLC, SeriesRL, SeriesRLC
+from piezoharvest.description.circuit import Port
+from piezoharvest.description.netlist import Element, normal_tree, read_netlist, spice_number
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts import Network, ParallelRL, ParallelRLC, SeriesRL, SeriesRLC
 
 OMEGA = 2 * np.pi * 50.0
 CAPACITANCE = 40e-9

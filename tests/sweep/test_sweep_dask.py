@@ -29,7 +29,7 @@ from sweep_studies import (
 )
 
 from piezoharvest import __version__
-from piezoharvest.parameters import ParameterError
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.sweep import cluster, sweep
 
 LONG = BENCH + NOISE + RESISTOR + sweep_table(parameter("shunts.0.resistance", 1e3, 1e7, "log", 384))

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sweep_studies import EVERYTHING
 
-from piezoharvest.parameters import ParameterError
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.study import study_from
 from piezoharvest.sweep.place import parameters, place
 

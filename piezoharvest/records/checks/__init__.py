@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.records.checks.dynamics import lost_between_samples, too_short, too_slow
 from piezoharvest.records.checks.frequency import check_frequency
 from piezoharvest.records.checks.hum import mains_hum
@@ -19,7 +20,6 @@ from piezoharvest.records.checks.stuck import constant, standing_still
 from piezoharvest.records.finding import Finding
 from piezoharvest.records.record import FrequencyRecord, Record
 from piezoharvest.records.spectra import Spectra
-from piezoharvest.transducer import Transducer
 
 __all__ = ["check"]
 

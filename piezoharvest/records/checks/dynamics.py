@@ -6,15 +6,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from piezoharvest.description.shunts import LinearShunt, Short
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.linear import poles
 from piezoharvest.records.checks.score import predicted
 from piezoharvest.records.expectation import transfers
 from piezoharvest.records.finding import Finding, shifted
 from piezoharvest.records.record import Record
 from piezoharvest.records.spectra import Spectra, spread
-from piezoharvest.shunts import LinearShunt, Short
-from piezoharvest.system import System
-from piezoharvest.transducer import Transducer
 
 _LOST = 0.05  # of a response's amplitude, between samples
 _LINES = 100

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.records.checks.raw import SIZES, strange
 from piezoharvest.records.checks.score import FACTOR
 from piezoharvest.records.expectation import impedances, transfers
 from piezoharvest.records.finding import Finding, runs, shifted
 from piezoharvest.records.record import FrequencyRecord
-from piezoharvest.transducer import Transducer
 
 _ACTIVE = 0.05  # part of |Z| that may be below zero
 _OPPOSED = -0.5

@@ -8,14 +8,14 @@ from itertools import product
 import numpy as np
 from scipy.signal.windows import hann
 
-from piezoharvest.records.channels import UNITS
+from piezoharvest.description.shunts import LinearShunt
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.records.checks.score import predicted
 from piezoharvest.records.expectation import transfers
 from piezoharvest.records.finding import Finding, shifted
+from piezoharvest.records.reading.channels import UNITS
 from piezoharvest.records.record import Record
 from piezoharvest.records.spectra import Spectra
-from piezoharvest.shunts import LinearShunt
-from piezoharvest.transducer import Transducer
 
 _MAINS = (50.0, 60.0)
 _DRIFT = 0.2  # Hz, of the mains

@@ -12,14 +12,14 @@ from itertools import combinations
 
 import numpy as np
 
-from piezoharvest.records.channels import UNITS
+from piezoharvest.description.shunts.linear.resistor import Resistor
+from piezoharvest.description.shunts.linear.short import Short
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.records.checks.score import FACTOR, Score, scores_of
 from piezoharvest.records.finding import Finding, shifted
+from piezoharvest.records.reading.channels import UNITS
 from piezoharvest.records.record import Record
 from piezoharvest.records.spectra import Spectra
-from piezoharvest.shunts.resistor import Resistor
-from piezoharvest.shunts.short import Short
-from piezoharvest.transducer import Transducer
 
 _SIGN_HINT = "allowed is the sign of the model; likely a wrong sign, which a gain below zero turns"
 _STEP = 0.2  # of the drive's range from one sample to the next

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from piezoharvest.records.channels import LARGEST, SMALLEST
 from piezoharvest.records.finding import Finding, Rows, counted, runs, shifted
+from piezoharvest.records.reading.channels import LARGEST, SMALLEST
 from piezoharvest.records.record import Record
 
 SIZES = f"0, or sizes from {SMALLEST:g} to {LARGEST:g} in SI units"

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.records.expectation import Transfers, transfers
 from piezoharvest.records.record import Record
 from piezoharvest.records.spectra import Spectra, spread
-from piezoharvest.transducer import Transducer
 
 FACTOR = 30.0  # by which an amplitude may differ from what is foretold; a wrong prefix is 1000
 _COHERENT = 0.7

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
+from piezoharvest.description.shunts import LinearShunt
 from piezoharvest.records.checks.level import flat_runs, level_of
 from piezoharvest.records.finding import Finding, counted, runs, shifted
 from piezoharvest.records.record import Record
-from piezoharvest.shunts import LinearShunt
 
 _LONGEST = 3  # samples of a spike
 _RARE = 1e-3  # of all samples

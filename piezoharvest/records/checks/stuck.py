@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from piezoharvest.description.shunts import LinearShunt, Open, Short
 from piezoharvest.records.checks.frozen import go_on, jumps, piled, unlikely
 from piezoharvest.records.checks.level import Level, flat_runs, level_of
 from piezoharvest.records.finding import Finding, shifted
 from piezoharvest.records.record import Record, Signal
-from piezoharvest.shunts import LinearShunt, Open, Short
 
 _SHORTEST_FROZEN = 8
 _HUMP = 6.0  # resolutions that a rounded top goes on beyond where it is cut off

@@ -10,15 +10,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
 
+from piezoharvest.description.shunts import Open, Short, Shunt
+from piezoharvest.description.system import System
 from piezoharvest.linear import frequency_response
-from piezoharvest.report import style
+from piezoharvest.report.figures import style
 from piezoharvest.report.limits import hysteretic
 from piezoharvest.report.spans import Span, dense, design_band, drive_frequency, resonance_span, wide_span
 from piezoharvest.report.subjects import Subject
 from piezoharvest.report.units import engineering
-from piezoharvest.shunts import Open, Short, Shunt
 from piezoharvest.study import Study
-from piezoharvest.system import System
 
 _SHORT = {"color": style.INK, "linestyle": "-", "linewidth": 1.2}
 _OPEN = {"color": style.MUTED, "linestyle": (0, (4, 2)), "linewidth": 1.2}

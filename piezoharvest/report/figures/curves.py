@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from piezoharvest.report import style
+from piezoharvest.report.figures import style
 from piezoharvest.report.spans import Span
 from piezoharvest.report.subjects import Subject
 from piezoharvest.report.sweeps import Curve

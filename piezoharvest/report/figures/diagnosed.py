@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 
-from piezoharvest.diagnose.leftover import Leftover, fundamental
+from piezoharvest.diagnose.residual_tests import Leftover, fundamental
 from piezoharvest.diagnose.residuals import Residuals, in_bins
-from piezoharvest.records.channels import UNITS
-from piezoharvest.report import style
+from piezoharvest.records.reading.channels import UNITS
+from piezoharvest.report.figures import style
 from piezoharvest.report.units import prefix_of, pretty_unit
 
 BEFORE = {"color": style.PALETTE[1], "linewidth": 0.7}

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from piezoharvest.identify.predicted import Predicted
+from piezoharvest.identify.prediction_overlay import Predicted
 from piezoharvest.records import FrequencyRecord, Record
-from piezoharvest.records.channels import UNITS
-from piezoharvest.report import style
+from piezoharvest.records.reading.channels import UNITS
+from piezoharvest.report.figures import style
 from piezoharvest.report.units import prefix_of, pretty_unit
 
 _PIXELS = 900  # beyond twice as many samples, the least and the largest of each

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from piezoharvest.report import style
+from piezoharvest.report.figures import style
 from piezoharvest.report.subjects import Subject
 from piezoharvest.report.units import engineering
 

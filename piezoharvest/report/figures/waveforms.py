@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from piezoharvest.engine.response import Waveforms
-from piezoharvest.report import style
+from piezoharvest.report.figures import style
 from piezoharvest.report.signals import Window
 from piezoharvest.report.units import prefix_of
 

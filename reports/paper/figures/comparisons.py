@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from piezoharvest.report import style
+from piezoharvest.report.figures import style
 from piezoharvest.report.units import number
 from reports.paper.audit.energy import mean_over_peak_of_loop
 from reports.paper.compare import Comparison

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from piezoharvest import Resistor, Transducer
-from piezoharvest.report import style
+from piezoharvest.report.figures import style
 from reports.paper.beyond import DROPS, power
 from reports.paper.tables import experiment
 

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from piezoharvest import Response
-from piezoharvest.hysteresis import play
-from piezoharvest.report import style
+from piezoharvest.description.hysteresis import play
+from piezoharvest.report.figures import style
 from reports.paper.rows import Bench, sampled, sine, step
 from reports.paper.tables import parameters
 

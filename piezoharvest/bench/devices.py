@@ -1,0 +1,76 @@
+"""Sensors, amplifiers and converter of the bench, with those of the reference paper's section III as defaults.
+
+Where the paper names a device, its data are taken. Noise is white from sample to sample.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from piezoharvest.description.parameters import Component, quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoadCell(Component):
+    """Load cell with its amplifier: 25 kN at 10 V."""
+
+    sensitivity: float = quantity("V/N", "converter voltage for a newton", default=4e-4, above=0)
+    noise: float = quantity("N", "standard deviation", default=0.5, at_least=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Laser(Component):
+    """Laser displacement sensor whose analogue output is set to 0.1 mm at 10 V; `resolution` is its digital step."""
+
+    sensitivity: float = quantity("V/m", "converter voltage for a metre", default=1e5, above=0)
+    resolution: float = quantity("m", "smallest step, 0 for none", default=3e-8, at_least=0)
+    lag: float = quantity("s", "time constant of a first-order lag", default=0.0, at_least=0)
+    noise: float = quantity("m", "standard deviation, before the steps", default=1.2e-8, at_least=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Buffer(Component):
+    """Buffers at the electrodes, with their input resistance across them."""
+
+    gain: float = quantity("", "converter voltage for a volt", default=1.0, above=0)
+    input_resistance: float = quantity("ohm", "resistance across the electrodes", default=1e12, above=0)
+    noise: float = quantity("V", "standard deviation", default=1.5e-3, at_least=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurrentSense(Component):
+    """Sense resistor in the load's branch and its amplifier: INA213, whose 25 nV/sqrt(Hz) make 30 nA in 10 kHz.
+
+    The resistor counts as a part of the load: the label of a load resistor includes it, a short is the sense resistor
+    alone, and in other circuits it is neglected.
+    """
+
+    resistance: float = quantity("ohm", "sense resistor", default=100.0, above=0)
+    gain: float = quantity("", "gain of the amplifier", default=50.0, above=0)
+    noise: float = quantity("A", "standard deviation", default=3e-8, at_least=0)
+
+    @property
+    def sensitivity(self) -> float:
+        """Converter voltage for an ampere."""
+        return self.resistance * self.gain
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accelerometer(Component):
+    """Accelerometer on the base, for base excitation; the paper has none: 10 V at 100 m/s^2."""
+
+    sensitivity: float = quantity("V/(m/s^2)", "converter voltage for 1 m/s^2", default=0.1, above=0)
+    noise: float = quantity("m/s^2", "standard deviation", default=2e-3, at_least=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Converter(Component):
+    """Analogue-to-digital converter. It has no anti-alias filter: what is faster than half the sample rate folds."""
+
+    bits: int = quantity("", "resolution", default=16, at_least=4, at_most=32)
+    range: float = quantity("V", "largest voltage, of either sign", default=10.0, above=0)
+
+    @property
+    def step(self) -> float:
+        """Voltage of the last bit."""
+        return 2.0 * self.range / 2**self.bits

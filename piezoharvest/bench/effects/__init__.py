@@ -1,0 +1,17 @@
+"""The effects that the bench can switch on, by name; every module of this package is found by scanning it."""
+
+import importlib
+import pkgutil
+
+from piezoharvest.bench.effects.base import BenchEffect
+from piezoharvest.description.parameters import subclasses_by
+
+__all__ = ["BenchEffect", "registered"]
+
+for _module in pkgutil.walk_packages(__path__, f"{__name__}."):
+    importlib.import_module(_module.name)
+
+
+def registered() -> dict[str, type[BenchEffect]]:
+    """All effects of the bench by name."""
+    return subclasses_by("name", BenchEffect)

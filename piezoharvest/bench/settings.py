@@ -1,0 +1,175 @@
+"""The table [bench] of a study, checked: the set-up, the effects that are switched on, and the records to be made."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from piezoharvest.bench.devices import Accelerometer, Buffer, Converter, CurrentSense, Laser, LoadCell
+from piezoharvest.bench.effects import BenchEffect, registered
+from piezoharvest.bench.solver import CIRCUITS
+from piezoharvest.description.excitation import Excitation
+from piezoharvest.description.limits import check_size
+from piezoharvest.description.parameters import Component, ParameterError, quantity
+from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.linear.resistor import Resistor
+from piezoharvest.description.shunts.linear.short import Short
+from piezoharvest.study import Study, build, build_excitation, build_shunt
+
+MOST_SAMPLES = 1_000_000  # of a record: some 0.2 ms for each are a few minutes
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordOptions(Component):
+    """One of [[bench.records]]: what differs from the study.
+
+    Attributes
+    ----------
+    excitation : table
+        Keys that replace those of [excitation]; with another `kind` the whole of it.
+    load_resistance, shunt
+        A resistor, or the table of a shunt; without either the first one of the study.
+    """
+
+    excitation: Any = None
+    shunt: Any = None
+    load_resistance: float | None = quantity("ohm", "load resistance", default=None, above=0)
+    role: Literal["fit", "validate"] = "fit"
+    duration: float | None = quantity("s", "length of the record", default=None, above=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench(Component):
+    """The table [bench].
+
+    Attributes
+    ----------
+    duration : float
+        Default: the excitation's own length, or 10 s where it has none.
+    seed : int
+        Of noise, hum phases and nominal errors.
+    nominal_error : float
+        Relative scatter of the nominal values of the campaign about the true ones.
+    truth : bool
+        Whether `truth.json` is written beside the campaign.
+    records : tuple of RecordOptions
+        Default: one record for each shunt of the study.
+    """
+
+    sample_rate: float = quantity("Hz", "sample rate", default=1000.0, above=0)
+    duration: float | None = quantity("s", "length of a record", default=None, above=0)
+    seed: int = quantity("", "seed of all that is random", default=0, at_least=0)
+    nominal_error: float = quantity("", "relative scatter of the nominal values", default=0.0, at_least=0, below=1)
+    truth: bool = False
+    load_cell: LoadCell = field(default_factory=LoadCell)
+    laser: Laser = field(default_factory=Laser)
+    buffer: Buffer = field(default_factory=Buffer)
+    current_sense: CurrentSense = field(default_factory=CurrentSense)
+    accelerometer: Accelerometer = field(default_factory=Accelerometer)
+    converter: Converter = field(default_factory=Converter)
+    records: tuple[RecordOptions, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """One record to be made: what drives, what is across the electrodes by its label, and for how long (s)."""
+
+    excitation: Excitation
+    shunt: Shunt
+    role: Literal["fit", "validate"]
+    duration: float
+
+
+def build_bench(study: Study) -> tuple[Bench, tuple[BenchEffect, ...], tuple[Setup, ...]]:
+    """Bench of a study, with its effects and the records to be made.
+
+    Raises
+    ------
+    ParameterError
+        A key is missing, unknown, of the wrong type or out of bounds.
+    """
+    table = dict(study.bench)
+    effects = _effects(study, table.pop("effects", {}))
+    bench = build(Bench, table, "bench")
+    options = bench.records or tuple(RecordOptions() for _ in study.shunts)
+    setups = []
+    for n, option in enumerate(options):
+        where = f"bench.records.{n}" if bench.records else f"shunts.{n}"
+        shunt = _shunt(study, option, where, 0 if bench.records else n)
+        excitation = _excitation(study, option.excitation, f"{where}.excitation")
+        duration = option.duration or bench.duration or excitation.length or 10.0
+        if duration * bench.sample_rate < 3:
+            found = f"found {duration:g} s at {bench.sample_rate:g} Hz"
+            raise ParameterError(f"{where}.duration", f"{found}, allowed is a record of three samples or more")
+        if not duration * bench.sample_rate <= MOST_SAMPLES:
+            found = f"found {duration:g} s at {bench.sample_rate:g} Hz, {duration * bench.sample_rate:.7g} samples"
+            raise ParameterError(f"{where}.duration", f"{found}, allowed are up to {MOST_SAMPLES}")
+        check_size(study.transducer, excitation, shunt)
+        setups.append(Setup(excitation, _sensed(shunt, bench.current_sense, where), option.role, duration))
+    if not setups:
+        raise ParameterError("shunts", "found no such key, allowed is a list of tables")
+    return bench, effects, tuple(setups)
+
+
+def _effects(study: Study, tables: Any) -> tuple[BenchEffect, ...]:
+    """Effects of the study's transducer, which the campaign's transducer has too, and those of the bench alone."""
+    known, found = registered(), {}
+    for effect in study.transducer.effects:
+        where = f"transducer.effects.{effect.name}"
+        if effect.name not in known:
+            raise ParameterError(where, f"found what the bench cannot build, allowed are {', '.join(known)}")
+        found[effect.name] = build(known[effect.name], vars(effect), where)
+    if not isinstance(tables, Mapping):
+        raise ParameterError("bench.effects", f"found {tables!r}, allowed is a table of tables")
+    for name, table in tables.items():
+        where = f"bench.effects.{name}"
+        if name not in known:
+            raise ParameterError(where, f"found an unknown effect, allowed are {', '.join(sorted(known))}")
+        if name in found:
+            raise ParameterError(where, f"found transducer.effects.{name} too, allowed is one of them")
+        found[name] = build(known[name], table, where)
+    return tuple(found.values())
+
+
+def _shunt(study: Study, option: RecordOptions, where: str, default: int) -> Shunt:
+    """Shunt of a record by its label."""
+    if option.shunt is not None and option.load_resistance is not None:
+        raise ParameterError(f"{where}.shunt", "found load_resistance too, allowed is one of them")
+    if option.shunt is not None:
+        return build_shunt(option.shunt, f"{where}.shunt")
+    if option.load_resistance is not None:
+        return Resistor(resistance=option.load_resistance)
+    if not study.shunts:
+        raise ParameterError(f"{where}.load_resistance", "found no such key, allowed is a number of ohms")
+    return study.shunts[default]
+
+
+def _excitation(study: Study, table: Any, where: str) -> Excitation:
+    """Excitation of a record: the study's, with some of its keys replaced, or another one."""
+    if table is None:
+        return study.excitation
+    if not isinstance(table, Mapping):
+        raise ParameterError(where, f"found {table!r}, allowed is a table")
+    kind = study.excitation.kind
+    values = {f.name: getattr(study.excitation, f.name) for f in dataclasses.fields(study.excitation) if f.init}
+    own = {name: value for name, value in values.items() if value is not None}
+    if "file" in own:  # relative to where the program runs, while a new one is relative to the study
+        own["file"] = str(Path(own["file"]).resolve())
+    same = table.get("kind", kind) == kind
+    return build_excitation({"kind": kind, **own, **table} if same else table, study.path.parent, where)
+
+
+def _sensed(shunt: Shunt, sense: CurrentSense, where: str) -> Shunt:
+    """What the electrodes see of a shunt whose current is sensed; raises where the bench cannot build it."""
+    if shunt.kind not in CIRCUITS:
+        found = f"found {shunt.kind!r}, which the bench cannot build"
+        raise ParameterError(f"{where}.kind", f"{found}, allowed are {', '.join(CIRCUITS)}")
+    if isinstance(shunt, Short):
+        return Resistor(resistance=sense.resistance)
+    if isinstance(shunt, Resistor) and shunt.resistance < sense.resistance:
+        allowed = f"allowed is at least bench.current_sense.resistance ({sense.resistance:g} ohm), which is part of it"
+        raise ParameterError(f"{where}.resistance", f"found {shunt.resistance:g} ohm, {allowed}")
+    return shunt

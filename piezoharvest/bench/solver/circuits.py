@@ -1,0 +1,161 @@
+"""Loads as the solver connects them: the current that each takes, given what the electrodes would do without it.
+
+Without load current the electrode voltage would change at the rate `free` (V/s), and a load current i takes
+`elastance` i (V/s) off it. A circuit that ties the voltage finds its current from that, for its constraint then holds
+in the derivative and was met when the tie began.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from piezoharvest.description.shunts import Shunt
+
+Flow = tuple[np.ndarray, Sequence[np.ndarray]]
+
+
+class Circuit:
+    """A load; this one is open electrodes, and the base of the others.
+
+    Attributes
+    ----------
+    storage : tuple of float
+        Inductance or capacitance of each of its states, H or F: energy is storage z^2/2.
+    guard_count : int
+        Number of guards.
+    branch : int
+        0, or the sign of the voltage at which a bridge conducts.
+    """
+
+    storage: tuple[float, ...] = ()
+    guard_count = 0
+    branch = 0
+
+    def __init__(self, shunt: Shunt) -> None:
+        # Every key of the shunt's table under its own name.
+        self.__dict__.update(vars(shunt))
+
+    def flow(self, z: np.ndarray, v: np.ndarray, free: np.ndarray, elastance: np.ndarray) -> Flow:
+        """Load current (A) and the rates of the own states."""
+        return 0.0 * v, ()
+
+    def guards(self, z: np.ndarray, v: np.ndarray, i: np.ndarray) -> list[np.ndarray]:
+        """Values below zero while the branch holds; what is passed first decides the next branch."""
+        return []
+
+    def fire(self, guard: int) -> None:
+        """Change the branch for the guard that was passed."""
+
+    def tied(self, z: np.ndarray) -> np.ndarray | None:
+        """Voltage that the present branch imposes, where it does."""
+        return None
+
+
+class Short(Circuit):
+    """No voltage."""
+
+    def flow(self, z, v, free, elastance):
+        return free / elastance, ()
+
+
+class Resistor(Circuit):
+    """A resistance."""
+
+    resistance: float
+
+    def flow(self, z, v, free, elastance):
+        return v / self.resistance, ()
+
+
+class SeriesRL(Circuit):
+    """Resistance and inductance in series; the state is their current."""
+
+    resistance: float
+    inductance: float
+
+    def __init__(self, shunt):
+        super().__init__(shunt)
+        self.storage = (self.inductance,)
+
+    def flow(self, z, v, free, elastance):
+        return z[0], ((v - self.resistance * z[0]) / self.inductance,)
+
+
+class ParallelRL(SeriesRL):
+    """Resistance and inductance side by side; the state is the inductor's current."""
+
+    def flow(self, z, v, free, elastance):
+        return z[0] + v / self.resistance, (v / self.inductance,)
+
+
+class SeriesRLC(SeriesRL):
+    """One branch of resistance, inductance and capacitance; states are current and capacitor voltage."""
+
+    capacitance: float
+
+    def __init__(self, shunt):
+        super().__init__(shunt)
+        self.storage = (self.inductance, self.capacitance)
+
+    def flow(self, z, v, free, elastance):
+        return z[0], ((v - self.resistance * z[0] - z[1]) / self.inductance, z[0] / self.capacitance)
+
+
+class ParallelRLC(ParallelRL):
+    """Resistance, inductance and capacitance side by side: the capacitor takes C dv/dt."""
+
+    capacitance: float
+
+    def flow(self, z, v, free, elastance):
+        others, rates = super().flow(z, v, free, elastance)
+        return (others + self.capacitance * free) / (1.0 + self.capacitance * elastance), rates
+
+
+class Rectifier(Circuit):
+    """Bridge into a smoothing capacitor (whose voltage is the state) with its load, or into a constant voltage."""
+
+    smoothing_capacitance: float | None
+    load_resistance: float | None
+    dc_voltage: float | None
+    diode_drop: float
+    guard_count = 2
+
+    def __init__(self, shunt):
+        super().__init__(shunt)
+        self.storage = () if self.smoothing_capacitance is None else (self.smoothing_capacitance,)
+        self.charging = 0.0 if self.smoothing_capacitance is None else 1.0 / self.smoothing_capacitance
+        self.conductance = 0.0 if self.load_resistance is None else 1.0 / self.load_resistance
+
+    def _dc(self, z: np.ndarray) -> np.ndarray:
+        return z[0] if self.dc_voltage is None else self.dc_voltage + 0.0 * z.sum(axis=0)
+
+    def flow(self, z, v, free, elastance):
+        fall = self.charging * self.conductance * self._dc(z)
+        i = (free + self.branch * fall) / (elastance + self.charging) if self.branch else 0.0 * v
+        return i, (self.charging * self.branch * i - fall,) if self.storage else ()
+
+    def guards(self, z, v, i):
+        if self.branch:
+            return [-self.branch * i, 0.0 * i - 1.0]
+        limit = self._dc(z) + 2.0 * self.diode_drop
+        return [v - limit, -v - limit]
+
+    def fire(self, guard):
+        self.branch = 0 if self.branch else 1 - 2 * guard
+
+    def tied(self, z):
+        return self.branch * (self._dc(z) + 2.0 * self.diode_drop) if self.branch else None
+
+
+CIRCUITS: dict[str, type[Circuit]] = {
+    "open": Circuit,
+    "short": Short,
+    "resistor": Resistor,
+    "series_rl": SeriesRL,
+    "parallel_rl": ParallelRL,
+    "series_rlc": SeriesRLC,
+    "parallel_rlc": ParallelRLC,
+    "rectifier": Rectifier,
+}

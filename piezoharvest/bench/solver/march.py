@@ -1,0 +1,209 @@
+"""Integration of a model from rest: steps from node to node, with every change of branch located."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from scipy.optimize import brentq
+
+from piezoharvest.bench.solver.drive import Drive
+from piezoharvest.bench.solver.model import Model, SolverError
+from piezoharvest.bench.solver.radau import NODES
+from piezoharvest.bench.solver.rest import rest
+from piezoharvest.bench.solver.stepper import Stepper, Trial
+
+# Of the estimated local error, relative to the size of each state. The estimate is of third order and the method of
+# fifth: waveforms are better than this by far, which tests/records_bench measures.
+TOLERANCE = 1e-7
+# No state counts as smaller than this share of what it would be if it held all the energy.
+FLOOR = 1e-3
+# A guard counts as passed beyond this share of its size, so that rounding alone does not pass it.
+SLACK = 1e-10
+# Steps tried in a run, and for each interval between its nodes: most records take one to three an interval, one under a
+# preload that five operators remember 24 (measured; twice that is allowed). A hundred thousand take about a second.
+MAX_TRIALS, TRIALS_EACH = 50_000, 50
+
+_STAGES = np.append(0.0, NODES)
+# Coefficients of the cubic through values at the start and the stages.
+_CUBIC = np.linalg.inv(np.vander(_STAGES))
+
+
+def _zero(function: Callable[[float], float], low: float, high: float, resolution: float) -> float:
+    return brentq(function, low, high, xtol=resolution)  # pyright: ignore[reportReturnType]
+
+
+def _root(values: np.ndarray) -> tuple[float, float]:
+    """Where the cubic through `values` at the start and the stages first rises through zero, and its slope there."""
+    cubic = _CUBIC @ values
+    above = int(np.argmax(values > 0.0))
+    root = _zero(lambda s: float(np.polyval(cubic, s)), _STAGES[above - 1], _STAGES[above], 1e-12)
+    return root, float(np.polyval(np.polyder(cubic), root))
+
+
+class March:
+    """One run of a model from rest.
+
+    Parameters
+    ----------
+    model : Model
+    drive : Drive
+
+    Attributes
+    ----------
+    states : (nodes, states) array
+        At the nodes of the drive.
+    branches : list of (int, tuple)
+        From which node on which branches of the model hold; of two for one node the later counts.
+    steps, events : int
+        How many it took.
+    """
+
+    def __init__(self, model: Model, drive: Drive) -> None:
+        self.model, self.drive = model, drive
+        nodes, lengths = drive.nodes, np.diff(drive.nodes)
+        self.drives = drive.within(np.arange(len(lengths))[:, None], nodes[:-1, None] + lengths[:, None] * _STAGES)
+        self.force = float(self.drives[0, 0])
+        self.t, self.y, self.h = float(nodes[0]), rest(model, drive.rest), float(lengths.max())
+        typical = np.abs(self.drives).max() * float(np.abs(model.gain / model.stiffness**0.5).max())
+        self.sizes = np.maximum(np.abs(self.y), FLOOR * typical / model.scale + 1e-300)
+        # Largest values at changes of branch so far: of voltage, current, and the rate of each stop's coordinate.
+        self.peaks: dict[str | int, float] = {"V": typical / math.sqrt(model.transducer.capacitance)}
+        self.least, self.resolution = 1e-12 * float(lengths.min()), 1e-9 * float(lengths.min())
+        self.stepper = Stepper(model, self.sizes, 1e-10 * float(lengths.min()))
+        self.states = np.empty((len(nodes), len(self.y)))
+        self.branches: list[tuple[int, tuple]] = []
+        self.steps = self.events = 0
+        self.trials = MAX_TRIALS + TRIALS_EACH * len(self.drives)
+
+    def run(self) -> None:
+        """Integrate from the first node to the last.
+
+        Raises
+        ------
+        SolverError
+            Steps become too short or too many.
+        """
+        with np.errstate(all="ignore"):
+            self._enter(0)
+            for interval in range(len(self.drives)):
+                self.states[interval] = self.y
+                self._cross(interval)
+            self.states[-1] = self.y
+
+    def _cross(self, interval: int) -> None:
+        """Advance from one node to the next."""
+        end, self.even = float(self.drive.nodes[interval + 1]), True
+        self.force = float(self.drives[interval, 0])
+        while end - self.t > self.least:
+            if self.trials <= 0:
+                most = MAX_TRIALS + TRIALS_EACH * len(self.drives)
+                raise SolverError(f"more than {most} steps, on the way to {end:.9g} s: too many events, or too fast")
+            self._advance(interval, end, self._length(interval, end - self.t))
+        self.t = end
+
+    def _length(self, interval: int, left: float) -> float:
+        """Length of the next step: an even fraction of the interval, or of what an event has left of it."""
+        whole = float(self.drive.nodes[interval + 1] - self.drive.nodes[interval]) if self.even else left
+        fits = min(left, self.h) * (1.0 + 1e-6)
+        return whole if whole <= fits else whole / 2 ** math.ceil(math.log2(whole / fits))
+
+    def _advance(self, interval: int, end: float, h: float) -> None:
+        """Try one step; take it whole, up to the first event in it, or not at all."""
+        trial = self._try(interval, h)
+        error = float((np.abs(trial[1]) / self.sizes).max()) / TOLERANCE
+        if not error <= 1.0:
+            self._shorten(h, error)
+            return
+        passed = (trial[2] > 0.0).any()
+        if passed:
+            self.even = False
+            h, trial, passed = self._locate(interval, h, trial)
+        elif error < 1 / 32:
+            self.h = max(self.h, 2.0 * h)
+        last = abs(end - self.t - h) <= self.least
+        self.t, self.y = end if last else self.t + h, trial[0][2].copy()
+        self.force = float(self.drives[interval, 3] if last else self.drive.within(interval, self.t))
+        self.stepper.accept()
+        self.steps += 1
+        np.maximum(self.sizes, np.abs(self.y), out=self.sizes)
+        if passed:
+            self._fire(int(np.argmax(trial[2][2] / self.guard_sizes)))
+            self._enter(interval + 1)
+        elif self.stepper.stale:
+            self.stepper.draw_line(self.t, self.force, self.y)
+
+    def _try(self, interval: int, h: float) -> Trial:
+        self.trials -= 1
+        whole = self.even and h == self.drive.nodes[interval + 1] - self.drive.nodes[interval]
+        drives = self.drives[interval] if whole else self.drive.within(interval, self.t + h * _STAGES)
+        return self.stepper.step(self.t, h, self.y, drives, keep=self.even)
+
+    def _shorten(self, h: float, error: float) -> None:
+        """Draw a worn tangent anew, or else make the step shorter, by what an error of fourth order asks for."""
+        if self.stepper.stale and self.stepper.drawn_at != self.t:
+            self.stepper.draw_line(self.t, self.force, self.y)
+            return
+        self.h = h * 0.5 ** (math.ceil(math.log2(error) / 4) if error < 1e6 else 5)
+        if self.h < self.least:
+            raise SolverError(f"no step is short enough at {self.t:.9g} s: the equations have no solution there")
+
+    def _locate(self, interval: int, h: float, trial: Trial) -> tuple[float, Trial, bool]:
+        """Length of the step that ends at the first event, that step, and whether there is an event after all."""
+        before = self.stepper.guards(self.t, self.force, self.y) / self.guard_sizes
+        stay = 0.0, (np.tile(self.y, (3, 1)), trial[1], np.tile(before * self.guard_sizes, (3, 1))), True
+        if before.max() >= 0.0:
+            return stay
+        seen = np.vstack([before, trial[2] / self.guard_sizes])
+        length, slope = min(_root(seen[:, j]) for j in np.flatnonzero((seen > 0.0).any(axis=0)))
+        length, slope = length * h, slope / h
+        for _ in range(4):
+            if not (0.0 < length <= h and slope > 0.0):
+                break
+            trial = self._try(interval, length)
+            value = float((trial[2][2] / self.guard_sizes).max())
+            if abs(value) <= slope * self.resolution:
+                return length, trial, True
+            length -= value / slope
+
+        def excess(length: float) -> float:
+            guards = self._try(interval, length)[2][2] if length else before * self.guard_sizes
+            return float((guards / self.guard_sizes).max())
+
+        far = h * float(NODES[int(np.argmax((seen[1:] > 0.0).any(axis=1)))])
+        # What a stage says may differ from what a step to there says: then the event is beyond.
+        while excess(far) <= 0.0 and far < h:
+            far = h
+        if excess(far) <= 0.0:
+            return far, self._try(interval, far), False
+        length = _zero(excess, 0.0, far, self.resolution)
+        return (length, self._try(interval, length), True) if length else stay
+
+    def _fire(self, guard: int) -> None:
+        """Change the branch whose guard was passed; stops of one coordinate turn back together."""
+        self.events += 1
+        own = self.model.circuit.guard_count
+        if guard < own:
+            self.model.circuit.fire(guard)
+            self.model.tie(self.t, self.y)
+            return
+        stop = self.model.all_stops[(guard - own) // 2]
+        turning = [other for other in self.model.all_stops if (other.row, other.side) == (stop.row, stop.side)]
+        for other in turning if stop.side else [stop]:
+            other.fire((guard - own) % 2, self.y)
+
+    def _enter(self, node: int) -> None:
+        """Take up the model's present branches, which hold from the given node on."""
+        model = self.model
+        self.branches.append((node, model.branches))
+        self.stepper.enter(self.t, self.force, self.y)
+        m = model.moment(np.array([self.t]), np.array([self.force]), self.y[:, None], np.empty((len(self.y), 1)))
+        for key, value in [("V", m.v), ("A", m.i), *((stop.row, m.rates[stop.row]) for stop in model.all_stops)]:
+            self.peaks[key] = max(self.peaks.get(key, 1e-300), abs(float(value[0])))
+        of_circuit = self.peaks["A" if model.circuit.branch else "V"]
+        of_stops = [self.peaks[stop.row] if stop.side else stop.threshold for stop in model.all_stops]
+        self.guard_sizes = np.array(
+            [of_circuit] * model.circuit.guard_count + [size for size in of_stops for _ in "12"]
+        )
+        self.stepper.allow(SLACK * self.guard_sizes)

@@ -1,0 +1,137 @@
+"""What the commands do, once their arguments are read."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from piezoharvest.cli import tables as show
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.output import (
+    TABLE_SUFFIXES,
+    OutputError,
+    check_file,
+    check_new_directory,
+    waveform_table,
+    write_table,
+    write_text,
+)
+from piezoharvest.study import DesignOptions, Study, StudyError, load_study
+
+if TYPE_CHECKING:
+    from piezoharvest.engine.response import Response
+
+BAD_INPUT = (StudyError, ParameterError, OutputError)
+
+
+def note(text: str) -> None:
+    """Tell progress or a warning on stderr."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def simulate(path: Path, *, as_json: bool, transient: float | None, out: Path | None) -> int:
+    """Simulate every shunt of a study, print the results and keep the waveforms."""
+    if out is not None:
+        check_file(out, TABLE_SUFFIXES)
+    study = _with_shunts(load_study(path))
+    responses = [_respond(study, n, transient, waveforms=out is not None) for n in range(len(study.shunts))]
+    if as_json:
+        show.print_json({"title": study.title, "results": [show.response_json(response) for response in responses]})
+    else:
+        show.print_responses(study.title, responses)
+    if out is not None:
+        write_table(waveform_table(responses), out)
+        note(f"waveforms: {out}")
+    return 0 if all(response.converged for response in responses) else 1
+
+
+def _respond(study: Study, n: int, transient: float | None, *, waveforms: bool) -> Response:
+    """Simulate one shunt; tell what there is to know about the answer. Waveforms, which take memory, only if wanted."""
+    from piezoharvest.engine import simulate as run
+
+    try:
+        response = run(study.systems[n], study.excitation, transient=transient)
+    except ParameterError as error:
+        raise StudyError(study.path, f"shunts.{n} ({study.shunts[n].kind})", str(error)) from None
+    where = f"shunts.{n} ({response.shunt})"
+    if not response.converged:
+        note(f"warning: {where}: not to be trusted: {response.message or 'did not converge'}")
+    elif response.message:
+        note(f"warning: {where}: {response.message}")
+    return response if waveforms else replace(response, waveforms=None)
+
+
+def design(path: Path, *, as_json: bool, report: Path | None) -> int:
+    """Tune the candidates of a study and print them, best first."""
+    return _design(load_study(path), as_json=as_json, report=report)
+
+
+def _design(study: Study, *, as_json: bool, report: Path | None) -> int:
+    study = replace(study, design=study.design or DesignOptions())
+    _refuse_what_is_to_come(study)
+    if report is not None:
+        check_new_directory(report)
+    from piezoharvest.design import design as run
+
+    try:
+        result = run(study, progress=lambda *what: note(" ".join(map(str, what))))
+    except ParameterError as error:
+        raise StudyError(study.path, error.key, error.message) from None
+    for text in result.notes:
+        note(f"warning: {text}")
+    if not result.converged and not result.notes:
+        note("warning: not to be trusted: the design did not converge")
+    if as_json:
+        show.print_json(result.as_json())
+    else:
+        show.print_design(study.title, result.as_json())
+    if report is not None:
+        from piezoharvest.report import write_report
+
+        print(write_report(study, result, report), file=sys.stderr if as_json else sys.stdout)
+    return 0 if result.converged else 1
+
+
+def _refuse_what_is_to_come(study: Study) -> None:
+    """Raise where [design] asks for what this version cannot do yet."""
+    options = study.design or DesignOptions()
+    later = "which this version cannot do yet, allowed is"
+    if options.objective == "trade_off":
+        raise StudyError(study.path, "design.objective", f"found 'trade_off', {later} 'harvest' or 'damping'")
+    if options.parts is not None:
+        raise StudyError(study.path, "design.parts", f"found {options.parts!r}, {later} to leave it out")
+
+
+def export(path: Path, out: Path, shunt: int | None) -> int:
+    """Write a study with one of its shunts as a SPICE netlist."""
+    check_file(out)
+    study = _with_shunts(load_study(path))
+    n = shunt or 0
+    if not n < len(study.shunts):
+        raise StudyError(study.path, f"shunts.{n}", f"found no such shunt, allowed are 0 to {len(study.shunts) - 1}")
+    from piezoharvest.spice import export_spice
+
+    try:
+        text = export_spice(study.transducer, study.shunts[n], study.excitation, title=study.title)
+    except ParameterError as error:
+        raise StudyError(study.path, f"shunts.{n} ({study.shunts[n].kind})", str(error)) from None
+    write_text(text, out)
+    if shunt is None and len(study.shunts) > 1:
+        note(f"warning: of {len(study.shunts)} shunts only shunts.0 ({study.shunts[0].kind}); --shunt N takes another")
+    print(out)
+    return 0
+
+
+def demo(out: Path) -> int:
+    """Run the design of the study that comes with the package, with its report."""
+    with resources.as_file(resources.files("piezoharvest").joinpath("demo", "study.toml")) as path:
+        return _design(load_study(path), as_json=False, report=out)
+
+
+def _with_shunts(study: Study) -> Study:
+    if not study.shunts:
+        raise StudyError(study.path, "shunts", "found no such key, allowed is a list of tables")
+    return study

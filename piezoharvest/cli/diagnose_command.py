@@ -1,0 +1,136 @@
+"""What the command `diagnose` does, once its arguments are read."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from piezoharvest.cli import tables as show
+from piezoharvest.cli.commands import note
+from piezoharvest.cli.identify_command import on_campaign
+
+if TYPE_CHECKING:
+    from piezoharvest.diagnose import Diagnosis, Named
+    from piezoharvest.diagnose.residual_tests import Leftover
+
+MOST_PLACES = 10  # that are printed
+
+
+def diagnose(path: Path, *, as_json: bool, report: Path | None) -> int:
+    """Diagnose a campaign, print the verdict, and write the report."""
+    from piezoharvest.diagnose import diagnose as run
+
+    found = on_campaign(path, report, run)
+    if found is None:
+        return 1
+    if not found.search.final.converged:
+        note(f"warning: not to be trusted: {found.search.final.message}")
+    if as_json:
+        show.print_json(diagnosis_json(found))
+    else:
+        _print(found)
+    if report is not None:
+        from piezoharvest.report import write_diagnosis
+
+        print(write_diagnosis(found, report), file=sys.stderr if as_json else sys.stdout)
+    return 0 if found.search.final.converged else 1
+
+
+def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
+    """Result as the interface gives it.
+
+    `scores`, `structure`, what parameters were before, and which records were used otherwise than they were to be
+    (`also_fitted`, `cut`, `unpredicted`) are added to it.
+    """
+    from piezoharvest.description.effects import registered
+    from piezoharvest.diagnose.summary import scored, sentence
+
+    before = {estimate.parameter.name: estimate for estimate in found.before.estimates}
+    return {
+        "title": found.campaign.title,
+        "converged": found.search.final.converged,
+        "verdict": found.verdict,
+        "summary": sentence(found),
+        "also_fitted": list(found.also_fitted),
+        "cut": list(found.cut),
+        "unpredicted": list(found.unpredicted),
+        "effects": [_effect(named) for named in found.effects],
+        "alternatives": [list(names) for names in found.alternatives],
+        "parameters": {
+            e.parameter.name: {
+                "value": e.value, "std": _finite(e.std), "unit": e.parameter.unit, "identifiable": e.identifiable,
+                "assumes": list(e.assumes),
+                "before": {"value": (b := before[e.parameter.name]).value, "std": _finite(b.std)},
+            }
+            for e in found.estimates
+        },
+        "validation": {
+            "noise": dict(found.validation_after.noise),
+            "rms_before": dict(found.validation_before.rms),
+            "rms_after": dict(found.validation_after.rms),
+        },
+        "unexplained": found.unexplained,
+        "experiment": found.experiment,
+        "scores": [
+            {
+                "name": row.name, "label": row.label or None, "score": row.candidate and row.candidate.score,
+                "freedom": row.candidate and row.candidate.freedom, "p_value": row.p_value, "fit_gain": row.gain,
+            }
+            for row in scored(found, list(registered()))
+        ],
+        "structure": {"before": [_place(p) for p in found.shown], "after": [_place(p) for p in found.left]},
+    }  # fmt: skip
+
+
+def _effect(named: Named) -> dict[str, Any]:
+    from piezoharvest.diagnose.summary import values
+
+    parameters = {
+        name: {"value": value, "std": _finite(std), "unit": unit} for name, (value, std, unit) in values(named).items()
+    }
+    return {"name": named.effect.name, "p_value": named.p_value, "gain": named.gain, "parameters": parameters}
+
+
+def _place(place: Leftover) -> dict[str, Any]:
+    return {
+        "where": place.where, "record": place.record, "channel": place.channel, "ratio": place.squares / place.count,
+        "excess": place.excess, "p_value": place.p_value,
+    }  # fmt: skip
+
+
+def _finite(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else value
+
+
+def _print(found: Diagnosis) -> None:
+    """Print the verdict, the effects, what they change, and what is left."""
+    from piezoharvest.diagnose.summary import sentence, values
+    from piezoharvest.report.units import engineering, percent, response_unit, with_error
+
+    print(f"{found.verdict}: {sentence(found)}")
+    if found.experiment:
+        print(f"What would tell: {found.experiment}.")
+    rows = [
+        [named.effect.name if not k else "", name, value if isinstance(value, str) else with_error(value, std, unit),
+         "" if k else f"{named.p_value:.2g}", "" if k else percent(named.gain)]
+        for named in found.effects
+        for k, (name, (value, std, unit)) in enumerate(values(named).items())
+    ]  # fmt: skip
+    if rows:
+        show.print_rows("", ["effect", "parameter", "value", "p", "gain"], rows)
+    rows = [
+        [e.parameter.name, with_error(b.value, b.std, e.parameter.unit), with_error(e.value, e.std, e.parameter.unit)]
+        for b, e in zip(found.before.estimates, found.estimates, strict=True)
+    ]
+    show.print_rows(found.campaign.title, ["parameter", "without effects", "with them"], rows)
+    qualities = (found.validation_before.rms, found.validation_after.rms, found.validation_after.noise)
+    rows = [
+        [channel, *(engineering(quality[channel], response_unit(channel)) for quality in qualities)]
+        for channel in found.validation_after.rms
+    ]
+    show.print_rows("", ["validation", "residual before", "after", "noise alone"], rows)
+    if found.left:
+        rows = [[p.where, p.record, p.channel, f"{p.squares / p.count:.2f}", f"{p.p_value:.1g}"] for p in found.left]
+        show.print_rows("", ["structure left", "record", "channel", "times the noise", "p"], rows[:MOST_PLACES])

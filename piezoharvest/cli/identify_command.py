@@ -1,0 +1,150 @@
+"""What the command `identify` does, once its arguments are read."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from piezoharvest.cli import tables as show
+from piezoharvest.cli.commands import note
+from piezoharvest.output import check_new_directory
+from piezoharvest.study import StudyError
+
+if TYPE_CHECKING:
+    from piezoharvest.identify import Estimate, Identification
+    from piezoharvest.identify.identification import Quality
+
+_T = TypeVar("_T")
+LOUD = 1.2  # times the noise, from which residuals are worth a warning
+
+
+def on_campaign(path: Path, report: Path | None, run: Callable[..., _T]) -> _T | None:
+    """What a run on a campaign gives, the warnings of its checks told before; None where no model can follow it.
+
+    Parameters
+    ----------
+    path : Path
+        Campaign file.
+    report : Path or None
+        Directory that is to be written to later, which is tried first.
+    run : callable
+        Given the campaign, and by `tell` whom to tell about progress.
+    """
+    from numpy.linalg import LinAlgError
+
+    from piezoharvest.predict.prediction import PredictionError
+    from piezoharvest.records import load_campaign
+
+    if report is not None:
+        check_new_directory(report)
+    campaign = load_campaign(path)
+    for finding in campaign.warnings:
+        note(f"warning: {finding}")
+    try:
+        return run(campaign, tell=note)
+    except PredictionError as error:
+        note(f"piezoharvest: error: {path}: the model with its nominal values cannot follow the records: {error}")
+        return None
+    except (ArithmeticError, LinAlgError) as error:
+        found = f"nominal values with which the records cannot be computed ({error})"
+        allowed = "allowed are those of a device that may have given these records"
+        raise StudyError(path, "transducer", f"found {found}, {allowed}") from None
+
+
+def identify(path: Path, *, as_json: bool, report: Path | None) -> int:
+    """Identify the parameters of a campaign, print them, and write the report."""
+    from piezoharvest.identify import identify as run
+
+    found = on_campaign(path, report, run)
+    if found is None:
+        return 1
+    for text in remarks(found):
+        note(f"warning: {text}")
+    if as_json:
+        show.print_json(identification_json(found))
+    else:
+        _print(found)
+    if report is not None:
+        from piezoharvest.report import write_identification
+
+        print(write_identification(found, report), file=sys.stderr if as_json else sys.stdout)
+    return 1 if found.doubts else 0
+
+
+def remarks(found: Identification) -> list[str]:
+    """What has to be known before the answer is used."""
+    told = [*(f"not to be trusted: {doubt}" for doubt in found.doubts), *found.warnings]
+    for role, quality in (("fitted", found.fit), ("validation", found.validation)):
+        told += [
+            f"{channel} of the {role} records: residual {quality.rms[channel] / noise:.3g} times the noise: the model "
+            "lacks something"
+            for channel, noise in quality.noise.items()
+            # Of responses, whose noise is another for each line, this is told above.
+            if "/" not in channel and quality.rms[channel] > LOUD * noise
+        ]
+    return told
+
+
+def identification_json(found: Identification) -> dict[str, Any]:
+    """Result as the interface gives it."""
+    return {
+        "title": found.campaign.title,
+        "converged": found.converged,
+        "message": found.message,
+        "trusted": not found.doubts,
+        "warnings": [*found.doubts, *found.warnings],
+        "parameters": {estimate.parameter.name: _estimate(estimate) for estimate in found.estimates},
+        "fit": _quality(found.fit),
+        "validation": _quality(found.validation),
+        "records": [
+            {
+                "file": record.name,
+                "role": record.role,
+                **_quality(record.quality),
+                "own": dict(record.own),
+                "warning": record.warning,
+            }
+            for record in found.records
+        ],
+    }
+
+
+def _estimate(estimate: Estimate) -> dict[str, Any]:
+    keys = ("value", "std", "identifiable", "nominal", "assumes", "combination", "experiment", "note")
+    table = {key: getattr(estimate, key) for key in keys}
+    return {"value": table["value"], "std": table["std"], "unit": estimate.parameter.unit, **table}
+
+
+def _remark(estimate: Estimate) -> str:
+    if estimate.identifiable:
+        parts = [f"at the nominal {' and '.join(estimate.assumes)}"] if estimate.assumes else []
+    else:
+        parts = ["not identifiable", *([f"known: {estimate.combination}"] if estimate.combination else [])]
+    return "; ".join([*parts, *([estimate.note] if estimate.note else [])])
+
+
+def _quality(quality: Quality) -> dict[str, Any]:
+    return {"rms": dict(quality.rms), "noise": dict(quality.noise)}
+
+
+def _print(found: Identification) -> None:
+    """Print the parameters, and the residuals against the noise."""
+    from piezoharvest.report.units import engineering, percent, response_unit, with_error
+
+    rows = []
+    for e in found.estimates:
+        unit = e.parameter.unit
+        share = "" if e.std is None or e.value == 0 else percent(e.std / abs(e.value), 2)
+        rows.append(
+            [e.parameter.name, with_error(e.value, e.std, unit), share, engineering(e.nominal, unit), _remark(e)]
+        )
+    show.print_rows(found.campaign.title, ["parameter", "value", "", "nominal", ""], rows)
+    rows = [
+        [role, channel, engineering(rms, unit), engineering(quality.noise[channel], unit)]
+        for role, quality in (("fitted", found.fit), ("validation", found.validation))
+        for channel, rms in quality.rms.items()
+        for unit in [response_unit(channel)]
+    ]
+    show.print_rows("", ["records", "channel", "residual (rms)", "noise alone"], rows)

@@ -1,0 +1,28 @@
+"""What the command `measure` does, once its arguments are read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from piezoharvest.cli.commands import note
+from piezoharvest.study import load_study
+
+
+def measure(path: Path, out: Path) -> int:
+    """Measure a study on the virtual bench and print where the campaign is."""
+    from piezoharvest.bench import SolverError, write_campaign
+    from piezoharvest.bench import measure as run
+    from piezoharvest.bench.writing import check_folder
+
+    study = load_study(path)
+    check_folder(out)
+    try:
+        campaign = run(study, progress=note)
+    except SolverError as error:
+        note(f"piezoharvest: error: {path}: {error}; nothing was written")
+        return 1
+    for record in campaign.records:
+        for warning in record.warnings:
+            note(f"warning: {record.name}: {warning}")
+    print(write_campaign(campaign, out))
+    return 0

@@ -1,0 +1,79 @@
+"""What the command `sweep` does, once its arguments are read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from piezoharvest.cli import tables as show
+from piezoharvest.cli.commands import note
+from piezoharvest.output import check_file
+from piezoharvest.study import load_study
+
+if TYPE_CHECKING:
+    from piezoharvest.sweep import SweepResult
+    from piezoharvest.sweep.run import Progress
+
+
+def sweep(path: Path, out: Path, *, workers: int, scheduler: str | None, as_json: bool) -> int:
+    """Sweep a study, write its table and print what came of it."""
+    from piezoharvest.sweep import SUFFIXES, start_early
+    from piezoharvest.sweep import sweep as run
+
+    check_file(out, SUFFIXES)
+    if workers > 1:
+        start_early()
+    study = load_study(path)
+    try:
+        with _progress() as progress:
+            result = run(study, out, workers=workers, scheduler=scheduler, progress=progress, tell=note)
+    except (KeyboardInterrupt, SystemExit):
+        note("what is done is kept: the same command goes on from there")
+        raise
+    if as_json:
+        show.print_json(result.as_json())
+    else:
+        show.print_sweep(study.title, result.best, *result.units)
+    return _said(result)
+
+
+def _said(result: SweepResult) -> int:
+    """Tell how it went on stderr; exit status."""
+    new = result.designs - result.resumed
+    note(f"{new} designs in {result.seconds:.1f} s ({result.designs_per_second:.0f} a second): {result.out}")
+    if not result.failed and not result.incomplete:
+        return 0
+    said = [
+        f"{count} of {result.rows} rows {what}"
+        for count, what in (
+            (result.failed, "did not converge (converged is false)"),
+            (result.incomplete, "converged without an answer for every output (null)"),
+        )
+        if count
+    ]
+    note(f"warning: {' and '.join(said)}")
+    return 1
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """Bar on stderr with rate and time left; nothing where stderr is no terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            return Text(f"{task.speed:.0f} designs/s" if task.speed else "- designs/s")
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda done, total: None
+        return
+    columns = (BarColumn(), MofNCompleteColumn(), Rate(), TimeRemainingColumn(), TextColumn("left"))
+    with Bar(*columns, console=console) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -1,0 +1,188 @@
+"""Results on stdout: JSON for programs, tables for people."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from piezoharvest.description.shunts import registered
+
+if TYPE_CHECKING:
+    from piezoharvest.engine.response import Response
+
+_PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+
+# Keys of a result in the order of the interface; each is an attribute of `Response`.
+_RESULT = (
+    "shunt", "converged", "period", "harvested_power", "mechanical_power", "efficiency", "displacement_amplitude",
+    "voltage_amplitude", "dc_voltage", "attenuation_db", "energy", "events_per_period", "periods_evaluated", "message",
+)  # fmt: skip
+
+
+def print_json(data: Any) -> None:
+    """Print one JSON object; what is not a finite number becomes null."""
+    print(json.dumps(_plain(data), indent=2, allow_nan=False))
+
+
+def _plain(value: Any) -> Any:
+    """The value in types that JSON knows: numpy's are converted, NaN and infinities are None."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(inner) for key, inner in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, str | int) else str(value)
+
+
+def response_json(response: Response) -> dict[str, Any]:
+    """Result of one simulation as the interface gives it."""
+    return {key: getattr(response, key) for key in _RESULT}
+
+
+def print_responses(title: str, responses: Sequence[Response]) -> None:
+    """Print one row for each shunt."""
+    columns = [
+        Column("harvested power", "W", [r.harvested_power for r in responses]),
+        Column("mech. power", "W", [r.mechanical_power for r in responses]),
+        Column("effi- ciency", "%", [100 * r.efficiency for r in responses]),
+        Column("displace- ment", "m", [r.displacement_amplitude for r in responses]),
+        Column("voltage", "V", [r.voltage_amplitude for r in responses]),
+        Column("dc voltage", "V", [r.dc_voltage for r in responses]),
+        Column("attenu- ation", "dB", [r.attenuation_db for r in responses]),
+    ]
+    _print_table(title, "shunt", [r.shunt for r in responses], columns, [r.converged for r in responses])
+
+
+def print_design(title: str, result: Mapping[str, Any]) -> None:
+    """Print the candidates of a design, best first, and the bound as the last row."""
+    rows = [*result["candidates"], {"shunt": {"kind": "bound"}, "converged": True, **result["bound"]}]
+    columns = [
+        Column("harvested power", "W", [row.get("harvested_power") for row in rows]),
+        Column("attenu- ation", "dB", [row.get("attenuation_db") for row in rows]),
+        Column("gap to bound", "", [row.get("gap_to_bound") for row in rows]),
+    ]
+    names = [row["shunt"]["kind"] for row in rows]
+    keys = [*(_keys(row["shunt"]) for row in result["candidates"]), ""]
+    _print_table(title, "candidate", names, columns, [row["converged"] for row in rows], keys)
+
+
+def print_sweep(
+    title: str, best: Mapping[str, Any] | None, inputs: Mapping[str, str], outputs: Mapping[str, str]
+) -> None:
+    """Print the best row of a sweep, given the units of its parameters and of its outputs by name."""
+    if best is None:
+        print(title)
+        return
+    name = f"design {best['design']}: shunts.{best['shunt']} ({best['kind']})"
+    columns = [Column(output.replace("_", " "), unit, [best[output]]) for output, unit in outputs.items()]
+    keys = "\n".join(f"{path} = {best[path]:.6g} {unit}".rstrip() for path, unit in inputs.items())
+    _print_table(title, "best", [name], columns, [True], [keys])
+
+
+def _keys(shunt: Mapping[str, Any]) -> str:
+    """Keys of a shunt in one line each, with their units."""
+    cls = registered().get(shunt["kind"])
+    fields = {field.name: field for field in dataclasses.fields(cls)} if cls else {}
+    lines = []
+    for key, value in shunt.items():
+        unit = fields[key].metadata.get("unit") if key in fields else None
+        if unit and isinstance(value, float):
+            power = _power(abs(value))
+            value = f"{_cell(value, 10.0**power)} {_PREFIXES[power]}{unit}"
+        if key != "kind" and value is not None:
+            lines.append(f"{key} = {value}")
+    return "\n".join(lines)
+
+
+class Column:
+    """A column of numbers with one engineering prefix, chosen for the largest, in its header.
+
+    Parameters
+    ----------
+    name : str
+        Header, one word in a line.
+    unit : str
+        SI unit, which takes a prefix; "%", "dB" and "" take none.
+    values : sequence of float or None
+    """
+
+    def __init__(self, name: str, unit: str, values: Sequence[float | None]):
+        finite = [abs(value) for value in values if value is not None and math.isfinite(value)]
+        power = 0 if unit in ("%", "dB", "") else _power(max(finite, default=0.0))
+        self.header = [*name.split(), *([_PREFIXES[power] + unit] if unit else [])]
+        self.cells = [_cell(value, 10.0**power) for value in values]
+
+
+def _power(largest: float) -> int:
+    """Power of ten, a multiple of three with a prefix, that brings the number between 1 and 1000."""
+    if largest == 0:
+        return 0
+    # Of a number as it is shown, so that 999.96 counts as 1000.
+    exponent = int(f"{largest:.3e}".partition("e")[2])
+    return min(max(3 * (exponent // 3), min(_PREFIXES)), max(_PREFIXES))
+
+
+def _cell(value: float | None, scale: float) -> str:
+    if value is None or not math.isfinite(value):
+        return "-"
+    return f"{value / scale:#.4g}".rstrip(".") if value else "0"
+
+
+def _print_table(
+    title: str,
+    corner: str,
+    names: Sequence[str],
+    columns: Sequence[Column],
+    trusted: Sequence[bool],
+    notes: Sequence[str] = (),
+) -> None:
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
+    table.collapse_padding = True
+    height = max(len(column.header) for column in columns)
+    below = "\n" * (height - 1)
+    table.add_column(below + corner, no_wrap=True)
+    for column in columns:
+        table.add_column(
+            "\n".join([""] * (height - len(column.header)) + column.header), justify="right", overflow="fold"
+        )
+    if notes:
+        table.add_column(below + "keys", overflow="fold")
+    for n, name in enumerate(names):
+        cells = [column.cells[n] for column in columns]
+        table.add_row(*map(Text, (name if trusted[n] else f"{name}\n(not trusted)", *cells, *notes[n : n + 1])))
+    _print_rich(table)
+
+
+def print_rows(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print rows of text; the first column and the last are left-justified."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=Text(title) if title else None, title_justify="left", box=box.SIMPLE_HEAD, show_edge=False)
+    for n, name in enumerate(header):
+        table.add_column(name, justify="left" if n in (0, len(header) - 1) else "right", no_wrap=n == 0)
+    for row in rows:
+        table.add_row(*map(Text, row))
+    _print_rich(table)
+
+
+def _print_rich(table: Any) -> None:
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    if not console.is_terminal:  # a file or a pipe: as wide as it takes
+        console.width = 200
+    with console.capture() as capture:
+        console.print(table)
+    print("\n".join(line.rstrip() for line in capture.get().splitlines()))

@@ -1,0 +1,1 @@
+"""What a user writes down: transducer, effects, shunts, excitation, and the words of their equations."""

@@ -1,0 +1,1 @@
+"""Effects in the electrical domain of the specimen and in its coupling."""

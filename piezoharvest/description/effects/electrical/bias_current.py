@@ -1,0 +1,31 @@
+"""Constant current into the node."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest.description.circuit import Product
+from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.parameters import quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class BiasCurrent(Effect):
+    """A constant current into the positive lead, as an amplifier's input has it; absent at zero."""
+
+    name: ClassVar[str] = "bias_current"
+    source: ClassVar[str] = "Horowitz & Hill, The Art of Electronics, 2015, section 4.4"
+    looks: ClassVar[str] = "voltage and current are off by a constant in proportion to the load resistance"
+    told_by: ClassVar[str] = "records with two load resistances: a sensor's offset does not depend on them"
+
+    current: float = quantity("A", "current into the node", null=0.0)
+
+    def act(self, specimen):
+        specimen.draw(-self.current * specimen.one)
+
+    def losses(self, terms):
+        return [Product(-self.current, terms.v, terms.one)]
+
+    @classmethod
+    def starts(cls, scene):
+        if scene.loaded:
+            yield cls(current=0.0)

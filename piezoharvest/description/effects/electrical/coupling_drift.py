@@ -1,0 +1,30 @@
+"""Coupling that changes slowly during a record."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.parameters import quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class CouplingDrift(Effect):
+    """T (1 + d t/duration): by the end of a record the coupling has changed by the share d; absent at d = 0."""
+
+    name: ClassVar[str] = "coupling_drift"
+    source: ClassVar[str] = "Zhang, Lim, Lee & Bae, J. Appl. Phys. 119, 034101, 2016"
+    looks: ClassVar[str] = (
+        "the amplitude of voltage and current slides over every record while displacement and force stay"
+    )
+    told_by: ClassVar[str] = "a long record at constant amplitude: a leakage or a load error does not change with time"
+
+    relative_drift: float = quantity("", "relative change over a record", above=-1, null=0.0)
+
+    def act(self, specimen):
+        for n, mode in enumerate(specimen.transducer.all_modes):
+            specimen.push(self.relative_drift * mode.coupling * specimen.product(specimen.time, specimen.v_t), n)
+        specimen.charge(self.relative_drift * specimen.product(specimen.time, specimen.strain_charge))
+
+    @classmethod
+    def starts(cls, scene):
+        yield cls(relative_drift=0.0)

@@ -1,0 +1,45 @@
+"""Slow polarisation of the ceramic."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest.description.circuit import Product
+from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.parameters import quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class DielectricRelaxation(Effect):
+    """A series R-C branch beside C, across v_t, R = time_constant / capacitance; absent at zero capacitance."""
+
+    name: ClassVar[str] = "dielectric_relaxation"
+    source: ClassVar[str] = "Debye, Polar Molecules, 1929; Jonscher, Dielectric Relaxation in Solids, 1983"
+    looks: ClassVar[str] = (
+        "after a step the voltage first falls and then lingers; phase of the voltage turns at low frequency"
+    )
+    told_by: ClassVar[str] = "an impedance sweep from 10 mHz up: a leakage is one slope, a relaxation a step"
+
+    capacitance: float = quantity("F", "capacitance that follows slowly", above=0, null=0.0)
+    time_constant: float = quantity("s", "time constant of the branch", above=0)
+
+    def act(self, specimen):
+        charge, rate = specimen.state("relaxation", 1.0 / specimen.transducer.capacitance)
+        specimen.equation(self.time_constant * rate + charge - self.capacitance * specimen.v_t)
+        specimen.charge(charge)
+
+    def stores(self, terms):
+        charge, _ = terms.own("relaxation")
+        return [Product(0.5 / self.capacitance, charge, charge)]
+
+    def losses(self, terms):
+        _, rate = terms.own("relaxation")
+        return [Product(self.time_constant / self.capacitance, rate, rate)]
+
+    def shown(self, scene):
+        return scene.shows_time(self.time_constant)
+
+    @classmethod
+    def starts(cls, scene):
+        for time_constant in scene.times:
+            # Next to nothing: none at all is no branch.
+            yield cls(capacitance=1e-6 * scene.capacitance, time_constant=time_constant)

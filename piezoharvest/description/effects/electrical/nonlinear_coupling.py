@@ -1,0 +1,31 @@
+"""Coupling that changes with the strain."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.parameters import quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class NonlinearCoupling(Effect):
+    """q_t = T x + T2 x^2 and its reciprocal F_t = (T + 2 T2 x) v_t in the first mode; absent at T2 = 0."""
+
+    name: ClassVar[str] = "nonlinear_coupling"
+    source: ClassVar[str] = "Maugin, Nonlinear Electromechanical Effects and Applications, 1985"
+    looks: ClassVar[str] = (
+        "the voltage has a second harmonic and grows faster or slower than the force while the displacement does not"
+    )
+    told_by: ClassVar[str] = (
+        "two preloads at one amplitude: a capacitance that depends on the voltage gives odd harmonics only"
+    )
+
+    quadratic_coupling: float = quantity("C/m^2", "T2", null=0.0)
+
+    def act(self, specimen):
+        specimen.charge(self.quadratic_coupling * specimen.power(specimen.x, 2))
+        specimen.push(2.0 * self.quadratic_coupling * specimen.product(specimen.x, specimen.v_t))
+
+    @classmethod
+    def starts(cls, scene):
+        yield cls(quadratic_coupling=0.0)

@@ -1,0 +1,30 @@
+"""Capacitance that changes with the voltage."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.parameters import quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class VoltageDependentCapacitance(Effect):
+    """Charge q_c = C v_t (1 + beta v_t^2); absent at beta = 0."""
+
+    name: ClassVar[str] = "voltage_dependent_capacitance"
+    source: ClassVar[str] = "Hall, J. Mater. Sci. 36, 4575-4601, 2001"
+    looks: ClassVar[str] = (
+        "the voltage saturates or sharpens at its peaks, third harmonic growing with the cube of the force"
+    )
+    told_by: ClassVar[str] = (
+        "two force levels at one frequency with a large load resistance: stiffening shows in the displacement too"
+    )
+
+    beta: float = quantity("1/V^2", "relative change of the charge with the square of the voltage", null=0.0)
+
+    def act(self, specimen):
+        specimen.charge(specimen.transducer.capacitance * self.beta * specimen.power(specimen.v_t, 3))
+
+    @classmethod
+    def starts(cls, scene):
+        yield cls(beta=0.0)

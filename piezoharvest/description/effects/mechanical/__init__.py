@@ -1,0 +1,1 @@
+"""Effects in the mechanics of the specimen."""

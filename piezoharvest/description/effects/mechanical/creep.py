@@ -1,0 +1,51 @@
+"""Creep of the ceramic."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from piezoharvest.description.circuit import Product
+from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.parameters import quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class Creep(Effect):
+    """Kelvin-Voigt element in series with the spring: k (x - y), tau y' = c (x - y) - y; absent at c = 0."""
+
+    name: ClassVar[str] = "creep"
+    source: ClassVar[str] = "Ge & Jouaneh, Precis. Eng. 17(3), 211-221, 1995"
+    looks: ClassVar[str] = "displacement and charge keep growing under a constant load, and come back slowly"
+    told_by: ClassVar[str] = "a long step: leakage moves the voltage only, creep displacement and charge together"
+
+    compliance_ratio: float = quantity("", "compliance of the element over that of the spring", at_least=0, null=0.0)
+    time_constant: float = quantity("s", "retardation time", above=0)
+
+    def act(self, specimen):
+        # A preload has crept before the record.
+        y, dy = specimen.state("creep", specimen.transducer.stiffness)
+        specimen.equation(self.time_constant * dy + y - self.compliance_ratio * (specimen.x - y))
+        specimen.push(specimen.transducer.stiffness * y)
+
+    def stores(self, terms):
+        # k (x - y)^2/2 + (k/c) y^2/2, of which k x^2/2 is the spring's already.
+        (y, _), k = terms.own("creep"), terms.transducer.stiffness
+        return [Product(-k, terms.x, y), Product(0.5 * k, y, y), Product(0.5 * k / self._ratio, y, y)]
+
+    def losses(self, terms):
+        _, dy = terms.own("creep")
+        return [Product(terms.transducer.stiffness * self.time_constant / self._ratio, dy, dy)]
+
+    @property
+    def _ratio(self):
+        """The ratio; any in designs of a batch without creep, where y is zero."""
+        return np.where(np.equal(self.compliance_ratio, 0), 1.0, self.compliance_ratio)
+
+    def shown(self, scene):
+        return scene.shows_time(self.time_constant)
+
+    @classmethod
+    def starts(cls, scene):
+        for time_constant in scene.times:
+            yield cls(compliance_ratio=0.0, time_constant=time_constant)

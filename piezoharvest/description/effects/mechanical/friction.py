@@ -1,0 +1,47 @@
+"""Rate-independent mechanical hysteresis."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest.description.circuit import Product
+from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.parameters import quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class Friction(Effect):
+    """Stop operator on the displacement beside the spring (Jenkins element); absent at zero stiffness."""
+
+    name: ClassVar[str] = "friction"
+    source: ClassVar[str] = "Iwan, J. Appl. Mech. 33(4), 893-900, 1966"
+    looks: ClassVar[str] = (
+        "the loop of force and displacement is open by the same width at every frequency, with minor loops inside"
+    )
+    told_by: ClassVar[str] = (
+        "a slow record with small reversals at several levels, electrodes shorted: damping closes with the frequency, "
+        "friction does not"
+    )
+
+    stiffness: float = quantity("N/m", "stiffness while sticking", at_least=0, null=0.0)
+    threshold: float = quantity("m", "displacement at which it slips", above=0)
+
+    def act(self, specimen):
+        specimen.push(-self.stiffness * specimen.stop(specimen.x, self.threshold))
+
+    def stores(self, terms):
+        s, _ = terms.own("stop")
+        return [Product(0.5 * self.stiffness, s, s)]
+
+    def losses(self, terms):
+        # The stop follows the displacement while it sticks, and loses its force times the velocity while it slips.
+        s, ds = terms.own("stop")
+        return [Product(self.stiffness, s, terms.u - ds)]
+
+    def shown(self, scene):
+        # Above twice the amplitude it never slips, and is a spring; below the noise it never sticks.
+        return scene.jitter < self.threshold < 2.0 * scene.displacement
+
+    @classmethod
+    def starts(cls, scene):
+        for share in (0.01, 0.03, 0.07, 0.15, 0.3):
+            yield cls(stiffness=0.0, threshold=share * scene.displacement)

@@ -1,0 +1,28 @@
+"""Spring that hardens or softens."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.parameters import quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stiffening(Effect):
+    """Spring force k x + k3 x^3; absent at k3 = 0."""
+
+    name: ClassVar[str] = "stiffening"
+    source: ClassVar[str] = "Nayfeh & Mook, Nonlinear Oscillations, 1979"
+    looks: ClassVar[str] = "the loop of force and displacement bends, displacement and voltage alike"
+    told_by: ClassVar[str] = (
+        "two levels of force: a contact's compliance bends the displacement only, and most at small force"
+    )
+
+    cubic_stiffness: float = quantity("N/m^3", "k3", null=0.0)
+
+    def act(self, specimen):
+        specimen.push(-self.cubic_stiffness * specimen.power(specimen.x, 3))
+
+    @classmethod
+    def starts(cls, scene):
+        yield cls(cubic_stiffness=0.0)

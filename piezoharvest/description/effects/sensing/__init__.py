@@ -1,0 +1,1 @@
+"""Effects in the sensors, their wiring and the load."""

@@ -1,0 +1,32 @@
+"""Electrical channels sampled later than mechanical ones."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.parameters import quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelSkew(Effect):
+    """Voltage and current are those of `delay` ago; absent at zero."""
+
+    name: ClassVar[str] = "channel_skew"
+    source: ClassVar[str] = "Doebelin, Measurement Systems, 2003, section 3.3"
+    looks: ClassVar[str] = "voltage and current are late by the same time at every frequency"
+    told_by: ClassVar[str] = (
+        "a faster record: a leakage or relaxation turns the phase at low frequency, a delay at high frequency"
+    )
+
+    delay: float = quantity("s", "delay of voltage and current", at_least=0, null=0.0)
+
+    def late(self, channel):
+        return self.delay if channel in ("voltage", "current") else 0.0
+
+    def shown(self, scene):
+        return self.delay < scene.longest
+
+    @classmethod
+    def starts(cls, scene):
+        if {"voltage", "current"} & set(scene.channels):
+            yield cls(delay=0.0)

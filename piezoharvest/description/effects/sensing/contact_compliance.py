@@ -1,0 +1,38 @@
+"""Joint between specimen and displacement target."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.parameters import quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactCompliance(Effect):
+    """Hertzian joint: the sensor reads c F^(2/3) more under compression (F > 0); absent at c = 0.
+
+    Under tension it is open and reads nothing, or, pressed together by something else, as much less.
+    """
+
+    name: ClassVar[str] = "contact_compliance"
+    source: ClassVar[str] = "Johnson, Contact Mechanics, 1985, section 4.2"
+    looks: ClassVar[str] = "extra displacement, steep at small force, that the voltage knows nothing of"
+    told_by: ClassVar[str] = "a second displacement sensor on the specimen itself, or a record under a larger preload"
+
+    coefficient: float = quantity("m/N^(2/3)", "c", at_least=0, null=0.0)
+    tension: Literal["open", "closed"] = "open"
+
+    def act(self, specimen):
+        if specimen.drive_name != "force":
+            return
+        force = specimen.drive
+        specimen.read(self.coefficient * specimen.power(force, 2.0 / 3.0, positive=True))
+        if self.tension == "closed":
+            specimen.read(-self.coefficient * specimen.power(-1.0 * force, 2.0 / 3.0, positive=True))
+
+    @classmethod
+    def starts(cls, scene):
+        if "force" in scene.drives and "displacement" in scene.channels:
+            yield cls(coefficient=0.0)
+            if scene.pulled:
+                yield cls(coefficient=0.0, tension="closed")

@@ -1,0 +1,32 @@
+"""Lag of the displacement sensor."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.parameters import quantity
+
+
+@dataclass(frozen=True, kw_only=True)
+class DisplacementLag(Effect):
+    """First-order lag of the displacement sensor, settled before the record; absent at zero."""
+
+    name: ClassVar[str] = "displacement_lag"
+    source: ClassVar[str] = "Doebelin, Measurement Systems, 2003, section 3.3"
+    looks: ClassVar[str] = (
+        "the loop of force and displacement opens in proportion to the frequency, the voltage does not"
+    )
+    told_by: ClassVar[str] = "a faster record: friction's loop keeps its width, damping turns the voltage too"
+
+    time_constant: float = quantity("s", "time constant", at_least=0, null=0.0)
+
+    def act(self, specimen):
+        specimen.lag(self.time_constant)
+
+    def shown(self, scene):
+        return self.time_constant < scene.longest
+
+    @classmethod
+    def starts(cls, scene):
+        if "displacement" in scene.channels:
+            yield cls(time_constant=0.0)

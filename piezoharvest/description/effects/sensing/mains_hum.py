@@ -1,0 +1,38 @@
+"""Line at the mains frequency."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.parameters import quantity
+
+NETWORKS = (50.0, 60.0)  # Hz
+TOLERANCE = 0.01  # of its frequency, that a network keeps (EN 50160, section 4.1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MainsHum(Effect):
+    """A line on a channel, at a phase that is another one in each record; absent at zero."""
+
+    name: ClassVar[str] = "mains_hum"
+    source: ClassVar[str] = "Horowitz & Hill, The Art of Electronics, 2015, section 8.13"
+    looks: ClassVar[str] = "a sharp line at 50 or 60 Hz in one channel, whatever the drive does"
+    told_by: ClassVar[str] = "a record without drive"
+
+    amplitude: float = quantity("", "peak value, in the channel's SI unit", at_least=0, null=0.0)
+    frequency: float = quantity("Hz", "mains frequency", above=0)
+    channel: Literal["force", "base_acceleration", "displacement", "voltage", "current"]
+
+    def line(self, channel):
+        return self.frequency if channel == self.channel else None
+
+    def shown(self, scene):
+        near = min(abs(self.frequency - mains) / mains for mains in NETWORKS)
+        return near < TOLERANCE and scene.tells_line(self.channel, self.frequency)
+
+    @classmethod
+    def starts(cls, scene):
+        for channel in (*scene.channels, *scene.drives):
+            for mains in scene.mains.get(channel, ()):
+                if mains < 0.45 / scene.sample_time:
+                    yield cls(amplitude=0.0, frequency=mains, channel=channel)

@@ -1,0 +1,348 @@
+"""What drives the structure: force or base acceleration as a sum of tones or as a piecewise linear signal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import reduce
+from math import gcd
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from piezoharvest.description.parameters import Component, ParameterError, quantity, subclasses_by
+
+
+class Tones(NamedTuple):
+    """offset + sum amplitudes * sin(2 pi frequencies t + phases)."""
+
+    frequencies: np.ndarray
+    amplitudes: np.ndarray
+    phases: np.ndarray
+    offset: float = 0.0
+
+    def at(self, times: np.ndarray) -> np.ndarray:
+        """Value at the given times (s)."""
+        angle = 2 * np.pi * np.multiply.outer(np.asarray(times, float), self.frequencies) + self.phases
+        return self.offset + np.sin(angle) @ np.broadcast_to(self.amplitudes, self.frequencies.shape)
+
+
+class Ramps(NamedTuple):
+    """Straight pieces: starts[n] + slopes[n] (t - times[n]) from times[n] to times[n + 1]; may jump between them."""
+
+    times: np.ndarray
+    starts: np.ndarray
+    slopes: np.ndarray
+
+    def at(self, times: np.ndarray) -> np.ndarray:
+        """Value at the given times (s), held beyond the ends."""
+        times = np.clip(times, self.times[0], self.times[-1])
+        n = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.starts) - 1)
+        return self.starts[n] + self.slopes[n] * (times - self.times[n])
+
+
+def ramps_through(times: np.ndarray, values: np.ndarray) -> Ramps:
+    """First-order hold through samples; equal times make a jump."""
+    step = np.diff(times)
+    keep = step > 0
+    slopes = np.divide(np.diff(values), step, out=np.zeros(len(step)), where=keep)
+    return Ramps(np.append(times[:-1][keep], times[-1]), values[:-1][keep], slopes[keep])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Excitation(Component):
+    """Base of all excitations.
+
+    `base` tells whether the signal is base acceleration (m/s^2) rather than force (N), `batched` whether quantities
+    that are arrays (see `Component`) make a batch of signals.
+    """
+
+    kind: ClassVar[str]
+    base: ClassVar[bool] = False
+    batched: ClassVar[bool] = False
+
+    @property
+    def period(self) -> float | None:
+        """Period in s, or None where there is none."""
+        return None
+
+    @property
+    def frequency_hz(self) -> float | None:
+        """Drive frequency that angles refer to, Hz, or None where there is none."""
+        return None if self.period is None else 1.0 / self.period
+
+    @property
+    def length(self) -> float | None:
+        """Length of the signal in s, or None where it goes on for ever."""
+        return None
+
+    @property
+    def samples(self) -> float:
+        """How many samples its signal consists of; 0 where it is made of tones or of a few straight pieces."""
+        return 0
+
+    @property
+    def rest(self) -> float:
+        """Static value before t = 0, at which the structure is in equilibrium."""
+        return 0.0
+
+    @property
+    def antisymmetric(self) -> bool:
+        """Whether the signal changes sign from one half period to the next."""
+        return False
+
+    def signal(self) -> Tones | Ramps:
+        """The driving signal."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Sine(Excitation):
+    batched: ClassVar[bool] = True
+
+    amplitude: float = quantity("N or m/s^2", "peak value", at_least=0)
+    frequency: float = quantity("Hz", "frequency", above=0)
+    offset: float = quantity("N or m/s^2", "static value added to the sine", default=0.0)
+
+    @property
+    def period(self):
+        return 1.0 / self.frequency
+
+    @property
+    def rest(self):
+        return self.offset
+
+    @property
+    def antisymmetric(self):
+        return bool(np.all(self.offset == 0))
+
+    def signal(self):
+        zero = np.zeros(1)
+        return Tones(np.atleast_1d(self.frequency), np.atleast_1d(self.amplitude), zero, self.offset)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SineForce(_Sine):
+    """Force amplitude * sin(2 pi frequency t)."""
+
+    kind: ClassVar[str] = "sine_force"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SineBase(_Sine):
+    """Base acceleration amplitude * sin(2 pi frequency t)."""
+
+    kind: ClassVar[str] = "sine_base"
+    base: ClassVar[bool] = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepForce(Excitation):
+    """Force that rises from the offset by the amplitude in the rise time, holds until `duration`, falls likewise."""
+
+    kind: ClassVar[str] = "step_force"
+
+    amplitude: float = quantity("N", "height of the step")
+    duration: float = quantity("s", "time from the beginning of the rise to the beginning of the fall", above=0)
+    rise_time: float = quantity("s", "time of rise and of fall", default=0.0, at_least=0)
+    offset: float = quantity("N", "static preload", default=0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.rise_time > self.duration:
+            raise ParameterError(
+                "rise_time", f"found {self.rise_time:g} s, allowed is up to duration ({self.duration:g} s)"
+            )
+
+    @property
+    def length(self):
+        """Two durations: the load is held, released, and watched as long again."""
+        return 2 * self.duration
+
+    @property
+    def rest(self):
+        return self.offset
+
+    def signal(self):
+        t = np.array([0.0, self.rise_time, self.duration, self.duration + self.rise_time, 2 * self.duration])
+        return ramps_through(t, self.offset + self.amplitude * np.array([0.0, 1.0, 1.0, 0.0, 0.0]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Multisine(Excitation):
+    """Force sum amplitudes * sin(2 pi frequencies t + phases)."""
+
+    kind: ClassVar[str] = "multisine"
+
+    amplitudes: tuple[float, ...] = quantity("N", "peak value of each tone")
+    frequencies: tuple[float, ...] = quantity("Hz", "frequency of each tone", above=0)
+    phases: tuple[float, ...] = quantity("rad", "phase of each tone")
+    duration: float = quantity("s", "length of the record, a whole number of periods of every tone", above=0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("amplitudes", "phases"):
+            if len(getattr(self, name)) != len(self.frequencies):
+                found = f"found {len(getattr(self, name))} values for {len(self.frequencies)} frequencies"
+                raise ParameterError(name, f"{found}, allowed is one for each")
+        if not self.frequencies:
+            raise ParameterError("frequencies", "found an empty list, allowed is one frequency or more")
+
+    @property
+    def period(self):
+        """Shortest common period of the tones, or None where `duration` is not a multiple of it."""
+        cycles = [round(f * self.duration) for f in self.frequencies]
+        whole = (abs(c - f * self.duration) <= 1e-9 * c for c, f in zip(cycles, self.frequencies, strict=True))
+        return self.duration / reduce(gcd, cycles) if all(whole) else None
+
+    @property
+    def length(self):
+        return self.duration
+
+    @property
+    def antisymmetric(self):
+        period = self.period
+        return period is not None and all(round(f * period) % 2 for f in self.frequencies)
+
+    def signal(self):
+        return Tones(np.array(self.frequencies), np.array(self.amplitudes), np.array(self.phases))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Random(Excitation):
+    psd: float = quantity("N^2/Hz or (m/s^2)^2/Hz", "one-sided power spectral density", at_least=0)
+    band: tuple[float, float] = quantity("Hz", "lower and upper edge of the band", at_least=0)
+    duration: float = quantity("s", "length of the realisation", above=0)
+    seed: int = quantity("", "seed of the realisation", at_least=0)
+
+    # Samples at the upper edge of the band: the straight pieces between them are compensated exactly below it.
+    _OVERSAMPLING: ClassVar[int] = 16
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "band", tuple(self.band))
+        if len(self.band) != 2 or not self.band[0] < self.band[1]:
+            raise ParameterError("band", f"found {list(self.band)}, allowed is [lower, upper] with lower < upper (Hz)")
+        if self.duration * (self.band[1] - self.band[0]) < 1:
+            raise ParameterError("duration", f"found {self.duration:g} s, allowed is at least one over the bandwidth")
+
+    @property
+    def length(self):
+        return self.duration
+
+    @property
+    def samples(self):
+        return np.ceil(self._OVERSAMPLING * self.band[1] * self.duration)
+
+    def signal(self):
+        count = int(self.samples)
+        step = self.duration / count
+        f = np.fft.rfftfreq(count, step)
+        inside = (f >= self.band[0]) & (f <= self.band[1]) & (f > 0)
+        rng = np.random.default_rng(self.seed)
+        # Gaussian lines a/duration apart; sinc^2 is what joining samples by straight lines takes off each of them.
+        lines = rng.normal(size=(2, inside.sum())) * np.sqrt(0.5 * self.psd / self.duration)
+        spectrum = np.zeros(len(f), complex)
+        spectrum[inside] = (lines[0] + 1j * lines[1]) * np.sqrt(0.5) * count / np.sinc(f[inside] * step) ** 2
+        values = np.fft.irfft(spectrum, count)
+        return ramps_through(np.arange(count + 1) * step, np.append(values, values[0]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomForce(_Random):
+    """Gaussian force, white within a band."""
+
+    kind: ClassVar[str] = "random_force"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomBase(_Random):
+    """Gaussian base acceleration, white within a band."""
+
+    kind: ClassVar[str] = "random_base"
+    base: ClassVar[bool] = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record(Excitation):
+    """A recorded force in N, joined by straight lines between its samples.
+
+    Attributes
+    ----------
+    file : str
+        Of any format that a campaign's records may have.
+    column : str or int
+        Its name, or its number from 1.
+    skip_rows, header_row : int, optional
+        Of a text file: lines that are not looked at, and the line that has the names.
+
+    Raises
+    ------
+    ParameterError
+        The file or the column does not exist, the file says that it is no force, or the column holds something that is
+        not a finite number.
+    """
+
+    kind: ClassVar[str] = "record"
+
+    file: str
+    column: Any
+    skip_rows: int | None = quantity("", "lines above the table", default=None, at_least=0)
+    header_row: int | None = quantity("", "line with the names", default=None, at_least=1)
+    sample_rate: float = quantity("Hz", "sample rate", above=0)
+    values: np.ndarray = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "values", self._read())
+
+    def _read(self) -> np.ndarray:
+        from piezoharvest.readers import MissingColumnError, ReadError, open_reader
+
+        if not isinstance(self.column, str) and not (type(self.column) is int and self.column > 0):
+            raise ParameterError("column", f"found {self.column!r}, allowed is a name or a number from 1 on")
+        if not Path(self.file).exists():
+            raise ParameterError("file", f"found no file {self.file!r}, allowed is a file of measured data")
+        lines = {"skip_rows": self.skip_rows, "header_row": self.header_row}
+        try:
+            with open_reader(Path(self.file), **{key: n for key, n in lines.items() if n is not None}) as reader:
+                name = reader.resolve(self.column)
+                values, unit = reader.read([name])[name], reader.unit(name)
+                rows = reader.numbering
+        except ReadError as error:
+            where = self.file if error.row is None else f"{self.file}, row {error.row}"
+            key = "column" if isinstance(error, MissingColumnError) else "file"
+            raise ParameterError(key, f"{error.message} (in {where})") from None
+        where = f"in column {name!r} of {self.file}"
+        if np.any(np.imag(values)):
+            raise ParameterError("column", f"found complex values {where}, allowed are real ones")
+        if unit is not None and unit.si != "N" and unit.firm:
+            raise ParameterError("column", f"found the unit {unit.text!r} {where}, allowed is one of force")
+        values = np.real(values) * (unit.factor if unit is not None and unit.si == "N" else 1.0)
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            row = rows[bad[0]] if isinstance(rows, np.ndarray) else rows + bad[0]
+            raise ParameterError("file", f"found {values[bad[0]]} {where}, row {row}, allowed is a finite number")
+        if len(values) < 2:
+            raise ParameterError("file", f"found {len(values)} samples in {self.file}, allowed is two or more")
+        return values
+
+    @property
+    def length(self):
+        return (len(self.values) - 1) / self.sample_rate
+
+    @property
+    def samples(self):
+        return len(self.values)
+
+    @property
+    def rest(self):
+        return float(self.values[0])
+
+    def signal(self):
+        return ramps_through(np.arange(len(self.values)) / self.sample_rate, self.values)
+
+
+def registered() -> dict[str, type[Excitation]]:
+    """All excitations by kind."""
+    return subclasses_by("kind", Excitation)

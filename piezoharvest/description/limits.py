@@ -1,0 +1,72 @@
+"""How large a study may be, with reasons: checked before anything is computed, so that memory never runs out.
+
+What a study does not show, the number of events, is counted while it is simulated (`engine.budget`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezoharvest.description.excitation import Excitation, Multisine, Tones
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.linear.network import Network
+from piezoharvest.description.transducer import Transducer
+
+# Of a signal, or of a measured record: with all that is made of them, some 16 numbers for each, 1.3 GB.
+MOST_SAMPLES = 10_000_000
+# Each of these adds states. The tables of one mode of the engine grow with their square, to 0.2 GB for 250 states, and
+# the time to make these with their cube, to seconds.
+MOST_TONES = 100
+MOST_MODES = 50
+MOST_ELEMENTS = 100
+# The combinations of stops that stick and slip are numbered: 2^50 of them in 9 configurations are below 2^63.
+MOST_STOPS = 50
+# Of the drive in a transient: those of a resistor, recorded, are about all the work that a simulation may take.
+MOST_PERIODS = 400_000
+# Of the first resonance, in a transient: rounding of the time is then a hundred-thousandth of a period.
+MOST_OSCILLATIONS = 10**11
+
+
+def check_size(transducer: Transducer, excitation: Excitation, shunt: Shunt | None = None) -> None:
+    """Make sure that a simulation will fit into memory.
+
+    Raises
+    ------
+    ParameterError
+        There is too much of something; says how much is allowed, and what to change.
+    """
+    if transducer.hysteresis:
+        found = len(transducer.hysteresis.thresholds)
+        _check("transducer.hysteresis.thresholds", found, MOST_STOPS, "thresholds", "merge neighbours")
+    _check("transducer.modes", len(transducer.modes), MOST_MODES, "modes", "keep those nearest to the drive")
+    if isinstance(excitation, Multisine):
+        found = len(excitation.frequencies)
+        _check("excitation.frequencies", found, MOST_TONES, "tones", "take kind = 'record' with the sum of them")
+    else:
+        _check("excitation", excitation.samples, MOST_SAMPLES, "samples", "a shorter duration or a lower rate or band")
+    if isinstance(shunt, Network):
+        _check("netlist", len(shunt.elements), MOST_ELEMENTS, "elements", "merge what is in series or parallel")
+
+
+def check_length(transducer: Transducer, excitation: Excitation, length: float) -> None:
+    """Make sure that a transient of this length (s) comes to an end.
+
+    Raises
+    ------
+    ParameterError
+        It has too many periods of its highest tone, or of the resonance.
+    """
+    advice = "a shorter run or a lower frequency"
+    if not excitation.samples:  # whose number is limited
+        signal = excitation.signal()
+        if isinstance(signal, Tones):
+            found = length * float(np.max(signal.frequencies))
+            _check("excitation", found, MOST_PERIODS, f"periods in {length:g} s", advice)
+    found = length * transducer.short_circuit_frequency
+    _check("transducer.stiffness", found, MOST_OSCILLATIONS, f"periods of the resonance in {length:g} s", advice)
+
+
+def _check(key: str, found: float, most: int, what: str, advice: str) -> None:
+    if not found <= most:
+        raise ParameterError(key, f"found {found:.7g} {what}, allowed are up to {most} ({advice})")

@@ -1,0 +1,80 @@
+"""What a shunt is: configurations of a circuit, each linear, and the events that lead from one to another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import ClassVar
+
+from piezoharvest.description.circuit import Guard, Port, Product, Row, State, Switch
+from piezoharvest.description.parameters import Component
+
+_MIRROR = str.maketrans("+-", "-+")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shunt(Component):
+    """A circuit across the electrodes.
+
+    Subclasses give `kind` (the name in study files) and `source`, and override what follows. A circuit without
+    switches or diodes has the single configuration "linear".
+    """
+
+    kind: ClassVar[str]
+    source: ClassVar[str]
+
+    def states(self, capacitance: float) -> tuple[State, ...]:
+        """States of the circuit; `capacitance` is the transducer's clamped one, F."""
+        return ()
+
+    def configurations(self) -> tuple[str, ...]:
+        """Names of the configurations, the first one holding at rest; + and - mark those that mirror each other."""
+        return ("linear",)
+
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
+        """Residuals, zero in this configuration: one for the port and one for each state.
+
+        A constraint on the port's voltage is given by its derivative; it holds on entry by the guard that leads here.
+        """
+        raise NotImplementedError
+
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
+        """Power by where it goes: "harvested", "shunt_loss", or "source" for what an active part delivers."""
+        return {}
+
+    def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
+        """Events of the circuit itself (diodes that begin or cease to conduct)."""
+        return ()
+
+    def switch(self, capacitance: float, period: float | None) -> Switch | None:
+        """The synchronised switch, if there is one; `period` of the excitation in s, or None where it has none.
+
+        Raises
+        ------
+        ParameterError
+            The timing needs a period and the excitation has none.
+        """
+        return None
+
+    def closed(self, configuration: str, polarity: int) -> str:
+        """Configuration after the switch closes; `polarity` is +1 at a maximum of sum T_i x_i and -1 at a minimum."""
+        return configuration
+
+    def opened(self, configuration: str) -> str:
+        """Configuration after the switch opens; a state named "current" is cut then."""
+        return configuration
+
+    def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
+        """Voltage of the dc side, V; zero where there is none."""
+        return 0.0 * port.one
+
+    @staticmethod
+    def mirrored(configuration: str) -> str:
+        """Configuration with all signs reversed."""
+        return configuration.translate(_MIRROR)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearShunt(Shunt):
+    """A circuit of linear parts: one configuration, so that its admittance is a rational function."""

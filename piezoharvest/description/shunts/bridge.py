@@ -1,0 +1,81 @@
+"""Full-wave diode bridge with a smoothing capacitor or a constant voltage behind it: what rectifying shunts share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from piezoharvest.description.circuit import Guard, Product, State
+from piezoharvest.description.parameters import ParameterError, quantity
+from piezoharvest.description.shunts.base import Shunt
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bridge(Shunt):
+    """Diodes with a constant drop, two of them conducting, into a capacitor with a load or into a constant voltage.
+
+    A configuration that conducts ends in the sign of the electrode voltage, as in "open+".
+
+    Raises
+    ------
+    ParameterError
+        Neither a smoothing capacitance with a load resistance nor a dc voltage is given, or both.
+    """
+
+    smoothing_capacitance: float | None = quantity("F", "smoothing capacitance", default=None, above=0)
+    load_resistance: float | None = quantity("ohm", "load resistance behind the bridge", default=None, above=0)
+    dc_voltage: float | None = quantity("V", "constant voltage instead of them", default=None, at_least=0)
+    diode_drop: float = quantity("V", "forward drop of one diode", default=0.0, at_least=0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        keys = ("smoothing_capacitance", "load_resistance", "dc_voltage")
+        given = [key for key in keys if getattr(self, key) is not None]
+        if given not in (["smoothing_capacitance", "load_resistance"], ["dc_voltage"]):
+            raise ParameterError(
+                given[-1] if given else "smoothing_capacitance",
+                f"found {' and '.join(given) or 'none of them'}, "
+                "allowed is smoothing_capacitance with load_resistance, or dc_voltage alone",
+            )
+
+    def bridge_states(self) -> tuple[State, ...]:
+        """The smoothing capacitor's voltage, where there is one."""
+        return () if self.smoothing_capacitance is None else (State("dc", self.smoothing_capacitance, odd=False),)
+
+    def dc_side(self, port, z):
+        """Voltage behind the bridge."""
+        return z.dc if self.dc_voltage is None else self.dc_voltage * port.one
+
+    def dc_equations(self, rectified, z, dz):
+        """Charge balance of the smoothing capacitor that receives the `rectified` current."""
+        if self.smoothing_capacitance is None or self.load_resistance is None:
+            return []
+        return [self.smoothing_capacitance * dz.dc + z.dc / self.load_resistance - rectified]
+
+    def clamp(self, sign, port, dz):
+        """The conducting bridge ties the electrodes to the dc side: the derivative of v - sign (v_dc + 2 drops)."""
+        return port.dv - sign * dz.dc if self.dc_voltage is None else port.dv
+
+    def excess(self, sign, port, z):
+        """How far the electrode voltage is above what opens the diodes of one sign."""
+        return sign * port.v - self.dc_side(port, z) - 2.0 * self.diode_drop * port.one
+
+    def bridge_powers(self, rectified, port, z):
+        """Power into the load and into the diodes, from the `rectified` current."""
+        if self.load_resistance is not None:
+            harvested = Product(1.0 / self.load_resistance, z.dc, z.dc)
+        else:
+            harvested = Product(1.0, self.dc_side(port, z), rectified)
+        return {"harvested": [harvested], "shunt_loss": [Product(2.0 * self.diode_drop, port.one, rectified)]}
+
+
+def sign_of(configuration: str) -> int:
+    """+1 or -1 for a configuration that conducts, 0 for one that blocks."""
+    return {"+": 1, "-": -1}.get(configuration[-1], 0)
+
+
+def diode_guards(shunt: Bridge, configuration: str, rectified, port, z, cut: str | None = None) -> list[Guard]:
+    """Begin to conduct where the voltage exceeds the dc side's, cease where the rectified current ends."""
+    sign = sign_of(configuration)
+    if sign:
+        return [Guard(-rectified, configuration[:-1], cut)]
+    return [Guard(shunt.excess(s, port, z), configuration + mark) for s, mark in ((1, "+"), (-1, "-"))]

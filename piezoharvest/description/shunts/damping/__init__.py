@@ -1,0 +1,1 @@
+"""Switched shunts that damp a vibration."""

@@ -1,0 +1,46 @@
+"""Synchronised switch damping with a voltage source."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest.description.circuit import Product, State
+from piezoharvest.description.parameters import quantity
+from piezoharvest.description.shunts.bridge import sign_of
+from piezoharvest.description.shunts.switching import InductiveSwitch
+
+
+@dataclass(frozen=True, kw_only=True)
+class SSDV(InductiveSwitch):
+    """SSDI with a source in the loop that enlarges the inverted voltage, and delivers energy for it.
+
+    At a maximum of sum T_i x_i the voltage is at its minimum: the source then drives it further up.
+    """
+
+    kind: ClassVar[str] = "ssdv"
+    source: ClassVar[str] = "Lefeuvre, Badel, Petit, Richard & Guyomar, J. Intell. Mater. Syst. Struct. 17, 2006"
+
+    source_voltage: float = quantity("V", "voltage of the source in the loop", at_least=0)
+
+    def states(self, capacitance):
+        return (State("current", self.loop(capacitance)[0]),)
+
+    def configurations(self):
+        return ("open", "closed+", "closed-")
+
+    def equations(self, configuration, port, z, dz):
+        sign = sign_of(configuration)
+        drive = port.v - sign * self.source_voltage * port.one
+        return [port.i - self.loop_current(bool(sign), port, z), self.loop_equation(bool(sign), drive, port, z, dz)]
+
+    def powers(self, configuration, port, z):
+        sign = sign_of(configuration)
+        return {
+            "shunt_loss": [Product(self.loop(port.capacitance)[1], z.current, z.current)],
+            "source": [Product(-sign * self.source_voltage, port.one, z.current)],
+        }
+
+    def closed(self, configuration, polarity):
+        return "closed+" if polarity > 0 else "closed-"
+
+    def opened(self, configuration):
+        return "open"

@@ -1,0 +1,1 @@
+"""Circuits that charge a load through a rectifier or a switch."""

@@ -1,0 +1,54 @@
+"""Synchronised switch harvesting on inductor, parallel: the inductor beside the bridge."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest.description.circuit import Product, State
+from piezoharvest.description.shunts.bridge import Bridge, diode_guards, sign_of
+from piezoharvest.description.shunts.switching import InductiveSwitch
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParallelSSHI(InductiveSwitch, Bridge):
+    """Rectifier with a switched inductance across the electrodes that inverts their voltage at every extremum.
+
+    The bridge and the inductance may conduct at the same time, as they do when the switch acts early or late.
+    """
+
+    kind: ClassVar[str] = "parallel_sshi"
+    source: ClassVar[str] = "Guyomar, Badel, Lefeuvre & Richard, IEEE Trans. UFFC 52(4), 584-595, 2005"
+
+    def states(self, capacitance):
+        return (State("current", self.loop(capacitance)[0]), *self.bridge_states())
+
+    def configurations(self):
+        return ("open", "open+", "open-", "closed", "closed+", "closed-")
+
+    def equations(self, configuration, port, z, dz):
+        sign, rectified = self._bridge(configuration, port, z)
+        port_equation = self.clamp(sign, port, dz) if sign else port.i - self._loop(configuration, port, z)
+        loop = self.loop_equation(configuration.startswith("closed"), port.v, port, z, dz)
+        return [port_equation, loop, *self.dc_equations(rectified, z, dz)]
+
+    def powers(self, configuration, port, z):
+        _, rectified = self._bridge(configuration, port, z)
+        powers = self.bridge_powers(rectified, port, z)
+        powers["shunt_loss"].append(Product(self.loop(port.capacitance)[1], z.current, z.current))
+        return powers
+
+    def guards(self, configuration, port, z):
+        return diode_guards(self, configuration, self._bridge(configuration, port, z)[1], port, z)
+
+    def closed(self, configuration, polarity):
+        return configuration.replace("open", "closed")
+
+    def opened(self, configuration):
+        return configuration.replace("closed", "open")
+
+    def _loop(self, configuration, port, z):
+        return self.loop_current(configuration.startswith("closed"), port, z)
+
+    def _bridge(self, configuration, port, z):
+        """Sign of the conducting diodes, and the current through them towards the dc side."""
+        sign = sign_of(configuration)
+        return sign, sign * (port.i - self._loop(configuration, port, z))

@@ -1,0 +1,31 @@
+"""Diode bridge with a smoothing capacitor: the standard harvesting interface."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest.description.shunts.bridge import Bridge, diode_guards, sign_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rectifier(Bridge):
+    """Full-wave bridge into a smoothing capacitor with a load resistance, or into a constant voltage."""
+
+    kind: ClassVar[str] = "rectifier"
+    source: ClassVar[str] = "Ottman, Hofmann, Bhatt & Lesieutre, IEEE Trans. Power Electron. 17(5), 669-676, 2002"
+
+    def states(self, capacitance):
+        return self.bridge_states()
+
+    def configurations(self):
+        return ("open", "open+", "open-")
+
+    def equations(self, configuration, port, z, dz):
+        sign = sign_of(configuration)
+        port_equation = self.clamp(sign, port, dz) if sign else port.i
+        return [port_equation, *self.dc_equations(sign * port.i, z, dz)]
+
+    def powers(self, configuration, port, z):
+        return self.bridge_powers(sign_of(configuration) * port.i, port, z)
+
+    def guards(self, configuration, port, z):
+        return diode_guards(self, configuration, sign_of(configuration) * port.i, port, z)

@@ -1,0 +1,34 @@
+"""Negative capacitance, from an active circuit, with a resistance."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from piezoharvest.description.circuit import Product, State
+from piezoharvest.description.parameters import quantity
+from piezoharvest.description.shunts.base import LinearShunt
+
+
+@dataclass(frozen=True, kw_only=True)
+class NegativeCapacitance(LinearShunt):
+    """Capacitance -C_n beside a resistance (parallel) or in one branch with it (series)."""
+
+    kind: ClassVar[str] = "negative_capacitance"
+    source: ClassVar[str] = "Forward, J. Spacecraft Rockets 16(1), 11-17, 1979; de Marneffe & Preumont, SMS 17, 2008"
+
+    capacitance: float = quantity("F", "magnitude C_n of the negative capacitance", above=0)
+    resistance: float = quantity("ohm", "resistance", above=0)
+    topology: Literal["parallel", "series"] = "parallel"
+
+    def states(self, capacitance):
+        return (State("voltage", -self.capacitance),)
+
+    def equations(self, configuration, port, z, dz):
+        current = -self.capacitance * dz.voltage
+        if self.topology == "parallel":
+            return [port.i - port.v / self.resistance - current, dz.voltage - port.dv]
+        return [port.i - current, self.resistance * port.i + z.voltage - port.v]
+
+    def powers(self, configuration, port, z):
+        if self.topology == "parallel":
+            return {"harvested": [Product(1.0 / self.resistance, port.v, port.v)]}
+        return {"harvested": [Product(self.resistance, port.i, port.i)]}

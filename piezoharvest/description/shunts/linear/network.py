@@ -1,0 +1,150 @@
+"""Any network of resistors, inductors and capacitors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import SimpleNamespace
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from piezoharvest.description.circuit import Product, Row, State
+from piezoharvest.description.netlist import Element, NormalTree, normal_tree, read_netlist
+from piezoharvest.description.shunts.base import LinearShunt
+
+
+class _Resistive(NamedTuple):
+    """The resistors solved for: gains from [port voltage, tree capacitor voltages, link inductor currents]."""
+
+    link_currents: np.ndarray
+    tree_voltages: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Network(LinearShunt):
+    """R, L and C elements between numbered nodes, port at nodes 1 and 0, loads among the resistors.
+
+    Parameters
+    ----------
+    netlist : str or sequence of str, mapping or Element
+        As `piezoharvest.description.netlist.read_netlist` takes it; kept as a tuple of `Element`.
+
+    Notes
+    -----
+    The equations follow from a normal tree in which the port is a branch of imposed voltage. Capacitors in a loop with
+    others or with the port, and inductors in a cutset with others, are no independent states: they are kept for their
+    energy, tied to the others by the derivative of their constraint.
+
+    Raises
+    ------
+    ParameterError
+        An element or the circuit is not allowed.
+    """
+
+    kind: ClassVar[str] = "network"
+    source: ClassVar[str] = "Bryant, Proc. IEE C 106(9), 174-188, 1959; Kuo & Rohrer, Proc. IEEE 55(9), 1201-1219, 1967"
+
+    netlist: str | Sequence[str | Mapping[str, Any] | Element]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "netlist", read_netlist(self.netlist))
+
+    @property
+    def elements(self) -> tuple[Element, ...]:
+        """The elements, in the order of the netlist."""
+        return self.netlist  # type: ignore[return-value]
+
+    @cached_property
+    def _topology(self) -> NormalTree:
+        return normal_tree(self.elements)
+
+    @cached_property
+    def _resistive(self) -> _Resistive:
+        """Eliminate the resistors: (R_l + F' R_t F) i_l = v_l of the rest, a positive definite system."""
+        tree, links, _ = self._topology
+        of_tree = np.diag([e.value for e in tree if e.kind == "R"])
+        of_links = np.diag([e.value for e in links if e.kind == "R"])
+        cut_r, cut_l = self._cut("R", "R"), self._cut("R", "L")
+        drive = np.hstack([self._cut("port", "R").T, self._cut("C", "R").T, -cut_r.T @ of_tree @ cut_l])
+        currents = np.linalg.solve(of_links + cut_r.T @ of_tree @ cut_r, drive)
+        through = cut_r @ currents
+        through[:, through.shape[1] - cut_l.shape[1] :] += cut_l
+        return _Resistive(currents, -of_tree @ through)
+
+    def _cut(self, branch: str, link: str) -> np.ndarray:
+        """Part of the cutset matrix between tree branches of one kind ("port" too) and links of another."""
+        tree, links, cut = self._topology
+        rows = [n for n, kind in enumerate(["port", *(e.kind for e in tree)]) if kind == branch]
+        return cut[np.ix_(rows, [n for n, e in enumerate(links) if e.kind == link])]
+
+    def states(self, capacitance):
+        """Voltage of every capacitor and current of every inductor."""
+        storing = [e for e in self.elements if e.kind != "R"]
+        return tuple(State(_state(e), e.value) for e in storing)
+
+    def equations(self, configuration, port, z, dz):
+        """Current law at the port and of tree capacitors, voltage law of link inductors, ties of redundant states."""
+        tree, links, cut = self._topology
+        none = 0.0 * port.one
+        link_currents, tree_voltages = self._resistors(port, z)
+        link = {"R": link_currents.pop, "C": lambda e: e.value * _of(dz, e), "L": lambda e: _of(z, e)}
+        branch = {"R": tree_voltages.pop, "C": lambda e: _of(z, e), "L": lambda e: e.value * _of(dz, e)}
+        currents = [link[e.kind](e) for e in links]
+        voltages = [port.v, *(branch[e.kind](e) for e in tree)]
+        # Only loops of capacitors and cutsets of inductors are differentiated: no resistor is in either.
+        current_rates = [_of(dz, e) if e.kind == "L" else none for e in links]
+        voltage_rates = [port.dv, *(_of(dz, e) if e.kind == "C" else none for e in tree)]
+
+        equations = [port.i - _combine(cut[0], currents, none)]
+        for row, e in zip(cut[1:], tree, strict=True):
+            if e.kind == "C":
+                equations.append(e.value * _of(dz, e) + _combine(row, currents, none))
+            elif e.kind == "L":
+                equations.append(_of(dz, e) + _combine(row, current_rates, none))
+        for column, e in zip(cut.T, links, strict=True):
+            if e.kind == "L":
+                equations.append(e.value * _of(dz, e) - _combine(column, voltages, none))
+            elif e.kind == "C":
+                equations.append(_of(dz, e) - _combine(column, voltage_rates, none))
+        return equations
+
+    def powers(self, configuration, port, z):
+        """Power of each resistor: harvested in loads, lost in others."""
+        link_currents, tree_voltages = self._resistors(port, z)
+        powers: dict[str, list[Product]] = {"harvested": [], "shunt_loss": []}
+        for e, current in link_currents.items():
+            powers["harvested" if e.load else "shunt_loss"].append(Product(e.value, current, current))
+        for e, voltage in tree_voltages.items():
+            powers["harvested" if e.load else "shunt_loss"].append(Product(1.0 / e.value, voltage, voltage))
+        return powers
+
+    def _resistors(self, port, z) -> tuple[dict[Element, Row], dict[Element, Row]]:
+        """Currents of the resistors among the links and voltages of those in the tree."""
+        tree, links, _ = self._topology
+        none = 0.0 * port.one
+        drive = [port.v, *(_of(z, e) for e in tree if e.kind == "C"), *(_of(z, e) for e in links if e.kind == "L")]
+        gains = self._resistive
+        currents = [_combine(row, drive, none) for row in gains.link_currents]
+        voltages = [_combine(row, drive, none) for row in gains.tree_voltages]
+        return (
+            dict(zip((e for e in links if e.kind == "R"), currents, strict=True)),
+            dict(zip((e for e in tree if e.kind == "R"), voltages, strict=True)),
+        )
+
+
+def _state(element: Element) -> str:
+    """Name of the state of a storing element."""
+    return f"{'voltage' if element.kind == 'C' else 'current'}_{element.name}"
+
+
+def _of(states: SimpleNamespace, element: Element) -> Row:
+    """Row of a storing element's state, or of its derivative."""
+    return getattr(states, _state(element))
+
+
+def _combine(coefficients: Iterable[float], rows: Sequence[Row], none: Row) -> Row:
+    """Sum of coefficient * row, leaving out what is absent."""
+    return sum((c * row for c, row in zip(coefficients, rows, strict=True) if c), start=none)

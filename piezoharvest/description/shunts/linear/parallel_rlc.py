@@ -1,0 +1,37 @@
+"""Resonant shunt: inductance, resistance and capacitance in parallel."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest.description.circuit import Product, State
+from piezoharvest.description.parameters import quantity
+from piezoharvest.description.shunts.base import LinearShunt
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParallelRLC(LinearShunt):
+    """Inductance, resistance and capacitance side by side across the electrodes.
+
+    The capacitor's voltage is the electrodes' own; its current C dv/dt needs the derivative, and it is kept as a state
+    only for its energy.
+    """
+
+    kind: ClassVar[str] = "parallel_rlc"
+    source: ClassVar[str] = "Moheimani & Fleming, Piezoelectric Transducers for Vibration Control and Damping, 2006"
+
+    inductance: float = quantity("H", "inductance", above=0)
+    resistance: float = quantity("ohm", "parallel resistance", above=0)
+    capacitance: float = quantity("F", "parallel capacitance", above=0)
+
+    def states(self, capacitance):
+        return (State("current", self.inductance), State("voltage", self.capacitance))
+
+    def equations(self, configuration, port, z, dz):
+        return [
+            port.i - z.current - port.v / self.resistance - self.capacitance * dz.voltage,
+            self.inductance * dz.current - port.v,
+            dz.voltage - port.dv,
+        ]
+
+    def powers(self, configuration, port, z):
+        return {"harvested": [Product(1.0 / self.resistance, port.v, port.v)]}

@@ -1,0 +1,24 @@
+"""Resistive load."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest.description.circuit import Product
+from piezoharvest.description.parameters import quantity
+from piezoharvest.description.shunts.base import LinearShunt
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resistor(LinearShunt):
+    """Load resistance across the electrodes."""
+
+    kind: ClassVar[str] = "resistor"
+    source: ClassVar[str] = "Hagood & von Flotow, J. Sound Vib. 146(2), 243-268, 1991"
+
+    resistance: float = quantity("ohm", "load resistance", above=0)
+
+    def equations(self, configuration, port, z, dz):
+        return [self.resistance * port.i - port.v]
+
+    def powers(self, configuration, port, z):
+        return {"harvested": [Product(1.0, port.v, port.i)]}

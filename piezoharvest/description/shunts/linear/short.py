@@ -1,0 +1,17 @@
+"""Shorted electrodes."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest.description.shunts.base import LinearShunt
+
+
+@dataclass(frozen=True, kw_only=True)
+class Short(LinearShunt):
+    """Electrode voltage held at zero; with hysteresis the charge still loops."""
+
+    kind: ClassVar[str] = "short"
+    source: ClassVar[str] = "IEEE Std 176-1987"
+
+    def equations(self, configuration, port, z, dz):
+        return [port.dv]

@@ -1,0 +1,101 @@
+"""Timing of a switch synchronised with the extrema of the transducer's displacement: shared by the switched shunts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from piezoharvest.description.circuit import Switch
+from piezoharvest.description.parameters import ParameterError, quantity
+from piezoharvest.description.shunts.base import Shunt
+
+
+@dataclass(frozen=True, kw_only=True)
+class SynchronisedShunt(Shunt):
+    """A shunt whose switch acts at the extremum of sum T_i x_i, late or early by a lag."""
+
+    phase_lag: float = quantity(
+        "rad", "angle of the drive, extremum to action; negative is early", default=0.0, above=-np.pi, below=np.pi
+    )
+    time_lag: float = quantity("s", "time from the extremum to the action; negative is early", default=0.0)
+    hold_off: float | None = quantity("s", "no action sooner than this after the last", default=None, at_least=0)
+
+    def on_time(self, capacitance: float) -> float:
+        """Seconds that the switch stays closed; 0 where it acts at once."""
+        return 0.0
+
+    def harvested_share(self) -> float:
+        """Share of the energy taken at once that is harvested."""
+        return 0.0
+
+    def switch(self, capacitance, period):
+        """Resolve the timing for an excitation of this period (s), or None."""
+        lag: Any = self.time_lag
+        if period is None and np.any(self.phase_lag != 0):
+            raise ParameterError(
+                "phase_lag", f"found {self.phase_lag} for an excitation without a frequency, allowed is time_lag (s)"
+            )
+        if period is not None:
+            lag = lag + self.phase_lag * period / (2 * np.pi)
+        hold_off = self.hold_off if self.hold_off is not None else (0.25 * period if period is not None else 0.0)
+        early: Any = np.asarray(lag) < 0
+        if np.any(early):
+            if period is None or np.any(lag <= -0.5 * period):
+                allowed = "an early action only for a periodic excitation, and by less than half its period"
+                raise ParameterError("time_lag", f"found {np.min(lag):g} s, allowed is {allowed}")
+            # The coming extremum is half a period after the last one, of the other kind.
+            lag = np.where(early, 0.5 * period + lag, lag)
+        return Switch(lag, self.on_time(capacitance), hold_off, early, self.harvested_share())
+
+
+@dataclass(frozen=True, kw_only=True)
+class InductiveSwitch(SynchronisedShunt):
+    """A switched inductance that swings the electrode voltage through, with the losses of its loop.
+
+    Raises
+    ------
+    ParameterError
+        Neither or both of inductance and flip time are given.
+    """
+
+    quality: float = quantity("", "quality of the switched loop, Q_i = sqrt(L/C)/R", above=0.5)
+    inductance: float | None = quantity("H", "inductance of the switched loop", default=None, above=0)
+    flip_time: float | None = quantity("s", "damped half period, instead of inductance", default=None, above=0)
+    on_time_error: float = quantity("", "relative error of the time for which it is closed", default=0.0, above=-1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.inductance is None) == (self.flip_time is None):
+            found = "neither" if self.inductance is None else "both"
+            raise ParameterError("inductance", f"found {found} of inductance and flip_time, allowed is one of them")
+
+    def loop(self, capacitance: float) -> tuple[float, float]:
+        """Inductance (H) and resistance (ohm) of the loop with the clamped capacitance (F)."""
+        if self.inductance is not None:
+            inductance = self.inductance
+        else:
+            assert self.flip_time is not None  # one of the two is given: __post_init__
+            inductance = (self.flip_time / np.pi) ** 2 * (1 - 0.25 / self.quality**2) / capacitance
+        return inductance, np.sqrt(inductance / capacitance) / self.quality
+
+    def nominal_flip_time(self, capacitance: float) -> float:
+        """Damped half period pi/w_d in s, w_d^2 = 1/(L C) - (R/(2 L))^2."""
+        inductance, resistance = self.loop(capacitance)
+        return np.pi / np.sqrt(1 / (inductance * capacitance) - (resistance / (2 * inductance)) ** 2)
+
+    def on_time(self, capacitance):
+        """Seconds that the switch stays closed."""
+        return (1 + self.on_time_error) * self.nominal_flip_time(capacitance)
+
+    def loop_current(self, closed: bool, port, z):
+        """Current in the loop: the state while closed, plainly zero while open."""
+        return z.current if closed else 0.0 * port.one
+
+    def loop_equation(self, closed: bool, drive, port, z, dz):
+        """L di/dt + R i = drive while closed; the current stays where it is (at zero) while open."""
+        if not closed:
+            return dz.current
+        inductance, resistance = self.loop(port.capacitance)
+        return inductance * dz.current + resistance * z.current - drive

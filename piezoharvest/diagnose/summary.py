@@ -1,0 +1,152 @@
+"""A diagnosis in tables: values with their units, all effects with their scores, and the verdict in a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from piezoharvest.description.effects import Effect
+from piezoharvest.diagnose.diagnosis import Diagnosis, Named
+from piezoharvest.diagnose.score_tests import Candidate, cosine
+from piezoharvest.records.reading.channels import UNITS
+
+Value = tuple[float | str, float | None, str]
+
+
+@dataclass(frozen=True)
+class Scored:
+    """One effect of the library, against the model without any.
+
+    Attributes
+    ----------
+    name : str
+    label : str
+        Channel or load at which it scores highest, if it has one.
+    candidate : Candidate or None
+        The start with the highest score; None where the records cannot show it, or it would have the wrong sign.
+    p_value : float
+        Of the score, corrected for the number of starts of all effects.
+    gain : float or None
+        By how much -2 ln L falls when the effect is fitted alone; None where it was not worth a fit.
+    """
+
+    name: str
+    label: str
+    candidate: Candidate | None
+    p_value: float
+    gain: float | None
+
+
+def values(named: Named) -> Mapping[str, Value]:
+    """All parameters of an effect that was found, what was not fitted (a channel, a label) without a standard error."""
+    found: dict[str, Value] = {}
+    for field in fields(named.effect):
+        value = getattr(named.effect, field.name)
+        if field.name in named.values:
+            value, std, unit = named.values[field.name]
+            found[field.name] = (value, std, unit_of(named.effect, unit))
+        elif value is not None:
+            found[field.name] = (value, None, field.metadata.get("unit", ""))
+    return found
+
+
+def unit_of(effect: Effect, unit: str) -> str:
+    """Unit of a parameter; where it is that of a channel, the channel's, but for shares."""
+    channel = getattr(effect, "channel", None)
+    return UNITS[channel] if channel is not None and not unit else unit
+
+
+def label_of(effect: Effect) -> str:
+    """Channel or load that tells one effect from another of its kind."""
+    if (channel := getattr(effect, "channel", None)) is not None:
+        return str(channel)
+    if effect.name == "load_error":
+        resistance = getattr(effect, "resistance", None)
+        return "all loads" if resistance is None else f"{resistance:g} ohm"
+    return ""
+
+
+def scored(diagnosis: Diagnosis, names: Sequence[str]) -> list[Scored]:
+    """Effects of a library against the model without any, the highest score first."""
+    search = diagnosis.search
+    rows = []
+    for name in names:
+        mine = [candidate for candidate in search.first if candidate.name == name]
+        best = min(mine, key=lambda c: (c.p_value, -c.score), default=None)
+        p_value = 1.0 if best is None else min(1.0, best.p_value * len(search.first))
+        gains = [-change for text, change, _ in search.fits if text == name]
+        label = "" if best is None else label_of(best.effect)
+        rows.append(Scored(name, label, best, p_value, max(gains, default=None)))
+    return sorted(rows, key=lambda row: -(row.candidate.score if row.candidate else -1.0))
+
+
+def cosines(rows: Sequence[Scored]) -> tuple[list[str], np.ndarray]:
+    """Names and cosines of the projected signatures of the effects that have one."""
+    kept = [row for row in rows if row.candidate is not None and row.candidate.place >= 0]
+    table = np.array([[cosine(a.candidate, b.candidate) for b in kept] for a in kept])  # pyright: ignore
+    return [row.name for row in kept], table.reshape(len(kept), len(kept))
+
+
+def sentence(diagnosis: Diagnosis) -> str:
+    """The verdict in words, what to mind about it, and which records were not fitted, or validated with, as asked."""
+    parts = [_verdict(diagnosis)]
+    if diagnosis.strayed:
+        far = " and ".join(
+            f"{each.parameter.name} at {each.value / each.nominal:.2g} times its nominal value"
+            for each in diagnosis.strayed
+        )
+        parts.append(
+            f"The fit wants {far}, which may stand in for what no known effect has, unless that value was wrong."
+        )
+    if diagnosis.cut:
+        after = "after the drive was cut off is left out."
+        parts.append(f"What {', '.join(diagnosis.cut)} hold{_s(diagnosis.cut)} {after}")
+    if diagnosis.campaign.transducer.quasi_static:
+        parts.append("Inertia and damping do not show in these records.")
+    if diagnosis.unpredicted:
+        parts.append(
+            f"The model with these effects cannot follow {', '.join(diagnosis.unpredicted)}, which had no say then."
+        )
+    if diagnosis.also_fitted:
+        names, they = ", ".join(diagnosis.also_fitted), "it was" if len(diagnosis.also_fitted) == 1 else "they were"
+        parts.append(f"More is left of {names} than of the records fitted before, so that {they} fitted, too.")
+        if not diagnosis.campaign.of_role("validate"):
+            parts.append("No record is left to validate with.")
+    return " ".join(parts)
+
+
+def _s(names: Sequence[str]) -> str:
+    """Ending of a verb."""
+    return "s" if len(names) == 1 else ""
+
+
+def _verdict(diagnosis: Diagnosis) -> str:
+    names = " and ".join(_described(named) for named in diagnosis.effects)
+    if diagnosis.verdict == "adequate":
+        return (
+            "Nothing is missing: the residuals of the fitted model are noise, and no known effect makes them smaller."
+        )
+    if diagnosis.verdict == "effect":
+        gain = sum(named.gain for named in diagnosis.effects)
+        return f"The model lacked {names}: with it, {100 * gain:.0f} % of the validation error above the noise is gone."
+    if diagnosis.verdict == "ambiguous":
+        others = " or ".join(" and ".join(map(_words, some)) for some in diagnosis.alternatives)
+        return f"The model lacks {names}, or else {others}: these records cannot tell."
+    verb = "was" if len(diagnosis.effects) == 1 else "were"
+    found = f" {names[0].upper()}{names[1:]} {verb} found on the way." if names else ""
+    harm = " and ".join(_described(named) for named in diagnosis.effects if named.spoils)
+    spoiled = (
+        f" Records that were not fitted are worse with {harm}, so that it stands in for something else." if harm else ""
+    )
+    return f"Something is missing that no known effect explains.{found}{spoiled}"
+
+
+def _described(named: Named) -> str:
+    label = label_of(named.effect)
+    return _words(named.effect.name) + (f" ({label})" if label else "")
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")

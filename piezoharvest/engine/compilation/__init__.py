@@ -1,0 +1,1 @@
+"""How the engine is compiled by numba, and how compiled code is kept on disk."""

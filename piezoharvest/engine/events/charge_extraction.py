@@ -1,0 +1,209 @@
+"""Charge taken from the electrodes at once, until these are without voltage."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezoharvest.engine.compilation.compiled import compiled
+from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.memory import state as st
+from piezoharvest.engine.memory.program import NONE
+from piezoharvest.engine.memory.state import dot_column
+from piezoharvest.engine.memory.vector import copy
+from piezoharvest.engine.motion.charge_transfer import along, of_charge, shift
+from piezoharvest.engine.motion.element_outputs import (
+    MATRIX,
+    START,
+    element_of,
+    equations,
+    input_of,
+    output_of,
+    outputs,
+    outputs_at,
+    scale_of,
+    scratch,
+    slope_of,
+    solve,
+)
+from piezoharvest.engine.motion.energy_forms import NODES, WEIGHTS
+
+
+@compiled
+def extract(P, L, S, D):
+    """Take the electrode voltage to zero: charge moves, stops with it, piece by piece as they saturate."""
+    delivered, row, slip = 0.0, L[pg.VOLTAGE_ROW], D[st.SLIP]
+    for _ in range(2 * L[pg.H] + 2):
+        voltage = dot_column(P, row, 1, S, 0, L[pg.A])
+        if voltage == 0.0:
+            break
+        sign = -1 if voltage > 0.0 else 1
+        _turn(P, L, D, sign)
+        slope = along(P, L, D, row)
+        reach, first = _nearest(P, L, S, D, sign)
+        if L[pg.ELEMENTS]:
+            move, first = _bent(P, L, S, D, row, slope, reach, first)
+            delivered -= P[L[pg.SCALE] + L[pg.CHARGE]] * _work(P, L, S, D, row, slope, move)
+        else:
+            move = -voltage / slope
+            if abs(reach) < abs(move):
+                move = reach
+            else:
+                first = NONE
+            shift(P, L, S, D, 0, move)
+            delivered -= P[L[pg.SCALE] + L[pg.CHARGE]] * move * (voltage + 0.5 * slope * move)
+        _carry(P, L, S, D, row, slope, first)
+        if D[st.ENERGIES]:
+            for j in range(L[pg.H]):
+                if D[slip + j] != 0:
+                    S[D[st.ENERGY] + pg.HYSTERESIS] += P[L[pg.STOP_WEIGHT] + j] * P[L[pg.STOP_LIMIT] + j] * abs(move)
+        if first == NONE:
+            break
+        D[slip + first] = sign
+        S[L[L[pg.STOP_STATE] + first]] = sign * P[L[pg.STOP_LIMIT] + first]
+    if D[st.ENERGIES]:
+        S[D[st.ENERGY] + pg.HARVESTED] += P[L[pg.EFFICIENCY]] * delivered
+        S[D[st.ENERGY] + pg.SHUNT_LOSS] += (1.0 - P[L[pg.EFFICIENCY]]) * delivered
+
+
+@compiled
+def _turn(P, L, D, sign):
+    """Let stops that slipped the other way stick, as they do as soon as the charge turns."""
+    for j in range(L[pg.H]):
+        if of_charge(P, L, j) and D[D[st.SLIP] + j] == -sign:
+            D[D[st.SLIP] + j] = 0
+
+
+@compiled
+def _nearest(P, L, S, D, sign):
+    """How far the charge may move until the next stop slips, and which."""
+    nearest, first = np.inf, NONE
+    for j in range(L[pg.H]):
+        if D[D[st.SLIP] + j] == 0 and of_charge(P, L, j):
+            reach = sign * P[L[pg.STOP_LIMIT] + j] - S[L[L[pg.STOP_STATE] + j]]
+            if abs(reach) < abs(nearest):
+                nearest, first = reach, j
+    return nearest, first
+
+
+@compiled
+def _carry(P, L, S, D, row, slope, first):
+    """Move the sensitivities on: with the stop that is about to slip, or so that the voltage stays zero."""
+    for s in range(D[st.SENSITIVITIES]):
+        phi = D[st.PHI] + s * L[pg.ROWS]
+        if first != NONE:
+            move = -S[phi + L[L[pg.STOP_STATE] + first]]
+        elif L[pg.ELEMENTS]:
+            move = _response(P, L, S, D, row, slope, phi)
+        else:
+            move = -dot_column(P, row, 1, S, phi, L[pg.A]) / slope
+        shift(P, L, S, D, phi, move)
+
+
+# With smooth elements the voltage is no straight line of the charge. For given outputs of theirs it is, so that these
+# are what is solved for, the charge being moved along.
+
+
+@compiled
+def _bent(P, L, S, D, row, slope, reach, first):
+    """Move the charge until the voltage is zero, or the next stop slips; by how much, and whether a stop does.
+
+    Where this began stays at START.
+    """
+    rows, start, now = L[pg.ROWS], scratch(L, D, START), S[D[st.CLOCK]]
+    copy(S, 0, start, rows)
+    outputs_at(P, L, S, D, 0, now, row, slope)
+    move = S[L[pg.CHARGE]] - S[start + L[pg.CHARGE]]
+    if not abs(reach) < abs(move):
+        return move, NONE
+    copy(S, start, 0, rows)
+    shift(P, L, S, D, 0, reach)
+    outputs(P, L, S, D, 0, now)
+    return reach, first
+
+
+@compiled
+def ground(P, L, S, D):
+    """Move the charge to where the electrodes have no voltage, and the sensitivities with it, without an account."""
+    row = L[pg.VOLTAGE_ROW]
+    slope = along(P, L, D, row)
+    _bent(P, L, S, D, row, slope, np.inf, NONE)
+    _carry(P, L, S, D, row, slope, NONE)
+
+
+@compiled
+def _response(P, L, S, D, row, slope, phi):
+    """Charge that keeps the voltage at zero when the states change by phi."""
+    count, now = L[pg.ELEMENTS], S[D[st.CLOCK]]
+    right = scratch(L, D, MATRIX) + count * count
+    voltage = dot_column(P, row, 1, S, phi, L[pg.N])
+    for k in range(count):
+        first, second, total = input_of(P, L, S, 0, k, 0), input_of(P, L, S, 0, k, 1), 0.0
+        for which in range(2):
+            form = L[pg.ELEMENT_Z] + (2 * k + which) * L[pg.A]
+            change = dot_column(P, form, 1, S, phi, L[pg.N]) - along(P, L, D, form) * voltage / slope
+            total += slope_of(P, L, k, first, second, now, which) * change
+        S[right + k] = total / scale_of(P, L, element_of(L, k))
+    equations(P, L, S, D, 0, now, row, slope)
+    solve(L, S, D)
+    for k in range(count):
+        S[phi + element_of(L, k)] = S[right + k]
+        voltage += P[row + element_of(L, k)] * S[right + k]
+    return -voltage / slope
+
+
+@compiled
+def _work(P, L, S, D, row, slope, move):
+    """Integral of the voltage over the charge from START to the present state; what elements take is accounted for.
+
+    The inputs of the elements go straight from where they were to where they are, which is a path of polynomials; the
+    charge follows from one of them.
+    """
+    start, count, now = scratch(L, D, START), L[pg.ELEMENTS], S[D[st.CLOCK]]
+    more = scratch(L, D, MATRIX) + count * count
+    rates = more + count
+    lead = NONE
+    for e in range(2 * count):
+        if along(P, L, D, L[pg.ELEMENT_Z] + e * L[pg.A]) != 0.0:
+            lead = L[pg.ELEMENT_Z] + e * L[pg.A]
+    voltage, work = dot_column(P, row, 1, S, start, L[pg.A]), 0.0
+    for q in range(len(NODES)):
+        charge, rate, here = NODES[q] * move, move, voltage
+        for k in range(count):
+            first, second = input_of(P, L, S, start, k, 0), input_of(P, L, S, start, k, 1)
+            to_first, to_second = input_of(P, L, S, 0, k, 0) - first, input_of(P, L, S, 0, k, 1) - second
+            first, second = first + NODES[q] * to_first, second + NODES[q] * to_second
+            place = element_of(L, k)
+            S[more + k] = output_of(P, L, k, first, second, now) / scale_of(P, L, place) - S[start + place]
+            slopes = slope_of(P, L, k, first, second, now, 0) * to_first
+            slopes += slope_of(P, L, k, first, second, now, 1) * to_second
+            S[rates + k] = slopes / scale_of(P, L, place)
+            here += P[row + place] * S[more + k]
+        if lead != NONE:
+            rate = dot_column(P, lead, 1, S, 0, L[pg.A]) - dot_column(P, lead, 1, S, start, L[pg.A])
+            charge = NODES[q] * rate
+            for k in range(count):
+                charge -= P[lead + element_of(L, k)] * S[more + k]
+                rate -= P[lead + element_of(L, k)] * S[rates + k]
+            charge, rate = charge / along(P, L, D, lead), rate / along(P, L, D, lead)
+        work += WEIGHTS[q] * (here + slope * charge) * rate
+        if D[st.ENERGIES]:
+            _account(P, L, S, D, charge, WEIGHTS[q])
+    return work
+
+
+@compiled
+def _account(P, L, S, D, charge, weight):
+    """Add what charge of smooth elements takes where the charge has moved so far: their outputs change with it."""
+    count, start = L[pg.ELEMENTS], scratch(L, D, START)
+    more = scratch(L, D, MATRIX) + count * count
+    for p in range(L[pg.PRODUCTS]):
+        k = D[st.CONFIGURATION] * L[pg.PRODUCTS] + p
+        first, second, rate = L[pg.PRODUCT_Z] + 2 * k * L[pg.A], L[pg.PRODUCT_Z] + (2 * k + 1) * L[pg.A], 0.0
+        for m in range(count):
+            place = element_of(L, m)
+            rate += P[second + place + 1] * S[more + count + m] * scale_of(P, L, place) / scale_of(P, L, place + 1)
+        if rate != 0.0 and L[L[pg.PRODUCT_CATEGORY] + k] >= 0:
+            value = dot_column(P, first, 1, S, start, L[pg.A]) + charge * along(P, L, D, first)
+            for m in range(count):
+                value += P[first + element_of(L, m)] * S[more + m]
+            S[D[st.ENERGY] + L[L[pg.PRODUCT_CATEGORY] + k]] += weight * P[L[pg.PRODUCT_COEFFICIENT] + k] * value * rate

@@ -1,0 +1,134 @@
+"""What happens at an instant: diodes, the switch and its clocks, stops that slip and stick."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezoharvest.engine.compilation.compiled import compiled
+from piezoharvest.engine.events.charge_extraction import extract
+from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.memory import state as st
+from piezoharvest.engine.memory.program import NONE
+from piezoharvest.engine.memory.state import QUEUE_LENGTH, stored
+
+
+@compiled
+def log(S, D, code):
+    """Write an event down."""
+    if D[st.LOGGED] < D[st.LOG_ROOM]:
+        S[D[st.LOG_TIME] + D[st.LOGGED]] = S[D[st.CLOCK] + st.NOW]
+        D[D[st.LOG_CODE] + D[st.LOGGED]] = code
+    D[st.LOGGED] += 1
+
+
+@compiled
+def cut(P, L, S, D, state):
+    """Set a current to zero; its energy is lost in the shunt."""
+    before = stored(P, L, S) if D[st.ENERGIES] else 0.0
+    S[state] = 0.0
+    for s in range(D[st.SENSITIVITIES]):
+        S[D[st.PHI] + s * L[pg.ROWS] + state] = 0.0
+    if D[st.ENERGIES]:
+        S[D[st.ENERGY] + pg.SHUNT_LOSS] += before - stored(P, L, S)
+
+
+@compiled
+def act(P, L, S, D, polarity):
+    """The switch acts, at a maximum (polarity +1) or a minimum of sum T_i x_i."""
+    if L[pg.SWITCHED] == 2:
+        extract(P, L, S, D)
+        log(S, D, pg.EXTRACT)
+        return
+    if D[st.CLOSED]:
+        return
+    D[st.CLOSED] = 1
+    D[st.CONFIGURATION] = L[L[pg.CLOSED] + (L[pg.C] if polarity > 0 else 0) + D[st.CONFIGURATION]]
+    S[D[st.CLOCK] + st.OPENS] = S[D[st.CLOCK] + st.NOW] + P[L[pg.ON_TIME]]
+    for s in range(D[st.SENSITIVITIES]):
+        S[D[st.OPENS_PHI] + s] = S[D[st.EVENT_PHI] + s]
+    log(S, D, pg.CLOSE)
+
+
+@compiled
+def release(P, L, S, D):
+    """The switch opens; current that still flows is cut."""
+    D[st.CLOSED] = 0
+    D[st.CONFIGURATION] = L[L[pg.OPENED] + D[st.CONFIGURATION]]
+    S[D[st.CLOCK] + st.OPENS] = np.inf
+    cut(P, L, S, D, L[pg.CUT])
+    log(S, D, pg.OPEN)
+
+
+@compiled
+def extremum(P, L, S, D):
+    """Sum T_i x_i is at an extremum: an action is due after the lag, unless the last one was too short ago."""
+    polarity = D[st.DIRECTION]
+    D[st.DIRECTION] = -polarity
+    if L[pg.SWITCHED] == 0:
+        return
+    lag, clock = P[L[pg.LAG]], D[st.CLOCK]
+    due = S[clock + st.NOW] + lag
+    if due - S[clock + st.ACTED] < P[L[pg.HOLD_OFF]] * (1 - 1e-9) or D[st.WAITING] == QUEUE_LENGTH:
+        return
+    S[clock + st.ACTED] = due
+    if P[L[pg.EARLY]] != 0.0:
+        polarity = -polarity
+    if lag == 0.0:
+        act(P, L, S, D, polarity)
+        return
+    place, count = D[st.WAITING], D[st.SENSITIVITIES]
+    S[D[st.QUEUE] + place] = due
+    D[D[st.POLARITY] + place] = polarity
+    for s in range(count):
+        S[D[st.QUEUE_PHI] + place * count + s] = S[D[st.EVENT_PHI] + s]
+    D[st.WAITING] += 1
+
+
+@compiled
+def happen(P, L, S, D, what):
+    """Carry out what a guard stands for."""
+    own, configuration = L[pg.G], D[st.CONFIGURATION]
+    if what < own:
+        k = configuration * own + what
+        if L[L[pg.GUARD_CUT] + k] >= 0:
+            cut(P, L, S, D, L[L[pg.GUARD_CUT] + k])
+        log(S, D, L[L[pg.GUARD_CODE] + k])
+        D[st.CONFIGURATION] = L[L[pg.GUARD_TARGET] + k]
+    elif what == own:
+        extremum(P, L, S, D)
+    else:
+        j, side = (what - own - 1) // 2, (what - own - 1) % 2
+        slip = D[st.SLIP] + j
+        if D[slip] != 0:
+            D[slip] = 0
+            log(S, D, pg.STICK)
+        else:
+            D[slip] = 1 if side == 0 else -1
+            S[L[L[pg.STOP_STATE] + j]] = D[slip] * P[L[pg.STOP_LIMIT] + j]
+            log(S, D, pg.SLIP)
+
+
+@compiled
+def clock_event(S, D):
+    """The next scheduled event: its time, and whether the switch opens (1) or acts (0), or NONE."""
+    due = S[D[st.CLOCK] + st.OPENS]
+    kind = 1 if due < np.inf else NONE
+    if D[st.WAITING] and S[D[st.QUEUE]] < due:
+        due, kind = S[D[st.QUEUE]], 0
+    return due, kind
+
+
+@compiled
+def clock_happens(P, L, S, D, kind):
+    """Carry out a scheduled event."""
+    if kind == 1:
+        release(P, L, S, D)
+        return
+    queue, polarities, phi, count = D[st.QUEUE], D[st.POLARITY], D[st.QUEUE_PHI], D[st.SENSITIVITIES]
+    polarity = D[polarities]
+    for k in range(1, D[st.WAITING]):
+        S[queue + k - 1], D[polarities + k - 1] = S[queue + k], D[polarities + k]
+        for s in range(count):
+            S[phi + (k - 1) * count + s] = S[phi + k * count + s]
+    D[st.WAITING] -= 1
+    act(P, L, S, D, polarity)

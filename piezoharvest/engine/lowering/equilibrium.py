@@ -1,0 +1,74 @@
+"""Equilibrium of a system under the static part of its excitation, where a simulation begins."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezoharvest.description.excitation import Excitation
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.engine.lowering.layout import Layout, Physics, rows_of, stack
+from piezoharvest.equations.rows import gains
+from piezoharvest.equations.terms import Element
+
+ROUNDING = 1e-12  # of its terms, that a sum which ought to be zero may be
+
+
+def equilibrium(layout: Layout, physics: Physics, excitation: Excitation, scale: np.ndarray) -> np.ndarray:
+    """Scaled states at rest under the static part of the excitation, the electrodes and all stops relaxed."""
+    rest = np.zeros(layout.n)
+    if not np.any(excitation.rest):
+        return rest
+    count, device = 2 * len(layout.modes), physics.device
+    own = np.delete(np.arange(layout.n - len(layout.shunt_states)), layout.stop_states)
+    forms = rows_of([*physics.motion.equations, device.placing.v_t, *device.equations], layout.width)
+    rows = forms[..., own] * scale[..., None, own]
+    forces = [0.0] * len(own)
+    forces[1:count:2] = [gain * excitation.rest for gain in gains(physics.transducer, excitation.base)]
+    size = np.max(np.abs(np.real(rows)), axis=-1, keepdims=True)
+    found = np.linalg.solve(rows / size, stack(forces)[..., None] / size)[..., 0]
+    if layout.smooth:
+        smooth = [np.argmax(row) for row in layout.smooth.values()]
+        inputs = inputs_of(layout, physics)
+        follows = np.linalg.solve(rows / size, -forms[..., smooth] / size)
+        found = _bent(
+            layout.terms.elements, found, follows, inputs[..., own] * scale[..., None, own], inputs[..., smooth]
+        )
+    rest = np.zeros((*found.shape[:-1], layout.n), found.dtype)
+    rest[..., own] = found
+    return rest
+
+
+def inputs_of(layout: Layout, physics: Physics) -> np.ndarray:
+    """Rows of the inputs of the smooth elements, two for each."""
+    place = physics.device.placing.row
+    return rows_of([place(row) for e in layout.terms.elements for row in (e.first, e.second)], layout.width)
+
+
+def _bent(elements: list[Element], rest, follows, by_state, by_output) -> np.ndarray:
+    """Equilibrium z = rest + follows w of every design, w being the outputs of smooth elements with these inputs."""
+    batch, found = np.broadcast_shapes(rest.shape[:-1], follows.shape[:-2], by_state.shape[:-2]), []
+    terms = by_state * rest[..., None, :]
+    at_rest = terms.sum(axis=-1)
+    # The voltage behind a resistor, say: what rounding leaves of it would be taken for a size.
+    at_rest.real[np.abs(at_rest.real) < ROUNDING * np.abs(terms).sum(axis=-1)] = 0.0
+    parts = ((rest, 1), (follows, 2), (by_state @ follows + by_output, 2), (at_rest, 1))
+    spread = (np.broadcast_to(part, batch + part.shape[-rank:]) for part, rank in parts)
+    for z, bend, inputs, at_rest in zip(*(part.reshape(-1, *part.shape[len(batch) :]) for part in spread), strict=True):
+        found.append(z + bend @ _balance(elements, inputs, at_rest))
+    return np.reshape(found, batch + rest.shape[-1:])
+
+
+def _balance(elements: list[Element], inputs: np.ndarray, at_rest: np.ndarray) -> np.ndarray:
+    """Outputs w of smooth elements whose inputs are inputs w + at_rest; time, which some of them take, is zero."""
+    from scipy.optimize import root
+
+    def outputs(w: np.ndarray) -> np.ndarray:
+        pairs = zip(elements, (inputs @ w + at_rest).reshape(-1, 2), strict=True)
+        return np.array([element.at_start(first, second) for element, (first, second) in pairs])
+
+    size = np.abs(outputs(np.zeros(len(elements))))
+    size[size == 0.0] = 1.0
+    solved = root(lambda w: outputs(w * size) / size - w, np.ones(len(elements)), tol=1e-13)
+    if not np.max(np.abs(solved.fun)) < 1e-9:
+        raise ParameterError("excitation.offset", "found a preload without equilibrium, allowed is a smaller one")
+    return solved.x * size

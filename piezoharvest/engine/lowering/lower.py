@@ -1,0 +1,348 @@
+"""System and excitation to linear modes: the components' equations, evaluated on unit vectors."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from piezoharvest.description.circuit import Guard, Product, Switch
+from piezoharvest.description.excitation import Excitation, Ramps, Tones
+from piezoharvest.description.limits import check_size
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.linear.short import Short
+from piezoharvest.description.system import System
+from piezoharvest.engine.lowering.equilibrium import equilibrium, inputs_of
+from piezoharvest.engine.lowering.layout import Layout, Physics, joined, rows_of, scalar, stack
+from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.work_limit import Budget
+from piezoharvest.equations.rows import connected, own_rows
+from piezoharvest.equations.terms import Terms
+
+IDLE = 1e30  # scale of a smooth element that moves nothing
+
+
+class Lowered(NamedTuple):
+    """A program with the names its indices stand for, the signal, the effects that change nothing, the work allowed."""
+
+    program: pg.Program
+    states: tuple[str, ...]
+    configurations: tuple[str, ...]
+    categories: tuple[str, ...]
+    signal: Tones | Ramps
+    unfelt: tuple[str, ...]
+    budget: Budget
+
+
+def lower(system: System, excitation: Excitation, record: float | None = None) -> Lowered:
+    """Matrices of all modes of a system under an excitation.
+
+    Components with array-valued fields of shape (designs, 1) give arrays with the designs as leading axis.
+
+    Parameters
+    ----------
+    system : System
+    excitation : Excitation
+    record : float, optional
+        Length in s of what is run, for effects that go on through a record; without it they stay where they begin.
+
+    Raises
+    ------
+    ParameterError
+        An effect takes a power that is no whole number, or acts on a shunt with which it cannot be simulated, or there
+        is too much of something.
+    """
+    check_size(system.transducer, excitation, system.shunt)
+    signal, system = excitation.signal(), connected(system)
+    drive = "base_acceleration" if excitation.base else "force"
+    terms = Terms(system.transducer, drive, passes=record is not None)
+    layout = Layout(system, terms, signal)
+    physics = Physics(system, excitation, layout, signal)
+    shunt, capacitance = system.shunt, system.transducer.capacitance
+    z, dz = own_rows(layout.z, "", layout.shunt_states), own_rows(layout.dz, "", layout.shunt_states)
+    names = shunt.configurations()
+    tables = SimpleNamespace(equations=[], guards=[], products=[], outputs=[])
+    for name in names:
+        port_equation, *own = shunt.equations(name, physics.port, z, dz)
+        tables.equations.append(rows_of([*physics.equations(port_equation), *own], layout.width))
+        tables.guards.append(list(shunt.guards(name, physics.port, z)))
+        powers = shunt.powers(name, physics.port, z)
+        dc = shunt.dc_side(physics.port, z)
+        mean_dc = (len(pg.CATEGORIES) + len(layout.effects), Product(1.0, layout.one, dc))
+        own_powers = [(pg.CATEGORIES.index(key), product) for key in powers for product in powers[key]]
+        tables.products.append([*physics.products(), *own_powers, mean_dc])
+        motion, port = physics.motion, physics.port
+        outputs = (physics.drive, motion.displacement, motion.velocity, port.v, port.i, layout.z["q"], physics.v_h, dc)
+        tables.outputs.append(rows_of(outputs, layout.width))
+    switch = shunt.switch(capacitance, excitation.period)
+    terms.check(shunt, switch)
+    try:
+        with np.errstate(all="ignore"):  # what is not finite is found where it is inverted, or by the engine
+            program = _lean(_assemble(layout, physics, tables, names, shunt, switch, signal, excitation, record))
+    except np.linalg.LinAlgError:
+        found = "found values so far apart that its equations have no solution"
+        raise ParameterError("transducer", f"{found}, allowed is a real device") from None
+    categories = (*pg.CATEGORIES, *layout.effects, pg.MEAN_DC)
+    return Lowered(program, tuple(layout.names), names, categories, signal, terms.unfelt, Budget())
+
+
+def symmetric(lowered: Lowered, excitation: Excitation) -> bool:
+    """Whether the system mirrors itself in half a period: the signal, and every configuration and its mirror."""
+    program = lowered.program
+    if not excitation.antisymmetric:
+        return False
+    signs = np.concatenate([program.odd, -np.ones(program.exosystem.shape[-1])])
+    n, end = len(program.odd), len(program.odd) + pg.DERIVATIVES * len(program.element_power)
+    signs[end + 2 * len(program.phase) :] = 1.0  # the constant
+    signs[n:end] = np.repeat(np.where(program.element_power % 2, -1.0, 1.0), pg.DERIVATIVES)
+    image, mirror = program.odd[:, None] * program.rate * signs, np.take(program.rate, program.mirror, axis=-3)
+    inputs = np.allclose(program.element_z * signs, -program.element_z, rtol=1e-12, atol=0)
+    return bool(inputs and np.allclose(image, mirror, rtol=1e-12, atol=0))
+
+
+def _join(*parts: np.ndarray) -> np.ndarray:
+    """Arrays side by side along the last axis, whichever of them carry the batch axis."""
+    batch = np.broadcast_shapes(*(p.shape[:-1] for p in parts))
+    return np.concatenate([np.broadcast_to(p, batch + p.shape[-1:]) for p in parts], axis=-1)
+
+
+def _pad(blocks, axis: int) -> np.ndarray:
+    """Blocks of one configuration each, zero-padded to the same length and stacked along `axis` from the end."""
+    longest = max(1, *(b.shape[-2] for b in blocks))
+
+    def pad(block):
+        missing = np.zeros((*block.shape[:-2], longest - block.shape[-2], block.shape[-1]))
+        return np.concatenate([block, missing], axis=-2)
+
+    padded = [pad(block) for block in blocks]
+    return joined(padded, axis)
+
+
+class _Columns:
+    """Scaling of the columns of rows, and their parts over the augmented state and over the derivative."""
+
+    def __init__(self, n: int, scale: np.ndarray, exo_scale: np.ndarray):
+        self.n, self.factors = n, _join(scale, scale, exo_scale)
+
+    def split(self, rows: np.ndarray, between: int) -> tuple[np.ndarray, np.ndarray]:
+        """Scaled parts of rows, which have so many axes between those of the batch and the columns."""
+        n, factors = self.n, self.factors
+        rows = rows * factors.reshape(factors.shape[:-1] + (1,) * between + factors.shape[-1:])
+        return np.concatenate([rows[..., :n], rows[..., 2 * n :]], axis=-1), rows[..., n : 2 * n]
+
+
+def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation, record) -> pg.Program:
+    storage, scale = physics.storage()
+    equations = joined(tables.equations, -3)
+    exo_scale = _exo_scale(layout, equations, scale, signal, physics.transducer)
+    columns, sizes = _Columns(layout.n, scale, exo_scale), _join(scale, exo_scale[..., : layout.signal])
+    outputs = columns.split(joined(tables.outputs, -3), 2)
+    harmonic = isinstance(signal, Tones)
+    omega = 2 * np.pi * np.asarray(signal.frequencies) if isinstance(signal, Tones) else np.zeros(0)
+    index = {name: c for c, name in enumerate(names)}
+    fields: dict[str, Any] = {
+        **_motion(layout, columns.split(equations, 2)),
+        **_stops(layout, scale),
+        **_guards(layout, tables.guards, index, columns),
+        **_switching(shunt, switch, index, layout),
+        **_products(layout, tables.products, columns),
+        "exosystem": _exosystem(layout, omega, exo_scale),
+        "equilibrium": equilibrium(layout, physics, excitation, scale),
+        "period": np.inf if excitation.period is None else scalar(excitation.period),
+        "signal_kind": pg.TONES if harmonic else pg.RAMPS,
+        "omega": omega,
+        "phase": np.asarray(signal.phases, float) if harmonic else np.zeros(0),
+        "exo_scale": exo_scale,
+        "scale": scale,
+        "odd": _parity(layout),
+        "storage": storage * sizes[..., :, None] * sizes[..., None, :],
+        "charge": layout.charge,
+        "voltage_row": columns.split(physics.port.v, 0)[0],
+        "trigger_row": columns.split(physics.motion.strain_current, 0)[0],
+        "output_z": outputs[0],
+        "output_d": outputs[1],
+        "categories": len(pg.CATEGORIES) + len(layout.effects) + 1,
+        "step": _largest_step(excitation, signal),
+        **_elements(layout, physics, columns, record),
+    }
+    return pg.Program(**{name: _plain(value) for name, value in fields.items()})
+
+
+def _lean(program: pg.Program) -> pg.Program:
+    """Leave the constant out where nothing is: it may be what fills one more register in every row.
+
+    A power counts if neither of its factors vanishes.
+    """
+    rows = (
+        program.rate, program.guard_z, program.output_z, program.voltage_row, program.trigger_row, program.element_z,
+    )  # fmt: skip
+    alive = np.any(program.product_z, axis=-1) | np.any(program.product_d, axis=-1)
+    powers = program.product_z * np.all(alive, axis=-1)[..., None, None]
+    if any(np.any(row[..., -1]) for row in (*rows, powers)):
+        return program
+    forms = ("rate", "guard_z", "output_z", "voltage_row", "trigger_row", "product_z", "exo_scale", "element_z")
+    changes = {name: np.ascontiguousarray(getattr(program, name)[..., :-1]) for name in forms}
+    return program._replace(**changes, exosystem=np.ascontiguousarray(program.exosystem[..., :-1, :-1]))
+
+
+def _plain(value: Any) -> Any:
+    """Plain numbers and contiguous arrays, so that every system has the same types and one compilation serves all."""
+    value = np.asarray(value)
+    kind = {"i": np.int64, "u": np.int64, "c": np.complex128}.get(value.dtype.kind, np.float64)
+    return kind(value) if value.ndim == 0 else np.ascontiguousarray(value, kind)
+
+
+def _motion(layout: Layout, equations) -> dict[str, Any]:
+    """Solve the equations of every configuration for the derivatives, all stops slipping."""
+    rate, mass = equations
+    size = np.max(np.abs(np.real(mass)), axis=-1, keepdims=True)
+    size = np.where(size > 0, size, 1.0)
+    inverse, stops = np.linalg.inv(mass / size), layout.stop_states
+    own = (mass / size)[..., stops, stops]  # 1, but for the complex step of a scale
+    return {"rate": inverse @ (-rate / size), "stop_response": inverse[..., stops] * own[..., None, :]}
+
+
+def _stops(layout: Layout, scale: np.ndarray) -> dict[str, Any]:
+    """The stop operators; those of effects keep their own account of energy, as their weight is within a force."""
+    count, own, added = len(layout.stop_states), scale[..., layout.stop_states], layout.terms.stops
+    inputs = rows_of([into[..., : layout.n] for into in layout.stop_inputs], layout.n)
+    thresholds = [*(r for r, _ in layout.operators), *(stop.threshold for stop in added)]
+    weights = [*(w for _, w in layout.operators), *[0.0] * len(added)]
+    return {
+        "stop_state": layout.stop_states,
+        "stop_input": inputs * scale[..., None, :] / own[..., :, None],
+        "stop_limit": (stack(thresholds) if count else np.zeros(0)) / own,
+        "stop_weight": (stack(weights) if count else np.zeros(0)) * own**2,
+    }
+
+
+def _guards(layout: Layout, guards: list[list[Guard]], index: dict[str, int], columns: _Columns) -> dict[str, Any]:
+    """Guards of all configurations as padded arrays, each row of about unit size."""
+    rows = _pad([rows_of([g.rises for g in own], layout.width) for own in guards], -3)
+    guard_z, guard_d = columns.split(rows, 2)
+    largest = sum(np.max(np.abs(np.real(part)), axis=-1, keepdims=True) for part in (guard_z, guard_d))
+    largest = np.where(largest > 0, largest, 1.0)
+    count = rows.shape[-2]
+    return {
+        "guard_z": guard_z / largest,
+        "guard_d": guard_d / largest,
+        "guard_target": _integers(guards, count, lambda g: index[g.target]),
+        "guard_cut": _integers(guards, count, lambda g: -1 if g.cut is None else layout.names.index(g.cut)),
+        "guard_code": _integers(guards, count, lambda g: pg.CONDUCT if g.target[-1] in "+-" else pg.BLOCK),
+    }
+
+
+def _switching(shunt: Shunt, switch: Switch | None, index: dict[str, int], layout: Layout) -> dict[str, Any]:
+    """The synchronised switch: its timing, and where it leads from every configuration."""
+    timing = switch or Switch(0.0, 0.0, 0.0)
+    return {
+        "switched": 0 if switch is None else 1 if np.all(timing.on_time > 0) else 2,
+        "lag": scalar(timing.lag),
+        "on_time": scalar(timing.on_time),
+        "hold_off": scalar(timing.hold_off),
+        "early": scalar(np.asarray(timing.early, float)),
+        "efficiency": scalar(timing.efficiency),
+        "closed": np.array([[index.get(shunt.closed(c, polarity), -1) for c in index] for polarity in (-1, 1)]),
+        "opened": np.array([index[shunt.opened(c)] for c in index]),
+        "cut": layout.names.index("current") if "current" in layout.names else -1,
+        "mirror": np.array([index[shunt.mirrored(c)] for c in index]),
+        "shorted": isinstance(shunt, Short),
+    }
+
+
+def _products(layout: Layout, products, columns: _Columns) -> dict[str, Any]:
+    """Products of all configurations as padded arrays."""
+    blocks = [rows_of([row for _, p in own for row in (p.first, p.second)], layout.width) for own in products]
+    rows = _pad(blocks, -3)
+    rows = rows.reshape(*rows.shape[:-2], rows.shape[-2] // 2, 2, layout.width)
+    count = rows.shape[-3]
+    product_z, product_d = columns.split(rows, 3)
+    coefficients = [stack([p.coefficient for _, p in own] + [0.0] * (count - len(own))) for own in products]
+    categories = np.full((len(products), count), -1)
+    for c, own in enumerate(products):
+        categories[c, : len(own)] = [category for category, _ in own]
+    return {
+        "product_coefficient": joined(coefficients, -2), "product_category": categories,
+        "product_z": product_z, "product_d": product_d,
+    }  # fmt: skip
+
+
+def _elements(layout: Layout, physics: Physics, columns: _Columns, record: float | None) -> dict[str, Any]:
+    """The smooth elements: their inputs over the state, and what each makes of them."""
+    powers = [element.power for element in layout.terms.elements]
+    over_state, over_rate = columns.split(inputs_of(layout, physics), 1)
+    if np.any(over_rate):
+        raise ParameterError("transducer.effects", "found a power of a current, allowed are powers of states and v_t")
+    shape = (*over_state.shape[:-2], len(powers), 2, over_state.shape[-1])
+    return {
+        "element_z": over_state.reshape(shape), "element_power": np.array(powers, int),
+        "drift": 1.0 / record if record else 0.0,
+    }  # fmt: skip
+
+
+def _integers(guards: list[list[Guard]], count: int, read) -> np.ndarray:
+    table = np.full((len(guards), count), -1)
+    for c, own in enumerate(guards):
+        table[c, : len(own)] = [read(g) for g in own]
+    return table
+
+
+def _parity(layout: Layout) -> np.ndarray:
+    """Sign that mirroring gives each state: most change theirs."""
+    signs = np.full(layout.n, -1.0)
+    for k, state in enumerate(layout.added_states, layout.n - len(layout.added_states)):
+        signs[k] = -1.0 if state.odd else 1.0
+    return signs
+
+
+def _exosystem(layout: Layout, omega: np.ndarray, exo_scale: np.ndarray) -> np.ndarray:
+    """Generator of the exogenous states: pairs (sine, cosine), or (value, slope), and the constant."""
+    matrix = np.zeros((*omega.shape[:-1], layout.exogenous, layout.exogenous), np.result_type(omega, float))
+    at = layout.signal
+    for k in range(at):
+        if (k + 1) % pg.DERIVATIVES:
+            matrix[..., k, k + 1] = 1.0
+    if not omega.size:
+        matrix[..., at, at + 1] = 1.0
+    for k in range(omega.shape[-1]):
+        sine, cosine = at + 2 * k, at + 2 * k + 1
+        matrix[..., sine, cosine], matrix[..., cosine, sine] = omega[..., k], -omega[..., k]
+    return matrix * exo_scale[..., None, :] / exo_scale[..., :, None]
+
+
+def _exo_scale(layout, equations, scale, signal, tr) -> np.ndarray:
+    """Scales that give every exogenous column entries of the size of the resonance frequency.
+
+    Real numbers always: a complex step of a quantity must not move the exogenous states.
+    """
+    n = layout.n
+    mass = np.max(np.abs(np.real(equations[..., n : 2 * n] * scale[..., None, None, :])), axis=-1)
+    columns = np.abs(np.real(equations[..., 2 * n :])) / np.where(mass > 0, mass, 1.0)[..., None]
+    size = np.max(columns, axis=(-3, -2))
+    resonance = np.real(np.sqrt(scalar(tr.stiffness) / scalar(tr.mass)))[..., None]
+    found = np.where(size > 0, resonance / np.where(size > 0, size, 1.0), 1.0)
+    at = layout.signal
+    if isinstance(signal, Tones):
+        for k in range(at, at + 2 * signal.frequencies.shape[-1], 2):
+            found[..., k + 1] = found[..., k]
+    else:
+        found[..., at + 1] = found[..., at] * resonance[..., 0]
+    # The constant also stands for diode drops and limits: no smaller than the drive, or a tiny offset of it would blow
+    # these up, and no larger where it acts on nothing, or rounding would be judged by it.
+    drive = np.max(found[..., at:-1:2], axis=-1)
+    found[..., -1] = np.where(size[..., -1] > 0, np.minimum(found[..., -1], drive), drive)
+    for k in range(0, at, pg.DERIVATIVES):
+        # An element may act by its rate alone; one that does not act in this design must not hide what does.
+        largest = np.maximum(size[..., k], size[..., k + 1] * resonance[..., 0])
+        value = np.where(largest > 0, resonance[..., 0] / np.where(largest > 0, largest, 1.0), IDLE)
+        found[..., k : k + pg.DERIVATIVES] = value[..., None] * resonance ** np.arange(pg.DERIVATIVES)
+    return found
+
+
+def _largest_step(excitation: Excitation, signal: Tones | Ramps) -> np.ndarray | float:
+    """An eighth of the shortest period of the drive, or its longest straight piece."""
+    if isinstance(signal, Tones):
+        return 0.125 / np.max(signal.frequencies, axis=-1)
+    return float(np.max(np.diff(signal.times)))

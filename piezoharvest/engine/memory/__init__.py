@@ -1,0 +1,1 @@
+"""Flat memory of the compiled engine: where each array stands, and linear algebra on it."""

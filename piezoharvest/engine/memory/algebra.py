@@ -1,0 +1,122 @@
+"""Small dense linear algebra in flat memory: matrices of a shooting method, stored row by row from a place in W."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezoharvest.engine.compilation.compiled import compiled
+
+ZERO = 1e-10  # a pivot this small, against the largest, is none
+DOUBLINGS, SETTLED = 26, 8  # of the power whose root is the radius: at most, and at least
+ROOT_ERROR = 1e-9  # relative, of the radius
+
+
+@compiled
+def eliminate(W, V, a, b, n, columns, order):
+    """Gaussian elimination of the matrix at a with the right sides at b, complete pivoting, in place; gives the rank.
+
+    `order` in V receives the columns in the order in which they were taken. A pivot below 1e-10 of the largest counts
+    as zero: a motion whose memory of a period is shorter than that of 1e10 periods is not mistaken for a conserved one.
+    """
+    for j in range(n):
+        V[order + j] = j
+    largest = 0.0
+    for step in range(n):
+        best, row, column = 0.0, step, step
+        for i in range(step, n):
+            for j in range(step, n):
+                if abs(W[a + i * n + j]) > best:
+                    best, row, column = abs(W[a + i * n + j]), i, j
+        largest = max(largest, best)
+        if best <= ZERO * largest:
+            return step
+        for j in range(n):
+            W[a + step * n + j], W[a + row * n + j] = W[a + row * n + j], W[a + step * n + j]
+        for j in range(columns):
+            here, there = b + step * columns + j, b + row * columns + j
+            W[here], W[there] = W[there], W[here]
+        for i in range(n):
+            W[a + i * n + step], W[a + i * n + column] = W[a + i * n + column], W[a + i * n + step]
+        V[order + step], V[order + column] = V[order + column], V[order + step]
+        for i in range(step + 1, n):
+            factor = W[a + i * n + step] / W[a + step * n + step]
+            if factor != 0.0:
+                for j in range(step, n):
+                    W[a + i * n + j] -= factor * W[a + step * n + j]
+                for j in range(columns):
+                    W[b + i * columns + j] -= factor * W[b + step * columns + j]
+    return n
+
+
+@compiled
+def back_substitute(W, V, a, b, n, columns, order, rank, out):
+    """Solve the triangle that `eliminate` left; unknowns beyond the rank stay as they are in `out` (n, columns)."""
+    for c in range(columns):
+        for step in range(rank - 1, -1, -1):
+            total = W[b + step * columns + c]
+            for j in range(step + 1, n):
+                total -= W[a + step * n + j] * W[out + V[order + j] * columns + c]
+            W[out + V[order + step] * columns + c] = total / W[a + step * n + step]
+
+
+@compiled
+def solve_conserving(W, V, matrix, right, n, order, work, out):
+    """Solve matrix x = right; what the matrix conserves (its left null vectors) is left unchanged by the solution.
+
+    With c' matrix = 0 the equation says nothing of c' x: among all solutions the one with c' x = 0 is returned.
+    `work` has room for 3 n^2 numbers; the matrix is lost.
+    """
+    transposed, free, nothing = work, work + n * n, work + 2 * n * n
+    for i in range(n):
+        for j in range(n):
+            W[transposed + j * n + i] = W[matrix + i * n + j]
+    rank = eliminate(W, V, transposed, nothing, n, 0, order)
+    if rank < n:
+        count = n - rank
+        for k in range(n * count):
+            W[free + k] = W[nothing + k] = 0.0
+        for k in range(count):
+            W[free + V[order + rank + k] * count + k] = 1.0
+        back_substitute(W, V, transposed, nothing, n, count, order, rank, free)
+        for k in range(count):
+            size = 0.0
+            for i in range(n):
+                size += W[free + i * count + k] ** 2
+            for i in range(n):
+                for j in range(n):
+                    W[matrix + i * n + j] += W[free + i * count + k] * W[free + j * count + k] / size
+    rank = eliminate(W, V, matrix, right, n, 1, order)
+    for i in range(n):
+        W[out + i] = 0.0
+    back_substitute(W, V, matrix, right, n, 1, order, rank, out)
+
+
+@compiled
+def radius(W, matrix, n, work):
+    """Spectral radius of a matrix, by squaring it over and over: to about 1e-6. `work` has room for 2 n^2 numbers."""
+    here, there, logarithm = work, work + n * n, 0.0
+    for k in range(n * n):
+        W[here + k] = W[matrix + k]
+    for doubling in range(DOUBLINGS + 1):
+        size = 0.0
+        for k in range(n * n):
+            size = max(size, abs(W[here + k]))
+        if size == 0.0:
+            return 0.0
+        if not np.isfinite(size):
+            return np.inf
+        for k in range(n * n):
+            W[here + k] /= size
+        # Size is that of the power 2^doubling, of which it takes the root.
+        growth = np.log(size) * 0.5**doubling
+        logarithm += growth
+        if doubling > SETTLED and abs(growth) < ROOT_ERROR:
+            break
+        for i in range(n):
+            for j in range(n):
+                total = 0.0
+                for k in range(n):
+                    total += W[here + i * n + k] * W[here + k * n + j]
+                W[there + i * n + j] = total
+        here, there = there, here
+    return np.exp(logarithm)

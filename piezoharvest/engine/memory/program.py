@@ -1,0 +1,182 @@
+"""A lowered system: what the compiled engine runs on, and where in flat memory each of its arrays stands.
+
+Everything is in energy-scaled coordinates (1/2 z^2 is an energy for every state that stores one), so that the matrices
+of nF and uF, of Hz and kHz, have entries of the size of the system's frequencies, and one tolerance serves all.
+The augmented state is [states | exogenous states]: those of the smooth elements, those of the signal, and last the
+constant 1, if anything is constant.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from piezoharvest.engine.memory.vector import COLUMNS as COLUMNS_AT_ONCE
+from piezoharvest.engine.memory.vector import padded
+
+TONES, RAMPS = 0, 1
+NONE = -1  # where the number of a guard, a configuration or a table stands for none
+
+# The output of a smooth element is a cubic of time: so many exogenous states, its value and three derivatives.
+DERIVATIVES = 4
+
+# Codes of events, in the order of their names in results.
+CLOSE, OPEN, CONDUCT, BLOCK, EXTRACT, SLIP, STICK = range(7)
+EVENT_NAMES = (
+    "switch closes",
+    "switch opens",
+    "diodes conduct",
+    "diodes block",
+    "voltage extracted",
+    "hysteresis slips",
+    "hysteresis sticks",
+)
+
+# Rows that every configuration reads out.
+OUTPUTS = (
+    "drive", "displacement", "velocity", "voltage", "current", "charge", "hysteresis_voltage", "dc_voltage",
+)  # fmt: skip
+DISPLACEMENT, VOLTAGE = 1, 3
+WATCHED = 2  # outputs whose extremes are wanted: their rates stand behind the guards, so that steps follow them too
+
+# Where energy goes; the effects' own losses follow.
+CATEGORIES = ("mechanical_in", "damping", "hysteresis", "harvested", "shunt_loss", "source")
+MEAN_DC = "mean_dc"  # not an energy: the dc voltage over the time, for its mean
+MECHANICAL_IN, DAMPING, HYSTERESIS, HARVESTED, SHUNT_LOSS, SOURCE = range(6)
+
+
+class Program(NamedTuple):
+    """One design.
+
+    n states, w exogenous states, a = n + w, c configurations, h stops, g guards, p products, k tones, e elements.
+    A linear form has a part over the augmented state (`*_z`, length a) and one over the derivative (`*_d`, length n).
+    A batch of designs has them as leading axis of the arrays of numbers, as far as these differ.
+    """
+
+    rate: np.ndarray  # (c, n, a): z' = rate [z | exogenous] with every stop slipping
+    stop_response: np.ndarray  # (c, n, h): z' that a rate of each stop alone brings about
+    exosystem: np.ndarray  # (w, w)
+    omega: np.ndarray  # (k,) rad/s
+    phase: np.ndarray  # (k,)
+    exo_scale: np.ndarray  # (w,) physical = scale * scaled
+    scale: np.ndarray  # (n,)
+    storage: np.ndarray  # (m, m) stored energy z' storage z / 2 of states and elements, m = n + 4 e
+    stop_input: np.ndarray  # (h, n) derivative of the stop's input as a form over z'
+    stop_limit: np.ndarray  # (h,)
+    stop_weight: np.ndarray  # (h,) scaled so that weight * s * input' is a power
+    voltage_row: np.ndarray  # (a,) v_p
+    guard_z: np.ndarray  # (c, g, a)
+    guard_d: np.ndarray  # (c, g, n)
+    trigger_row: np.ndarray  # (a,) sum T_i u_i
+    product_coefficient: np.ndarray  # (c, p)
+    product_z: np.ndarray  # (c, p, 2, a)
+    product_d: np.ndarray  # (c, p, 2, n)
+    output_z: np.ndarray  # (c, outputs, a)
+    output_d: np.ndarray  # (c, outputs, n)
+    equilibrium: np.ndarray  # (n,) where the static part of the excitation leaves the structure, electrodes relaxed
+    element_z: np.ndarray  # (e, 2, a) inputs of the smooth elements
+    lag: float
+    on_time: float
+    hold_off: float
+    efficiency: float
+    early: float  # 1 where the lag is counted from the extremum before
+    step: float  # largest step, s
+    drift: float  # 1/s: time as share of a record is drift * t
+    period: float  # of the excitation, s; infinite where there is none
+
+    signal_kind: int  # TONES or RAMPS
+    charge: int  # index of q
+    switched: int  # 0 none, 1 closes and opens, 2 extracts at once
+    cut: int  # state that opening sets to zero, or -1
+    shorted: int  # whether the electrodes have no voltage, whatever moves
+    categories: int
+    odd: np.ndarray  # (n,) sign that mirroring gives each state
+    stop_state: np.ndarray  # (h,)
+    guard_target: np.ndarray  # (c, g), -1 where there is none
+    guard_cut: np.ndarray  # (c, g), state set to zero, or -1
+    guard_code: np.ndarray  # (c, g)
+    closed: np.ndarray  # (2, c): after closing at a minimum, at a maximum
+    opened: np.ndarray  # (c,)
+    mirror: np.ndarray  # (c,)
+    product_category: np.ndarray  # (c, p), -1 where there is none
+    element_power: np.ndarray  # (e,) as in `terms.Element`
+
+
+# The table of contents `L`: first the sizes,
+(A, N, C, H, G, PRODUCTS, TONE_COUNT, ROWS, COLUMNS, LENGTH, ELEMENTS, SIGNAL) = range(12)
+_SIZES = 12
+# then for every field of `Program` where it begins, in P (numbers) or in L itself (integers; plain ones are the entry).
+(
+    RATE, STOP_RESPONSE, EXOSYSTEM, OMEGA, PHASE, EXO_SCALE, SCALE, STORAGE, STOP_INPUT, STOP_LIMIT, STOP_WEIGHT,
+    VOLTAGE_ROW, GUARD_Z, GUARD_D, TRIGGER_ROW, PRODUCT_COEFFICIENT, PRODUCT_Z, PRODUCT_D, OUTPUT_Z, OUTPUT_D,
+    EQUILIBRIUM, ELEMENT_Z, LAG, ON_TIME, HOLD_OFF, EFFICIENCY, EARLY, STEP, DRIFT, PERIOD,
+    SIGNAL_KIND, CHARGE, SWITCHED, CUT, SHORTED, CATEGORY_COUNT,
+    ODD, STOP_STATE, GUARD_TARGET, GUARD_CUT, GUARD_CODE, CLOSED, OPENED, MIRROR, PRODUCT_CATEGORY,
+    ELEMENT_POWER,
+) = range(_SIZES, _SIZES + len(Program._fields))  # fmt: skip
+NUMBERS = Program._fields[: PERIOD - _SIZES + 1]
+PLAIN = Program._fields[SIGNAL_KIND - _SIZES : CATEGORY_COUNT - _SIZES + 1]
+LISTS = Program._fields[ODD - _SIZES :]
+CONTENTS = _SIZES + len(Program._fields)  # entries; those of the tables follow
+ROOM = 31  # entries of the table of contents that those of the tables take
+
+
+def integers(program: Program) -> np.ndarray:
+    """The table of contents of a program, with its integers behind it."""
+    c, n, a = program.rate.shape[-3:]
+    header = np.zeros(CONTENTS + ROOM, np.int64)
+    guards, products = program.guard_target.shape[1], program.product_category.shape[1]
+    rows = padded(a)
+    columns = -(-a // COLUMNS_AT_ONCE) * COLUMNS_AT_ONCE
+    shapes = _shapes(program)
+    length = int(sum(np.prod(shape, dtype=int) for shape in shapes.values()))
+    header[:LENGTH] = a, n, c, len(program.stop_state), guards, products, len(program.phase), rows, columns
+    elements = len(program.element_power)
+    header[LENGTH : SIGNAL + 1] = length, elements, n + DERIVATIVES * elements
+    offset = 0
+    for k, name in enumerate(NUMBERS, RATE):
+        header[k] = offset
+        offset += int(np.prod(shapes[name], dtype=int))
+    for k, name in enumerate(PLAIN, SIGNAL_KIND):
+        header[k] = getattr(program, name)
+    lists, offset = [header], len(header)
+    for k, name in enumerate(LISTS, ODD):
+        values = np.asarray(getattr(program, name)).astype(np.int64).ravel()
+        header[k] = offset
+        offset += len(values)
+        lists.append(values)
+    return np.concatenate(lists)
+
+
+def numbers(program: Program) -> np.ndarray:
+    """The numbers of a program one after the other, or a row of them for every design of a batch."""
+    shapes, blocks = _shapes(program), []
+    for name, shape in shapes.items():
+        value = np.asarray(getattr(program, name))
+        batch = value.shape[: value.ndim - len(shape)]
+        blocks.append(value.reshape(*batch, -1))
+    batch = np.broadcast_shapes(*(block.shape[:-1] for block in blocks))
+    return np.concatenate([np.broadcast_to(b, (*batch, b.shape[-1])) for b in blocks], axis=-1)
+
+
+def part(program: Program, which: int | slice) -> Program:
+    """Some designs of a batch, or one of them."""
+    changes = {}
+    for name, shape in _shapes(program).items():
+        value = np.asarray(getattr(program, name))
+        if value.ndim > len(shape):
+            changes[name] = value[which]
+    return program._replace(**changes)
+
+
+def _shapes(program: Program) -> dict[str, tuple[int, ...]]:
+    """Shape of every array of numbers in one design."""
+    c, n, a = program.rate.shape[-3:]
+    h, w, k, o, e = len(program.stop_state), a - n, len(program.phase), len(OUTPUTS), len(program.element_power)
+    g, p, m = program.guard_target.shape[1], program.product_category.shape[1], n + DERIVATIVES * e
+    shapes = (
+        (c, n, a), (c, n, h), (w, w), (k,), (k,), (w,), (n,), (m, m), (h, n), (h,), (h,), (a,), (c, g, a), (c, g, n),
+        (a,), (c, p), (c, p, 2, a), (c, p, 2, n), (c, o, a), (c, o, n), (n,), (e, 2, a), (), (), (), (), (), (), (), (),
+    )  # fmt: skip
+    return dict(zip(NUMBERS, shapes, strict=True))

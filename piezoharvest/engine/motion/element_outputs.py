@@ -1,0 +1,186 @@
+"""Smooth nonlinear elements at a state: what their outputs and the slopes of these are, the rest of it being given."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezoharvest.engine.compilation.compiled import compiled, inlined
+from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.memory import state as st
+from piezoharvest.engine.memory import tables as tb
+from piezoharvest.engine.memory.algebra import back_substitute, eliminate
+from piezoharvest.engine.memory.program import NONE
+from piezoharvest.engine.memory.state import dot_column
+from piezoharvest.engine.memory.tables import block_of
+from piezoharvest.engine.memory.vector import multiply
+from piezoharvest.engine.motion.charge_transfer import along, shift
+from piezoharvest.equations.terms import PRODUCT, TIMED
+
+NEWTONS = 40
+SOLVED = 1e-9  # of outputs or state: a last step of Newton's method that is larger has found nothing
+# Scratch behind CURVE: length of the next step and of the last one, vectors, the matrix of the outputs and its sides.
+START, FLOW, MOVED, END, MATRIX = range(5)
+
+
+@inlined
+def scratch(L, D, k):
+    """Where a scratch vector stands in S."""
+    return D[st.CURVE] + 2 + k * L[pg.ROWS]
+
+
+@inlined
+def element_of(L, k):
+    """Where the output of an element stands in the augmented state, its derivatives behind it."""
+    return L[pg.N] + pg.DERIVATIVES * k
+
+
+@inlined
+def scale_of(P, L, place):
+    """What an exogenous state is to be multiplied by to be in its unit."""
+    return P[L[pg.EXO_SCALE] + place - L[pg.N]]
+
+
+@compiled
+def size_of(L, S, z):
+    """Size of a state and of the signal."""
+    total = 0.0
+    for i in range(L[pg.N]):
+        total += S[z + i] ** 2
+    for i in range(L[pg.SIGNAL], L[pg.SIGNAL] + 2 * max(L[pg.TONE_COUNT], 1)):
+        total += S[z + i] ** 2
+    return np.sqrt(total)
+
+
+@compiled
+def input_of(P, L, S, z, k, which):
+    """First or second input of an element at a state."""
+    return dot_column(P, L[pg.ELEMENT_Z] + (2 * k + which) * L[pg.A], 1, S, z, L[pg.A])
+
+
+@compiled
+def output_of(P, L, k, first, second, time):
+    """Output of an element for these inputs."""
+    power = L[L[pg.ELEMENT_POWER] + k]
+    if power == TIMED:
+        return P[L[pg.DRIFT]] * time * first
+    return first * second if power == PRODUCT else first**power
+
+
+@compiled
+def slope_of(P, L, k, first, second, time, which):
+    """Derivative of the output of an element by one of its inputs."""
+    power = L[L[pg.ELEMENT_POWER] + k]
+    if power == PRODUCT:
+        return first if which else second
+    if which:
+        return 0.0
+    return P[L[pg.DRIFT]] * time if power == TIMED else power * first ** (power - 1)
+
+
+@compiled
+def solve(L, S, D):
+    """Solve the equations of the outputs; the solution takes the place of the right side."""
+    count = L[pg.ELEMENTS]
+    matrix = scratch(L, D, MATRIX)
+    right = matrix + count * count
+    rank = eliminate(S, D, matrix, right, count, 1, D[st.PIVOTS])
+    out = right + count
+    for k in range(count):
+        S[out + k] = 0.0
+    back_substitute(S, D, matrix, right, count, 1, D[st.PIVOTS], rank, out)
+    for k in range(count):
+        S[right + k] = S[out + k]
+
+
+@compiled
+def equations(P, L, S, D, z, time, row, slope):
+    """Set the matrix of the equations that `outputs_at` solves: one less what an output makes of every other."""
+    count, matrix = L[pg.ELEMENTS], scratch(L, D, MATRIX)
+    for k in range(count):
+        first, second = input_of(P, L, S, z, k, 0), input_of(P, L, S, z, k, 1)
+        for m in range(count):
+            place, total = element_of(L, m), 0.0
+            for which in range(2):
+                form = L[pg.ELEMENT_Z] + (2 * k + which) * L[pg.A]
+                by_output = P[form + place]
+                if row != NONE:
+                    by_output -= along(P, L, D, form) * P[row + place] / slope
+                total += slope_of(P, L, k, first, second, time, which) * by_output
+            S[matrix + k * count + m] = (1.0 if k == m else 0.0) - total / scale_of(P, L, element_of(L, k))
+
+
+@compiled
+def outputs_at(P, L, S, D, z, time, row, slope):
+    """Set the outputs to what the rest of a state makes of them, by Newton's method: their inputs depend on them.
+
+    With the row of a linear form the charge moves as well, so that the form is zero; slope is what a unit of charge
+    adds to it. Where there is no solution the state is no number.
+    """
+    count, right = L[pg.ELEMENTS], scratch(L, D, MATRIX) + L[pg.ELEMENTS] * L[pg.ELEMENTS]
+    largest = change = last = np.inf
+    for _ in range(NEWTONS):
+        if row != NONE:
+            shift(P, L, S, D, z, -dot_column(P, row, 1, S, z, L[pg.A]) / slope)
+        for k in range(count):
+            place, first, second = element_of(L, k), input_of(P, L, S, z, k, 0), input_of(P, L, S, z, k, 1)
+            S[right + k] = output_of(P, L, k, first, second, time) / scale_of(P, L, place) - S[z + place]
+        equations(P, L, S, D, z, time, row, slope)
+        solve(L, S, D)
+        largest, change = 0.0, 0.0
+        for k in range(count):
+            S[z + element_of(L, k)] += S[right + k]
+            change, largest = max(change, abs(S[right + k])), max(largest, abs(S[z + element_of(L, k)]))
+        # At the level of rounding it no longer gets better.
+        if change <= 1e-15 * largest or (change <= 1e-12 * largest and not change < 0.5 * last):
+            break
+        last = change
+    if row != NONE:
+        shift(P, L, S, D, z, -dot_column(P, row, 1, S, z, L[pg.A]) / slope)
+    if not change <= SOLVED * max(largest, size_of(L, S, z)):
+        S[z] = np.nan
+
+
+@compiled
+def outputs(P, L, S, D, z, time):
+    """Set the outputs to what the rest of a state makes of them."""
+    outputs_at(P, L, S, D, z, time, NONE, 1.0)
+
+
+@compiled
+def _rates(P, L, S, D, slot, z, time, right):
+    """What the rates of a state, with the slopes of the outputs that it holds, make of these slopes."""
+    flow = scratch(L, D, FLOW)
+    multiply(P, block_of(L, slot) + L[tb.MATRIX], L[pg.ROWS], L[pg.COLUMNS], S, z, flow)
+    for k in range(L[pg.ELEMENTS]):
+        first, second, total = input_of(P, L, S, z, k, 0), input_of(P, L, S, z, k, 1), 0.0
+        for which in range(2):
+            total += slope_of(P, L, k, first, second, time, which) * input_of(P, L, S, flow, k, which)
+        if L[L[pg.ELEMENT_POWER] + k] == TIMED:
+            total += P[L[pg.DRIFT]] * first
+        S[right + k] = total / scale_of(P, L, element_of(L, k) + 1)
+
+
+@compiled
+def lift(P, L, S, D, slot, z, time):
+    """Set the outputs and their slopes to what the rest of a state makes of them.
+
+    The equations of the slopes are linear; their columns are what a slope of one makes of all others.
+    """
+    outputs(P, L, S, D, z, time)
+    count, matrix = L[pg.ELEMENTS], scratch(L, D, MATRIX)
+    right = matrix + count * count
+    for k in range(count):
+        S[z + element_of(L, k) + 1] = 0.0
+    for m in range(count):
+        S[z + element_of(L, m) + 1] = 1.0
+        _rates(P, L, S, D, slot, z, time, right)
+        S[z + element_of(L, m) + 1] = 0.0
+        for k in range(count):
+            S[matrix + k * count + m] = S[right + k]
+    _rates(P, L, S, D, slot, z, time, right)
+    for k in range(count):
+        for m in range(count):
+            S[matrix + k * count + m] = (1.0 if k == m else 0.0) - (S[matrix + k * count + m] - S[right + k])
+    solve(L, S, D)
+    for k in range(count):
+        S[z + element_of(L, k) + 1] = S[right + k]

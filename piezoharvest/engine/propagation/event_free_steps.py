@@ -1,0 +1,105 @@
+"""Longest steps on which no guard can rise: what most samples of a record are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezoharvest.engine.compilation.compiled import compiled, inlined
+from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.memory import state as st
+from piezoharvest.engine.memory import tables as tb
+from piezoharvest.engine.memory.state import set_one, set_ramp, vector
+from piezoharvest.engine.memory.tables import block_of, rows_read, slot_of
+from piezoharvest.engine.memory.vector import accumulate, copy, dot, inside, multiply_top
+from piezoharvest.engine.motion.exact_step import ARRIVED
+from piezoharvest.engine.propagation.recording import SAME_TIME, account, observe
+
+
+@compiled
+def glide(P, L, S, D, ramps, last, piece, t_end):
+    """Make longest steps for as long as no guard comes near zero on them, and return the piece that holds then.
+
+    One product of a matrix with the state gives where a step leads, the guards at both its ends, the outputs and how
+    much everything bends, so that nothing waits for the state that is arrived at; and there is no look at rates.
+    """
+    slot, glided, clock = D[st.MODE], D[st.GLIDED], D[st.CLOCK]
+    rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
+    step, bends, pairs = P[block + L[tb.STEPS]], glided + rows, glided + 2 * rows
+    full = D[st.TRACKED] > 0 or D[st.ENERGIES] > 0 or D[st.SENSITIVITIES] > 0
+    # Forms that no guard reads, and outputs that nobody wants, are left out.
+    forms, height = rows_read(L, D[st.TRACKED], slot), L[tb.GLIDE_ROWS]
+    if not full and D[st.SAMPLED] >= D[st.SAMPLES_WANTED]:
+        height = 2 * rows + 2 * forms
+    if D[st.TRACKED]:
+        _fence_watched(P, L, S, D, slot)
+    times, starts, slopes = ramps
+    # As in `hold_ramp`, without a division in every sample.
+    signal = L[pg.SIGNAL]
+    scale = L[pg.EXO_SCALE] + signal - L[pg.N]
+    of_value, of_slope = 1.0 / P[scale], 1.0 / P[scale + 1]
+    set_one(P, L, S)
+    while piece < last:
+        ends = times[piece + 1]
+        if ends > t_end or not abs(ends - S[clock] - step) <= 1e-9 * step:
+            break
+        S[signal] = (starts[piece] + slopes[piece] * (S[clock] - times[piece])) * of_value
+        S[signal + 1] = slopes[piece] * of_slope
+        multiply_top(P, block + L[tb.GLIDE], L[tb.GLIDE_ROWS], height, columns, S, 0, glided)
+        if not inside(
+            P, block + L[tb.DEVIATION], L[tb.FORMS], forms, columns, S, bends, pairs, D[st.LOWER], D[st.UPPER]
+        ):
+            break
+        if full:
+            _record(P, L, S, D, slot, step)
+        elif D[st.SAMPLED] < D[st.SAMPLES_WANTED]:
+            _sample(P, L, S, D, slot, step)
+        accumulate(S, glided, 1.0, 0, rows)
+        S[clock] = ends
+        piece += 1
+    return piece
+
+
+@inlined
+def hold_ramp(P, L, S, D, ramps, last, piece):
+    """Set the signal to one of the `last` pieces of ramps, or beyond these to where they end."""
+    times, starts, slopes = ramps
+    if piece < last:
+        since = S[D[st.CLOCK]] - times[piece]
+        set_ramp(P, L, S, starts[piece] + slopes[piece] * since, slopes[piece])
+    else:
+        set_ramp(P, L, S, starts[piece - 1] + slopes[piece - 1] * (times[piece] - times[piece - 1]), 0.0)
+
+
+@compiled
+def _fence_watched(P, L, S, D, slot):
+    """Limits of what is watched, beside those of the guards: its sign stays."""
+    at, rows = slot_of(L, slot), L[pg.ROWS]
+    for g in range(L[at + tb.GUARD_COUNT] - pg.WATCHED, L[at + tb.GUARD_COUNT]):
+        row = L[at + tb.FIRST_GUARD + 2 * g + 1]
+        positive = dot(P, block_of(L, slot) + L[tb.LINES] + 2 * row * rows, S, 0, rows) > 0.0
+        S[D[st.LOWER] + row], S[D[st.UPPER] + row] = (0.0, np.inf) if positive else (-np.inf, 0.0)
+
+
+@compiled
+def _sample(P, L, S, D, slot, step):
+    """Keep the outputs at the end of a step, if these are all that is wanted within it."""
+    k, times, end = D[st.SAMPLED], D[st.SAMPLE_TIME], S[D[st.CLOCK]] + step
+    early = end - S[times + k]
+    if early < -SAME_TIME * step:
+        return
+    if early > SAME_TIME * step or (k + 1 < D[st.SAMPLES_WANTED] and S[times + k + 1] <= end):
+        _record(P, L, S, D, slot, step)
+        return
+    outputs = D[st.GLIDED] + 2 * L[pg.ROWS] + 2 * L[tb.FORMS]
+    copy(S, outputs, D[st.SAMPLES] + k * len(pg.OUTPUTS), tb.OUTPUT_ROWS)
+    D[st.SAMPLED] += 1
+
+
+@compiled
+def _record(P, L, S, D, slot, step):
+    """Record a longest step in full."""
+    arrived = vector(L, D, ARRIVED)
+    for i in range(L[pg.ROWS]):
+        S[arrived + i] = S[i] + S[D[st.GLIDED] + i]
+    observe(P, L, S, D, slot, step, S[D[st.CLOCK]] + step, arrived)
+    account(P, L, S, D, slot, step, 0)

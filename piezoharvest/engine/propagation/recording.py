@@ -1,0 +1,212 @@
+"""What is recorded of a motion: samples, extremes, energies and sensitivities."""
+
+from __future__ import annotations
+
+from piezoharvest.engine.compilation.compiled import compiled
+from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.memory import state as st
+from piezoharvest.engine.memory import tables as tb
+from piezoharvest.engine.memory.program import NONE
+from piezoharvest.engine.memory.state import dot_column, vector
+from piezoharvest.engine.memory.tables import block_of, slot_of
+from piezoharvest.engine.memory.vector import copy, dot, grow, multiply, polynomial
+from piezoharvest.engine.motion.energy_forms import NODES, WEIGHTS, energies_of_steps
+from piezoharvest.engine.motion.exact_step import FLOW, KEPT, SAMPLE, SERIES, exact, expand
+from piezoharvest.engine.motion.mode_forms import STIFF
+from piezoharvest.engine.work_limit import products
+
+ROUNDING = (
+    2.0**-46
+)  # of the terms of the form of a finest step: what some thirty sums on each of the first levels leave
+SHOWS = 1e-13  # of an energy: rounding below that does not matter
+SAME_TIME = 1e-11  # part of a step that a sample's time may be off its end by rounding
+
+
+@compiled
+def observe(P, L, S, D, slot, tau, end, arrived):
+    """Samples and extremes between the state now and the state at `arrived`, tau later, at the time `end`."""
+    now = S[D[st.CLOCK]]
+    z, outputs = vector(L, D, SAMPLE), block_of(L, slot) + L[tb.OUTPUTS]
+    rounding = max(SAME_TIME * tau, 1e-15 * end)
+    while D[st.SAMPLED] < D[st.SAMPLES_WANTED] and S[D[st.SAMPLE_TIME] + D[st.SAMPLED]] <= end:
+        k = D[st.SAMPLED]
+        into = S[D[st.SAMPLE_TIME] + k] - now
+        here = D[st.SAMPLES] + k * len(pg.OUTPUTS)
+        if into <= rounding:
+            multiply(P, outputs, tb.OUTPUT_ROWS, L[pg.COLUMNS], S, 0, here)
+        elif into >= tau - rounding:
+            multiply(P, outputs, tb.OUTPUT_ROWS, L[pg.COLUMNS], S, arrived, here)
+        else:
+            exact(P, L, S, D, slot, 0, into, z)
+            multiply(P, outputs, tb.OUTPUT_ROWS, L[pg.COLUMNS], S, z, here)
+        D[st.SAMPLED] += 1
+    if D[st.TRACKED]:
+        at = slot_of(L, slot)
+        first = L[at + tb.GUARD_COUNT] - pg.WATCHED
+        for k in range(pg.WATCHED):
+            output = outputs + (pg.DISPLACEMENT if k == 0 else pg.VOLTAGE)
+            rate = block_of(L, slot) + L[tb.LINES] + 2 * L[at + tb.FIRST_GUARD + 2 * (first + k) + 1] * L[pg.ROWS]
+            _turn(P, L, S, D, slot, tau, arrived, k, output, rate)
+
+
+@compiled
+def _turn(P, L, S, D, slot, tau, arrived, k, output, rate):
+    """Widen the extremes by the ends of a step, and by the turning point where the output's rate changes sign."""
+    a, rows, z = L[pg.A], L[pg.ROWS], vector(L, D, SAMPLE)
+    _widen(S, D, k, dot_column(P, output, tb.OUTPUT_ROWS, S, 0, a))
+    _widen(S, D, k, dot_column(P, output, tb.OUTPUT_ROWS, S, arrived, a))
+    before, after = dot(P, rate, S, 0, rows), dot(P, rate, S, arrived, rows)
+    if not before * after < 0.0:
+        return
+    low, high, low_rate, high_rate = 0.0, tau, before, after
+    for _ in range(60):
+        # Illinois variant of the secant method: the end that stays loses half its weight.
+        x = low + (high - low) * low_rate / (low_rate - high_rate)
+        exact(P, L, S, D, slot, 0, x, z)
+        value = dot(P, rate, S, z, rows)
+        if value * before > 0.0:
+            low, low_rate, high_rate = x, value, 0.5 * high_rate
+        else:
+            high, high_rate, low_rate = x, value, 0.5 * low_rate
+        if abs(value) <= 1e-9 * (abs(before) + abs(after)) or high - low <= 1e-12 * tau:
+            break
+    _widen(S, D, k, dot_column(P, output, tb.OUTPUT_ROWS, S, z, a))
+
+
+@compiled
+def _widen(S, D, k, value):
+    lowest = D[st.EXTREMES] + 2 * k
+    S[lowest] = min(S[lowest], value)
+    S[lowest + 1] = max(S[lowest + 1], value)
+
+
+@compiled
+def account(P, L, S, D, slot, tau, level):
+    """Energies and sensitivities of a motion by tau from the state now.
+
+    `level` is the level of a full step, or NONE for any tau.
+    """
+    if D[st.ENERGIES] and not L[slot_of(L, slot) + tb.ACCOUNTED]:
+        energies_of_steps(P, L, slot, D[st.CONFIGURATION])
+        L[slot_of(L, slot) + tb.ACCOUNTED] = 1
+    if level != NONE:
+        _full_step(P, L, S, D, slot, level)
+        return
+    rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
+    finest, steps = L[slot_of(L, slot) + tb.FINEST_LEVEL], block + L[tb.STEPS]
+    if D[st.ENERGIES] == 0:
+        products(L, D[st.SENSITIVITIES])
+        for s in range(D[st.SENSITIVITIES]):
+            phi, out = D[st.PHI] + s * rows, vector(L, D, FLOW)
+            exact(P, L, S, D, slot, phi, tau, out)
+            copy(S, out, phi, rows)
+        return
+    rest, kept, out = tau, vector(L, D, KEPT), vector(L, D, FLOW)
+    copy(S, 0, kept, rows)
+    for k in range(finest + 1):
+        if rest >= P[steps + k]:
+            _full_step(P, L, S, D, slot, k)
+            grow(P, block + L[tb.GROWTH] + k * rows * columns, rows, columns, S, 0, out)
+            copy(S, out, 0, rows)
+            rest -= P[steps + k]
+    if rest > 0.0:
+        _collect_short(P, L, S, D, slot, rest)
+        for s in range(D[st.SENSITIVITIES]):
+            phi = D[st.PHI] + s * rows
+            copy(S, phi, vector(L, D, SERIES), rows)
+            expand(P, L, S, D, slot)
+            polynomial(S, vector(L, D, SERIES), rows, tb.TERMS, rest / P[steps + finest], phi)
+    copy(S, kept, 0, rows)
+
+
+@compiled
+def _full_step(P, L, S, D, slot, level):
+    """Energies and sensitivities of a full step of one level from the state now."""
+    rows, columns, block, out = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot), vector(L, D, FLOW)
+    products(L, D[st.ENERGIES] + D[st.SENSITIVITIES])
+    if D[st.ENERGIES]:
+        _energies_of_step(P, L, S, D, slot, level)
+    square = rows * columns
+    growth = block + L[tb.GROWTH] + level * square
+    for s in range(D[st.SENSITIVITIES]):
+        phi = D[st.PHI] + s * rows
+        grow(P, growth, rows, columns, S, phi, out)
+        copy(S, out, phi, rows)
+
+
+@compiled
+def _energies_of_step(P, L, S, D, slot, level):
+    """Energies of a full step of one level from the state now, as quadratic forms of it.
+
+    In a stiff mode what rounding left in the form of the finest step has been doubled with it, and a small power comes
+    out of it as a difference of large ones. Where that may show, quadrature is as good as the form wherever the two
+    agree to that rounding, and far better where the motion is smooth.
+    """
+    rows, columns, block, out = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot), vector(L, D, FLOW)
+    square, finest, known = rows * columns, L[slot_of(L, slot) + tb.FINEST_LEVEL], False
+    for e in range(D[st.ENERGIES]):
+        forms = block + L[tb.GRAMIAN] + e * square
+        multiply(P, forms + level * L[tb.LEDGER] * square, rows, columns, S, 0, out)
+        total = 0.0
+        for i in range(rows):
+            total += S[i] * S[out + i]
+        if finest >= STIFF:
+            rounding = _form_size(P, L, S, forms + finest * L[tb.LEDGER] * square) * ROUNDING * 2.0 ** (finest - level)
+            if rounding > SHOWS * abs(total):
+                if not known:
+                    _quadrature(P, L, S, D, slot, P[block + L[tb.STEPS] + level])
+                    known = True
+                if abs(S[D[st.QUADRATURE] + e] - total) <= rounding:
+                    total = S[D[st.QUADRATURE] + e]
+        S[D[st.ENERGY] + e] += total
+
+
+@compiled
+def _form_size(P, L, S, form):
+    """Sum of the sizes of all terms of a quadratic form of the state now."""
+    products(L, 8)  # one number at a time
+    size = 0.0
+    for j in range(L[pg.A]):
+        column = 0.0
+        for i in range(L[pg.A]):
+            column += abs(P[form + j * L[pg.ROWS] + i] * S[i])
+        size += column * abs(S[j])
+    return size
+
+
+@compiled
+def _collect_short(P, L, S, D, slot, tau):
+    """Energies of a step shorter than the finest level, by Gauss-Legendre quadrature of its Taylor series."""
+    block, z, rows = block_of(L, slot), vector(L, D, SAMPLE), L[pg.ROWS]
+    short = P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
+    copy(S, 0, vector(L, D, SERIES), rows)
+    expand(P, L, S, D, slot)
+    for q in range(len(NODES)):
+        polynomial(S, vector(L, D, SERIES), rows, tb.TERMS, NODES[q] * tau / short, z)
+        _add_powers(P, L, S, D, slot, z, tau * WEIGHTS[q], D[st.ENERGY])
+
+
+@compiled
+def _quadrature(P, L, S, D, slot, tau):
+    """Energies of a motion by tau by Gauss-Legendre quadrature, left at QUADRATURE: right where it is smooth."""
+    z, energies = vector(L, D, SAMPLE), D[st.QUADRATURE]
+    products(L, len(NODES) * (L[pg.PRODUCTS] + L[pg.H]))
+    for e in range(D[st.ENERGIES]):
+        S[energies + e] = 0.0
+    for q in range(len(NODES)):
+        exact(P, L, S, D, slot, 0, NODES[q] * tau, z)
+        _add_powers(P, L, S, D, slot, z, tau * WEIGHTS[q], energies)
+
+
+@compiled
+def _add_powers(P, L, S, D, slot, z, time, energies):
+    """Add to the energies what the powers at a state make of a time."""
+    block, rows, own, configuration = block_of(L, slot), L[pg.ROWS], L[pg.PRODUCTS], D[st.CONFIGURATION]
+    for p in range(own + L[pg.H]):
+        category, weight = pg.HYSTERESIS, time
+        if p < own:
+            category = L[L[pg.PRODUCT_CATEGORY] + configuration * own + p]
+            weight *= P[L[pg.PRODUCT_COEFFICIENT] + configuration * own + p]
+        if category >= 0:
+            product = block + L[tb.PRODUCTS] + 2 * p * rows
+            S[energies + category] += weight * dot(P, product, S, z, rows) * dot(P, product + rows, S, z, rows)

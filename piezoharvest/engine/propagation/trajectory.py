@@ -1,0 +1,40 @@
+"""A run written down as motions from one event to the next."""
+
+from __future__ import annotations
+
+from piezoharvest.engine.compilation.compiled import compiled
+from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.memory import state as st
+from piezoharvest.engine.memory import tables as tb
+from piezoharvest.engine.memory.program import NONE
+from piezoharvest.engine.memory.tables import slot_of
+
+# What ends a motion, beside guards.
+NOTHING, OPENS, ACTS = -1, -2, -3
+
+
+@compiled
+def begin_tape(L, S, D):
+    """Write down where a motion from one event to the next begins: time and state, configuration and slips.
+
+    And whether anything is scheduled: actions of the switch, or its opening.
+    """
+    at, kind = D[st.TAPE] + D[st.TAPED] * (2 + L[pg.A]), D[st.TAPE_KIND] + D[st.TAPED] * (3 + L[pg.H])
+    S[at] = S[D[st.CLOCK]]
+    for i in range(L[pg.A]):
+        S[at + 2 + i] = S[i]
+    D[kind], D[kind + 2] = D[st.CONFIGURATION], 1 if D[st.WAITING] or D[st.CLOSED] else 0
+    for j in range(L[pg.H]):
+        D[kind + 3 + j] = D[D[st.SLIP] + j]
+
+
+@compiled
+def end_tape(L, S, D, slot, guard, due, kind):
+    """Write down when a motion ends, and by what: a guard, the switch that opens or acts, or nothing."""
+    at = D[st.TAPED]
+    S[D[st.TAPE] + at * (2 + L[pg.A]) + 1] = S[D[st.CLOCK]]
+    what = L[slot_of(L, slot) + tb.FIRST_GUARD + 2 * guard] if guard != NONE else NOTHING
+    if guard == NONE and S[D[st.CLOCK]] >= due:
+        what = OPENS if kind == 1 else ACTS
+    D[D[st.TAPE_KIND] + at * (3 + L[pg.H]) + 1] = what
+    D[st.TAPED] += 1

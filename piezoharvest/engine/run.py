@@ -1,0 +1,79 @@
+"""Running a lowered system through time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezoharvest.description.excitation import Ramps
+from piezoharvest.engine.entry_point import FIND, MANY, RUN, engine
+from piezoharvest.engine.lowering.lower import Lowered
+from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.memory import state as st
+from piezoharvest.engine.memory import tables as tb
+from piezoharvest.engine.memory.state import State
+from piezoharvest.engine.memory.vector import lined_up
+from piezoharvest.engine.propagation.advance import EXHAUSTED
+from piezoharvest.engine.work_limit import INTERRUPTED, interrupt
+
+NONE = np.zeros(0), np.zeros(0, np.int64)
+NO_BATCH = np.zeros((0, 0)), np.zeros((0, 0))
+NO_RAMPS = np.zeros(0), np.zeros(0), np.zeros(0)
+
+
+class Machine:
+    """A lowered system with its tables: what runs.
+
+    Parameters
+    ----------
+    lowered : Lowered
+    ledger : bool
+        Whether energies are accounted for.
+    """
+
+    def __init__(self, lowered: Lowered, ledger: bool = False):
+        self.lowered = lowered
+        self.ledger = ledger
+        self.L, length = tb.contents(pg.integers(lowered.program), ledger)
+        self.P = lined_up(length)
+        self.P[: self.L[pg.LENGTH]] = pg.numbers(pg.part(lowered.program, 0))  # of a batch, the first
+
+    def state(self, **recorded) -> State:
+        """State at rest, under the static part of the excitation; `recorded` as in `State`."""
+        state = State(self.L, **{"ledger": self.ledger, **recorded})
+        at = self.L[pg.EQUILIBRIUM]
+        state.z[: self.L[pg.N]] = self.P[at : at + self.L[pg.N]]
+        return state
+
+    def run(self, state: State, t_end: float) -> int:
+        """Run to t_end (s) and return the engine's status; the state's arrays are changed in place."""
+        signal, ramps, piece = self.lowered.signal, NO_RAMPS, 0
+        if isinstance(signal, Ramps):
+            ramps = tuple(signal)
+            piece = max(int(np.searchsorted(signal.times, state.clock[st.NOW], side="right")) - 1, 0)
+        return self._call(RUN, (state.S, state.D), ramps, piece, t_end, NONE, NONE, False, NONE, NO_BATCH)
+
+    def search(self, trial: State, followed: State, memory: tuple[np.ndarray, np.ndarray], mirrored: bool) -> int:
+        """Find the periodic steady state from where `followed` is, and return the engine's status; see `shooting`."""
+        moving = followed.S, followed.D
+        return self._call(FIND, (trial.S, trial.D), NO_RAMPS, 0, 0.0, memory, moving, mirrored, NONE, NO_BATCH)
+
+    def search_many(
+        self, trial: State, followed: State, recorder: State, memory: tuple, batch: tuple, mirrored: bool
+    ) -> None:
+        """Find the steady states of many designs; see `many`."""
+        states = ((state.S, state.D) for state in (trial, followed, recorder))
+        first, second, third = states
+        self._call(MANY, first, NO_RAMPS, 0, 0.0, memory, second, mirrored, third, batch)
+
+    def _call(self, task: int, *arguments) -> int:
+        """Let the engine work, as long as the simulation's budget lasts; returns its status."""
+        budget = self.lowered.budget
+        self.L[[tb.LEFT, tb.LOOK]] = budget.left
+        status = engine(task, (self.P, self.L), *arguments)
+        left = int(self.L[tb.LEFT])
+        if left < INTERRUPTED // 2:
+            interrupt()
+        if task == MANY:  # each design has a budget of its own
+            return status
+        budget.left = left
+        return status if left > 0 else EXHAUSTED

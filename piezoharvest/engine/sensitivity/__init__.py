@@ -1,0 +1,1 @@
+"""Derivatives of the periodic steady state by the quantities of a model."""

@@ -1,0 +1,98 @@
+"""A periodic orbit as motions from one event to the next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from piezoharvest.engine.lowering.lower import Lowered
+from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.memory import state as st
+from piezoharvest.engine.memory.state import State
+from piezoharvest.engine.run import Machine
+from piezoharvest.engine.steady_search import Orbit, Shooting, check
+
+ROOM = 4096  # motions that are kept of a span
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One motion within a mode.
+
+    Attributes
+    ----------
+    start : (a,) array
+        Augmented state at its beginning.
+    begins, ends : float
+        s.
+    configuration : int
+    slip : (h,) int array
+    what : int
+        What ends it: a guard, or `tape.OPENS`, `ACTS` or `NOTHING`.
+    scheduled : bool
+        Whether an action of the switch, or its opening, is due after it.
+    """
+
+    start: np.ndarray
+    begins: float
+    ends: float
+    configuration: int
+    slip: np.ndarray
+    what: int
+    scheduled: bool
+
+    @property
+    def length(self) -> float:
+        """Duration, s."""
+        return self.ends - self.begins
+
+
+@dataclass(frozen=True)
+class Tape:
+    """The motions of a span, half a period where the orbit mirrors itself, and the state at its end.
+
+    The span begins where no action of the switch is waiting and the switch is open.
+    """
+
+    motions: tuple[Motion, ...]
+    end: np.ndarray
+    mirrored: bool
+    lowered: Lowered
+
+
+def follow(lowered: Lowered, orbit: Orbit, mirrored: bool) -> Tape:
+    """Record one span of an orbit."""
+    period = float(lowered.program.period)
+    machine = Machine(lowered)
+    shooting = Shooting(machine, period, mirrored)
+    span = 0.5 * period if mirrored else period
+    first = _record(machine, shooting.load(orbit, tape=ROOM), orbit.time + span, lowered)
+    begin = _idle(orbit, first[0])
+    state = shooting.load(orbit)
+    check(machine.run(state, begin))
+    recorder = machine.state(tape=ROOM)
+    recorder.follow(state)
+    motions, end = _record(machine, recorder, begin + span, lowered)
+    return Tape(motions, end, mirrored, lowered)
+
+
+def _idle(orbit: Orbit, motions: tuple[Motion, ...]) -> float:
+    """Middle of the longest motion of a span that begins with nothing scheduled, s; the orbit's own time if none."""
+    idle = [motion for motion in motions if not motion.scheduled]
+    if not idle:
+        return orbit.time
+    longest = max(idle, key=lambda motion: motion.length)
+    return 0.5 * (longest.begins + longest.ends)
+
+
+def _record(machine: Machine, state: State, t_end: float, lowered: Lowered) -> tuple[tuple[Motion, ...], np.ndarray]:
+    check(machine.run(state, t_end))
+    a, h = int(machine.L[pg.A]), int(machine.L[pg.H])
+    count = int(state.D[st.TAPED])
+    numbers, kinds = state[st.TAPE].reshape(-1, 2 + a)[:count], state[st.TAPE_KIND].reshape(-1, 3 + h)[:count]
+    motions = tuple(
+        Motion(row[2:].copy(), row[0], row[1], int(kind[0]), kind[3:].copy(), int(kind[1]), bool(kind[2]))
+        for row, kind in zip(numbers, kinds, strict=True)
+    )
+    return motions, state.z.copy()

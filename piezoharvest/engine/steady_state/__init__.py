@@ -1,0 +1,1 @@
+"""The periodic steady state by shooting, compiled, for one design or many."""

@@ -1,0 +1,157 @@
+"""The transducer's equations as rows: the one place where its physics is written, for every view of it.
+
+Rows (see `circuit`) are given by name: x1, u1, x2, ... displacements and velocities of the modes, q the charge q_p.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+
+from piezoharvest.description.circuit import Port, Product, Row, State
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Transducer
+from piezoharvest.equations.terms import Rows, Terms
+
+
+class Placing:
+    """Terms in the columns of a view.
+
+    Parameters
+    ----------
+    terms : Terms
+    z, dz : mapping of str to Row
+        States of transducer and effects with the effects' stops, by name, and their rates.
+    drive, one : Row
+    v_h, dv_h : Row
+        Voltage of the hysteresis and its rate.
+
+    Attributes
+    ----------
+    v_t, dv_t : Row
+        Voltage across C and its rate: C v_t = q - sum T_i x_i - what effects add.
+    current : Row
+        Load current: what the transducer gives less what effects draw.
+    """
+
+    def __init__(self, terms: Terms, z: Rows, dz: Rows, drive: Row, one: Row, v_h: Row) -> None:
+        self.terms = terms
+        self._rows = {**z, **{name + "'": row for name, row in dz.items()}, "drive": drive, "one": one, "v_h": v_h}
+        charges, share = _without(terms.charges, terms.columns["v_t"])
+        capacitance = terms.transducer.capacitance + share
+        inside = terms.q - terms.strain_charge - charges
+        self.v_t, self.dv_t = (terms.over(inside, rows) / capacitance for rows in (z, dz))
+        self._none = 0.0 * one
+        drawn, share = _without(terms.drawn, terms.columns["i"])
+        self._rows["v_t"] = self.v_t
+        self.current = self._rows["i"] = -(dz["q"] + self.row(drawn)) / (1.0 + share)
+
+    def row(self, row: Row) -> Row:
+        """A row of the terms as one of the view."""
+        parts = (factor * self._rows[name] for name, factor in self.terms.used(row).items())
+        return sum(parts, self._none)
+
+    def rows(self, rows: Sequence[Row]) -> list[Row]:
+        """Several of them."""
+        return [self.row(row) for row in rows]
+
+    def product(self, product: Product) -> Product:
+        """A product of two of them."""
+        return Product(product.coefficient, self.row(product.first), self.row(product.second))
+
+
+def _without(row: Row, column: int) -> tuple[Row, np.ndarray | float]:
+    """A row without a column, and what stood there, a number unless the row has a batch."""
+    share, rest = row[..., column : column + 1], row.copy()
+    rest[..., column] = 0.0
+    return rest, share if row.ndim > 1 else share[0]
+
+
+class Mechanics(NamedTuple):
+    """Equations of motion and what is read from them.
+
+    Attributes
+    ----------
+    equations : list of Row
+        Two for each mode, zero along every motion.
+    displacement, velocity : Row
+        Participation-weighted sums of the modes, m and m/s.
+    drive_velocity : Row
+        What the drive multiplies with to its power: W per N, or per m/s^2.
+    strain_current : Row
+        sum T_i u_i in A: the switches of synchronised shunts act where it crosses zero.
+    """
+
+    equations: list[Row]
+    displacement: Row
+    velocity: Row
+    drive_velocity: Row
+    strain_current: Row
+
+
+def gains(transducer: Transducer, base: bool) -> list[float]:
+    """What turns the drive into each mode's force: 1 times its share of a force, or a mass in kg."""
+    return [-mode.base_mass if base else mode.force_participation for mode in transducer.all_modes]
+
+
+def mechanics(placing: Placing, z: Rows, dz: Rows, drive: Row, base: bool) -> Mechanics:
+    """Equations of motion of all modes under a force, or under base acceleration."""
+    transducer = placing.terms.transducer
+    modes, by = list(enumerate(transducer.all_modes, 1)), gains(transducer, base)
+    pushes, equations = placing.rows(placing.terms.pushes), []
+    for n, mode in modes:
+        x, u = z[f"x{n}"], z[f"u{n}"]
+        inertia = mode.mass * dz[f"u{n}"] + mode.damping * u + mode.stiffness * x
+        equations += [dz[f"x{n}"] - u, inertia - mode.coupling * placing.v_t - by[n - 1] * drive - pushes[n - 1]]
+    none = 0.0 * drive
+    return Mechanics(
+        equations,
+        displacement=sum((mode.force_participation * z[f"x{n}"] for n, mode in modes), none),
+        velocity=sum((mode.force_participation * z[f"u{n}"] for n, mode in modes), none),
+        drive_velocity=sum((by[n - 1] * z[f"u{n}"] for n, _ in modes), none),
+        strain_current=sum((mode.coupling * z[f"u{n}"] for n, mode in modes), none),
+    )
+
+
+def own_rows(rows: Rows, prefix: str, states: Sequence[State]) -> SimpleNamespace:
+    """Rows of a component's states under the names that it gave them."""
+    return SimpleNamespace(**{state.name: rows[prefix + state.name] for state in states})
+
+
+class Device(NamedTuple):
+    """A transducer with its effects in the rows of a view.
+
+    Attributes
+    ----------
+    placing : Placing
+        The effects' terms in these rows.
+    motion : Mechanics
+    port : Port
+        What a shunt sees: its current is what the transducer gives less what the effects draw.
+    equations : list of Row
+        Of the states that effects add.
+    """
+
+    placing: Placing
+    motion: Mechanics
+    port: Port
+    equations: list[Row]
+
+
+def device(terms: Terms, z: Rows, dz: Rows, drive: Row, one: Row, hysteresis: tuple[Row, Row], base: bool) -> Device:
+    """Write down the equations, given v_h and its rate as rows."""
+    v_h, dv_h = hysteresis
+    placing = Placing(terms, z, dz, drive, one, v_h)
+    port = Port(placing.v_t + v_h, placing.dv_t + dv_h, placing.current, one, terms.transducer.capacitance)
+    return Device(placing, mechanics(placing, z, dz, drive, base), port, placing.rows(terms.equations))
+
+
+def connected(system: System) -> System:
+    """The system with what its effects say is really connected."""
+    shunt = system.shunt
+    for effect in system.transducer.effects:
+        shunt = effect.connect(shunt)
+    return System(system.transducer, shunt)

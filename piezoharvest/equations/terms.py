@@ -1,0 +1,274 @@
+"""What effects add to the transducer's equations: collected by their `act`, placed into the rows of a view.
+
+An effect acts on `Terms` as it acts on the specimen of a predicted record. Rows run over columns of their own here, one
+for each name; `equations.Placing` puts them into the columns of the engine or of the linear view.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from piezoharvest.description.circuit import Product, Row, State, Switch
+from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.transducer import Transducer
+
+WIDTH = 128  # columns at most
+UNITS = np.eye(WIDTH)
+PRODUCT, TIMED = 0, 1
+Rows = Mapping[str, Row]
+
+
+def state_names(transducer: Transducer) -> list[str]:
+    """Names of the transducer's own states: x1, u1, ... in m and m/s, and q in C."""
+    return [f"{s}{n}" for n in range(1, len(transducer.all_modes) + 1) for s in "xu"] + ["q"]
+
+
+class Stop(NamedTuple):
+    """Stop operator that an effect adds: its name, its input over the states, and the limit of both."""
+
+    name: str
+    row: Row
+    threshold: float
+
+
+class Element(NamedTuple):
+    """Smooth element that an effect adds: a power of its first input, or a product of its inputs.
+
+    Attributes
+    ----------
+    name : str
+    first, second : Row
+    power : int
+        From 2 on the power; `PRODUCT` of both inputs; `TIMED`, time as share of the record times the inputs' one row.
+    """
+
+    name: str
+    first: Row
+    second: Row
+    power: int
+
+    def at_start(self, first: float, second: float) -> float:
+        """Output for these inputs at time zero."""
+        if self.power == TIMED:
+            return 0.0
+        return first * second if self.power == PRODUCT else first**self.power
+
+
+class Terms:
+    """Terms of all effects of a transducer, those at their null value left out.
+
+    Parameters
+    ----------
+    transducer : Transducer
+    drive : "force" or "base_acceleration"
+    linearised : bool
+        Take small motions about rest, in which smooth elements have no part.
+    passes : bool
+        Whether time passes from the beginning of a record to its end, for effects that go on through it.
+
+    Attributes
+    ----------
+    one, time, drive, x, u, q, v_t, v, i, strain_charge : Row
+        As in `predict.specimen.Specimen`.
+    states : list of State
+        That effects add.
+    stops : list of Stop
+    elements : list of Element
+        Those that act on the specimen.
+    pushes : list of Row
+        Further force on each mode, N.
+    charges, drawn : Row
+        Charge beside C v_t and sum T_i x_i (C), current that leaves the node beside the load (A).
+    equations : list of Row
+    stored : list of Product
+        Energy beside that of the lumped model, J.
+    losses : list of (str, Product)
+        Power that effects take and do not give back, W, with their names; what a smooth element stores is in it too.
+    unfelt : tuple of str
+        Effects that move nothing here: they act on what sensors read, or go on through a record.
+
+    Raises
+    ------
+    ParameterError
+        An effect takes a power that is no whole number, or time by itself.
+    """
+
+    def __init__(
+        self, transducer: Transducer, drive: str = "force", *, linearised: bool = False, passes: bool = False
+    ) -> None:
+        self.transducer, self.drive_name = transducer, drive
+        self._linearised, self._passes = linearised, passes
+        self.columns: dict[str, int] = {}
+        self.states: list[State] = []
+        self.stops: list[Stop] = []
+        self.elements: list[Element] = []
+        self.equations: list[Row] = []
+        self._effect, self._prefix, self._felt = "", "", 0
+        self.nothing = np.zeros(WIDTH)
+        own = state_names(transducer)
+        rows = {name: self._column(name) for name in ("one", "drive", "v_h", "v_t", "i", *own)}
+        self.one, self.drive, self.v_t, self.i, self.q = (rows[name] for name in ("one", "drive", "v_t", "i", "q"))
+        self.v, self.x, self.u = rows["v_t"] + rows["v_h"], rows["x1"], rows["u1"]
+        modes = enumerate(transducer.all_modes, 1)
+        self.strain_charge = sum((mode.coupling * rows[f"x{n}"] for n, mode in modes), self.nothing)
+        self.time = self._column("time")
+        self.pushes, self.charges, self.drawn = [self.nothing] * len(transducer.all_modes), self.nothing, self.nothing
+        self.stored: list[Product] = []
+        self.losses: list[tuple[str, Product]] = []
+        self.unfelt = tuple(effect.name for n, effect in enumerate(transducer.effects, 1) if not self._take(effect, n))
+        self.elements = self._that_act()
+
+    def _take(self, effect: Effect, n: int) -> bool:
+        """Let an effect act; whether the specimen feels it."""
+        self._effect, self._prefix, self._felt = effect.name, f"effect{n}_{effect.name}_", 0
+        if effect.absent:
+            return True
+        effect.act(self)
+        self.stored += effect.stores(self)
+        self.losses += [(effect.name, product) for product in effect.losses(self)]
+        return self._felt > 0 or type(effect).connect is not Effect.connect
+
+    # What effects use.
+
+    def state(self, name: str, storage: complex) -> tuple[Row, Row]:
+        """Add a state whose energy is about storage z^2/2: rows of it and of its rate; an equation has to follow."""
+        self.states.append(State(self._prefix + name, np.abs(storage)))
+        return self._column(self._prefix + name), self._column(self._prefix + name + "'")
+
+    def equation(self, residual: Row) -> None:
+        """Add an equation: a row that is zero."""
+        self.equations.append(self._checked(residual))
+
+    def stop(self, row: Row, threshold: float) -> Row:
+        """Stop operator of a state, started from zero; its rows are `own("stop")`."""
+        self.stops.append(Stop(self._prefix + "stop", self._checked(row), threshold))
+        self._column(self._prefix + "stop'")
+        return self._column(self._prefix + "stop")
+
+    def own(self, name: str) -> tuple[Row, Row]:
+        """Rows of a state or stop of the effect that acts, and of its rate."""
+        z, dz = (UNITS[self.columns[self._prefix + name + rate]] for rate in ("", "'"))
+        return z, dz
+
+    def product(self, first: Row, second: Row) -> Row:
+        """Product of two rows; the first of them may be time."""
+        if first is not self.time:
+            return self._element(first, second, PRODUCT)
+        return self._element(second, second, TIMED) if self._passes else self.nothing
+
+    def power(self, row: Row, exponent: float, *, positive: bool = False) -> Row:
+        """Power of a row; with `positive` that of its positive part."""
+        whole = not positive and float(exponent).is_integer() and exponent >= 2
+        return self._element(row, row, int(exponent)) if whole else self._unknown
+
+    def charge(self, row: Row) -> None:
+        """Add a charge on the electrodes beside C v_t and sum T_i x_i, C."""
+        self.charges = self.charges + self._checked(row)
+        smooth = self._smooth(row, "'")
+        if np.any(smooth):
+            self.losses.append((self._effect, Product(1.0, self.v_t, smooth)))
+
+    def draw(self, row: Row) -> None:
+        """Add a current that leaves the node beside the load, A."""
+        self.drawn = self.drawn + self._checked(row)
+        smooth = self._smooth(row)
+        if np.any(smooth):
+            self.losses.append((self._effect, Product(1.0, self.v, smooth)))
+
+    def push(self, row: Row, mode: int = 0) -> None:
+        """Add a force on a mode, N."""
+        self.pushes[mode] = self.pushes[mode] + self._checked(row)
+        smooth = self._smooth(row)
+        if np.any(smooth):
+            self.losses.append((self._effect, Product(-1.0, smooth, UNITS[self.columns[f"u{mode + 1}"]])))
+
+    def read(self, row: Row) -> None:
+        """What a sensor sees beside the specimen moves nothing."""
+
+    def lag(self, time_constant: complex) -> None:
+        """A sensor's lag moves nothing."""
+
+    # How it is made.
+
+    def _column(self, name: str) -> Row:
+        if len(self.columns) == WIDTH:
+            raise ParameterError("transducer", f"found more than {WIDTH} rows, allowed are fewer modes or effects")
+        self.columns[name] = len(self.columns)
+        return UNITS[self.columns[name]]
+
+    @property
+    def _unknown(self) -> Row:
+        """What is no row here: nothing to small motions, else not a number."""
+        return np.zeros(WIDTH) if self._linearised else np.full(WIDTH, np.nan)
+
+    def _element(self, first: Row, second: Row, power: int) -> Row:
+        """Column of a smooth element's output; that of its rate stands behind it."""
+        if self._linearised:
+            return self.nothing
+        name = f"smooth{len(self.elements) + 1}"
+        column = self._column(name)
+        self._column(name + "'")
+        self.elements.append(Element(name, first, second, power))
+        return column
+
+    def _that_act(self) -> list[Element]:
+        """Elements whose output moves anything, directly or through another one."""
+        rows, found = [*self.pushes, self.charges, self.drawn, *self.equations], []
+        for element in reversed(self.elements):
+            if any(np.any(row[..., self.columns[element.name]]) for row in rows):
+                rows += [element.first, element.second]
+                found.insert(0, element)
+        return found
+
+    def _smooth(self, row: Row, rate: str = "") -> Row:
+        """The part of a row that is made of smooth elements, or its rate."""
+        parts = ((e, row[..., self.columns[e.name], None]) for e in self.elements)
+        return sum((share * UNITS[self.columns[e.name + rate]] for e, share in parts), self.nothing)
+
+    def _checked(self, row: Row) -> Row:
+        self._felt += bool(np.any(row))
+        if np.any(np.isnan(row)) or np.any(row[..., self.columns["time"]]):
+            found = "found time by itself, or a power that is no whole number"
+            allowed = "allowed are sums, products and whole powers of what moves, and time as a factor of these"
+            raise ParameterError(f"transducer.effects.{self._effect}", f"{found}, {allowed}")
+        return row
+
+    def check(self, shunt: Shunt, switch: Switch | None) -> None:
+        """Raise where the shunt's switch takes charge at once, and smooth elements do not then go straight together.
+
+        Those that make no charge leave v straight; with those that do it is v_t alone in which they all are.
+
+        Raises
+        ------
+        ParameterError
+        """
+        charged = np.any(self._smooth(self.charges))
+        names = (*(e.name for e in self.elements), *(("v_h", "q", "i") if charged else ()))
+        other = [self.columns[name] for name in names]
+        bent = any(np.any(row[..., other]) for e in self.elements for row in (e.first, e.second))
+        if bent and switch is not None and np.all(np.asarray(switch.on_time) == 0):
+            of, allowed = ("q, v, i or another one", "v_t, x and u") if charged else ("another one", "v, q, i, x and u")
+            found = f"found a smooth term of {of} beside {shunt.kind}, which takes charge at once"
+            raise ParameterError("transducer.effects", f"{found}, allowed are those of {allowed}")
+
+    def over(self, row: Row, states: Rows) -> Row:
+        """A row that is a combination of states and smooth elements, from the rows that they, or their rates, have."""
+        used, own = self.used(row), (*self.states, *self.elements)
+        others = used.keys() - {*state_names(self.transducer), *(each.name for each in own)}
+        if others:
+            found = f"found a charge, or the input of a stop, of {', '.join(sorted(others))}"
+            raise ParameterError("transducer.effects", f"{found}, allowed are states")
+        return sum((factor * states[name] for name, factor in used.items()), 0.0 * states["q"])
+
+    def used(self, row: Row) -> dict[str, np.ndarray]:
+        """Coefficients of a row that are not zero, by name, with a trailing axis for the columns of a view."""
+        which = np.flatnonzero(row if row.ndim == 1 else row.any(axis=0))
+        if not which.size:
+            return {}
+        names = list(self.columns)
+        return {names[k]: row[..., k : k + 1] for k in which}

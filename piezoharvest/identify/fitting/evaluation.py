@@ -1,0 +1,74 @@
+"""All records of a problem evaluated for a model, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+import numpy as np
+
+from piezoharvest.identify.fitting.data import Data
+from piezoharvest.identify.fitting.likelihood import Sums, Whitener
+from piezoharvest.identify.fitting.measured_responses import FrequencyData, ResponseWeights
+from piezoharvest.identify.fitting.model import Model, begun
+from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.noise.noise_model import Noise
+
+WORKERS = 2
+
+R = TypeVar("R")
+
+
+def whiteners(
+    problem: Problem, model: Model, own: Sequence[np.ndarray], noise: Noise
+) -> tuple[Whitener | ResponseWeights, ...]:
+    """Whiteners of all records, by a model that need not be the best."""
+    return tuple(
+        ResponseWeights(noise.sigma[data.name], data)
+        if isinstance(data, FrequencyData)
+        else Whitener(begun(model, data, mine), noise, data)
+        for data, mine in zip(problem.data, own, strict=True)
+    )
+
+
+def sums_of(
+    problem: Problem,
+    model: Model,
+    own: Sequence[np.ndarray],
+    white: Sequence[Whitener | ResponseWeights],
+    scatter: bool = False,
+) -> tuple[Sums, ...]:
+    """Sums of all records, with what rounded sensors scatter if wanted.
+
+    Raises
+    ------
+    PredictionError
+        The model cannot follow a record.
+    """
+    if len(white) == 1:  # what a thread has had of memory is kept for the next one: with a long record that adds up
+        return (white[0].sums(model, own[0], scatter),)
+    for data in problem.data:
+        if isinstance(data, Data):
+            model.lowered(data)
+    return at_once(lambda each, mine: each.sums(model, mine, scatter), white, own)
+
+
+def at_once(function: Callable[..., R], *each: Iterable) -> tuple[R, ...]:
+    """What a function returns for every record, and what belongs to it, two at a time."""
+    with ThreadPoolExecutor(WORKERS) as pool:
+        return tuple(pool.map(function, *each))
+
+
+def whole(model: Model, own: Sequence[np.ndarray], sums: Sequence[Sums]) -> tuple[np.ndarray, np.ndarray, float]:
+    """Information, gradient and sum of squares of all records."""
+    p, sizes = len(model.parameters), [len(mine) for mine in own]
+    total = p + sum(sizes)
+    information, gradient, squares, at = np.zeros((total, total)), np.zeros(total), 0.0, p
+    for size, part in zip(sizes, sums, strict=True):
+        places = np.concatenate([np.arange(p), np.arange(at, at + size)])
+        information[np.ix_(places, places)] += part.information.sum(axis=0)
+        gradient[places] += part.gradient.sum(axis=0)
+        squares += float(part.squares.sum())
+        at += size
+    return information, gradient, squares

@@ -1,0 +1,201 @@
+"""Residuals of a record, whitened, and the sums of squares that a fit is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, reduce
+from operator import add
+
+import numpy as np
+
+from piezoharvest.identify.fitting.data import Data
+from piezoharvest.identify.fitting.model import Model, evaluated, residual_blocks
+from piezoharvest.identify.noise.noise_gain import gain_of, small_response
+from piezoharvest.identify.noise.noise_model import Noise, Rounding, rounding
+from piezoharvest.identify.noise.spectra import gram, in_time, line_spectra, parts, whitened
+from piezoharvest.predict.prediction import Prediction
+
+EDGES = np.array([0.0, 0.1, 0.3, 0.6, 1.2, 2.4, 5, 10, 20, 40, 80, 160, 320, 640, 1e9])  # Hz: bands of the colour
+ROUND = 1e-3  # of the noise: smaller errors by rounding do not matter
+
+
+@dataclass(frozen=True)
+class Sums:
+    """What one record says, in units of its noise.
+
+    Attributes
+    ----------
+    information : (bands, p, p) array
+        Sums of products of the derivatives by bands of frequency.
+    gradient : (bands, p) array
+        Sums of products of derivatives and residuals.
+    squares : (bands,) array
+        Sums of squares of the residuals.
+    count : (bands,) array
+        How many squares.
+    scatter : (p, p) array
+        Covariance of the gradient that rounded sensors add.
+    """
+
+    information: np.ndarray
+    gradient: np.ndarray
+    squares: np.ndarray
+    count: np.ndarray
+    scatter: np.ndarray
+
+    @classmethod
+    def empty(cls, p: int) -> Sums:
+        """Sums of nothing, for so many parameters."""
+        bands = len(EDGES) - 1
+        return cls(np.zeros((bands, p, p)), np.zeros((bands, p)), np.zeros(bands), np.zeros(bands), np.zeros((p, p)))
+
+    def __add__(self, other: Sums) -> Sums:
+        return Sums(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
+
+
+class Whitener:
+    """Makes the spectra of a record's residuals white; it stays as it is while a model is fitted.
+
+    Residuals have the noise of the drive once it is taken for real, as the specimen would pass it on. How that is does
+    not matter for them to be white, only that it is one and the same way by which they are whitened: the way of another
+    model would be no worse, and what differs between the ways of two models says nothing about these.
+
+    Parameters
+    ----------
+    prediction : Prediction
+        Of the record, by whose mean slopes the noise of the drive passes.
+    noise : Noise
+    data : Data
+    """
+
+    def __init__(self, prediction: Prediction, noise: Noise, data: Data) -> None:
+        self._prediction, self._noise, self._data = prediction, noise, data
+        self._matrices: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self._passed: dict[tuple[int, int], np.ndarray] = {}
+
+    @cached_property
+    def _steps(self) -> list[Rounding]:
+        """To what the channels are rounded."""
+        data = self._data
+        return [rounding(data.record[channel], self._noise.sigma[channel]) for channel in data.channels]
+
+    def of(self, count: int) -> np.ndarray:
+        """Matrices (f, channels, channels) for a block of so many samples."""
+        return self._of(count)[0]
+
+    def _of(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Those of `of`, and once more with the frequencies last, lower triangular."""
+        if count not in self._matrices:
+            data = self._data
+            self._settle()
+            gain = gain_of(self._prediction, data.channels, np.fft.rfftfreq(count, data.setting.sample_time))
+            white = np.linalg.inv(np.linalg.cholesky(self._noise.covariance(data.channels, data.drive, gain)))
+            self._matrices = {count: (white, np.ascontiguousarray(white.transpose(1, 2, 0)))}
+        return self._matrices[count]
+
+    def passed(self, begin: int, end: int) -> np.ndarray:
+        """What the noise of the drive would do in some samples, (samples, channels)."""
+        if (begin, end) not in self._passed:
+            self._passed = {(begin, end): self.passes(self._data.rest[begin:end])}
+        return self._passed[begin, end]
+
+    def passes(self, drive: np.ndarray) -> np.ndarray:
+        """What a small addition to the drive would do, (samples, channels)."""
+        self._settle()
+        return small_response(self._prediction, self._data.channels, drive)
+
+    def _settle(self) -> None:
+        """Have mean slopes of the elements where they matter."""
+        noisy = self._data.drive in self._noise.sigma or np.any(self._data.rest)
+        if len(self._prediction.matrices.kinds) and noisy:
+            self._prediction.settle()
+
+    def sums(self, model: Model, own: np.ndarray, scatter: bool = False) -> Sums:
+        """Sums of the record for a model, with what rounded sensors scatter if wanted.
+
+        Raises
+        ------
+        PredictionError
+            The model cannot follow the record.
+        """
+        parts = []
+        for begin, found, slopes in evaluated(model, self._data, own):
+            end = begin + len(found)
+            residual = found - self.passed(begin, end)
+            white, rows = self._of(len(residual))
+            predicted = self._data.part(begin, end) - residual
+            rounded = (lambda D, x=predicted, W=white: self.scatter(x, D, W)) if scatter else None
+            frequencies = np.fft.rfftfreq(len(residual), self._data.setting.sample_time)
+            parts.append(_whitened(residual, slopes, rows, frequencies, rounded))
+        return reduce(add, parts)
+
+    def left(self, model: Model, own: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+        """Blocks (begin, residuals, their whitened spectra (f, channels)) of what a model leaves of the record."""
+        for _, begin, residual, _ in residual_blocks(replace(model, parameters=()), self._data, own, False):
+            residual -= self.passed(begin, begin + len(residual))
+            yield begin, residual, (self.of(len(residual)) @ spectra_of(residual)[:, :, None])[:, :, 0]
+
+    def scatter(self, predicted: np.ndarray, whitened: np.ndarray, white: np.ndarray) -> np.ndarray:
+        """Covariance of the gradient by errors of rounded sensors, (p, p), whose phase depends on a free offset.
+
+        Parameters
+        ----------
+        predicted : (samples, channels) array
+            Of a block.
+        whitened : (f, channels, p) array
+            Spectra of its derivatives.
+        white : (f, channels, channels) array
+            Matrices that whitened them.
+        """
+        found = np.zeros((whitened.shape[2],) * 2)
+        for k, (channel, rounded) in enumerate(zip(self._data.channels, self._steps, strict=True)):
+            if max(rounded.size, rounded.second) < ROUND * self._noise.sigma[channel]:
+                continue
+            turns = predicted[:, k] / rounded.step
+            slopes = in_time(np.einsum("fc,fcp->fp", np.conj(white[:, :, k]), whitened), len(turns))
+            waves = (
+                np.sqrt(0.5) * rounded.size * np.array([np.cos(2 * np.pi * turns), np.sin(2 * np.pi * turns)]) @ slopes
+            )
+            each = rounded.second * by_code(turns, slopes)
+            found += waves.T @ waves + each @ each.T
+        return found
+
+
+def by_code(turns: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """Sums (p, codes) of slopes (samples, p) over the samples that a converter reads as the same.
+
+    Codes that do not occur have no place: of a simulation's values steps are a billionth of what they move by.
+    """
+    _, code = np.unique(np.round(turns), return_inverse=True)
+    return np.array([np.bincount(code, column) for column in slopes.T])
+
+
+def spectra_of(values: np.ndarray) -> np.ndarray:
+    """One-sided spectra along the first axis, whose squares sum to the squares of the values."""
+    return np.moveaxis(line_spectra(np.moveaxis(values, 0, -1)), -1, 0)
+
+
+def _whitened(
+    residual, slopes, W: np.ndarray, frequencies: np.ndarray, scatter: Callable[[np.ndarray], np.ndarray] | None
+) -> Sums:
+    """Sums of one block, by bands."""
+    count, channels = residual.shape
+    R, D = (whitened(W, line_spectra(np.moveaxis(values, 0, -1))) for values in (residual, slopes))
+    edges = np.searchsorted(frequencies, EDGES)
+    P, bands = D.shape[1], len(EDGES) - 1
+    sums = Sums.empty(P)
+    if scatter is not None:
+        sums.scatter[:] = scatter(D.transpose(2, 0, 1))
+    for band in range(bands):
+        part = slice(edges[band], edges[band + 1])
+        if part.start == part.stop:
+            continue
+        sums.information[band] = gram(D[:, :, part])
+        r = parts(R[:, part])
+        sums.gradient[band] = sum(d @ e for d, e in zip(parts(D[:, :, part]), r, strict=True))
+        sums.squares[band] = float(np.sum(r**2))
+        # The lines at zero and at half the sample rate have one component, the others two.
+        ends = (part.start == 0) + (part.stop == count // 2 + 1 and count % 2 == 0)
+        sums.count[band] = (2 * (part.stop - part.start) - ends) * channels
+    return sums

@@ -1,0 +1,1 @@
+"""Frequency responses and impedances: their noise, their resonances, and fits of modes."""

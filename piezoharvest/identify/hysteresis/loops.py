@@ -1,0 +1,99 @@
+"""Prandtl-Ishlinskii operators from measured loops: stop type (charge in) and play type (voltage in).
+
+With its thresholds fixed the fit is convex: offset, slope and weights, the latter not negative. The thresholds are
+placed by the record (`placement`), what happened before the record is estimated with them (`memory`), and the standard
+errors hold for a coloured residual (`coloured`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from piezoharvest.identify.hysteresis.loop_fit import Kind, Loop, LoopError, LoopFit
+from piezoharvest.identify.hysteresis.loop_model import LIMIT, LoopData, Shape, convex_fit
+from piezoharvest.identify.hysteresis.threshold_placement import place, search
+from piezoharvest.identify.noise.coloured_noise import covariance, noise_floor
+from piezoharvest.identify.threads import single_threaded
+
+__all__ = ["Loop", "LoopError", "LoopFit", "identify_loop"]
+_LEAST = 30  # samples
+
+
+@single_threaded
+def identify_loop(
+    signal: np.ndarray,
+    output: np.ndarray,
+    *,
+    kind: Kind,
+    thresholds: Sequence[float] | None = None,
+    virgin: bool = False,
+) -> LoopFit:
+    """Identify a Prandtl-Ishlinskii operator from a record of its input and output.
+
+    Parameters
+    ----------
+    signal, output : (samples,) array
+        Evenly sampled, slow enough for the output to depend on the input's extremes alone.
+    kind : "stop" or "play"
+        Stop: voltage from charge, force from displacement. Play: displacement or charge from voltage.
+    thresholds : sequence of float, optional
+        Unit of the input, increasing. Without them the record tells where they are and how many.
+    virgin : bool
+        The record begins from the virgin state: the path from 0 to its first sample is monotone. Else the initial
+        states are estimated.
+
+    Raises
+    ------
+    LoopError
+        The arrays have not the form for it, or too few samples.
+    """
+    signal, output = _checked(signal, output)
+    data = LoopData(signal=signal, output=output, kind=kind, virgin=virgin)
+    if thresholds is None:
+        return _fit(data, place(data), np.empty(0), placed=True)
+    given = _increasing(thresholds)
+    seen = given <= LIMIT * data.excited
+    shape = search(data, Shape(given[seen], np.zeros(seen.sum())), move=False)
+    return _fit(data, shape, given[~seen], placed=False)
+
+
+def _fit(data: LoopData, shape: Shape, unseen: np.ndarray, placed: bool) -> LoopFit:
+    """Convex fit of a shape, with the standard errors of all that has been estimated."""
+    n, design = len(shape.thresholds), shape.design(data)
+    linear = convex_fit(design, data.output)
+    residual = data.output - design @ linear
+    derivatives = shape.derivatives(data, linear[2:])
+    jacobian = np.hstack((design, derivatives if placed else derivatives[:, n:]))
+    std = np.sqrt(np.diag(covariance(jacobian, residual)))
+    return LoopFit(
+        kind=data.kind, offset=float(linear[0]), slope=float(linear[1]),
+        thresholds=shape.thresholds, weights=linear[2:],
+        offset_std=float(std[0]), slope_std=float(std[1]), weights_std=std[2 : 2 + n],
+        thresholds_std=std[2 + n : 2 + 2 * n] if placed else np.zeros(n), states=shape.states(data),
+        rms=float(np.sqrt(np.mean(residual**2))), noise=noise_floor(data.output), excited=data.excited, unseen=unseen,
+    )  # fmt: skip
+
+
+def _checked(signal: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    signal, output = (np.asarray(values, float) for values in (signal, output))
+    if signal.ndim != 1 or signal.shape != output.shape:
+        shapes = f"found arrays of shapes {signal.shape} and {output.shape}"
+        raise LoopError(f"signal and output: {shapes}, allowed are two of one length")
+    if len(signal) < _LEAST:
+        raise LoopError(f"signal: found {len(signal)} samples, allowed are {_LEAST} or more")
+    for name, values in (("signal", signal), ("output", output)):
+        if not np.all(np.isfinite(values)):
+            row = int(np.argmin(np.isfinite(values)))
+            raise LoopError(f"{name}, sample {row}: found {values[row]}, allowed are finite numbers")
+    if len(np.unique(np.sign(np.diff(signal)))) < 2:
+        raise LoopError("signal: found no reversal, allowed is one that goes up and down")
+    return signal, output
+
+
+def _increasing(thresholds: Sequence[float]) -> np.ndarray:
+    values = np.asarray(thresholds, float)
+    if values.ndim != 1 or not np.all(np.isfinite(values)) or np.any(np.diff(values, prepend=0.0) <= 0):
+        raise LoopError(f"thresholds: found {list(thresholds)}, allowed are increasing numbers greater than 0")
+    return values

@@ -1,0 +1,161 @@
+"""Equations of a transducer in a record's setting, and the steps that take it from sample to sample."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from piezoharvest.description.shunts import Shunt
+from piezoharvest.description.transducer import Transducer
+from piezoharvest.predict.drive import FINE, Drive, drive_of
+from piezoharvest.predict.parameters import STEP, Parameter, stepped, value_at
+from piezoharvest.predict.record_model import Matrices, Specimen
+from piezoharvest.predict.sample_step import Step, inverse_of, step_of
+
+# Steps of components are too small for what comes after their equations: squares of imaginary parts would underflow,
+# which is slow.
+MAGNIFIED = 1e-30
+SLOW = 2.0  # samples: a state that lasts longer than this has a start of its own,
+LASTS = 0.05  # which means that so much of it is left
+SOON, AFTER = 16, 64  # steps from a jump on that are taken in small ones, and in how many
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What a prediction needs of a record.
+
+    Attributes
+    ----------
+    drive : str
+        The imposed channel.
+    shunt : Shunt or None
+    sample_time, first : float
+        s; first value of the drive.
+    motion : Drive
+    count : int
+        Samples.
+    free : tuple of str
+        States whose start is free.
+    swift : tuple of str
+        Those that have come to rest about these long before the record, as fast as they are.
+    abrupt : bool
+        Whether the drive jumps to its first value at the first sample, from one that is free.
+    fine : int
+        Steps in which every sample is taken by models with elements, whose outputs run straight within a step.
+    """
+
+    drive: str
+    shunt: Shunt | None
+    sample_time: float
+    first: float
+    motion: Drive
+    count: int
+    free: tuple[str, ...] = ()
+    swift: tuple[str, ...] = ()
+    abrupt: bool = False
+    fine: int = 1
+
+    @property
+    def jumps(self) -> np.ndarray:
+        """Steps in which the drive jumps, the first one if it begins abruptly."""
+        return np.concatenate([np.zeros(int(self.abrupt), int), self.motion.jumps])
+
+    @cached_property
+    def parts(self) -> dict[int, int]:
+        """In how many small steps some are taken: those with a jump, and soon after, where operators slip fast."""
+        jumps = self.jumps.tolist()
+        found = {**{jump + k: AFTER for jump in jumps for k in range(SOON)}, **dict.fromkeys(jumps, FINE)}
+        return {step: parts for step, parts in found.items() if step < self.count - 1}
+
+
+def setting_of(
+    drive: str,
+    shunt: Shunt | None,
+    sample_time: float,
+    values: np.ndarray,
+    transducer: Transducer | None = None,
+    *,
+    abrupt: bool = False,
+) -> Setting:
+    """Setting from the samples of the drive; with a transducer, states that outlast a few samples have free starts.
+
+    What effects add begins at rest: a preload has acted long before the record.
+    """
+    motion = drive_of(values)
+    setting = Setting(drive, shunt, sample_time, float(values[0]), motion, len(values), abrupt=abrupt)
+    if transducer is None:
+        return setting
+    bare = Lowered(replace(transducer, effects=()), setting, ())
+    M, n = bare.step.M, len(bare.step.M)
+    kept = np.abs(np.linalg.matrix_power(M[:, :n], int(SLOW))).max(axis=0)
+    free = tuple(name for name, k in zip(bare.matrices.states, kept, strict=True) if k > LASTS)
+    return replace(setting, free=free, swift=tuple(name for name in bare.matrices.states if name not in free))
+
+
+class Lowered:
+    """A transducer's equations for all records that differ in their drive alone.
+
+    Parameters
+    ----------
+    transducer : Transducer
+    setting : Setting
+        One of the records.
+    parameters : sequence of Parameter
+        What derivatives are wanted to.
+    """
+
+    def __init__(self, transducer: Transducer, setting: Setting, parameters: Sequence[Parameter]) -> None:
+        self.transducer, self.setting, self.parameters = transducer, setting, tuple(parameters)
+        self.matrices = self._matrices(transducer)
+        self.share = 1.0 / max(setting.count - 1, 1)
+        self._steps: dict[int, Step] = {}
+        self._tangent_steps: dict[int, list[Step]] = {}
+        self.step = self.step_by(1)
+        self.inverse = inverse_of(self.matrices)
+
+    @staticmethod
+    def key(setting: Setting) -> tuple:
+        """What the records have to have in common."""
+        return setting.shunt, setting.drive, setting.sample_time, setting.count
+
+    def _matrices(self, transducer: Transducer) -> Matrices:
+        setting = self.setting
+        return Specimen(transducer, setting.shunt, setting.drive, setting.sample_time).matrices()
+
+    @cached_property
+    def tangents(self) -> list[Matrices]:
+        """Equations with a complex step in each parameter."""
+        found = []
+        for parameter in self.parameters:
+            inner = parameter.inner(value_at(self.transducer, parameter.path))
+            found.append(_magnified(self._matrices(stepped(self.transducer, parameter, inner))))
+        return found
+
+    def step_by(self, parts: int) -> Step:
+        """Step that is a part of a sample's."""
+        if parts not in self._steps:
+            self._steps[parts] = self._discretised(self.matrices, parts)
+        return self._steps[parts]
+
+    def tangent_steps(self, parts: int) -> list[Step]:
+        """The same with a complex step in each parameter."""
+        if parts not in self._tangent_steps:
+            self._tangent_steps[parts] = [self._discretised(tangent, parts) for tangent in self.tangents]
+        return self._tangent_steps[parts]
+
+    def _discretised(self, matrices: Matrices, parts: int) -> Step:
+        return step_of(matrices, self.setting.sample_time / parts, self.share / parts)
+
+
+def _magnified(matrices: Matrices) -> Matrices:
+    """Matrices with a complex step of another size."""
+
+    def grown(array: np.ndarray) -> np.ndarray:
+        return np.real(array) + 1j * (np.imag(array) * (MAGNIFIED / STEP))
+
+    return replace(
+        matrices, **{name: grown(getattr(matrices, name)) for name in ("A", "B", "W", "O", "parameters", "follow")}
+    )

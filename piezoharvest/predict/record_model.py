@@ -1,0 +1,329 @@
+"""A transducer with its effects and its load, driven by a record: equations as rows, with scalar elements.
+
+Rows run over columns for the constant 1, time, the drive and its rate, states and their rates, algebraic signals, and
+the outputs of scalar elements (Lur'e form). Effects add their terms by the methods of `Specimen`; what is linear is
+then solved for the rates of the states, once, and what is not linear stays in the elements.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+
+from piezoharvest.description.circuit import Port, Row
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts import LinearShunt, Resistor, Short, Shunt
+from piezoharvest.description.transducer import Transducer
+
+WIDTH = 96  # columns at most: a transducer of six modes with ten operators and five effects
+STOP, PRODUCT, POWER, POSITIVE_POWER = range(4)
+INPUTS = ("drive", "drive_rate", "one", "time")
+# An imposed voltage, zero for a short, reaches the electrodes through leads whose time constant is this share of a
+# sample.
+LEADS = 1e-4
+
+
+class Element(NamedTuple):
+    """Scalar element of one or two rows: what kind, of which rows, and its threshold or exponent."""
+
+    kind: int
+    first: Row
+    second: Row
+    parameter: complex
+
+
+@dataclass(frozen=True)
+class Matrices:
+    """Linear part of a specimen, in states scaled to the root of energy.
+
+    z' = A z + B e + W w and [inputs of the elements; rates of these; outputs] = O [z; w; e], with e the drive, its
+    rate, 1 and time, and w the outputs of the elements.
+
+    Attributes
+    ----------
+    A : (n, n) array
+    B : (n, 4) array
+    W : (n, elements) array
+    O : (2 * inputs + outputs, n + elements + 4) array
+    scale : (n,) array
+        States are scale * z in SI units.
+    kinds : (elements,) array
+    parameters : (elements,) array
+        Thresholds of the stops, exponents of the powers.
+    places : (elements, 2) array
+        Which inputs the elements take.
+    channels : tuple of str
+        Outputs.
+    states : tuple of str
+    memories : tuple of str
+        Names of what the stops remember, after the state that each one follows.
+    follow : (n, n) array
+        Where states begin when some of them are off equilibrium: a sensor that lags has followed what it sees.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    W: np.ndarray
+    O: np.ndarray  # noqa: E741
+    scale: np.ndarray
+    kinds: np.ndarray
+    parameters: np.ndarray
+    places: np.ndarray
+    channels: tuple[str, ...]
+    states: tuple[str, ...]
+    memories: tuple[str, ...]
+    follow: np.ndarray
+
+
+class Specimen:
+    """What stands on the bench, as equations that effects may add to.
+
+    Parameters
+    ----------
+    transducer : Transducer
+        Its effects act in the order in which they stand.
+    shunt : Shunt or None
+        A linear circuit, or None under an imposed voltage.
+    drive : str
+        The imposed channel.
+    sample_time : float
+        s between samples.
+
+    Attributes
+    ----------
+    one, time, drive : Row
+        1, time as share of the record, and the drive in its unit.
+    x, u, q, v_t, v, i, strain_charge : Row
+        Displacement (m) and velocity of the first mode, charge, voltage across the capacitance and at the electrodes,
+        load current, and sum T_i x_i.
+
+    Raises
+    ------
+    ParameterError
+        The shunt is not a linear circuit, or needs what a record cannot give.
+    """
+
+    def __init__(self, transducer: Transducer, shunt: Shunt | None, drive: str, sample_time: float) -> None:
+        transducer = transducer.settled(sample_time) if transducer.quasi_static else transducer
+        self.transducer, self.sample_time, self.drive_name = transducer, sample_time, drive
+        self._used = 0
+        self.drive, self.drive_rate, self.one, self.time = (self._column() for _ in INPUTS)
+        self._states: list[tuple[str, Row, Row, complex]] = []
+        self._signals: list[Row] = []
+        self._equations: list[Row] = []
+        self._elements: list[tuple[Element, Row]] = []
+        self._charges: list[Row] = []
+        self._drawn: list[Row] = []
+        self._read: list[Row] = []
+        self._lags: list[complex] = []
+        self._followers: dict[str, Row] = {}
+        self._modes()
+        self.q, self._dq = self.state("q", 1.0 / transducer.capacitance)
+        self.v_t, self.v, self.i = (self.signal() for _ in range(3))
+        self._pushes: list[list[Row]] = [[] for _ in transducer.all_modes]
+        for effect in transducer.effects:
+            shunt = effect.connect(shunt)
+            effect.act(self)
+        self._electrics(shunt)
+        self._mechanics()
+
+    # What effects may use.
+
+    def state(self, name: str, storage: complex) -> tuple[Row, Row]:
+        """Add a state whose energy is about storage z^2/2: rows of it and of its rate; an equation has to follow."""
+        z, dz = self._column(), self._column()
+        self._states.append((name, z, dz, np.abs(storage) ** -0.5))
+        return z, dz
+
+    def signal(self) -> Row:
+        """Add an algebraic signal; an equation has to follow."""
+        self._signals.append(self._column())
+        return self._signals[-1]
+
+    def equation(self, residual: Row) -> None:
+        """Add an equation: a row that is zero."""
+        self._equations.append(residual)
+
+    def stop(self, row: Row, threshold: complex) -> Row:
+        """Stop operator of a state, started from zero."""
+        return self._element(Element(STOP, row, row, threshold))
+
+    def product(self, first: Row, second: Row) -> Row:
+        """Product of two rows."""
+        return self._element(Element(PRODUCT, first, second, 0.0))
+
+    def power(self, row: Row, exponent: float, *, positive: bool = False) -> Row:
+        """Whole power of a row; with `positive` any power of its positive part, zero below."""
+        return self._element(Element(POSITIVE_POWER if positive else POWER, row, row, exponent))
+
+    def charge(self, row: Row) -> None:
+        """Add a charge on the electrodes beside C v_t and sum T_i x_i, C."""
+        self._charges.append(row)
+
+    def draw(self, row: Row) -> None:
+        """Add a current that leaves the node beside the load, A."""
+        self._drawn.append(row)
+
+    def push(self, row: Row, mode: int = 0) -> None:
+        """Add a force on a mode, N."""
+        self._pushes[mode].append(row)
+
+    def read(self, row: Row) -> None:
+        """Add a displacement that the sensor sees beside the specimen's, m."""
+        self._read.append(row)
+
+    def lag(self, time_constant: complex) -> None:
+        """Put a first-order lag into the displacement sensor."""
+        self._lags.append(time_constant)
+
+    # How it is made.
+
+    def _column(self) -> Row:
+        if self._used == WIDTH:
+            raise ParameterError("transducer", f"found more than {WIDTH} rows, allowed are fewer modes or operators")
+        row = np.zeros(WIDTH)
+        row[self._used] = 1.0
+        self._used += 1
+        return row
+
+    def _element(self, element: Element) -> Row:
+        self._elements.append((element, self._column()))
+        return self._elements[-1][1]
+
+    def _modes(self) -> None:
+        """Displacements and velocities of the modes; an imposed displacement is no state."""
+        modes, self._motion = self.transducer.all_modes, []
+        if self.drive_name == "displacement":
+            if len(modes) > 1:
+                raise ParameterError(
+                    "transducer.modes", "found further modes, allowed under an imposed displacement is one"
+                )
+            self._motion = [(self.drive, self.drive_rate, None)]
+        else:
+            for n, mode in enumerate(modes, 1):
+                x, dx = self.state(f"x{n}", mode.stiffness)
+                u, du = self.state(f"u{n}", mode.mass)
+                self.equation(dx - u)
+                self._motion.append((x, u, du))
+        self.x, self.u, _ = self._motion[0]
+        self.strain_charge = sum(mode.coupling * x for mode, (x, _, _) in zip(modes, self._motion, strict=True))
+
+    def _electrics(self, shunt: Shunt | None) -> None:
+        device, hysteresis = self.transducer, self.transducer.hysteresis
+        self.equation(device.capacitance * self.v_t + self.strain_charge + sum(self._charges) - self.q)
+        pairs = zip(hysteresis.thresholds, hysteresis.weights, strict=True) if hysteresis else ()
+        self.equation(self.v - self.v_t - sum(w * self.stop(self.q, r) for r, w in pairs))
+        self.equation(self._dq + self.i + sum(self._drawn))
+        source = self.drive if self.drive_name == "voltage" else 0.0 * self.one
+        if self.drive_name == "voltage" or isinstance(shunt, Short):
+            # Leads so short that they make no difference spare an algebraic loop through the operators.
+            shunt = Resistor(resistance=LEADS * self.sample_time / device.capacitance)
+        if not isinstance(shunt, LinearShunt):
+            kind = getattr(shunt, "kind", None)
+            raise ParameterError("shunt", f"found {kind!r}, allowed in a record that is fitted is a linear circuit")
+        port = Port(self.v - source, np.nan * self.one, self.i, self.one, device.capacitance)
+        own = [
+            (state.name, *self.state(f"shunt_{state.name}", state.storage))
+            for state in shunt.states(device.capacitance)
+        ]
+        rows = [SimpleNamespace(**{row[0]: row[k] for row in own}) for k in (1, 2)]
+        for residual in shunt.equations("linear", port, *rows):
+            if np.any(np.isnan(residual)):
+                raise ParameterError(
+                    "shunt", f"found {shunt.kind!r}, allowed is one without a capacitor across the leads"
+                )
+            self.equation(residual)
+
+    def _mechanics(self) -> None:
+        modes, base = self.transducer.all_modes, self.drive_name == "base_acceleration"
+        specimen, velocity = (
+            sum(mode.force_participation * row for mode, row in zip(modes, rows, strict=True))
+            for rows in ([x for x, _, _ in self._motion], [u for _, u, _ in self._motion])
+        )
+        self._reading = specimen + sum(self._read)
+        behind = 0.0
+        for n, time_constant in enumerate(self._lags):
+            behind = behind + time_constant
+            if np.real(time_constant) == 0:
+                # To first order a lag takes the velocity off; a derivative asks for no more.
+                self._reading = self._reading - time_constant * velocity
+                continue
+            z, dz = self.state(f"reading{n}", modes[0].stiffness)
+            self.equation(time_constant * dz + z - self._reading)
+            self._reading = z
+            self._followers[f"reading{n}"] = np.asarray(specimen - behind * velocity)
+        self._force = 0.0 * self.one
+        for n, (mode, (x, u, du)) in enumerate(zip(modes, self._motion, strict=True)):
+            spring = mode.damping * u + mode.stiffness * x - mode.coupling * self.v_t - sum(self._pushes[n])
+            if du is None:
+                self._force = spring
+                continue
+            gain = -mode.base_mass if base else mode.force_participation
+            driven = 0.0 if self.drive_name == "voltage" else gain * self.drive
+            self.equation(mode.mass * du + spring - driven)
+
+    def matrices(self) -> Matrices:
+        """Solve the equations for the rates and signals."""
+        z, dz = [state[1] for state in self._states], [state[2] for state in self._states]
+        scale = np.array([state[3] for state in self._states])
+        columns = [int(np.argmax(row)) for row in [*dz, *self._signals]]
+        states = [int(np.argmax(row)) for row in z]
+        outs = [int(np.argmax(w)) for _, w in self._elements]
+        rows = np.array(self._equations)
+        size = np.abs(rows).max(axis=1)
+        # Unknown rates and signals from states, elements and inputs.
+        solution = np.linalg.solve(rows[:, columns] / size[:, None], -rows / size[:, None])
+
+        def explicit(wanted: list[Row]) -> np.ndarray:
+            full = np.array(wanted)
+            full = full + full[:, columns] @ solution
+            return np.hstack([full[:, states] * scale, full[:, outs], full[:, : len(INPUTS)]])
+
+        n, elements = len(z), [element for element, _ in self._elements]
+        rates = explicit(dz) / scale[:, None]
+        inputs, places = _distinct(elements)
+        outputs = {"displacement": self._reading, "voltage": self.v, "current": self.i, "force": self._force}
+        if self.drive_name != "displacement":
+            del outputs["force"]
+        rate_of = {_content(row): rate for _, row, rate, _ in self._states}
+        # Inputs that are no states have no rate: only elements without memory take them.
+        slopes = [rate_of.get(_content(row), 0.0 * row) for row in inputs]
+        channels = tuple(name for name in outputs if name != self.drive_name)
+        observed = explicit([*inputs, *slopes, *(outputs[name] for name in channels)])
+        name_of = {_content(row): name for name, row, _, _ in self._states}
+        followed = [name_of.get(_content(e.first), "drive") for e in elements if e.kind == STOP]
+        memories = tuple(f"history {name}{followed[:k].count(name)}" for k, name in enumerate(followed))
+        w = len(elements)
+        return Matrices(
+            A=rates[:, :n], W=rates[:, n : n + w], B=rates[:, n + w :], O=observed, scale=scale,
+            kinds=np.array([e.kind for e in elements], np.int64), parameters=np.array([e.parameter for e in elements]),
+            places=places, channels=channels, states=tuple(state[0] for state in self._states),
+            memories=memories, follow=self._followed(states, scale),
+        )  # fmt: skip
+
+    def _followed(self, states: list[int], scale: np.ndarray) -> np.ndarray:
+        """`Matrices.follow`."""
+        rows = [
+            self._followers[name][states] * scale / size if name in self._followers else unit
+            for (name, *_), size, unit in zip(self._states, scale, np.eye(len(scale)), strict=True)
+        ]
+        return np.array(rows)
+
+
+def _content(row: Row) -> bytes:
+    """What rows of the same numbers have in common: zeros without their sign, real or complex."""
+    return (row + 0.0j).tobytes()
+
+
+def _distinct(elements: list[Element]) -> tuple[list[Row], np.ndarray]:
+    """Inputs of the elements, each once, and which of them every element takes."""
+    inputs: dict[bytes, Row] = {}
+    for element in elements:
+        for row in (element.first, element.second):
+            inputs.setdefault(_content(row), row)
+    order = {content: n for n, content in enumerate(inputs)}
+    places = [(order[_content(e.first)], order[_content(e.second)]) for e in elements]
+    return list(inputs.values()), np.array(places, np.int64).reshape(len(elements), 2)

@@ -1,0 +1,112 @@
+"""From equations to a step of one sample: exact for the linear part under a cubic drive and straight elements."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import factorial
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import expm
+
+from piezoharvest.predict.elements import outputs_of
+from piezoharvest.predict.record_model import STOP, Matrices
+
+REST = 50  # iterations to an equilibrium
+DEGREE = 3  # of the drive between two samples
+
+
+class Step(NamedTuple):
+    """What advances a specimen by one sample.
+
+    With g = [z, w, c0..c3, 1, time] (states, elements' outputs, the drive's coefficients in powers of the share of the
+    step):
+    z <- M g + H w and O as in `Matrices`. For derivatives every array has the parameters as its last axis.
+
+    Attributes
+    ----------
+    M : (n, n + elements + 6) array
+    H : (n, elements) array
+    O : (2 inputs + outputs, n + elements + 4) array
+    limits : (elements,) array
+        Thresholds of stops, exponents of powers.
+    """
+
+    M: np.ndarray
+    H: np.ndarray
+    O: np.ndarray  # noqa: E741
+    limits: np.ndarray
+
+
+# A model that a fit tries may be so far off that nothing of it is finite: the march says so.
+@np.errstate(over="ignore", invalid="ignore")
+def step_of(matrices: Matrices, sample_time: float, share: float) -> Step:
+    """Discretise.
+
+    Parameters
+    ----------
+    matrices : Matrices
+        Real, or with a complex step.
+    sample_time : float
+        s.
+    share : float
+        Of the record, that one step takes.
+    """
+    A, B, W, h = matrices.A, matrices.B, matrices.W, sample_time
+    A = A if np.any(np.imag(A)) else np.real(A)  # an exponential of real numbers takes a quarter of the time
+    n = len(A)
+    chain = np.zeros(((DEGREE + 2) * n, (DEGREE + 2) * n), np.result_type(A, float))
+    chain[:n, :n] = A * h
+    for k in range(DEGREE + 1):
+        chain[k * n : (k + 1) * n, (k + 1) * n : (k + 2) * n] = np.eye(n)
+    top = expm(chain)[:n]
+    # G[k]: integral of e^(A (h - s)) (s/h)^k ds.
+    G = [h * factorial(k) * top[:, (k + 1) * n : (k + 2) * n] for k in range(DEGREE + 1)]
+    drive, rate, one, time = B.T
+    parts = [G[0] @ drive, *(G[k] @ drive + (k / h) * (G[k - 1] @ rate) for k in range(1, DEGREE + 1))]
+    constant = G[0] @ one + share * (G[1] @ time)
+    M = np.column_stack([top[:, :n], (G[0] - G[1]) @ W, *parts, constant, G[0] @ time])
+    return Step(M, G[1] @ W, matrices.O, matrices.parameters)
+
+
+def inverse_of(matrices: Matrices) -> np.ndarray:
+    """Inverse of A; open electrodes keep their charge, of which the pseudo-inverse takes that with the least energy."""
+    return np.linalg.pinv(np.real(matrices.A), rcond=1e-13)
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def equilibria(several: Sequence[Matrices], inverse: np.ndarray, first: np.ndarray, stops: np.ndarray) -> np.ndarray:
+    """States that do not move under the first value of the drive, of a specimen and of some that hardly differ from it.
+
+    Parameters
+    ----------
+    several : sequence of k Matrices
+        With complex steps.
+    inverse : (n, n) array
+        That of the real A.
+    first : (k,) array
+        First values of the drive.
+    stops : (k, elements) array
+        Outputs of the stops; of the other elements none.
+
+    Returns
+    -------
+    (k, n) array
+    """
+    A, B, W, O = (np.array([getattr(each, name) for each in several]) for name in ("A", "B", "W", "O"))  # noqa: E741
+    kinds, places, exponents = several[0].kinds, several[0].places, np.real(several[0].parameters)
+    inverses = inverse - 1j * (inverse @ np.imag(A) @ inverse)
+    e = first[:, None] * (1.0, 0.0, 0.0, 0.0) + (0.0, 0.0, 1.0, 0.0)
+    forced = _applied(B, e)
+    w, z = stops, np.zeros(A.shape[:2], complex)
+    for _ in range(REST):
+        before, z = z, -_applied(inverses, forced + _applied(W, w))
+        if np.all(kinds == STOP) or np.abs(z - before).max() <= 1e-14 * np.abs(z).max():
+            break
+        w = outputs_of(kinds, places, exponents, _applied(O, np.hstack([z, w, e])), w)
+    return z
+
+
+def _applied(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Every matrix (k, n, m) times its vector (k, m)."""
+    return (matrices @ vectors[:, :, None])[:, :, 0]

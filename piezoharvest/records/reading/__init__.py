@@ -1,0 +1,1 @@
+"""From the files and tables of a campaign to records in SI units."""

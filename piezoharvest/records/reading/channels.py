@@ -1,0 +1,162 @@
+"""Channels of a record: their names, SI units and default columns, and how raw values become physical ones."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from piezoharvest.description.parameters import Component, ParameterError, quantity
+from piezoharvest.readers.units import Unit
+
+# SI unit and default column of every channel; time is one of them as far as files go.
+UNITS: Mapping[str, str] = MappingProxyType({
+    "time": "s", "force": "N", "displacement": "m", "voltage": "V", "current": "A", "base_acceleration": "m/s^2",
+})  # fmt: skip
+COLUMNS: Mapping[str, str] = MappingProxyType({
+    "time": "time_s", "force": "force_N", "displacement": "displacement_m", "voltage": "voltage_V",
+    "current": "current_A", "base_acceleration": "base_acceleration_m_per_s2",
+})  # fmt: skip
+# Sizes of samples in SI units other than zero: twelve decades beyond what is ever measured, and below the 9.9e37 and
+# 3.4e38 that instruments and single precision write for an overload.
+SMALLEST, LARGEST = 1e-30, 1e30
+DRIVES = ("force", "voltage", "displacement", "base_acceleration")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source(Component):
+    """Where the values of a channel come from, and what they mean: value = gain * raw + offset, in `unit`.
+
+    Attributes
+    ----------
+    column : str, int, tuple of these, or None
+        Name of the column, its number counted from 1, or several that are averaged (two displacement sensors on
+        either side of a specimen); default: the channel's own name in the default header.
+    unit : str
+        Unit of the values, as pint reads it; default the SI unit.
+    gain, offset : float
+        Unit of the values for one raw unit (default 1), and unit of the values. Without a unit and a gain the raw
+        values are in the unit that the file states, if it does. A gain overrules what the file states.
+    sigma : float, optional
+        Known standard deviation of the noise, in `unit`.
+    file : str, optional
+        File that has the column, where it is not the record's.
+    """
+
+    column: Any = None
+    unit: str = ""
+    gain: float | None = quantity("", "values for one raw unit", default=None)
+    offset: float = quantity("", "value for raw zero", default=0.0)
+    sigma: float | None = quantity("", "known standard deviation of the noise", default=None, above=0)
+    file: str | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.gain == 0:
+            raise ParameterError("gain", "found 0, allowed is any other finite number")
+        columns = self.column if isinstance(self.column, tuple) else (self.column,)
+        for column in columns:
+            fine = isinstance(column, str) or (type(column) is int and column > 0)
+            if not fine and self.column is not None:
+                allowed = "a name, a number from 1 on, or a list of these"
+                raise ParameterError("column", f"found {repr(column)[:80]}, allowed is {allowed}")
+        if not columns:
+            raise ParameterError("column", "found an empty list, allowed is one column or more")
+
+    def columns(self, default: str) -> tuple[str | int, ...]:
+        """Columns that are averaged; usually one."""
+        found = default if self.column is None else self.column
+        return found if isinstance(found, tuple) else (found,)
+
+    def to_si(self, raw: np.ndarray, si: str, stated: Unit | None = None) -> np.ndarray:
+        """Values in the SI unit of the channel; the raw ones themselves where nothing is to be done.
+
+        Parameters
+        ----------
+        raw : (n,) array
+        si : str
+        stated : Unit, optional
+            Unit that the file states for the raw values.
+
+        Raises
+        ------
+        ParameterError
+            The file states another unit than the campaign, or one of something else; its key is "unit".
+        """
+        factor = unit_factor(self.unit or si, si)
+        scale, shift = (1.0 if self.gain is None else self.gain) * factor, self.offset * factor
+        if self.gain is None and stated is not None:
+            scale *= self._stated_factor(stated, si) / factor
+        values = raw if scale == 1 else scale * raw
+        return values if shift == 0 else values + shift
+
+    def _stated_factor(self, stated: Unit, si: str) -> float:
+        """Factor from raw values to the SI unit, by what the campaign and the file say of their unit."""
+        factor, same = unit_factor(self.unit or si, si), stated.si == si
+        if not self.unit and same:
+            return stated.factor
+        if stated.firm and not (same and np.isclose(stated.factor, factor, rtol=1e-9, atol=0)):
+            wanted = f"{self.unit!r} in the campaign" if self.unit else f"none in the campaign, which means {si!r}"
+            allowed = "allowed is the same unit in both, or a gain (for one raw unit; 1 if they are right as they are)"
+            raise ParameterError("unit", f"found the unit {stated.text!r} in the file and {wanted}, {allowed}")
+        return factor
+
+    def sigma_si(self, si: str) -> float | None:
+        """Known standard deviation of the noise in the SI unit of the channel."""
+        return None if self.sigma is None else self.sigma * unit_factor(self.unit or si, si)
+
+
+# What a unit may consist of: names with a small power, times, by, brackets and 1. pint reads more, and computes all
+# that stands there: "10**1000000000 N" takes it for ever. So no power of a number, of brackets or of a power, and none
+# of the words that pint makes powers of. Nothing that has matched is tried another way, which could take as long.
+_POWER = r"(?>\s*(?:\*\*|\^)\s*[+-]?\d(?:\.\d)?(?![\w.])|⁻?[¹²³⁴])"
+_LETTERS = r"[^\W\d¹²³⁴⁰-⁹]++"
+_NAME = rf"(?!(?:square|squared|cubic|cubed)\b)(?>{_LETTERS}(?:[0-9]++(?:{_LETTERS})?+)*+|[°%‰])"
+_UNIT = re.compile(rf"\s*+(?>(?:{_NAME}{_POWER}?+|1(?!\w)|\*(?!\s*\*)|[/·()])\s*+)*+")
+_MOST_OF_UNIT = 64  # characters: twice what the longest ones that make sense have
+
+
+@cache
+def _registry() -> Any:
+    """Pint's registry; it takes most of a second, so only when a file names a unit."""
+    from pint import UnitRegistry
+
+    return UnitRegistry()
+
+
+@cache
+def unit_factor(unit: str, si: str) -> float:
+    """Factor from a unit to an SI unit.
+
+    Raises
+    ------
+    ParameterError
+        The unit is not known or measures something else; its key is "unit".
+    """
+    if unit == si:
+        return 1.0
+    found = repr(unit) if len(unit) <= _MOST_OF_UNIT else f"{unit[:_MOST_OF_UNIT]!r} and more"
+    registry = _registry()
+    try:
+        if len(unit) > _MOST_OF_UNIT or not _UNIT.fullmatch(unit):
+            raise ValueError
+        given, wanted = registry.Quantity(1.0, unit), registry.Quantity(1.0, si)
+        if given.dimensionality != wanted.dimensionality:
+            hint = " (g is gram: standard gravity is g_0)" if unit == "g" and si == "m/s^2" else ""
+            raise ParameterError("unit", f"found {found}{hint}, allowed is a unit that converts to {si}")
+        factor = float((given / wanted).to_base_units().magnitude)
+        if not 0 < factor < math.inf:
+            raise ValueError
+        turns = "radian" in str(given.to_base_units().units)
+    except ParameterError:
+        raise
+    except Exception:  # pint raises what its parser stumbles over: undefined units, syntax, assertions
+        raise ParameterError("unit", f"found {found}, allowed is a unit such as {si or 'percent'}") from None
+    # To pint a radian is no unit: what turns at 1 rad/s would have 1 Hz.
+    return factor / (2 * math.pi) if si == "Hz" and turns else factor

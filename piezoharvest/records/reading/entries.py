@@ -1,0 +1,158 @@
+"""The tables of a campaign file, checked: what each record is, and where its channels come from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from piezoharvest.description.parameters import Component, ParameterError, quantity
+from piezoharvest.description.shunts import Resistor, Shunt
+from piezoharvest.records.reading.channels import COLUMNS, UNITS, Source, unit_factor
+from piezoharvest.study import build, build_shunt
+
+Level = Literal["default", "campaign", "record"]
+Sources = Mapping[str, tuple[Source, Level]]
+Input = Literal["force", "voltage", "displacement", "base_acceleration"]
+
+# What a frequency response may be given by, with the default columns (an "impedance" has its own).
+RESPONSE_COLUMNS: Mapping[str, Mapping[str, str]] = {
+    "frf": {
+        "frequency": "frequency_Hz", "response": "response", "real": "real", "imaginary": "imaginary",
+        "magnitude": "magnitude", "phase": "phase_rad", "coherence": "coherence",
+    },
+    "impedance": {
+        "frequency": "frequency_Hz", "response": "impedance", "real": "resistance_ohm", "imaginary": "reactance_ohm",
+        "magnitude": "impedance_ohm", "phase": "phase_rad", "coherence": "coherence",
+    },
+}  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Entry(Component):
+    """What all kinds of [[records]] have: `rows` is the part of the file that is the record."""
+
+    file: str
+    role: Literal["fit", "validate"] = "fit"
+    start_time: float = quantity("s", "time since the campaign began", default=0.0)
+    channels: Any = None
+    rows: tuple[int, int] | None = quantity("", "first and last row", default=None, at_least=1)
+    skip_rows: int | None = quantity("", "lines above the table of a text file", default=None, at_least=0)
+    header_row: int | None = quantity("", "line with the names in a text file", default=None, at_least=1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.rows is not None and not self.rows[0] < self.rows[1]:
+            raise ParameterError("rows", f"found {list(self.rows)}, allowed is [first, last] with first < last")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Loaded(_Entry):
+    """A record with something across the electrodes."""
+
+    load_resistance: float | None = quantity("ohm", "resistance across the electrodes", default=None, above=0)
+    shunt: Any = None
+
+    def across(self, where: str, voltage_imposed: bool) -> Shunt | None:
+        """What is across the electrodes.
+
+        Raises
+        ------
+        ParameterError
+            Nothing says so, or two keys do.
+        """
+        if self.shunt is not None and self.load_resistance is not None:
+            raise ParameterError(f"{where}.shunt", "found load_resistance too, allowed is one of them")
+        if self.shunt is not None:
+            return build_shunt(self.shunt, f"{where}.shunt")
+        if self.load_resistance is not None:
+            return Resistor(resistance=self.load_resistance)
+        if voltage_imposed:
+            return None
+        allowed = 'allowed is a number of ohms, or a table shunt (kind = "open" or "short" too)'
+        raise ParameterError(f"{where}.load_resistance", f"found no such key, {allowed}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeEntry(_Loaded):
+    """[[records]] of signals over time."""
+
+    drive: Input = "force"
+    sample_rate: float | None = quantity("Hz", "where the file has no time", default=None, above=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrfEntry(_Loaded):
+    """[[records]] of a frequency response, output over input."""
+
+    kind: Literal["frf"]
+    input: Input = "force"
+    output: Literal["force", "displacement", "voltage", "current"]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.input == self.output:
+            raise ParameterError("output", f"found {self.output!r} as for the input, allowed is another channel")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImpedanceEntry(_Entry):
+    """[[records]] of the impedance of the leads."""
+
+    kind: Literal["impedance"]
+    mechanical: Literal["free", "blocked"] = "free"
+
+
+Entry = TimeEntry | FrfEntry | ImpedanceEntry
+_KINDS = {"time": TimeEntry, "frf": FrfEntry, "impedance": ImpedanceEntry}
+
+
+def build_entry(table: Any, where: str) -> Entry:
+    """One of [[records]] from its table.
+
+    Raises
+    ------
+    ParameterError
+        A key is missing, unknown, of the wrong type or out of bounds.
+    """
+    kind = table.get("kind", "time") if isinstance(table, dict) else "time"
+    if not isinstance(kind, str) or kind not in _KINDS:
+        raise ParameterError(f"{where}.kind", f"found {repr(kind)[:80]}, allowed are {', '.join(_KINDS)}")
+    if kind == "time" and isinstance(table, dict):
+        table = {key: value for key, value in table.items() if key != "kind"}
+    return build(_KINDS[kind], table, where)
+
+
+def build_sources(tables: Any, level: Level, where: str, units: Mapping[str, str] = UNITS) -> Sources:
+    """Sources of channels from a table of tables.
+
+    Raises
+    ------
+    ParameterError
+        A channel or key is unknown, or a unit does not fit its channel.
+    """
+    if not isinstance(tables, dict):
+        raise ParameterError(where, f"found {repr(tables)[:80]}, allowed is a table of tables")
+    found: dict[str, tuple[Source, Level]] = {}
+    for channel, table in tables.items():
+        if channel not in units:
+            raise ParameterError(f"{where}.{channel}", f"found an unknown channel, allowed are {', '.join(units)}")
+        source = build(Source, table, f"{where}.{channel}")
+        try:
+            unit_factor(source.unit or units[channel], units[channel])
+        except ParameterError as error:
+            raise error.within(f"{where}.{channel}") from None
+        found[channel] = source, level
+    return found
+
+
+def default_sources() -> Sources:
+    """The channels of the default header."""
+    return {channel: (Source(column=column), "default") for channel, column in COLUMNS.items()}
+
+
+def response_units(entry: FrfEntry | ImpedanceEntry) -> dict[str, str]:
+    """SI unit of everything that a frequency response may be given by."""
+    ratio = "ohm" if isinstance(entry, ImpedanceEntry) else f"({UNITS[entry.output]})/({UNITS[entry.input]})"
+    values = dict.fromkeys(("response", "real", "imaginary", "magnitude"), ratio)
+    return {"frequency": "Hz", **values, "phase": "rad", "coherence": ""}

@@ -1,0 +1,135 @@
+"""The data files of one record: opened once, read column by column, errors told with file, channel and row."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.readers import MissingColumnError, Reader, ReadError, open_reader
+from piezoharvest.records.errors import CampaignError
+from piezoharvest.records.finding import Finding
+from piezoharvest.records.reading.channels import Source
+from piezoharvest.records.reading.entries import Entry
+
+
+class Files(ExitStack):
+    """The data files of one record, each opened once and closed at the end.
+
+    Parameters
+    ----------
+    folder : Path
+        What their names are relative to.
+    entry : Entry
+        What the campaign says of the record.
+    """
+
+    def __init__(self, folder: Path, entry: Entry):
+        super().__init__()
+        self.folder, self.entry = folder, entry
+        lines = {"skip_rows": entry.skip_rows, "header_row": entry.header_row}
+        self._lines = {key: value for key, value in lines.items() if value is not None}
+        self._open: dict[str, Reader] = {}
+
+    def reader(self, name: str) -> Reader:
+        """Reader of a file; raises `CampaignError`."""
+        if name not in self._open:
+            try:
+                self._open[name] = self.enter_context(open_reader(self.folder / name, **self._lines))
+            except ReadError as error:
+                raise self.error(name, "", error) from None
+        return self._open[name]
+
+    def read(self, name: str, columns: Mapping[str, Sequence[str]]) -> dict[str, np.ndarray]:
+        """Raw values by channel, of one file, in the record's rows; several columns of a channel are averaged.
+
+        Raises
+        ------
+        CampaignError
+            A column cannot be read, or two channels have the same one.
+        """
+        self._distinct(name, columns)
+        reader = self.reader(name)
+        wanted = list(dict.fromkeys(column for some in columns.values() for column in some))
+        try:
+            raw = reader.read(wanted) if self.entry.rows is None else reader.read_rows(wanted, self._rows(reader))
+        except ReadError as error:
+            channel = next((key for key, some in columns.items() if error.column in some), "")
+            raise self.error(name, channel, error) from None
+        raw = {column: _real(values) for column, values in raw.items()}
+        return {
+            channel: raw[some[0]] if len(some) == 1 else np.mean([raw[column] for column in some], axis=0)
+            for channel, some in columns.items()
+        }
+
+    def to_si(
+        self, name: str, channel: str, columns: Sequence[str], source: Source, raw: np.ndarray, si: str
+    ) -> np.ndarray:
+        """Values of a channel in its SI unit, by what the campaign and the file say of their unit.
+
+        Raises
+        ------
+        CampaignError
+            They contradict each other, or the columns that are averaged have different units.
+        """
+        reader = self.reader(name)
+        stated = [reader.unit(column) for column in columns]
+        units = [unit if unit and (unit.firm or unit.si == si) else None for unit in stated] or [None]
+        try:
+            if len({unit and unit[1:3] for unit in units}) > 1 and not source.unit and source.gain is None:
+                found = " and ".join(repr(unit.text) if unit else "none" for unit in units)
+                raise ParameterError("unit", f"found the units {found} in the file, allowed is a unit in the campaign")
+            return source.to_si(raw, si, units[0])
+        except ParameterError as error:
+            key = f"{channel} (column {', '.join(columns)!r})"
+            raise CampaignError(self.folder / name, key, error.message, channel=channel) from None
+
+    def time_of(self, name: str, column: str) -> np.ndarray | None:
+        """Time of a column's samples in the record's rows, in s, where the format tells it."""
+        reader = self.reader(name)
+        time = reader.time_of(column)
+        if time is None or self.entry.rows is None:
+            return time
+        begin, end = (row - reader.first_row for row in self._rows(reader))
+        return time[begin : end + 1]
+
+    def below(self) -> list[Finding]:
+        """What stands below the tables that were read, and was not read."""
+        allowed = "allowed is one table (rows in the record says which lines belong to it)"
+        return [
+            Finding("warning", "rows below", name, "", ((row, row),), f"found {text!r} below the table, {allowed}")
+            for name, reader in self._open.items()
+            if reader.left_out is not None
+            for row, text in [reader.left_out]
+        ]
+
+    def error(self, name: str, channel: str, error: ReadError) -> CampaignError:
+        """The error of a reader, with file, channel, column and row."""
+        rows = () if error.row is None else ((error.row, error.row),)
+        told = isinstance(error, MissingColumnError) or error.column == "rows"  # in the message
+        column = f"column {error.column!r}" if error.column and channel and not told else ""
+        key = " ".join(part for part in (channel, f"({column})" if column else "") if part)
+        key = key or ("rows" if error.column == "rows" else "")
+        return CampaignError(self.folder / name, key, error.message, channel=channel, rows=rows)
+
+    def _rows(self, reader: Reader) -> tuple[int, int]:
+        """The record's rows in a file: as many samples from its beginning on as in the record's own file."""
+        assert self.entry.rows is not None
+        ahead = reader.first_row - self.reader(self.entry.file).first_row
+        return self.entry.rows[0] + ahead, self.entry.rows[1] + ahead
+
+    def _distinct(self, name: str, columns: Mapping[str, Sequence[str]]) -> None:
+        """Raise an error where two channels have the same column."""
+        for (one, some), (other, others) in combinations(columns.items(), 2):
+            if both := [column for column in some if column in others]:
+                message = f"found column {both[0]!r} for {one} too, allowed is a column of its own for each channel"
+                raise CampaignError(self.folder / name, other, message, channel=other)
+
+
+def _real(values: np.ndarray) -> np.ndarray:
+    """Values without their imaginary parts where all of these are zero, as in a complex array with a real column."""
+    return np.ascontiguousarray(np.real(values)) if np.iscomplexobj(values) and not np.any(np.imag(values)) else values

@@ -1,0 +1,135 @@
+"""From the entry of a frequency response or an impedance to its record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from piezoharvest.description.shunts import Shunt
+from piezoharvest.readers import MissingColumnError, ReadError
+from piezoharvest.readers.base import shown
+from piezoharvest.records.errors import CampaignError
+from piezoharvest.records.finding import Finding, counted, shifted
+from piezoharvest.records.reading.channels import Source
+from piezoharvest.records.reading.entries import RESPONSE_COLUMNS, FrfEntry, ImpedanceEntry, Sources, response_units
+from piezoharvest.records.reading.files import Files
+from piezoharvest.records.record import FrequencyRecord
+
+# The ways to give a response, the first that is there being taken.
+_FORMS = (("response",), ("real", "imaginary"), ("magnitude", "phase"))
+
+
+def read_frequency_record(
+    entry: FrfEntry | ImpedanceEntry, key: str, sources: Sources, shunt: Shunt | None, folder: Path
+) -> tuple[FrequencyRecord, list[Finding]]:
+    """Read a frequency response or an impedance: sweeps up or down, one or several, in the order of their frequencies.
+
+    A line at 0 Hz is left out, for the response of a mean value is not that of a sine.
+
+    Parameters
+    ----------
+    entry : FrfEntry or ImpedanceEntry
+    key : str
+        Where it stands in the campaign.
+    sources : mapping of str to (Source, level)
+        What the record itself says of its columns.
+    shunt : Shunt or None
+    folder : Path
+        What files are relative to.
+
+    Returns
+    -------
+    FrequencyRecord
+    list of Finding
+        What was left out.
+
+    Raises
+    ------
+    CampaignError
+        The file cannot be read, or holds no response.
+    """
+    units = response_units(entry)
+    with Files(folder, entry) as files:
+        columns, all_sources = _find(files, entry, sources)
+        raw = files.read(entry.file, columns)
+        parts = {
+            part: files.to_si(entry.file, part, columns[part], all_sources[part], values, units[part])
+            for part, values in raw.items()
+        }
+        numbering, findings = files.reader(entry.file).numbering, files.below()
+    for part, values in parts.items():
+        if values.dtype.kind == "c" and part != "response":
+            message = f"found complex values, allowed are real ones (complex ones belong in {'response'!r})"
+            raise CampaignError(folder / entry.file, part, message, channel=part)
+    for part, values in parts.items():
+        if len(values) != len(parts["frequency"]) or not len(values):
+            found = f"found {counted(len(values), 'value')}"
+            allowed = f"allowed are one or more, as many as frequencies ({len(parts['frequency'])})"
+            raise CampaignError(folder / entry.file, part, f"{found}, {allowed}", channel=part)
+    parts, rows, still = _in_order(parts, numbering)
+    if len(still):
+        where = shifted([(0, len(still) - 1)], still)
+        message = f"found {counted(len(still), 'line')} at 0 Hz, which is left out, allowed are frequencies above 0 Hz"
+        findings.append(Finding("warning", "0 Hz", entry.file, "frequency", where, message))
+    if not len(parts["frequency"]):
+        message = "found nothing but 0 Hz, allowed are frequencies above 0 Hz"
+        raise CampaignError(folder / entry.file, "frequency", message, channel="frequency")
+    frf = isinstance(entry, FrfEntry)
+    record = FrequencyRecord(
+        name=entry.file, key=key, role=entry.role, kind=entry.kind, shunt=shunt, start_time=entry.start_time,
+        input=entry.input if frf else "current", output=entry.output if frf else "voltage",
+        mechanical="free" if frf else entry.mechanical, frequency=parts["frequency"], response=_complex(parts),
+        coherence=parts.get("coherence"), columns=MappingProxyType({p: ", ".join(c) for p, c in columns.items()}),
+        first_row=rows,
+    )  # fmt: skip
+    return record, findings
+
+
+def _in_order(
+    parts: Mapping[str, np.ndarray], numbering: int | np.ndarray
+) -> tuple[dict[str, np.ndarray], int | np.ndarray, np.ndarray]:
+    """Parts by ascending frequency without those at 0 Hz, the rows of what is kept, and of what is left out."""
+    frequency = parts["frequency"]
+    still = frequency == 0
+    rows = numbering if isinstance(numbering, np.ndarray) else numbering + np.arange(len(frequency))
+    if not still.any() and np.all(np.diff(frequency) >= 0):
+        return dict(parts), numbering, rows[:0]
+    kept = np.flatnonzero(~still)
+    kept = kept[np.argsort(frequency[kept], kind="stable")]
+    return {part: values[kept] for part, values in parts.items()}, rows[kept], rows[still]
+
+
+def _complex(parts: Mapping[str, np.ndarray]) -> np.ndarray:
+    """The response from what it is given by."""
+    if "response" in parts:
+        return parts["response"].astype(complex)
+    if "real" in parts:
+        return parts["real"] + 1j * parts["imaginary"]
+    return parts["magnitude"] * np.exp(1j * parts["phase"])
+
+
+def _find(files: Files, entry: FrfEntry | ImpedanceEntry, sources: Sources) -> tuple[dict, dict[str, Source]]:
+    """Columns and sources of frequency, response and, where there is one, coherence."""
+    reader = files.reader(entry.file)
+    found: dict[str, list[str]] = {}
+    used = {part: source for part, (source, _) in sources.items()}
+    for part, default in RESPONSE_COLUMNS[entry.kind].items():
+        try:
+            found[part] = [reader.resolve(column) for column in used.setdefault(part, Source()).columns(default)]
+        except ReadError as error:
+            if part in sources or not isinstance(error, MissingColumnError):
+                raise files.error(entry.file, part, error) from None
+    if "phase" not in found and "phase_deg" in reader.names and "phase" not in sources:
+        found["phase"], used["phase"] = ["phase_deg"], Source(unit="deg")
+    told = [form for form in _FORMS if any(part in sources for part in form)] or _FORMS
+    form = next((form for form in told if all(part in found for part in form)), None)
+    if "frequency" not in found or form is None:
+        what = "frequency" if "frequency" not in found else "response"
+        defaults = ", ".join(RESPONSE_COLUMNS[entry.kind].values())
+        message = f"found the columns {shown(reader.names)}, allowed are {defaults}, or names in records.channels"
+        raise CampaignError(files.folder / entry.file, what, message, channel=what)
+    kept = {part: columns for part, columns in found.items() if part in ("frequency", "coherence", *form)}
+    return kept, used

@@ -1,0 +1,203 @@
+"""From the entry of a record to the record: files opened, columns found and read, values in SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from piezoharvest.description.shunts import Resistor, Shunt
+from piezoharvest.readers import MissingColumnError, ReadError
+from piezoharvest.readers.base import shown
+from piezoharvest.records.errors import CampaignError
+from piezoharvest.records.finding import Finding
+from piezoharvest.records.reading.channels import COLUMNS, UNITS, Source
+from piezoharvest.records.reading.entries import Sources, TimeEntry
+from piezoharvest.records.reading.files import Files
+from piezoharvest.records.reading.time_stamps import even_times
+from piezoharvest.records.record import Record, Signal
+
+_RATE_TOLERANCE = 1e-3  # between the time stamps and a sample rate that is given too
+
+
+class Reading:
+    """One record over time on its way from files to signals.
+
+    Parameters
+    ----------
+    entry : TimeEntry
+    sources : mapping of str to (Source, level)
+        By channel; a column may be missing unless the record itself names it or it is the drive's. That of one that
+        [channels] names is noted in `findings`.
+    shunt : Shunt or None
+    files : Files
+
+    Raises
+    ------
+    CampaignError
+        A column is missing, not numeric or of another length.
+    """
+
+    def __init__(self, entry: TimeEntry, sources: Sources, shunt: Shunt | None, files: Files):
+        self.entry, self.sources, self.shunt, self.files = entry, sources, shunt, files
+        self.findings: list[Finding] = []
+        self.columns: dict[str, list[str]] = {}
+        for channel in UNITS:
+            if channel in sources:
+                self._find(channel)
+        if len(self.columns.keys() - {"time"}) < 2:
+            names = shown(files.reader(entry.file).names)
+            message = f"found no channel beside the drive, allowed is one or more (there are the columns {names})"
+            raise CampaignError(files.folder / entry.file, "", message)
+        self.values = self._read()
+
+    def file(self, channel: str) -> str:
+        """File that a channel comes from."""
+        return self.sources[channel][0].file or self.entry.file
+
+    def error(self, channel: str, message: str) -> CampaignError:
+        """Error of a channel."""
+        return CampaignError(self.files.folder / self.file(channel), channel, message, channel=channel)
+
+    def _find(self, channel: str) -> None:
+        """Find the columns of a channel, or note that it is missing."""
+        source, level = self.sources[channel]
+        name = self.file(channel)
+        reader = self.files.reader(name)
+        try:
+            self.columns[channel] = [reader.resolve(column) for column in source.columns(COLUMNS[channel])]
+        except MissingColumnError as error:
+            drive = channel == self.entry.drive
+            if level == "record" or drive or (channel == "time" and level == "campaign"):
+                what = f"{channel}, the drive" if drive else channel
+                raise CampaignError(self.files.folder / name, what, error.message, channel=channel) from None
+            if level == "campaign":
+                message = f"{error.message}; the record is used without this channel"
+                self.findings.append(Finding("warning", "missing column", name, channel, (), message))
+        except ReadError as error:
+            raise self.files.error(name, channel, error) from None
+
+    def _read(self) -> dict[str, np.ndarray]:
+        """Raw values by channel, file by file, all of one length."""
+        values: dict[str, np.ndarray] = {}
+        for name in dict.fromkeys(map(self.file, self.columns)):
+            wanted = {channel: some for channel, some in self.columns.items() if self.file(channel) == name}
+            values |= self.files.read(name, wanted)
+        count = len(values[self.entry.drive])
+        for channel, raw in values.items():
+            if len(raw) != count:
+                message = f"found {len(raw)} samples, allowed are {count} as in the drive, {self.entry.drive}"
+                raise self.error(channel, message)
+            if raw.dtype.kind == "c":
+                raise self.error(channel, "found complex values, allowed are real ones")
+        if count < 2:
+            raise self.error(self.entry.drive, f"found {count} samples, allowed are two or more")
+        self._differ(values)
+        return values
+
+    def _differ(self, values: Mapping[str, np.ndarray]) -> None:
+        """Raise an error where two channels hold the same samples, under whatever names: sensors have noise."""
+        for one, other in combinations((channel for channel in values if channel != "time"), 2):
+            ohm = {one, other} == {"voltage", "current"} and self.shunt == Resistor(resistance=1.0)
+            if np.array_equal(values[one], values[other]) and np.ptp(values[one]) > 0 and not ohm:
+                raise self.error(other, f"found the same samples as for {one}, allowed is a channel of its own")
+
+    def signals(self) -> dict[str, Signal]:
+        """All channels in SI units, "time" among them."""
+        self._clock()
+        return {channel: self._signal(channel) for channel in list(self.values)}
+
+    def _signal(self, channel: str) -> Signal:
+        name, raw = self.file(channel), self.values.pop(channel)
+        values = raw if channel == "time" else self._si(channel, raw)
+        sigma = self.sources[channel][0].sigma_si(UNITS[channel]) if channel in self.sources else None
+        return Signal(values, sigma, name, ", ".join(self.columns.get(channel, [])), self.files.reader(name).numbering)
+
+    def _si(self, channel: str, raw: np.ndarray) -> np.ndarray:
+        """Values in the channel's SI unit."""
+        source = self.sources[channel][0] if channel in self.sources else Source()
+        return self.files.to_si(self.file(channel), channel, self.columns.get(channel, []), source, raw, UNITS[channel])
+
+    def _clock(self) -> None:
+        """See to the times, in s: by a column, as the format tells them, or by the sample rate."""
+        rate, count = self.entry.sample_rate, len(self.values[self.entry.drive])
+        if "time" not in self.values:
+            stamps = self._stamps_of_format()
+            if stamps is None and rate is not None:
+                self.values["time"] = np.arange(count) / rate
+                return
+            if stamps is None:
+                names = shown(self.files.reader(self.entry.file).names)
+                allowed = "allowed is a column time_s, another one in [channels], or sample_rate in the record"
+                raise self.error("time", f"found no time among the columns {names}, {allowed}")
+            self.values["time"] = stamps
+        raw = self.values["time"]
+        time = self._si("time", raw)
+        span = float(time[-1] - time[0])
+        if rate is not None and span > 0 and abs((count - 1) / span / rate - 1) > _RATE_TOLERANCE:
+            allowed = f"allowed is what sample_rate says, {rate:.6g} Hz, or no such key"
+            raise self.error("time", f"found {(count - 1) / span:.6g} Hz, {allowed}")
+        second = span / float(raw[-1] - raw[0]) if span > 0 else 1.0
+        even = even_times(raw, None if rate is None else 1.0 / (rate * second))
+        if even is None:
+            self.values["time"] = time
+            return
+        self.values["time"] = self._si("time", even.times)
+        if even.coarse and rate is None:
+            step = second * float(even.times[1] - even.times[0])
+            found = f"found time stamps rounded to {second * even.unit:.3g} s, taken for even ones of {step:.6g} s"
+            message = f"{found}, allowed are stamps that would show a lost sample, or sample_rate"
+            self.findings.append(Finding("warning", "coarse time", self.file("time"), "time", (), message))
+
+    def _stamps_of_format(self) -> np.ndarray | None:
+        """Time stamps that the format itself keeps, the same for all channels; None where it keeps none."""
+        found: np.ndarray | None = None
+        for channel in sorted(self.values, key=lambda name: name != self.entry.drive):
+            own = self.files.time_of(self.file(channel), self.columns[channel][0])
+            if own is not None and found is None and channel == self.entry.drive:
+                found = own
+            elif own is not None and found is not None and not np.allclose(own[[0, -1]], found[[0, -1]], rtol=1e-9):
+                message = f"found samples from {own[0]:g} s to {own[-1]:g} s, allowed is the time base of the drive"
+                raise self.error(channel, f"{message}, {found[0]:g} s to {found[-1]:g} s")
+        return found
+
+
+def read_record(
+    entry: TimeEntry, key: str, sources: Sources, shunt: Shunt | None, folder: Path
+) -> tuple[Record, list[Finding]]:
+    """Read a record over time.
+
+    Parameters
+    ----------
+    entry : TimeEntry
+    key : str
+        Where it stands in the campaign.
+    sources : mapping of str to (Source, level)
+        By channel, as in `Reading`.
+    shunt : Shunt or None
+    folder : Path
+        What files are relative to.
+
+    Returns
+    -------
+    Record
+    list of Finding
+        Columns that are missing, times that are coarse, and what was not read.
+
+    Raises
+    ------
+    CampaignError
+        A file cannot be read, or a column is missing, not numeric or of another length.
+    """
+    with Files(folder, entry) as files:
+        reading = Reading(entry, sources, shunt, files)
+        signals = reading.signals()
+        findings = [*reading.findings, *files.below()]
+    record = Record(
+        name=entry.file, key=key, role=entry.role, drive=entry.drive, shunt=shunt, start_time=entry.start_time,
+        time=signals.pop("time"), signals=MappingProxyType(signals),
+    )  # fmt: skip
+    return record, findings

@@ -1,0 +1,61 @@
+"""Figures of a page: each as a PNG file beside it, and as SVG within it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import count
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from piezoharvest.output import result_file
+from piezoharvest.report.figures import style
+
+
+class Picture(NamedTuple):
+    """A figure with its name (of the file), section of the page, heading and caption."""
+
+    name: str
+    section: str
+    heading: str
+    caption: str
+    figure: Figure
+
+
+def place_pictures(
+    pictures: Iterable[Picture], sections: Sequence[str], directory: Path
+) -> dict[str, list[dict[str, Any]]]:
+    """Write figures into a directory, and give what a template needs of them.
+
+    Parameters
+    ----------
+    pictures : iterable of Picture
+    sections : sequence of str
+        Sections of the page in their order, by which figures are numbered.
+    directory : Path
+
+    Returns
+    -------
+    dict
+        For each section its figures, with name, heading, caption, file, svg and number.
+
+    Raises
+    ------
+    OutputError
+        A file cannot be written.
+    """
+    figures: dict[str, list[dict[str, Any]]] = {section: [] for section in sections}
+    for picture in pictures:
+        file = f"{picture.name}.png"
+        with result_file(directory / file) as stream:
+            style.write_png(picture.figure, stream)
+        svg = Markup(style.inline_svg(picture.figure, picture.name, picture.heading))
+        words = {"heading": picture.heading, "caption": picture.caption, "file": file, "name": picture.name}
+        figures[picture.section].append({**words, "svg": svg})
+    numbers = count(1)
+    for section in figures.values():
+        for figure in section:
+            figure["number"] = next(numbers)
+    return figures

@@ -1,0 +1,116 @@
+"""What all parts of a netlist need to know: the devices, and the sizes and times that smooth elements are set to."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from piezoharvest.description.excitation import Excitation, Ramps, Tones
+from piezoharvest.description.shunts import Open
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Transducer
+from piezoharvest.engine.lowering.lower import lower
+from piezoharvest.equations.terms import Terms
+
+
+class Scene(NamedTuple):
+    """Surroundings of the shunt in a netlist.
+
+    Attributes
+    ----------
+    transducer : Transducer
+    excitation : Excitation
+    signal : Tones or Ramps
+        The excitation's signal.
+    omega : float
+        Angular frequency of the drive in rad/s, of the first mode where the excitation has none.
+    voltage : float
+        Electrode voltage to expect, V: right within a factor of about ten.
+    dc_start : float
+        Voltage of the smoothing capacitor at the beginning, V.
+    terms : Terms
+        What the effects add.
+    rest : dict of str to float
+        States at the beginning, by name, SI.
+    """
+
+    transducer: Transducer
+    excitation: Excitation
+    signal: Tones | Ramps
+    omega: float
+    voltage: float
+    dc_start: float
+    terms: Terms
+    rest: dict[str, float]
+
+    @property
+    def length(self) -> float:
+        """Length of the excitation in s; there is none where it is periodic."""
+        assert self.excitation.length is not None
+        return self.excitation.length
+
+    @property
+    def current(self) -> float:
+        """Current to expect through the clamped capacitance, A."""
+        return self.omega * self.transducer.capacitance * self.voltage
+
+
+class Circuit(NamedTuple):
+    """What a shunt's part of the netlist tells the rest of it.
+
+    Attributes
+    ----------
+    harvested : str
+        Expression of the power that reaches the load, W.
+    dc : str
+        Expression of the voltage behind the bridge, V.
+    fastest : float
+        Length of the shortest pulse, s; infinite where there is none.
+    slowest : float
+        Longest time constant that the shunt brings, s.
+    """
+
+    harvested: str = "0"
+    dc: str = "0"
+    fastest: float = float("inf")
+    slowest: float = 0.0
+
+
+def make_scene(transducer: Transducer, excitation: Excitation, dc_start: float) -> Scene:
+    """Estimate the sizes of voltage and current in a system."""
+    signal = excitation.signal()
+    own = 2 * np.pi * transducer.open_circuit_frequency
+    if isinstance(signal, Tones):
+        frequencies, amplitudes = (
+            signal.frequencies,
+            np.broadcast_to(np.abs(signal.amplitudes), signal.frequencies.shape),
+        )
+        omega = 2 * np.pi * float(frequencies[np.argmax(amplitudes)])
+        tones = [(2 * np.pi * f, a) for f, a in zip(frequencies, amplitudes, strict=True)]
+    else:
+        # A sudden load moves a mode twice as far as a slow one.
+        omega, tones = own, [(0.0, 2 * float(np.max(np.abs(signal.starts))))]
+    voltage = sum(_voltage(transducer, excitation.base, w, a) for w, a in tones)
+    passes = excitation.period is None
+    terms = Terms(transducer, "base_acceleration" if excitation.base else "force", passes=passes)
+    rest = _rest(transducer, excitation)
+    return Scene(transducer, excitation, signal, omega, max(voltage, dc_start) or 1.0, dc_start, terms, rest)
+
+
+def _rest(transducer: Transducer, excitation: Excitation) -> dict[str, float]:
+    """States in the equilibrium under the static part of the excitation, the electrodes relaxed."""
+    lowered = lower(System(transducer, Open()), excitation)
+    values = lowered.program.equilibrium * lowered.program.scale
+    return dict(zip(lowered.states, map(float, values), strict=True))
+
+
+def _voltage(transducer: Transducer, base: bool, omega: float, amplitude: float) -> float:
+    """Open-circuit voltage at the displacement that is left once a matched load damps the motion, V."""
+    charge = 0.0
+    for mode in transducer.all_modes:
+        gain = mode.base_mass if base else abs(mode.force_participation)
+        loss = omega * mode.damping + mode.coupling**2 / (2 * transducer.capacitance)
+        elasticity = abs(mode.stiffness - mode.mass * omega**2 + 1j * loss)
+        charge += abs(mode.coupling) * gain * amplitude / elasticity
+    return charge / transducer.capacitance
