@@ -81,7 +81,7 @@ def part(path):
 
 
 def place(dotted):
-    """Name in the order under which a module stands: its own, or that of a folder about it; of a front, the package's."""
+    """Name in the order under which a module stands: its own, that of a folder about it, or its package's."""
     words = dotted.split(".")
     known = (".".join(words[:count]) for count in range(len(words), 0, -1))
     return next((name for name in known if name in RANK), words[0])

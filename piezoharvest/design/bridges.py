@@ -25,7 +25,7 @@ _LOADS = np.geomspace(1e-4, 1e4, 801)  # R C w, before the local maxima are poli
 _DROP_STEPS = 40
 
 
-class Source(NamedTuple):
+class TheveninSource(NamedTuple):
     """What drives the capacitance at each frequency: V = (Z_m + Z) I.
 
     Attributes
@@ -75,7 +75,7 @@ def bridge_starts(view: LinearView, draft: Draft) -> list[Start]:
     return [_start(name, draft, bridge, load, source, capacitance) for _, load in sorted(found)[:3]]
 
 
-def _start(name: str, draft: Draft, bridge: Bridge, load: float, source: Source, capacitance: float) -> Start:
+def _start(name: str, draft: Draft, bridge: Bridge, load: float, source: TheveninSource, capacitance: float) -> Start:
     """The load, or the dc voltage that it would have where the mean power is made."""
     if "load_resistance" in draft.free:
         return Start(name, {"load_resistance": load})
@@ -84,7 +84,9 @@ def _start(name: str, draft: Draft, bridge: Bridge, load: float, source: Source,
     return Start(name, {"dc_voltage": float(np.sqrt(max(mean * load, 1e-12)))})
 
 
-def powers(bridge: Bridge, load: np.ndarray, source: Source, capacitance: float) -> tuple[np.ndarray, np.ndarray]:
+def powers(
+    bridge: Bridge, load: np.ndarray, source: TheveninSource, capacitance: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Harvested power (W) and strain current (A) for loads (r, 1) at the source's frequencies, (r, f) arrays.
 
     Notes
@@ -123,7 +125,7 @@ def _impedance(bridge: Bridge, x: np.ndarray, drop: np.ndarray) -> tuple[np.ndar
     return (real + 1j * imaginary) / np.pi, harvested
 
 
-def strain_source(view: LinearView) -> Source:
+def strain_source(view: LinearView) -> TheveninSource:
     """Thevenin source of the strain current at the operation's lines, the clamped capacitance taken out."""
     op, frequencies = view.operation, view.operation.frequencies
     omega = 2 * np.pi * frequencies
@@ -133,4 +135,4 @@ def strain_source(view: LinearView) -> Source:
         share = 1 / (1 - 1j * omega * view.capacitance * leads)
     amplitude = np.full(len(frequencies), op.amplitude) if op.apart else np.sqrt(op.squares)
     weights = np.full(len(frequencies), 1.0) if not op.apart else op.squares / amplitude**2
-    return Source(omega, opened * np.abs(share) * amplitude, leads * share, weights)
+    return TheveninSource(omega, opened * np.abs(share) * amplitude, leads * share, weights)

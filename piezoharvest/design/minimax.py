@@ -39,7 +39,7 @@ class Tuned(NamedTuple):
 
 def tune(view: LinearView, draft: Draft, start: Start, region: Region) -> Tuned:
     """Tune the free parts of a linear shunt from one start, within a region."""
-    program = _Program(view, draft, region)
+    program = _MinimaxProgram(view, draft, region)
     best = region.logs(start.values)
     best_merit, iterations = program.merit(best), 0
     program.widen(best)
@@ -56,7 +56,7 @@ def tune(view: LinearView, draft: Draft, start: Start, region: Region) -> Tuned:
 
 
 @dataclass
-class _Program:
+class _MinimaxProgram:
     """The nonlinear program on one set of frequencies.
 
     Variables are the logarithms p of the parts, the level t and the common slack s.

@@ -48,13 +48,13 @@ def refine(trial: Trial, draft: Draft, start: Start, region: Region | None = Non
         width = _WIDTH if trial.view.operation.apart else _ROUGH_WIDTH
         p, method = _line(lambda x: merit(np.array([x])), float(p[0]), width), "line search on the engine"
     else:
-        found = _Program(trial, draft, region).solve(p)
+        found = _EngineProgram(trial, draft, region).solve(p)
         p, method = found if found is not None else (_simplex(merit, p), "simplex search on the engine")
     return Tuned(shunt_at(p), merit(p), start.formula, method, trial.simulations - before)
 
 
 @dataclass(frozen=True)
-class _Program:
+class _EngineProgram:
     """The nonlinear program on the engine.
 
     Variables are the logarithms p of the parts and what is conceded of each limit, at its price in the merit.

@@ -11,8 +11,8 @@ import numpy as np
 
 from piezoharvest.description.effects import Effect
 from piezoharvest.diagnose.residual_tests import Leftover, structure
-from piezoharvest.diagnose.score_tests import Candidate, effect_parameters, extended, scores
-from piezoharvest.diagnose.start_values import Scene, displacement_of, jitter_of, scene_of
+from piezoharvest.diagnose.score_tests import ScoredEffect, effect_parameters, extended, scores
+from piezoharvest.diagnose.start_values import CampaignScales, displacement_of, jitter_of, scene_of
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import ITERATIONS, UNFINISHED, Fit
 from piezoharvest.identify.fitting.model import Model
@@ -34,7 +34,7 @@ NEEDED = 1e4  # of -2 ln L more, by which the effect is needed, whatever the end
 
 
 @dataclass(frozen=True)
-class Step:
+class EffectChange:
     """A model with one effect more or less.
 
     Attributes
@@ -103,12 +103,12 @@ class Trials:
     ):
         self.problem, self.base, self.library, self.tell = problem, base, library, tell
         self.made: list[Made] = []
-        self._scored: dict[int, tuple[Step, list[Candidate]]] = {}
+        self._scored: dict[int, tuple[EffectChange, list[ScoredEffect]]] = {}
         self._own_noise: dict[int, tuple[Fit, Fit]] = {}
-        self._known: dict[tuple[str, ...], Step] = {}
+        self._known: dict[tuple[str, ...], EffectChange] = {}
         self._structure: dict[tuple[int, bool], tuple[Fit, tuple[Leftover, ...]]] = {}
 
-    def scores(self, now: Step) -> list[Candidate]:
+    def scores(self, now: EffectChange) -> list[ScoredEffect]:
         """Scores of all effects against a model."""
         if id(now) not in self._scored:
             scene = scene_of(self.problem.data, now.found)
@@ -139,8 +139,13 @@ class Trials:
         return self.structure(self._own_noise[id(found)][1])
 
     def extended(
-        self, now: Step, effect: Effect, aim: float, varied: Sequence[Parameter] | None = None, most: int = ITERATIONS
-    ) -> Step | None:
+        self,
+        now: EffectChange,
+        effect: Effect,
+        aim: float,
+        varied: Sequence[Parameter] | None = None,
+        most: int = ITERATIONS,
+    ) -> EffectChange | None:
         """Full fit with one effect more, and what else varies; None where the model then has no solution.
 
         It is given up where it will not come to this -2 ln L. What has not varied so far is let go only when the effect
@@ -157,7 +162,7 @@ class Trials:
         step = self._kept(self._fit(model, own, now.found, aim=aim, most=most))
         return step if most < ITERATIONS else self._seen(step)
 
-    def finished(self, tried: Sequence[Step]) -> list[Step]:
+    def finished(self, tried: Sequence[EffectChange]) -> list[EffectChange]:
         """Fits of which those that crawl go on when it is known what they have to come to; the best first."""
         done = [step for step in tried if step.found.message != UNFINISHED]
         for slow in sorted((step for step in tried if step.found.message == UNFINISHED), key=lambda s: s.fair_cost):
@@ -165,7 +170,7 @@ class Trials:
             done += [] if step is None else [step]
         return sorted((step for step in done if self._seen(step)), key=lambda step: step.fair_cost)
 
-    def _seen(self, step: Step | None) -> Step | None:
+    def _seen(self, step: EffectChange | None) -> EffectChange | None:
         """The step, unless its last effect is none that the records can show."""
         if step is None:
             return None
@@ -186,11 +191,11 @@ class Trials:
         return [data for data in self.problem.data if isinstance(data, Data)]
 
     @cached_property
-    def _scene(self) -> Scene:
+    def _scene(self) -> CampaignScales:
         """What the records can show, whatever the model."""
         return scene_of(self.problem.data, self.base)
 
-    def held(self, now: Step) -> Step | None:
+    def held(self, now: EffectChange) -> EffectChange | None:
         """Full fit with the parameters that have strayed at their nominal values; None where none has."""
         strayed, model = self.strayed(now), now.found.model
         if not strayed:
@@ -203,7 +208,7 @@ class Trials:
             replace(model, transducer=transducer, parameters=kept), now.found.own, now.found, enough=COARSELY
         )
 
-    def strayed(self, now: Step) -> list[Parameter]:
+    def strayed(self, now: EffectChange) -> list[Parameter]:
         """Parameters that the data wants far from their nominal values: they may stand in for an effect.
 
         By how much the cost would rise on their way back is told by their covariance, along the values, not their
@@ -223,7 +228,7 @@ class Trials:
         wanted = np.dot(away, np.linalg.solve(covariance, away)) > WANTED
         return [found.model.parameters[k] for k in far] if wanted else []
 
-    def redetermined(self, now: Step) -> Step:
+    def redetermined(self, now: EffectChange) -> EffectChange:
         """The same with what the data determines now: without the effect that was found it told less, or seemed to.
 
         So it is asked again where stops were when the records began. Whether it tells a parameter that was left at its
@@ -250,12 +255,12 @@ class Trials:
         )
         return again or now
 
-    def freed(self, held: Step, now: Step) -> Step | None:
+    def freed(self, held: EffectChange, now: EffectChange) -> EffectChange | None:
         """Full fit from there with all that varies in another step."""
         model = replace(held.found.model, parameters=now.found.model.parameters)
         return self.remember(self._fit(model, held.found.own, now.found))
 
-    def without(self, now: Step, n: int) -> Step | None:
+    def without(self, now: EffectChange, n: int) -> EffectChange | None:
         """The best that is known without the n-th effect."""
         keys = _keys(now.found.model)
         keys = keys[:n] + keys[n + 1 :]
@@ -263,7 +268,7 @@ class Trials:
             self.drop(now, n)
         return self._known.get(keys)
 
-    def drop(self, now: Step, n: int) -> None:
+    def drop(self, now: EffectChange, n: int) -> None:
         """Make a full fit from here without the n-th effect."""
         less = _less(now.found.model, n)
         known = self._known.get(_keys(less))
@@ -274,41 +279,41 @@ class Trials:
             step = self._fit(step.found.model, step.found.own, step.found, aim=aim)
         self.remember(step)
 
-    def polished(self, now: Step) -> Step:
+    def polished(self, now: EffectChange) -> EffectChange:
         """The same fit to the end."""
         found = now.found
-        return Step(self._descended(found.model, found.own, found))
+        return EffectChange(self._descended(found.model, found.own, found))
 
     def _descended(self, model: Model, own, before: Fit, **options: Any) -> Fit:
         """Fit with the noise and the whiteners of another."""
         return fit(self.problem, model, own, before.noise, white=before.white, estimate_noise=False, **options)
 
-    def remember(self, step: Step | None) -> Step | None:
+    def remember(self, step: EffectChange | None) -> EffectChange | None:
         """The step; the best with its effects is known from now on."""
         if step is not None:
             key = _keys(step.found.model)
             self._known[key] = min(step, self._known.get(key, step), key=lambda each: each.cost)
         return step
 
-    def _kept(self, step: Step | None) -> Step | None:
+    def _kept(self, step: EffectChange | None) -> EffectChange | None:
         """The step, remembered if its descent came to an end."""
         return self.remember(step) if step is not None and step.found.converged else step
 
     def _fit(
         self, model: Model, own, before: Fit, *, aim: float = np.inf, enough: float = ROUGHLY, most: int = ITERATIONS
-    ) -> Step | None:
+    ) -> EffectChange | None:
         try:
             found = self._descended(model, own, before, enough=enough, aim=aim, most=most)
         except (PredictionError, np.linalg.LinAlgError):
             return None
-        step = Step(found)
+        step = EffectChange(found)
         names, change = " + ".join(step.effects), step.cost - self.base.cost
         self.made.append(Made(names, change, inflated(found, -1)))
         self.tell(f"tried {names or 'nominal values'}: -2 ln L {change:+.1f}")
         return step
 
 
-def aim_beside(others: Sequence[Step]) -> float:
+def aim_beside(others: Sequence[EffectChange]) -> float:
     """What another fit has to come to beside these."""
     return min((other.fair_cost for other in others), default=np.inf) + CLOSE
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezoharvest.description.effects import Clipping, Effect
-from piezoharvest.diagnose.candidate_fits import Step, Trials, amplitude_of
+from piezoharvest.diagnose.candidate_fits import EffectChange, Trials, amplitude_of
 from piezoharvest.diagnose.drive_saturation import CHANCE, CutDrive, cut_off
 from piezoharvest.diagnose.residual_tests import Leftover, share_above_noise
 from piezoharvest.diagnose.score_tests import effect_line
@@ -231,7 +231,7 @@ def _diagnosed(
     alternatives = tuple(step.effects for step, _ in search.alternatives)
     after, final = squares[-1], search.final
     estimates = tuple(_estimates(before, final))
-    far = {parameter.path for parameter in trials.strayed(Step(final))}
+    far = {parameter.path for parameter in trials.strayed(EffectChange(final))}
     strayed = tuple(estimate for estimate in estimates if estimate.parameter.path in far)
     missing = bool(search.left) or any(each.spoils for each in named) or any(map(_astray, strayed))
     verdict = _verdict(missing, named, alternatives)
@@ -303,7 +303,7 @@ def _needed(campaign: Campaign, before: Identification, trials: Trials, search: 
     """
     if n == len(search.order) - 1:
         return False
-    less = trials.without(Step(search.final), search.given + n)
+    less = trials.without(EffectChange(search.final), search.given + n)
     if less is None:
         return True
     unseen, checks = validated(campaign, before, [less.found, search.final])

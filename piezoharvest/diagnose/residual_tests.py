@@ -77,7 +77,7 @@ class Leftover:
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class ResidualBlock:
     """Some samples of a record, and what a model leaves of them.
 
     Attributes
@@ -134,7 +134,7 @@ class Block:
         return np.diag(scatter).reshape(-1, 2).mean(axis=1) / self.level[line] ** 2
 
 
-def blocks_of(problem: Problem, found: Fit) -> Iterator[Block]:
+def blocks_of(problem: Problem, found: Fit) -> Iterator[ResidualBlock]:
     """Blocks of the records over time."""
     for data, own, white in zip(problem.data, found.own, found.white, strict=True):
         yield from _of_record(found.model, data, own, white)
@@ -146,15 +146,15 @@ def _of_record(
     own: np.ndarray,
     white: Whitener | ResponseWeights,
     scatter: np.ndarray | None = None,
-) -> Iterator[Block]:
+) -> Iterator[ResidualBlock]:
     if isinstance(data, Data) and isinstance(white, Whitener):
         for begin, residual, spectrum in white.left(model, own):
-            yield Block(data, white, begin, residual, spectrum, scatter)
+            yield ResidualBlock(data, white, begin, residual, spectrum, scatter)
 
 
 def _blocks(
     found: Fit, scattered: bool, data: Data | FrequencyData, own: np.ndarray, white: Whitener | ResponseWeights
-) -> list[Block]:
+) -> list[ResidualBlock]:
     """Blocks of a record, with what the noise of its drive adds if wanted."""
     sigma, scatter = found.noise.sigma, None
     if scattered and isinstance(data, Data) and isinstance(white, Whitener) and data.drive in sigma:
@@ -185,7 +185,7 @@ def _count(part: np.ndarray, frequencies: np.ndarray) -> int:
     return 2 * len(part) - int(np.sum(frequencies == 0))
 
 
-def _bands(blocks: Sequence[Block]) -> list[Leftover]:
+def _bands(blocks: Sequence[ResidualBlock]) -> list[Leftover]:
     found = []
     pooled: dict[tuple[int, str], list[float]] = {}
     for block in blocks:
@@ -223,7 +223,7 @@ def _rounded_while_held(data: Data) -> set[str]:
     return found
 
 
-def _harmonics(blocks: Sequence[Block]) -> list[Leftover]:
+def _harmonics(blocks: Sequence[ResidualBlock]) -> list[Leftover]:
     """Lines at multiples of the frequency at which the drive is strongest, for drives that are nearly one line.
 
     Each in units of its own scatter.
@@ -255,7 +255,7 @@ def _harmonics(blocks: Sequence[Block]) -> list[Leftover]:
     return found
 
 
-def _lines(blocks: Sequence[Block]) -> list[Leftover]:
+def _lines(blocks: Sequence[ResidualBlock]) -> list[Leftover]:
     """The strongest line of each channel over all records of a kind, in the squares of a single one as unlikely."""
     kinds: dict[tuple[int, float, str], list[np.ndarray]] = {}
     for block in blocks:
@@ -279,7 +279,7 @@ def _lines(blocks: Sequence[Block]) -> list[Leftover]:
     return found
 
 
-def _bursts(blocks: Sequence[Block]) -> list[Leftover]:
+def _bursts(blocks: Sequence[ResidualBlock]) -> list[Leftover]:
     """Where a channel is off for a few samples: the worst of each record, in squares of one window as unlikely.
 
     The largest sample of a window is left out, so that a spike alone is none.

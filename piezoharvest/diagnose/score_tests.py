@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from piezoharvest.description.effects import Effect, registered
-from piezoharvest.diagnose.start_values import Scene
+from piezoharvest.diagnose.start_values import CampaignScales
 from piezoharvest.identify.fitting.evaluation import whole
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
@@ -26,7 +26,7 @@ from piezoharvest.predict.prediction import PredictionError
 
 
 @dataclass(frozen=True)
-class Candidate:
+class ScoredEffect:
     """An effect at one start, with what the linearisation says of it.
 
     Attributes
@@ -79,8 +79,8 @@ def effect_line(effect: Effect) -> bool:
 
 
 def scores(
-    problem: Problem, found: Fit, scene: Scene, library: Sequence[type[Effect]] | None = None
-) -> list[Candidate]:
+    problem: Problem, found: Fit, scene: CampaignScales, library: Sequence[type[Effect]] | None = None
+) -> list[ScoredEffect]:
     """Scores of all effects that are not in the model, the highest first.
 
     Parameters
@@ -88,7 +88,7 @@ def scores(
     problem : Problem
     found : Fit
         Converged.
-    scene : Scene
+    scene : CampaignScales
     library : sequence of Effect classes, optional
         Default: all that are registered.
     """
@@ -115,7 +115,7 @@ def extended(model: Model, effects: Sequence[Effect], parameters: Sequence[Param
     return replace(model, transducer=transducer, parameters=(*model.parameters, *parameters))
 
 
-def _smooth(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[Candidate]:
+def _smooth(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[ScoredEffect]:
     """Effects that grow smoothly from their null, all in one linearisation."""
     if not starts:
         return []
@@ -154,7 +154,7 @@ def _smooth(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[Cand
             if not strength.lower <= value <= strength.upper:
                 continue  # of the wrong sign
             effect = put(start, (type(start).strength().name,), float(np.real(strength.outer(value))))
-        candidates.append(Candidate(effect, score, len(at), projected[at[0]], at[0]))
+        candidates.append(ScoredEffect(effect, score, len(at), projected[at[0]], at[0]))
     return candidates
 
 
@@ -180,7 +180,7 @@ def _columns(problem, model: Model, starts, strengths, base: int, first: int) ->
     return found
 
 
-def _tried(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[Candidate]:
+def _tried(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[ScoredEffect]:
     """Effects that begin with a jump: the cost with each as it stands, one step of all that was fitted taken.
 
     Without that step parameters that have taken the place of the effect would speak against it.
@@ -198,11 +198,11 @@ def _tried(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[Candi
         felt = np.diag(weight) > 0.0
         score = cost - squares + float(slope[felt] @ inverse(weight[np.ix_(felt, felt)]) @ slope[felt])
         if score > 0:
-            candidates.append(Candidate(start, score, 1, np.zeros(0), -1))
+            candidates.append(ScoredEffect(start, score, 1, np.zeros(0), -1))
     return candidates
 
 
-def cosine(first: Candidate, second: Candidate) -> float:
+def cosine(first: ScoredEffect, second: ScoredEffect) -> float:
     """How alike the signatures of two candidates are, parameters projected out."""
     if first.place < 0 or second.place < 0 or len(first.signature) != len(second.signature):
         return 0.0
@@ -210,4 +210,4 @@ def cosine(first: Candidate, second: Candidate) -> float:
     return float(first.signature[second.place] / size) if size > 0 else 0.0
 
 
-__all__ = ["Candidate", "cosine", "effect_line", "effect_parameters", "extended", "scores"]
+__all__ = ["ScoredEffect", "cosine", "effect_line", "effect_parameters", "extended", "scores"]

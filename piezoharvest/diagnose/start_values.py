@@ -31,7 +31,7 @@ REACHED = 6.0  # standard deviations: no noise takes a reading so far beyond the
 
 
 @dataclass(frozen=True)
-class Scene:
+class CampaignScales:
     """A campaign as its effects' start values see it; SI units.
 
     Attributes
@@ -105,7 +105,7 @@ class _Left(NamedTuple):
         return self.data.record[channel][self.begin : self.begin + len(self.residual)]
 
 
-def scene_of(data: Sequence[Data | FrequencyData], found: Fit) -> Scene:
+def scene_of(data: Sequence[Data | FrequencyData], found: Fit) -> CampaignScales:
     """Scene of the fitted records, as a model sees them."""
     records = [each for each in data if isinstance(each, Data)]
     channels = tuple(sorted({channel for each in records for channel in each.channels}))
@@ -115,7 +115,7 @@ def scene_of(data: Sequence[Data | FrequencyData], found: Fit) -> Scene:
     bare = replace(found.model, parameters=())
     blocks = list(chain(*at_once(lambda each, own: _left(bare, each, own), data, found.own)))
     drives = {each.record.input if isinstance(each, FrequencyData) else each.drive for each in data}
-    return Scene(
+    return CampaignScales(
         drives=tuple(sorted({each.drive for each in records})),
         channels=channels,
         loaded="current" in channels or drives != {"voltage"},

@@ -16,8 +16,8 @@ from piezoharvest.diagnose.candidate_fits import (
     CERTAIN,
     CLOSE,
     NEEDED,
+    EffectChange,
     Made,
-    Step,
     Trials,
     aim_beside,
     errors,
@@ -26,7 +26,7 @@ from piezoharvest.diagnose.candidate_fits import (
     significance,
 )
 from piezoharvest.diagnose.residual_tests import Leftover
-from piezoharvest.diagnose.score_tests import Candidate, effect_line, effect_parameters
+from piezoharvest.diagnose.score_tests import ScoredEffect, effect_line, effect_parameters
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.predict.prediction import PredictionError
 
@@ -58,11 +58,11 @@ class Search:
         The effects in the order in which they were found, with their fitted values.
     p_values : tuple of float
         Of each, corrected for the number of effects.
-    first : tuple of Candidate
+    first : tuple of ScoredEffect
         Scores of all effects against the model without any.
     left : tuple of Leftover
         Where these leave structure.
-    alternatives : tuple of (Step, float)
+    alternatives : tuple of (EffectChange, float)
         Other sets that are nearly as likely, with what they cost more; not looked for where structure is left.
     fits : tuple of Made
         Full fits that were made.
@@ -72,9 +72,9 @@ class Search:
     nested: tuple[Fit, ...]
     order: tuple[Effect, ...]
     p_values: tuple[float, ...]
-    first: tuple[Candidate, ...]
+    first: tuple[ScoredEffect, ...]
     left: tuple[Leftover, ...]
-    alternatives: tuple[tuple[Step, float], ...]
+    alternatives: tuple[tuple[EffectChange, float], ...]
     fits: tuple[Made, ...]
 
     @property
@@ -105,21 +105,21 @@ class _Found(NamedTuple):
 
     Attributes
     ----------
-    now : Step
-    held : Step or None
+    now : EffectChange
+    held : EffectChange or None
         The model whose strayed parameters are at their nominal values, if any are not.
     levels : list of float
         Of the effects that were found.
-    alternatives : list of Step
+    alternatives : list of EffectChange
         Others that were tried in the place of the last one.
     added : bool
         Whether an effect was found in the last step.
     """
 
-    now: Step
-    held: Step | None
+    now: EffectChange
+    held: EffectChange | None
     levels: list[float]
-    alternatives: list[Step]
+    alternatives: list[EffectChange]
     added: bool = True
 
 
@@ -143,7 +143,7 @@ class Searcher:
     def run(self) -> Search:
         """Find the effects that a model without any misses."""
         trials = self.trials
-        now, held = self._surveyed(Step(trials.base))
+        now, held = self._surveyed(EffectChange(trials.base))
         first, found = trials.scores(now), _Found(now, held, [], [])
         while len(found.now.effects) < self.given + MOST:
             try:
@@ -187,7 +187,7 @@ class Searcher:
         after, levels = self._revised(trials.redetermined(after), [*found.levels, level])
         return _Found(*self._surveyed(after), levels, alternatives if better is None else [])
 
-    def _led_to(self, before: Step, now: Step) -> Step | None:
+    def _led_to(self, before: EffectChange, now: EffectChange) -> EffectChange | None:
         """The model before where a new effect has come to, if it fits better there.
 
         What a small effect gains may be that of a minimum beside the one in which the model before was caught.
@@ -199,7 +199,7 @@ class Searcher:
         less = self.trials.without(now, last)
         return less if less is not None and less.cost < before.cost - 1.0 else None
 
-    def _matters(self, before: Step, after: Step) -> bool:
+    def _matters(self, before: EffectChange, after: EffectChange) -> bool:
         """Whether a new effect explains some of all that was missing, or a good part of what still is.
 
         Where much is left that no effect explains, any of them takes a little of it.
@@ -207,7 +207,7 @@ class Searcher:
         gain = before.cost - after.cost
         return gain > SOME * above_noise(self.trials.base) or gain > GOOD * above_noise(before.found)
 
-    def _surveyed(self, now: Step) -> tuple[Step, Step | None]:
+    def _surveyed(self, now: EffectChange) -> tuple[EffectChange, EffectChange | None]:
         """A step, and the model whose strayed parameters are at their nominal values, if any are not.
 
         Damping delays displacement and voltage as a skew delays the voltage: once it has taken the place of one, no
@@ -223,7 +223,7 @@ class Searcher:
                 return self._surveyed(self.trials.redetermined(freed))
         return now, held
 
-    def _passed_by(self, before: Step, now: Step) -> bool:
+    def _passed_by(self, before: EffectChange, now: EffectChange) -> bool:
         """Whether the likeliest effect leaves all places that stand out, any of which its cause would gain more by."""
         places = self._places(before)
         worst = max(places.values(), default=0.0)
@@ -232,18 +232,18 @@ class Searcher:
         after = self._places(now)
         return all(after.get(key, 0.0) > KEPT * above for key, above in places.items() if above > OUTSTANDING * worst)
 
-    def _places(self, step: Step) -> dict[tuple[str, str, str], float]:
+    def _places(self, step: EffectChange) -> dict[tuple[str, str, str], float]:
         """Squares above noise of all places that stand out: of what is worth an effect, drives' noise has no share."""
         left = self.trials.structure(step.found, scattered=False)
         return {place.key: place.above for place in left}
 
-    def _next(self, now: Step, held: Step | None) -> list[Step]:
+    def _next(self, now: EffectChange, held: EffectChange | None) -> list[EffectChange]:
         """Full fits with one effect more, the best first and more than chance; none where nothing is.
 
         Where parameters have strayed, the model that holds them is asked, too, unless they have gained less by straying
         than an effect promises, or its fit brings them back.
         """
-        candidates, tried = self.trials.scores(now), list[Step]()
+        candidates, tried = self.trials.scores(now), list[EffectChange]()
         for origin in (now, held):
             if origin is None:
                 break
@@ -256,7 +256,7 @@ class Searcher:
                     return tried
         return []
 
-    def _stage(self, now: Step, origin: Step, tried: Sequence[Step]) -> list[Step]:
+    def _stage(self, now: EffectChange, origin: EffectChange, tried: Sequence[EffectChange]) -> list[EffectChange]:
         """Full fits of the effects that are promising against a model, and those so far, the best first."""
         scored, chosen = self.trials.scores(origin), dict[str, Effect]()
         if not _any(scored):
@@ -271,7 +271,7 @@ class Searcher:
             more += [] if fitted is None else [fitted]
         return self.trials.finished(more)
 
-    def _nested(self, now: Step) -> tuple[Fit, ...]:
+    def _nested(self, now: EffectChange) -> tuple[Fit, ...]:
         """Fits with the first effect, the first two, and so on."""
         steps = [now]
         while len(steps[0].effects) > self.given + 1:
@@ -283,7 +283,7 @@ class Searcher:
         steps = [steps[0]] * (count - len(steps)) + steps
         return tuple(step.found for step in steps) if count else ()
 
-    def _p_value(self, before: Step, after: Step, tried: Sequence[Candidate]) -> float:
+    def _p_value(self, before: EffectChange, after: EffectChange, tried: Sequence[ScoredEffect]) -> float:
         """Of an effect that was added, corrected for the number of starts that were tried.
 
         A time constant, say, is tried by these already and does not count again as a number that the effect takes: the
@@ -306,7 +306,7 @@ class Searcher:
         )
         return own + lines
 
-    def _revised(self, now: Step, levels: list[float]) -> tuple[Step, list[float]]:
+    def _revised(self, now: EffectChange, levels: list[float]) -> tuple[EffectChange, list[float]]:
         """Throw out what is no longer needed, and exchange what another effect explains better."""
         n = self.given
         while n < len(now.effects) - 1:
@@ -329,7 +329,7 @@ class Searcher:
             n = self.given
         return now, levels
 
-    def _determined(self, now: Step, levels: list[float]) -> tuple[Step, list[float]]:
+    def _determined(self, now: EffectChange, levels: list[float]) -> tuple[EffectChange, list[float]]:
         """Effects of a search that is at its end, without those whose sizes are all but nothing for their errors.
 
         Before the others were found these errors were larger: what was missing counts as noise.
@@ -349,7 +349,7 @@ class Searcher:
         """Levels without that of the n-th effect."""
         return [level for k, level in enumerate(levels, self.given) if k != n]
 
-    def _exchanged(self, now: Step, less: Step, n: int) -> Step | None:
+    def _exchanged(self, now: EffectChange, less: EffectChange, n: int) -> EffectChange | None:
         """Model with another effect in the place of the n-th, if that fits better."""
         if _indispensable(now, less):
             return None
@@ -362,9 +362,11 @@ class Searcher:
                 return other
         return None
 
-    def _alternatives(self, now: Step, others: Sequence[Step]) -> tuple[tuple[Step, float], ...]:
+    def _alternatives(
+        self, now: EffectChange, others: Sequence[EffectChange]
+    ) -> tuple[tuple[EffectChange, float], ...]:
         """Sets of as many effects that are nearly as likely."""
-        found: dict[frozenset[str], tuple[Step, float]] = {}
+        found: dict[frozenset[str], tuple[EffectChange, float]] = {}
         pool = [step for step in others if len(step.effects) == len(now.effects)]
         for n in range(self.given, len(now.effects) - 1):
             less = self.trials.without(now, n)
@@ -388,22 +390,22 @@ def above_noise(found: Fit) -> float:
     return sum(float(sums.squares.sum() - sums.count.sum()) for sums in found.sums)
 
 
-def _indispensable(now: Step, less: Step) -> bool:
+def _indispensable(now: EffectChange, less: EffectChange) -> bool:
     """Whether a fit without an effect was given up so far off that no other can take its place."""
     return not less.found.converged and less.cost > now.cost + NEEDED
 
 
-def _reliable(without: Step, found: Step, n: int) -> float:
+def _reliable(without: EffectChange, found: EffectChange, n: int) -> float:
     """What the n-th effect takes off -2 ln L, less as its strength scatters more than white noise would make it."""
     return (without.cost - found.cost) / inflated(found.found, n)
 
 
-def _any(candidates: Sequence[Candidate]) -> bool:
+def _any(candidates: Sequence[ScoredEffect]) -> bool:
     """Whether one of them may be more than chance."""
     return any(_hopeful(candidate, candidates) for candidate in candidates)
 
 
-def _hopeful(candidate: Candidate, others: Sequence[Candidate]) -> bool:
+def _hopeful(candidate: ScoredEffect, others: Sequence[ScoredEffect]) -> bool:
     """Whether one of so many candidates may be more than chance when it is fitted."""
     finds = len(effect_parameters([candidate.effect])) > 1
     return candidate.p_value * len(others) < (HOPE * LEVEL if finds else LEVEL)

@@ -9,7 +9,7 @@ import numpy as np
 
 from piezoharvest.description.effects import Effect
 from piezoharvest.diagnose.diagnosis import Diagnosis, Named
-from piezoharvest.diagnose.score_tests import Candidate, cosine
+from piezoharvest.diagnose.score_tests import ScoredEffect, cosine
 from piezoharvest.records.reading.channels import UNITS
 
 Value = tuple[float | str, float | None, str]
@@ -24,7 +24,7 @@ class Scored:
     name : str
     label : str
         Channel or load at which it scores highest, if it has one.
-    candidate : Candidate or None
+    candidate : ScoredEffect or None
         The start with the highest score; None where the records cannot show it, or it would have the wrong sign.
     p_value : float
         Of the score, corrected for the number of starts of all effects.
@@ -34,7 +34,7 @@ class Scored:
 
     name: str
     label: str
-    candidate: Candidate | None
+    candidate: ScoredEffect | None
     p_value: float
     gain: float | None
 

@@ -10,7 +10,7 @@ from piezoharvest.engine.lowering.lower import Lowered
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory import tables as tb
-from piezoharvest.engine.memory.state import State
+from piezoharvest.engine.memory.state import EngineState
 from piezoharvest.engine.memory.vector import lined_up
 from piezoharvest.engine.propagation.advance import EXHAUSTED
 from piezoharvest.engine.work_limit import INTERRUPTED, interrupt
@@ -37,14 +37,14 @@ class Machine:
         self.P = lined_up(length)
         self.P[: self.L[pg.LENGTH]] = pg.numbers(pg.part(lowered.program, 0))  # of a batch, the first
 
-    def state(self, **recorded) -> State:
-        """State at rest, under the static part of the excitation; `recorded` as in `State`."""
-        state = State(self.L, **{"ledger": self.ledger, **recorded})
+    def state(self, **recorded) -> EngineState:
+        """State at rest, under the static part of the excitation; `recorded` as in `EngineState`."""
+        state = EngineState(self.L, **{"ledger": self.ledger, **recorded})
         at = self.L[pg.EQUILIBRIUM]
         state.z[: self.L[pg.N]] = self.P[at : at + self.L[pg.N]]
         return state
 
-    def run(self, state: State, t_end: float) -> int:
+    def run(self, state: EngineState, t_end: float) -> int:
         """Run to t_end (s) and return the engine's status; the state's arrays are changed in place."""
         signal, ramps, piece = self.lowered.signal, NO_RAMPS, 0
         if isinstance(signal, Ramps):
@@ -52,13 +52,21 @@ class Machine:
             piece = max(int(np.searchsorted(signal.times, state.clock[st.NOW], side="right")) - 1, 0)
         return self._call(RUN, (state.S, state.D), ramps, piece, t_end, NONE, NONE, False, NONE, NO_BATCH)
 
-    def search(self, trial: State, followed: State, memory: tuple[np.ndarray, np.ndarray], mirrored: bool) -> int:
+    def search(
+        self, trial: EngineState, followed: EngineState, memory: tuple[np.ndarray, np.ndarray], mirrored: bool
+    ) -> int:
         """Find the periodic steady state from where `followed` is, and return the engine's status; see `shooting`."""
         moving = followed.S, followed.D
         return self._call(FIND, (trial.S, trial.D), NO_RAMPS, 0, 0.0, memory, moving, mirrored, NONE, NO_BATCH)
 
     def search_many(
-        self, trial: State, followed: State, recorder: State, memory: tuple, batch: tuple, mirrored: bool
+        self,
+        trial: EngineState,
+        followed: EngineState,
+        recorder: EngineState,
+        memory: tuple,
+        batch: tuple,
+        mirrored: bool,
     ) -> None:
         """Find the steady states of many designs; see `many`."""
         states = ((state.S, state.D) for state in (trial, followed, recorder))

@@ -14,7 +14,7 @@ from piezoharvest.description.system import System
 from piezoharvest.engine.lowering.lower import Lowered, lower, symmetric
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
-from piezoharvest.engine.memory.state import State
+from piezoharvest.engine.memory.state import EngineState
 from piezoharvest.engine.plausibility import NO_BOUNDS, Bounds, bounds, cleaned, closure, faults, uncertain
 from piezoharvest.engine.response import Response, Waveforms
 from piezoharvest.engine.run import Machine
@@ -184,7 +184,7 @@ def _from_phase_zero(w: Waveforms | None, grid, order, begin: float, period: flo
     return Waveforms(grid, **signals, event_times=events[sequence], event_names=names)
 
 
-def _stored(machine: Machine, state: State) -> float:
+def _stored(machine: Machine, state: EngineState) -> float:
     """Stored energy, J."""
     # Outputs of smooth elements are those of the state once it has begun to move.
     check(machine.run(state, state.clock[st.NOW]))
@@ -249,7 +249,7 @@ def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evalu
 
 def _response(
     lowered: Lowered,
-    state: State,
+    state: EngineState,
     kind: str,
     length: float,
     begin: float,

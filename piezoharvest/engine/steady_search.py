@@ -15,7 +15,7 @@ import numpy as np
 
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
-from piezoharvest.engine.memory.state import QUEUE_LENGTH, State
+from piezoharvest.engine.memory.state import QUEUE_LENGTH, EngineState
 from piezoharvest.engine.propagation.advance import DONE
 from piezoharvest.engine.run import Machine
 from piezoharvest.engine.steady_state import section as sc
@@ -73,7 +73,7 @@ class Shooting:
         self.machine, self.period, self.mirrored = machine, period, mirrored
         self.n = int(machine.L[pg.N])
 
-    def find(self, start: State | None = None) -> Orbit:
+    def find(self, start: EngineState | None = None) -> Orbit:
         """Search from rest, or from a state: a few periods, then Newton's method, again if it fails.
 
         Raises
@@ -94,8 +94,8 @@ class Shooting:
         section = W[sc.HEAD + sc.BEST * x :][:x].copy(), V[sc.BEST * y :][:y].copy()
         return Orbit(*section, *(float(W[k]) for k in (sc.TIME, sc.RESIDUAL, sc.RADIUS, sc.EVALUATIONS)))
 
-    def load(self, orbit: Orbit, **recorded) -> State:
-        """State on an orbit at its time; `recorded` as in `State`."""
+    def load(self, orbit: Orbit, **recorded) -> EngineState:
+        """State on an orbit at its time; `recorded` as in `EngineState`."""
         state, n, h = self.machine.state(**recorded), self.n, int(self.machine.L[pg.H])
         x, y = orbit.numbers, orbit.integers
         waiting, closed = int(y[sc.Y_WAITING]), bool(y[sc.Y_CLOSED])
@@ -112,7 +112,7 @@ class Shooting:
         state.clock[:] = orbit.time, opens, orbit.time + x[n + QUEUE_LENGTH + 1]
         return state
 
-    def from_rest(self, orbit: Orbit, charged: bool = True) -> tuple[bool, State]:
+    def from_rest(self, orbit: Orbit, charged: bool = True) -> tuple[bool, EngineState]:
         """Whether a motion from rest goes to an orbit, and where it is when that is decided.
 
         A `charged` smoothing capacitor begins with the orbit's voltage: its slow charging is not waited for. A motion
@@ -131,12 +131,12 @@ class Shooting:
                 return True, state
         return False, state
 
-    def repeats(self, orbit: Orbit, state: State) -> bool:
+    def repeats(self, orbit: Orbit, state: EngineState) -> bool:
         """Whether a state that a period led to is the orbit's section again: the proof of the search."""
         there = orbit.numbers[: self.n]
         return bool(np.linalg.norm(state.z[: self.n] - there) <= sh.REPEATED * np.linalg.norm(there))
 
-    def near(self, orbit: Orbit, state: State) -> bool:
+    def near(self, orbit: Orbit, state: EngineState) -> bool:
         """Whether an orbit passes close by a state."""
         on_orbit = self.load(orbit)
         phase = np.mod(state.clock[st.NOW] - orbit.time, self.period)

@@ -28,7 +28,7 @@ def state_names(transducer: Transducer) -> list[str]:
     return [f"{s}{n}" for n in range(1, len(transducer.all_modes) + 1) for s in "xu"] + ["q"]
 
 
-class Stop(NamedTuple):
+class StopElement(NamedTuple):
     """Stop operator that an effect adds: its name, its input over the states, and the limit of both."""
 
     name: str
@@ -36,7 +36,7 @@ class Stop(NamedTuple):
     threshold: float
 
 
-class Element(NamedTuple):
+class SmoothElement(NamedTuple):
     """Smooth element that an effect adds: a power of its first input, or a product of its inputs.
 
     Attributes
@@ -77,8 +77,8 @@ class Terms:
         As in `predict.specimen.Specimen`.
     states : list of State
         That effects add.
-    stops : list of Stop
-    elements : list of Element
+    stops : list of StopElement
+    elements : list of SmoothElement
         Those that act on the specimen.
     pushes : list of Row
         Further force on each mode, N.
@@ -105,8 +105,8 @@ class Terms:
         self._linearised, self._passes = linearised, passes
         self.columns: dict[str, int] = {}
         self.states: list[State] = []
-        self.stops: list[Stop] = []
-        self.elements: list[Element] = []
+        self.stops: list[StopElement] = []
+        self.elements: list[SmoothElement] = []
         self.equations: list[Row] = []
         self._effect, self._prefix, self._felt = "", "", 0
         self.nothing = np.zeros(WIDTH)
@@ -146,7 +146,7 @@ class Terms:
 
     def stop(self, row: Row, threshold: float) -> Row:
         """Stop operator of a state, started from zero; its rows are `own("stop")`."""
-        self.stops.append(Stop(self._prefix + "stop", self._checked(row), threshold))
+        self.stops.append(StopElement(self._prefix + "stop", self._checked(row), threshold))
         self._column(self._prefix + "stop'")
         return self._column(self._prefix + "stop")
 
@@ -213,10 +213,10 @@ class Terms:
         name = f"smooth{len(self.elements) + 1}"
         column = self._column(name)
         self._column(name + "'")
-        self.elements.append(Element(name, first, second, power))
+        self.elements.append(SmoothElement(name, first, second, power))
         return column
 
-    def _that_act(self) -> list[Element]:
+    def _that_act(self) -> list[SmoothElement]:
         """Elements whose output moves anything, directly or through another one."""
         rows, found = [*self.pushes, self.charges, self.drawn, *self.equations], []
         for element in reversed(self.elements):

@@ -13,7 +13,7 @@ from piezoharvest.description.transducer import Transducer
 from piezoharvest.predict.drive import FINE, Drive, drive_of
 from piezoharvest.predict.parameters import STEP, Parameter, stepped, value_at
 from piezoharvest.predict.record_model import Matrices, Specimen
-from piezoharvest.predict.sample_step import Step, inverse_of, step_of
+from piezoharvest.predict.sample_step import SampleStep, inverse_of, step_of
 
 # Steps of components are too small for what comes after their equations: squares of imaginary parts would underflow,
 # which is slow.
@@ -88,14 +88,14 @@ def setting_of(
     setting = Setting(drive, shunt, sample_time, float(values[0]), motion, len(values), abrupt=abrupt)
     if transducer is None:
         return setting
-    bare = Lowered(replace(transducer, effects=()), setting, ())
+    bare = DiscreteModel(replace(transducer, effects=()), setting, ())
     M, n = bare.step.M, len(bare.step.M)
     kept = np.abs(np.linalg.matrix_power(M[:, :n], int(SLOW))).max(axis=0)
     free = tuple(name for name, k in zip(bare.matrices.states, kept, strict=True) if k > LASTS)
     return replace(setting, free=free, swift=tuple(name for name in bare.matrices.states if name not in free))
 
 
-class Lowered:
+class DiscreteModel:
     """A transducer's equations for all records that differ in their drive alone.
 
     Parameters
@@ -111,8 +111,8 @@ class Lowered:
         self.transducer, self.setting, self.parameters = transducer, setting, tuple(parameters)
         self.matrices = self._matrices(transducer)
         self.share = 1.0 / max(setting.count - 1, 1)
-        self._steps: dict[int, Step] = {}
-        self._tangent_steps: dict[int, list[Step]] = {}
+        self._steps: dict[int, SampleStep] = {}
+        self._tangent_steps: dict[int, list[SampleStep]] = {}
         self.step = self.step_by(1)
         self.inverse = inverse_of(self.matrices)
 
@@ -134,19 +134,19 @@ class Lowered:
             found.append(_magnified(self._matrices(stepped(self.transducer, parameter, inner))))
         return found
 
-    def step_by(self, parts: int) -> Step:
+    def step_by(self, parts: int) -> SampleStep:
         """Step that is a part of a sample's."""
         if parts not in self._steps:
             self._steps[parts] = self._discretised(self.matrices, parts)
         return self._steps[parts]
 
-    def tangent_steps(self, parts: int) -> list[Step]:
+    def tangent_steps(self, parts: int) -> list[SampleStep]:
         """The same with a complex step in each parameter."""
         if parts not in self._tangent_steps:
             self._tangent_steps[parts] = [self._discretised(tangent, parts) for tangent in self.tangents]
         return self._tangent_steps[parts]
 
-    def _discretised(self, matrices: Matrices, parts: int) -> Step:
+    def _discretised(self, matrices: Matrices, parts: int) -> SampleStep:
         return step_of(matrices, self.setting.sample_time / parts, self.share / parts)
 
 

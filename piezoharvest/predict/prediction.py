@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.predict.discrete_model import MAGNIFIED, Lowered, Setting
+from piezoharvest.predict.discrete_model import MAGNIFIED, DiscreteModel, Setting
 from piezoharvest.predict.drive import FINE, RISE, divided, rising
 from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.record_model import STOP, Matrices
-from piezoharvest.predict.sample_step import Step, equilibria
-from piezoharvest.predict.segments import NEVER, Pace, Run, pace_of, padded
+from piezoharvest.predict.sample_step import SampleStep, equilibria
+from piezoharvest.predict.segments import NEVER, Pace, Propagation, pace_of, padded
 
 BLOCK = 1 << 16  # samples at a time: a record of millions of samples is never in memory with its derivatives
 
@@ -59,7 +59,7 @@ class Prediction:
         stop is at, for it remembers what came before the record; by how much every jump is off the middle of its step,
         as integral in the drive's unit times the time of a small step, and the logarithm of how long it takes over
         `RISE` of these. `own_limits` are their largest sizes.
-    lowered : Lowered, optional
+    lowered : DiscreteModel, optional
         The equations, if they are known.
     relaxed : bool
         Whether stops begin at zero.
@@ -71,12 +71,12 @@ class Prediction:
         setting: Setting,
         parameters: Sequence[Parameter] = (),
         own: np.ndarray | None = None,
-        lowered: Lowered | None = None,
+        lowered: DiscreteModel | None = None,
         *,
         relaxed: bool = False,
     ) -> None:
         self.setting, self.transducer, self.parameters = setting, transducer, tuple(parameters)
-        self._lowered = lowered = lowered or Lowered(transducer, setting, parameters)
+        self._lowered = lowered = lowered or DiscreteModel(transducer, setting, parameters)
         self.matrices = matrices = lowered.matrices
         self.share, self.step = lowered.share, lowered.step
         self.free, self.swift = (
@@ -102,25 +102,25 @@ class Prediction:
         self.local = np.zeros((len(matrices.kinds), 2))
 
     @cached_property
-    def slopes(self) -> Step:
+    def slopes(self) -> SampleStep:
         """Derivatives of the step to the parameters, then to the record's own numbers, by a complex step."""
         return self._slopes(self.step, self._lowered.tangent_steps(1))
 
     @np.errstate(over="ignore")  # as in `step_of`
-    def _slopes(self, step: Step, found: Sequence[Step]) -> Step:
+    def _slopes(self, step: SampleStep, found: Sequence[SampleStep]) -> SampleStep:
         count = len(self.own_names)
-        return Step(*(
+        return SampleStep(*(
             np.stack([*(np.imag(getattr(varied, name)) / MAGNIFIED for varied in found),
                       *[np.zeros(getattr(step, name).shape)] * count], axis=-1)
             if found or count else np.zeros((*getattr(step, name).shape, 0))
-            for name in Step._fields
+            for name in SampleStep._fields
         ))  # fmt: skip
 
-    def steps(self, parts: int, derivatives: bool) -> tuple[Step, Step]:
+    def steps(self, parts: int, derivatives: bool) -> tuple[SampleStep, SampleStep]:
         """Step that is a part of a sample's, and its derivatives, of which there are none unless they are wanted."""
         step = self._lowered.step_by(parts)
         if not derivatives:
-            return step, Step(*(np.zeros((*array.shape, 0)) for array in step))
+            return step, SampleStep(*(np.zeros((*array.shape, 0)) for array in step))
         return step, self.slopes if parts == 1 else self._slopes(step, self._lowered.tangent_steps(parts))
 
     def _start(self, derivatives: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -186,10 +186,10 @@ class Prediction:
         rows = [*range(inputs), *(inputs + self.channels.index(channel) for channel in wanted)]
         count = len(self.parameters) + len(self.own_names) if derivatives else 0
         z, dz, w, dw = self._start(derivatives)
-        march = _March(self, Run(self.matrices, z, padded(dz), w, padded(dw)), derivatives, rows)
+        march = _Propagation(self, Propagation(self.matrices, z, padded(dz), w, padded(dw)), derivatives, rows)
         # Values between the samples have a march of their own: their derivatives would take most of the time.
-        plain = Run(self.matrices, z.copy(), padded(dz[:, :0]), w.copy(), padded(dw[:, :0]))
-        finer = _March(self, plain, False, rows, parts) if parts > 1 else None
+        plain = Propagation(self.matrices, z.copy(), padded(dz[:, :0]), w.copy(), padded(dw[:, :0]))
+        finer = _Propagation(self, plain, False, rows, parts) if parts > 1 else None
         for begin, end in pairwise([0, *range(size - 1, setting.count - 1, size), setting.count - 1]):
             Y, dY = march.through(begin, end)
             between = None if finer is None else finer.through(begin, end)[0]
@@ -200,13 +200,13 @@ class Prediction:
             )
 
 
-class _March:
+class _Propagation:
     """A run through a record and what paces it.
 
     Parameters
     ----------
     prediction : Prediction
-    run : Run
+    run : Propagation
     derivatives : bool
         Whether the run has any.
     rows : sequence of int
@@ -216,7 +216,7 @@ class _March:
     """
 
     def __init__(
-        self, prediction: Prediction, run: Run, derivatives: bool, rows: Sequence[int], written: int = 1
+        self, prediction: Prediction, run: Propagation, derivatives: bool, rows: Sequence[int], written: int = 1
     ) -> None:
         self._of, self._run, self._derivatives, self._rows, self._written = prediction, run, derivatives, rows, written
         fine = prediction.setting.fine if len(prediction.matrices.kinds) else 1

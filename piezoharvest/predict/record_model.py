@@ -26,7 +26,7 @@ INPUTS = ("drive", "drive_rate", "one", "time")
 LEADS = 1e-4
 
 
-class Element(NamedTuple):
+class ScalarElement(NamedTuple):
     """Scalar element of one or two rows: what kind, of which rows, and its threshold or exponent."""
 
     kind: int
@@ -114,7 +114,7 @@ class Specimen:
         self._states: list[tuple[str, Row, Row, complex]] = []
         self._signals: list[Row] = []
         self._equations: list[Row] = []
-        self._elements: list[tuple[Element, Row]] = []
+        self._elements: list[tuple[ScalarElement, Row]] = []
         self._charges: list[Row] = []
         self._drawn: list[Row] = []
         self._read: list[Row] = []
@@ -149,15 +149,15 @@ class Specimen:
 
     def stop(self, row: Row, threshold: complex) -> Row:
         """Stop operator of a state, started from zero."""
-        return self._element(Element(STOP, row, row, threshold))
+        return self._element(ScalarElement(STOP, row, row, threshold))
 
     def product(self, first: Row, second: Row) -> Row:
         """Product of two rows."""
-        return self._element(Element(PRODUCT, first, second, 0.0))
+        return self._element(ScalarElement(PRODUCT, first, second, 0.0))
 
     def power(self, row: Row, exponent: float, *, positive: bool = False) -> Row:
         """Whole power of a row; with `positive` any power of its positive part, zero below."""
-        return self._element(Element(POSITIVE_POWER if positive else POWER, row, row, exponent))
+        return self._element(ScalarElement(POSITIVE_POWER if positive else POWER, row, row, exponent))
 
     def charge(self, row: Row) -> None:
         """Add a charge on the electrodes beside C v_t and sum T_i x_i, C."""
@@ -189,7 +189,7 @@ class Specimen:
         self._used += 1
         return row
 
-    def _element(self, element: Element) -> Row:
+    def _element(self, element: ScalarElement) -> Row:
         self._elements.append((element, self._column()))
         return self._elements[-1][1]
 
@@ -318,7 +318,7 @@ def _content(row: Row) -> bytes:
     return (row + 0.0j).tobytes()
 
 
-def _distinct(elements: list[Element]) -> tuple[list[Row], np.ndarray]:
+def _distinct(elements: list[ScalarElement]) -> tuple[list[Row], np.ndarray]:
     """Inputs of the elements, each once, and which of them every element takes."""
     inputs: dict[bytes, Row] = {}
     for element in elements:

@@ -16,7 +16,7 @@ REST = 50  # iterations to an equilibrium
 DEGREE = 3  # of the drive between two samples
 
 
-class Step(NamedTuple):
+class SampleStep(NamedTuple):
     """What advances a specimen by one sample.
 
     With g = [z, w, c0..c3, 1, time] (states, elements' outputs, the drive's coefficients in powers of the share of the
@@ -40,7 +40,7 @@ class Step(NamedTuple):
 
 # A model that a fit tries may be so far off that nothing of it is finite: the march says so.
 @np.errstate(over="ignore", invalid="ignore")
-def step_of(matrices: Matrices, sample_time: float, share: float) -> Step:
+def step_of(matrices: Matrices, sample_time: float, share: float) -> SampleStep:
     """Discretise.
 
     Parameters
@@ -66,7 +66,7 @@ def step_of(matrices: Matrices, sample_time: float, share: float) -> Step:
     parts = [G[0] @ drive, *(G[k] @ drive + (k / h) * (G[k - 1] @ rate) for k in range(1, DEGREE + 1))]
     constant = G[0] @ one + share * (G[1] @ time)
     M = np.column_stack([top[:, :n], (G[0] - G[1]) @ W, *parts, constant, G[0] @ time])
-    return Step(M, G[1] @ W, matrices.O, matrices.parameters)
+    return SampleStep(M, G[1] @ W, matrices.O, matrices.parameters)
 
 
 def inverse_of(matrices: Matrices) -> np.ndarray:

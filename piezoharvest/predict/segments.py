@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from piezoharvest.predict.record_model import Matrices
-from piezoharvest.predict.sample_step import Step
+from piezoharvest.predict.sample_step import SampleStep
 
 LANES = 8  # derivatives are padded to full vector registers
 NEVER = -1, np.zeros((0, 2))  # drive that depends on no parameter
@@ -36,7 +36,7 @@ class Pace(NamedTuple):
     limits: np.ndarray
 
 
-def pace_of(h: float, share: float, step: Step, slopes: Step) -> Pace:
+def pace_of(h: float, share: float, step: SampleStep, slopes: SampleStep) -> Pace:
     """From a step and its derivatives, the last axis of which may be empty."""
     names = ("M", "H", "O")
     arrays = tuple(np.ascontiguousarray(getattr(step, name)) for name in names)
@@ -53,7 +53,7 @@ def padded(slopes: np.ndarray) -> np.ndarray:
     return np.pad(slopes, ((0, 0), (0, -slopes.shape[1] % LANES)))
 
 
-class Run:
+class Propagation:
     """Where a march has come to.
 
     Parameters

@@ -74,7 +74,7 @@ _DIALECTS = [Dialect(d, m) for d in (";", "\t", ",", None) for m in (".", ",")]
 
 
 @dataclass(frozen=True)
-class Layout:
+class TextLayout:
     """How a text file is laid out.
 
     Attributes
@@ -110,7 +110,7 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class _Run:
+class _NumberRows:
     """Rows of equal width that are numbers: first and last line, from 0, and the columns that always are."""
 
     dialect: Dialect
@@ -122,7 +122,7 @@ class _Run:
     whole: bool  # up to the end of the lines
 
 
-def find_layout(lines: Sequence[str], skip_rows: int = 0, header_row: int | None = None) -> Layout:
+def find_layout(lines: Sequence[str], skip_rows: int = 0, header_row: int | None = None) -> TextLayout:
     """Find the table in the first lines of a file.
 
     Parameters
@@ -154,10 +154,12 @@ def find_layout(lines: Sequence[str], skip_rows: int = 0, header_row: int | None
         for line in lines[max(run.first - NEAR, 0) : run.first]
         if line.strip()
     )
-    return Layout(run.dialect, names, units, run.width, tuple(sorted(run.numeric)), run.first, header, remarks, named)
+    return TextLayout(
+        run.dialect, names, units, run.width, tuple(sorted(run.numeric)), run.first, header, remarks, named
+    )
 
 
-def _table(lines: Sequence[str], begin: int) -> _Run | None:
+def _table(lines: Sequence[str], begin: int) -> _NumberRows | None:
     """The table: of all dialects that with the most rows. Columns of text, such as dates, are only looked for then."""
     found = [_first_run(lines, begin, dialect, True) for dialect in _DIALECTS]
     if not any(found):
@@ -166,9 +168,11 @@ def _table(lines: Sequence[str], begin: int) -> _Run | None:
     return max((run for run in found if run), key=lambda run: run.count, default=None)  # the first of equals
 
 
-def _first_run(lines: Sequence[str], begin: int, dialect: Dialect, strict: bool, least_width: int = 2) -> _Run | None:
+def _first_run(
+    lines: Sequence[str], begin: int, dialect: Dialect, strict: bool, least_width: int = 2
+) -> _NumberRows | None:
     """The first run of several rows, or else the longest; of rows with text in them always the longest."""
-    longest: _Run | None = None
+    longest: _NumberRows | None = None
     for run in _runs(lines, begin, dialect, strict, least_width):
         if longest is None or run.count > longest.count:
             longest = run
@@ -179,9 +183,9 @@ def _first_run(lines: Sequence[str], begin: int, dialect: Dialect, strict: bool,
     return _upward(longest, lines, begin) if strict else longest
 
 
-def _runs(lines: Sequence[str], begin: int, dialect: Dialect, strict: bool, least_width: int) -> Iterator[_Run]:
+def _runs(lines: Sequence[str], begin: int, dialect: Dialect, strict: bool, least_width: int) -> Iterator[_NumberRows]:
     """All runs of rows of equal width; blank lines and comments neither belong to one nor end it."""
-    run: _Run | None = None
+    run: _NumberRows | None = None
     for n in range(begin, len(lines)):
         if not lines[n].strip() or lines[n].lstrip().startswith(COMMENT):
             continue
@@ -192,7 +196,7 @@ def _runs(lines: Sequence[str], begin: int, dialect: Dialect, strict: bool, leas
             continue
         if run is not None:
             yield run
-        run = _Run(dialect, n, n, len(cells), numeric, 1, False) if numeric else None
+        run = _NumberRows(dialect, n, n, len(cells), numeric, 1, False) if numeric else None
     if run is not None:
         yield replace(run, whole=True)
 
@@ -211,7 +215,7 @@ def _fitting(common: frozenset[int], cells: Sequence[str], strict: bool) -> bool
     return bool(common) and (strict or 2 * len(common) >= sum(1 for cell in cells if cell))
 
 
-def _upward(run: _Run, lines: Sequence[str], begin: int) -> _Run:
+def _upward(run: _NumberRows, lines: Sequence[str], begin: int) -> _NumberRows:
     """The run with the rows above it whose numbers stand in the same columns, though there is text in others or behind.
 
     Some oscilloscopes write their settings into columns beside the first samples, LabVIEW a remark behind the first.
@@ -228,7 +232,7 @@ def _upward(run: _Run, lines: Sequence[str], begin: int) -> _Run:
 
 
 def _names(
-    lines: Sequence[str], run: _Run, skip_rows: int, header_row: int | None
+    lines: Sequence[str], run: _NumberRows, skip_rows: int, header_row: int | None
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names, if there are any, and units of the columns from the rows above the table."""
     empty = ("",) * run.width
@@ -256,7 +260,7 @@ def _names(
     return row, empty
 
 
-def _refuse_header(lines: Sequence[str], run: _Run, near: Sequence[int]) -> None:
+def _refuse_header(lines: Sequence[str], run: _NumberRows, near: Sequence[int]) -> None:
     """Raise an error where the line right above the table has cells, but not as many: they may be names of others."""
     if not near or near[0] != run.first - 1 or lines[near[0]].lstrip().startswith(COMMENT):
         return
@@ -276,7 +280,7 @@ def _bare(line: str) -> str:
     return line.strip("\r\n").lstrip().lstrip("#% ") if line.lstrip().startswith(COMMENT) else line.strip("\r\n")
 
 
-def _fitted(line: str, run: _Run, samples: Sequence[Sequence[str]]) -> tuple[str, ...] | None:
+def _fitted(line: str, run: _NumberRows, samples: Sequence[Sequence[str]]) -> tuple[str, ...] | None:
     """Cells of a line as names of the columns of a table; None where they are not as many, or numbers."""
     cells = [_bare(line).strip().strip('"')] if run.width == 1 else run.dialect.split(_bare(line))
     while len(cells) > run.width and (not cells[-1] or cells[-1].lower() == _REMARK):

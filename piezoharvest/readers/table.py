@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from piezoharvest.readers.base import ReadError, cut
-from piezoharvest.readers.layout import COMMENT, Layout
+from piezoharvest.readers.layout import COMMENT, TextLayout
 
 _END = "END"  # of a block in the files of impedance analysers
 
@@ -20,7 +20,7 @@ class Table:
 
     Parameters
     ----------
-    layout : Layout
+    layout : TextLayout
     where : mapping of str to int
         Positions of the columns that are wanted.
 
@@ -36,7 +36,7 @@ class Table:
         The first line below the table that holds numbers.
     """
 
-    def __init__(self, layout: Layout, where: Mapping[str, int]):
+    def __init__(self, layout: TextLayout, where: Mapping[str, int]):
         self.layout, self.where = layout, dict(where)
         self.count, self.last_row, self.seen, self.ended = 0, 0, 0, False
         self.left_out: tuple[int, str] | None = None

@@ -122,7 +122,7 @@ def analyse(
     mechanical = _mechanical(signals["force"], velocity, noise["force"], noise["displacement"], low_pass, step)
     electrical = _electrical(signals["voltage"], signals["current"], noise["voltage"], noise["current"])
 
-    def power(port: _Port) -> Power:
+    def power(port: _PortPower) -> Power:
         return Power(port.power, _energy(port, time, boundaries), _energy(port, time, time[[0, -1]]))
 
     return PowerAnalysis(boundaries, velocity, power(mechanical), power(electrical))
@@ -166,7 +166,7 @@ def cycle_boundaries(
 
 
 @dataclass(frozen=True, eq=False)
-class _Port:
+class _PortPower:
     """Power over a record (W), the standard deviation of its noise (W), and that of its integral with given weights."""
 
     power: np.ndarray
@@ -174,19 +174,19 @@ class _Port:
     std: Callable[[np.ndarray], float]
 
 
-def _electrical(voltage: np.ndarray, current: np.ndarray, of_voltage: float, of_current: float) -> _Port:
+def _electrical(voltage: np.ndarray, current: np.ndarray, of_voltage: float, of_current: float) -> _PortPower:
     def std(weights: np.ndarray) -> float:
         square = weights**2
         variance = square @ ((of_voltage * current) ** 2 + (of_current * voltage) ** 2)
         # The measured values scatter too: without this term the noise in them would count twice.
         return float(np.sqrt(max(variance - (of_voltage * of_current) ** 2 * square.sum(), 0.0)))
 
-    return _Port(voltage * current, np.hypot(of_voltage * current, of_current * voltage), std)
+    return _PortPower(voltage * current, np.hypot(of_voltage * current, of_current * voltage), std)
 
 
 def _mechanical(
     force: np.ndarray, velocity: np.ndarray, of_force: float, of_displacement: float, low_pass: np.ndarray, step: float
-) -> _Port:
+) -> _PortPower:
     """The port of a raw force and a filtered velocity; noise as that of force and displacement before the filter."""
     force = smooth(low_pass, force)
     pulse = np.zeros(len(force))
@@ -200,10 +200,10 @@ def _mechanical(
         lengths = np.linalg.norm(by_force), np.linalg.norm(by_displacement)
         return float(np.hypot(of_force * lengths[0], of_displacement * lengths[1]))
 
-    return _Port(force * velocity, np.hypot(force * of_velocity, velocity * of_smooth_force), std)
+    return _PortPower(force * velocity, np.hypot(force * of_velocity, velocity * of_smooth_force), std)
 
 
-def _energy(port: _Port, time: np.ndarray, boundaries: np.ndarray) -> Energy:
+def _energy(port: _PortPower, time: np.ndarray, boundaries: np.ndarray) -> Energy:
     """Energies between boundaries."""
     step = (time[-1] - time[0]) / (len(time) - 1)
     to = [step * simpson_weights(len(time), (end - time[0]) / step) for end in boundaries]

@@ -15,7 +15,7 @@ from piezoharvest.report.limits import Limit, hysteretic
 from piezoharvest.report.signals import occasion, signals_of, windows
 from piezoharvest.report.spans import dense, design_band, drive_frequency, frequency_range, loads, sweep_span
 from piezoharvest.report.subjects import Subject
-from piezoharvest.report.sweeps import Bench, Curve
+from piezoharvest.report.sweeps import Curve, CurveTracer
 from piezoharvest.report.units import engineering, pretty_unit
 from piezoharvest.study import Study
 
@@ -44,7 +44,7 @@ class Gallery:
     remarks: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._bench = Bench(self.study)
+        self._bench = CurveTracer(self.study)
         self._ready: dict[Subject, Waveforms] = {}
         self._drawn = [s for s in self.subjects if not isinstance(s.shunt, Open | Short)][:MOST_CURVES]
         self._marks = {"drive": drive_frequency(self.study), "band": design_band(self.study)}

@@ -81,7 +81,7 @@ class Curve:
 
 
 @dataclass
-class Bench:
+class CurveTracer:
     """Evaluates circuits in the study's operation.
 
     Attributes

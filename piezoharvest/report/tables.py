@@ -43,7 +43,7 @@ class Row(NamedTuple):
     colour: int
 
 
-class Entry(NamedTuple):
+class QuantityRow(NamedTuple):
     """A quantity: name, value with unit, and what it is."""
 
     name: str
@@ -86,13 +86,13 @@ def energies(subjects: Sequence[Subject]) -> tuple[list[str], list[tuple[str, li
     return header, [(s.label, [engineering(energy.get(name), "J") for name in names]) for s, energy in drawn]
 
 
-def entries(component: Component) -> Iterator[Entry]:
+def entries(component: Component) -> Iterator[QuantityRow]:
     """Every quantity of a component, from the metadata of its fields."""
     for field in dataclasses.fields(component):
         value = getattr(component, field.name)
         if "unit" in field.metadata and value is not None:
             unit = _one_unit(component, field.metadata["unit"])
-            yield Entry(field.name.replace("_", " "), quantity_text(value, unit, 4), field.metadata["doc"])
+            yield QuantityRow(field.name.replace("_", " "), quantity_text(value, unit, 4), field.metadata["doc"])
 
 
 def _one_unit(component: Any, unit: str) -> str:
@@ -101,7 +101,7 @@ def _one_unit(component: Any, unit: str) -> str:
     return choices[-1 if getattr(component, "base", False) else 0]
 
 
-def transducer_tables(transducer: Transducer) -> Iterator[tuple[str, list[Entry]]]:
+def transducer_tables(transducer: Transducer) -> Iterator[tuple[str, list[QuantityRow]]]:
     """Heading and entries of the transducer, its hysteresis, further modes and effects."""
     yield transducer.name or "Transducer", list(entries(transducer))
     if transducer.hysteresis is not None:
@@ -112,16 +112,16 @@ def transducer_tables(transducer: Transducer) -> Iterator[tuple[str, list[Entry]
         yield f"Effect: {effect.name.replace('_', ' ')}", list(entries(effect))
 
 
-def excitation_table(study: Study) -> tuple[str, list[Entry]]:
+def excitation_table(study: Study) -> tuple[str, list[QuantityRow]]:
     """Heading and entries of the excitation."""
     return f"Excitation: {kind_name(study.excitation.kind)}", list(entries(study.excitation))
 
 
-def wishes(study: Study) -> list[Entry]:
+def wishes(study: Study) -> list[QuantityRow]:
     """What was asked of the design."""
     if study.design is None:
         return []
-    found = [Entry("objective", study.design.objective.replace("_", " "), "what is made large, or small")]
+    found = [QuantityRow("objective", study.design.objective.replace("_", " "), "what is made large, or small")]
     return found + list(entries(study.design))
 
 

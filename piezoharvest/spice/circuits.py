@@ -7,11 +7,11 @@ from collections.abc import Callable
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.spice.deck import Deck, number, total
-from piezoharvest.spice.operating_point import Circuit, Scene
+from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
 from piezoharvest.spice.switching import write_bridge, write_discharge, write_loop, write_series_bridge
 
 
-def write_shunt(deck: Deck, shunt: Shunt, scene: Scene) -> Circuit:
+def write_shunt(deck: Deck, shunt: Shunt, scene: OperatingPoint) -> NetlistCircuit:
     """Write a shunt of any kind that is known here.
 
     Raises
@@ -28,12 +28,12 @@ def write_shunt(deck: Deck, shunt: Shunt, scene: Scene) -> Circuit:
 
 def _open(deck, shunt, scene):
     deck.comment("Nothing is connected.")
-    return Circuit()
+    return NetlistCircuit()
 
 
 def _short(deck, shunt, scene):
     deck.add("Vshort p 0 0")
-    return Circuit()
+    return NetlistCircuit()
 
 
 def _resistor(deck, shunt, scene):
@@ -80,7 +80,7 @@ def _negative_capacitance(deck, shunt, scene):
     deck.add("Cmirror m 0", shunt.capacitance, "IC=0")
     deck.add("Enegative n 0 m 0 -1")
     power = f"(V(p)-V(r))*(V(p)-V(r))/{number(shunt.resistance)}"
-    return Circuit(power, slowest=shunt.resistance * shunt.capacitance)
+    return NetlistCircuit(power, slowest=shunt.resistance * shunt.capacitance)
 
 
 def _network(deck, shunt, scene):
@@ -92,7 +92,7 @@ def _network(deck, shunt, scene):
         if e.load:
             across = f"({' - '.join(f'V({node})' for node in (plus, minus) if node != '0')})"
             harvested.append((1 / e.value, f"{across}*{across}"))
-    return Circuit(total(harvested))
+    return NetlistCircuit(total(harvested))
 
 
 def _rectifier(deck, shunt, scene):
@@ -110,22 +110,22 @@ def _series_sshi(deck, shunt, scene):
 
 
 def _ssdi(deck, shunt, scene):
-    return Circuit(fastest=write_loop(deck, shunt, scene, "0").on_time)
+    return NetlistCircuit(fastest=write_loop(deck, shunt, scene, "0").on_time)
 
 
 def _ssdv(deck, shunt, scene):
     loop = write_loop(deck, shunt, scene, "source")
     deck.comment("The source drives the inverted voltage further: up after a maximum, down after a minimum.")
     deck.add(f"Bsource source 0 V={number(shunt.source_voltage)}*max(-1, min(1, 4*V(pulse)))")
-    return Circuit(fastest=loop.on_time)
+    return NetlistCircuit(fastest=loop.on_time)
 
 
-def _load(node: str, shunt, slowest: float) -> Circuit:
+def _load(node: str, shunt, slowest: float) -> NetlistCircuit:
     """Power in a load between `node` and ground, and the longest time constant."""
-    return Circuit(f"V({node})*V({node})/{number(shunt.resistance)}", slowest=slowest)
+    return NetlistCircuit(f"V({node})*V({node})/{number(shunt.resistance)}", slowest=slowest)
 
 
-WRITERS: dict[str, Callable[..., Circuit]] = {
+WRITERS: dict[str, Callable[..., NetlistCircuit]] = {
     "open": _open,
     "short": _short,
     "resistor": _resistor,

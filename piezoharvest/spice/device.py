@@ -9,11 +9,11 @@ import numpy as np
 from piezoharvest.description.excitation import Ramps
 from piezoharvest.spice.deck import Deck, number, total
 from piezoharvest.spice.effects import write_effects
-from piezoharvest.spice.operating_point import Scene
+from piezoharvest.spice.operating_point import OperatingPoint
 from piezoharvest.spice.stop import KNEE, write_stop
 
 
-def write_drive(deck: Deck, scene: Scene) -> None:
+def write_drive(deck: Deck, scene: OperatingPoint) -> None:
     """Node `drive`: force in N or base acceleration in m/s^2."""
     deck.section("excitation: V(drive) is the " + ("base acceleration, m/s^2" if scene.excitation.base else "force, N"))
     signal = scene.signal
@@ -41,13 +41,13 @@ def _points(signal: Ramps) -> list[str]:
     return [f"{time:.12g} {value:.9g}" for time, value in points]
 
 
-def gains(scene: Scene) -> list[float]:
+def gains(scene: OperatingPoint) -> list[float]:
     """Force on each mode by unit of the drive."""
     modes = scene.transducer.all_modes
     return [-mode.base_mass if scene.excitation.base else mode.force_participation for mode in modes]
 
 
-def write_mechanics(deck: Deck, scene: Scene) -> None:
+def write_mechanics(deck: Deck, scene: OperatingPoint) -> None:
     """Nodes `u1`, `f1`, ... of each mode, and the sums over the modes that are read out."""
     deck.section("mechanics: force is current, velocity is voltage, mass is capacitance, damping is conductance")
     deck.comment(
@@ -65,13 +65,13 @@ def write_mechanics(deck: Deck, scene: Scene) -> None:
         deck.add(f"Gcoupling{n} 0 u{n} t 0", mode.coupling)
 
 
-def displacement(scene: Scene) -> str:
+def displacement(scene: OperatingPoint) -> str:
     """Expression of the displacement that is read, m."""
     modes = enumerate(scene.transducer.all_modes, 1)
     return total((mode.force_participation / mode.stiffness, f"V(f{n})") for n, mode in modes)
 
 
-def coupled_acceleration(scene: Scene) -> str:
+def coupled_acceleration(scene: OperatingPoint) -> str:
     """Expression of sum T_i x_i'', A/s."""
     terms = []
     for n, (mode, gain) in enumerate(zip(scene.transducer.all_modes, gains(scene), strict=True), 1):
@@ -82,17 +82,17 @@ def coupled_acceleration(scene: Scene) -> str:
     return total(terms)
 
 
-def coupled_velocity(scene: Scene) -> str:
+def coupled_velocity(scene: OperatingPoint) -> str:
     """Expression of sum T_i x_i', A."""
     return total((mode.coupling, f"V(u{n})") for n, mode in enumerate(scene.transducer.all_modes, 1))
 
 
-def mechanical_power(scene: Scene) -> str:
+def mechanical_power(scene: OperatingPoint) -> str:
     """Expression of the power that the drive delivers, W."""
     return f"V(drive)*({total((gain, f'V(u{n})') for n, gain in enumerate(gains(scene), 1))})"
 
 
-def write_transducer(deck: Deck, scene: Scene) -> None:
+def write_transducer(deck: Deck, scene: OperatingPoint) -> None:
     """Electrode node `p`, clamped node `t`, hysteresis between them, and what effects add."""
     transducer = scene.transducer
     deck.section("transducer: V(p) electrode voltage v_p, V(t) voltage v_t of the clamped capacitance")
@@ -107,7 +107,7 @@ def write_transducer(deck: Deck, scene: Scene) -> None:
     write_effects(deck, scene)
 
 
-def _write_hysteresis(deck: Deck, scene: Scene) -> None:
+def _write_hysteresis(deck: Deck, scene: OperatingPoint) -> None:
     """Stop operators, as capacitors that integrate the current while they stick."""
     hysteresis = scene.transducer.hysteresis
     assert hysteresis is not None

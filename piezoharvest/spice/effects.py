@@ -6,13 +6,13 @@ from collections.abc import Mapping
 
 from piezoharvest.description.circuit import Row
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.equations.terms import PRODUCT, TIMED, Element
+from piezoharvest.equations.terms import PRODUCT, TIMED, SmoothElement
 from piezoharvest.spice.deck import Deck, number, total
-from piezoharvest.spice.operating_point import Scene
+from piezoharvest.spice.operating_point import OperatingPoint
 from piezoharvest.spice.stop import write_stop
 
 
-def write_effects(deck: Deck, scene: Scene) -> None:
+def write_effects(deck: Deck, scene: OperatingPoint) -> None:
     """What the effects add: forces at nodes `push1`, ..., charge on node `t`, current from node `p`, and own states."""
     terms = scene.terms
     names = ", ".join(effect.name for effect in scene.transducer.effects if effect.name not in terms.unfelt)
@@ -36,7 +36,7 @@ def write_effects(deck: Deck, scene: Scene) -> None:
         deck.add("Bdrawn p 0 I=" + total(values.of(terms.drawn)))
 
 
-def _write_state(deck: Deck, scene: Scene, values: _Values, name: str, equation: Row) -> None:
+def _write_state(deck: Deck, scene: OperatingPoint, values: _Values, name: str, equation: Row) -> None:
     """Node of a state over its size: a capacitor that integrates its rate."""
     row, column = equation.copy(), scene.terms.columns[name + "'"]
     share, row[column] = row[column], 0.0
@@ -46,7 +46,7 @@ def _write_state(deck: Deck, scene: Scene, values: _Values, name: str, equation:
     deck.add(f"B{name} 0 {name} I={rate}")
 
 
-def _write_charge(deck: Deck, scene: Scene, values: _Values) -> None:
+def _write_charge(deck: Deck, scene: OperatingPoint, values: _Values) -> None:
     """Current into node `t` as the rate of a charge: that through a capacitor at a voltage made of the charge."""
     size = scene.voltage * scene.transducer.capacitance
     charge = total((factor / size, what) for factor, what in values.of(scene.terms.charges))
@@ -65,7 +65,7 @@ class _Values:
         What a volt of the node of an added state stands for.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: OperatingPoint) -> None:
         self.scene, terms, modes = scene, scene.terms, scene.transducer.all_modes
         energy = scene.transducer.capacitance * scene.voltage**2
         self.sizes = {state.name: (energy / state.storage) ** 0.5 for state in terms.states}
@@ -100,7 +100,7 @@ class _Values:
     def _numeric(self, row: Row, values: Mapping[str, float]) -> float:
         return sum(float(factor[0]) * values.get(name, 0.0) for name, factor in self.scene.terms.used(row).items())
 
-    def _output(self, element: Element) -> str:
+    def _output(self, element: SmoothElement) -> str:
         first, second = (f"({total(self.of(row))})" for row in (element.first, element.second))
         if element.power == PRODUCT:
             return f"{first}*{second}"

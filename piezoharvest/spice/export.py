@@ -13,7 +13,7 @@ from piezoharvest.equations.rows import connected
 from piezoharvest.spice.circuits import write_shunt
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.device import displacement, mechanical_power, write_drive, write_mechanics, write_transducer
-from piezoharvest.spice.operating_point import Circuit, Scene, make_scene
+from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint, make_scene
 
 # Default run: this many of the longest time constant, within these numbers of periods; steps in the shortest pulse.
 SETTLING = 10.0
@@ -106,7 +106,7 @@ def _write_introduction(deck: Deck) -> None:
     )
 
 
-def _write_readings(deck: Deck, scene: Scene, circuit: Circuit) -> None:
+def _write_readings(deck: Deck, scene: OperatingPoint, circuit: NetlistCircuit) -> None:
     deck.section("readings: V(x) displacement in m, V(harvested) and V(mechanical) power in W, V(vdc) dc voltage")
     deck.add("Bx x 0 V=" + displacement(scene))
     deck.add("Bharvested harvested 0 V=" + circuit.harvested)
@@ -115,7 +115,7 @@ def _write_readings(deck: Deck, scene: Scene, circuit: Circuit) -> None:
 
 
 def _write_window(
-    deck: Deck, scene: Scene, circuit: Circuit, periods: int | None, measured: int
+    deck: Deck, scene: OperatingPoint, circuit: NetlistCircuit, periods: int | None, measured: int
 ) -> tuple[float, float]:
     """Say how long the run is; beginning and end of what is measured, s."""
     period, length = scene.excitation.period, scene.excitation.length
@@ -140,7 +140,7 @@ def _write_window(
     return (periods - measured) * period, periods * period
 
 
-def _largest_step(scene: Scene, circuit: Circuit, steps: int) -> float:
+def _largest_step(scene: OperatingPoint, circuit: NetlistCircuit, steps: int) -> float:
     """Largest time step, s: a share of the period, of that of the highest tone and of the shortest pulse."""
     if steps < 1:
         raise ParameterError("steps_per_period", f"found {steps}, allowed is a whole number of at least 1")
@@ -150,7 +150,9 @@ def _largest_step(scene: Scene, circuit: Circuit, steps: int) -> float:
     return min(share)
 
 
-def _write_analysis(deck: Deck, scene: Scene, window: tuple[float, float], step: float, tolerance: float) -> None:
+def _write_analysis(
+    deck: Deck, scene: OperatingPoint, window: tuple[float, float], step: float, tolerance: float
+) -> None:
     """Simulation command, tolerances and measurements."""
     begin, end = (number(time) for time in window)
     deck.comment(

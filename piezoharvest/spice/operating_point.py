@@ -14,7 +14,7 @@ from piezoharvest.engine.lowering.lower import lower
 from piezoharvest.equations.terms import Terms
 
 
-class Scene(NamedTuple):
+class OperatingPoint(NamedTuple):
     """Surroundings of the shunt in a netlist.
 
     Attributes
@@ -56,7 +56,7 @@ class Scene(NamedTuple):
         return self.omega * self.transducer.capacitance * self.voltage
 
 
-class Circuit(NamedTuple):
+class NetlistCircuit(NamedTuple):
     """What a shunt's part of the netlist tells the rest of it.
 
     Attributes
@@ -77,7 +77,7 @@ class Circuit(NamedTuple):
     slowest: float = 0.0
 
 
-def make_scene(transducer: Transducer, excitation: Excitation, dc_start: float) -> Scene:
+def make_scene(transducer: Transducer, excitation: Excitation, dc_start: float) -> OperatingPoint:
     """Estimate the sizes of voltage and current in a system."""
     signal = excitation.signal()
     own = 2 * np.pi * transducer.open_circuit_frequency
@@ -95,7 +95,7 @@ def make_scene(transducer: Transducer, excitation: Excitation, dc_start: float) 
     passes = excitation.period is None
     terms = Terms(transducer, "base_acceleration" if excitation.base else "force", passes=passes)
     rest = _rest(transducer, excitation)
-    return Scene(transducer, excitation, signal, omega, max(voltage, dc_start) or 1.0, dc_start, terms, rest)
+    return OperatingPoint(transducer, excitation, signal, omega, max(voltage, dc_start) or 1.0, dc_start, terms, rest)
 
 
 def _rest(transducer: Transducer, excitation: Excitation) -> dict[str, float]:

@@ -12,7 +12,7 @@ from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.description.shunts.switching import InductiveSwitch, SynchronisedShunt
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.device import coupled_acceleration, coupled_velocity
-from piezoharvest.spice.operating_point import Circuit, Scene
+from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
 
 # Bridge: ratio of its resistance to 1/(w C), and of the rounding of its corner to the expected voltage.
 BRIDGE = 1e-4
@@ -28,7 +28,7 @@ STEEPNESS = 200.0
 DISCHARGE, DECAY = 1 / 200, 14.0
 
 
-def write_timing(deck: Deck, switch: Switch, on_time: float, scene: Scene) -> None:
+def write_timing(deck: Deck, switch: Switch, on_time: float, scene: OperatingPoint) -> None:
     """Node `pulse`: +1 (after a maximum) or -1 (after a minimum of sum T_i x_i) while the switch is closed."""
     deck.section("timing of the switch: V(pulse) is 1 after a maximum and -1 after a minimum of sum T_i x_i, else 0")
     deck.comment(
@@ -64,14 +64,14 @@ def write_switch(deck: Deck, nodes: tuple[str, str], critical: float, closed: fl
     return f"{across}*{across}*{conductance}"
 
 
-class Loop(NamedTuple):
+class SwitchedLoop(NamedTuple):
     """Timing of an inductive switch, and the impedance sqrt(L/C) of its loop."""
 
     on_time: float
     impedance: float
 
 
-def write_loop(deck: Deck, shunt: InductiveSwitch, scene: Scene, end: str) -> Loop:
+def write_loop(deck: Deck, shunt: InductiveSwitch, scene: OperatingPoint, end: str) -> SwitchedLoop:
     """Inductor, its resistance and switch from `p` to the node `end`."""
     capacitance = scene.transducer.capacitance
     inductance, resistance = shunt.loop(capacitance)
@@ -92,10 +92,10 @@ def write_loop(deck: Deck, shunt: InductiveSwitch, scene: Scene, end: str) -> Lo
     # begin starts at the mirror image: with kappa = exp(-gamma) both happen at t = 0.
     change = math.exp(-np.euler_gamma) * inductance * STEEPNESS / (2 * EDGE * switch.on_time)
     write_switch(deck, ("k", end), 1 / change, ideal / impedance**2, OPEN / impedance)
-    return Loop(switch.on_time, impedance)
+    return SwitchedLoop(switch.on_time, impedance)
 
 
-def write_bridge(deck: Deck, shunt: Bridge, scene: Scene) -> Circuit:
+def write_bridge(deck: Deck, shunt: Bridge, scene: OperatingPoint) -> NetlistCircuit:
     """Bridge across the electrodes: currents that follow from the voltage."""
     conductance = number(0.5 * scene.omega * scene.transducer.capacitance / BRIDGE)
     corner = number((CORNER * scene.voltage) ** 2)
@@ -113,7 +113,7 @@ def write_bridge(deck: Deck, shunt: Bridge, scene: Scene) -> Circuit:
     return _write_dc_side(deck, shunt, scene)
 
 
-def write_series_bridge(deck: Deck, shunt: Bridge, scene: Scene, node: str, current: float) -> Circuit:
+def write_series_bridge(deck: Deck, shunt: Bridge, scene: OperatingPoint, node: str, current: float) -> NetlistCircuit:
     """Bridge from `node` to ground, in line with an inductor: a voltage that follows from the current.
 
     `current` (A) is what flows through it at the peak.
@@ -131,19 +131,19 @@ def write_series_bridge(deck: Deck, shunt: Bridge, scene: Scene, node: str, curr
     return _write_dc_side(deck, shunt, scene)
 
 
-def _write_dc_side(deck: Deck, shunt: Bridge, scene: Scene) -> Circuit:
+def _write_dc_side(deck: Deck, shunt: Bridge, scene: OperatingPoint) -> NetlistCircuit:
     """Smoothing capacitor and load, or constant voltage, at the node `dc`."""
     if shunt.dc_voltage is not None:
         deck.add("Vdc dc 0", float(shunt.dc_voltage))
-        return Circuit("V(dc)*I(Vdc)", "V(dc)")
+        return NetlistCircuit("V(dc)*I(Vdc)", "V(dc)")
     assert shunt.smoothing_capacitance is not None and shunt.load_resistance is not None
     deck.add("Csmoothing dc 0", shunt.smoothing_capacitance, f"IC={number(scene.dc_start)}")
     deck.add("Rload dc 0", shunt.load_resistance)
     slowest = shunt.smoothing_capacitance * shunt.load_resistance
-    return Circuit(f"V(dc)*V(dc)/{number(shunt.load_resistance)}", "V(dc)", slowest=slowest)
+    return NetlistCircuit(f"V(dc)*V(dc)/{number(shunt.load_resistance)}", "V(dc)", slowest=slowest)
 
 
-def write_discharge(deck: Deck, shunt: SynchronisedShunt, scene: Scene) -> Circuit:
+def write_discharge(deck: Deck, shunt: SynchronisedShunt, scene: OperatingPoint) -> NetlistCircuit:
     """Short pulse that takes the electrode voltage to zero through a resistance; a share of its energy is harvested."""
     capacitance = scene.transducer.capacitance
     switch = shunt.switch(capacitance, scene.excitation.period)
@@ -152,4 +152,4 @@ def write_discharge(deck: Deck, shunt: SynchronisedShunt, scene: Scene) -> Circu
     deck.section("discharge: takes V(p) to zero within the pulse; its energy is what is harvested or lost")
     closed = DECAY * capacitance / on_time
     power = write_switch(deck, ("p", "0"), closed, closed, 1e-7 * scene.omega * capacitance)
-    return Circuit(f"{number(switch.efficiency)}*{power}" if switch.efficiency else "0", fastest=on_time)
+    return NetlistCircuit(f"{number(switch.efficiency)}*{power}" if switch.efficiency else "0", fastest=on_time)

@@ -11,8 +11,8 @@ from piezoharvest.identify.fitting.model import unexplained_blocks
 from piezoharvest.identify.identification import prepared
 
 
-@pytest.mark.parametrize("channel", ["voltage", "current"])
-def test_a_range_that_ends_before_the_noise_is_found(channel, tmp_path):
+def test_a_range_that_ends_before_the_noise_is_found(tmp_path):
+    channel = "current"
     measured = campaign(tmp_path, records=RECORDS[:3])
     before = identify(measured, offsets=("displacement",))
     data = prepared(measured, "fit")

@@ -17,7 +17,7 @@ from piezoharvest.description.effects import (
     Stiffening,
     registered,
 )
-from piezoharvest.diagnose.residual_tests import Block, _bursts, blocks_of, leftovers, structure
+from piezoharvest.diagnose.residual_tests import ResidualBlock, _bursts, blocks_of, leftovers, structure
 from piezoharvest.diagnose.score_tests import _tried, cosine, effect_parameters, extended, scores
 from piezoharvest.diagnose.validation import spoils
 from piezoharvest.identify.fitting.likelihood import spectra_of
@@ -144,7 +144,7 @@ def test_a_burst_is_told_at_its_time_in_a_record_of_several_blocks():
     rng = np.random.default_rng(4)
     parts = [rng.standard_normal((1000, 1)) for _ in range(2)] + [rng.standard_normal((9, 1))]
     parts[1][300:306] += 9.0
-    blocks = [Block(data, None, 1000 * n, part, spectra_of(part)) for n, part in enumerate(parts)]
+    blocks = [ResidualBlock(data, None, 1000 * n, part, spectra_of(part)) for n, part in enumerate(parts)]
     places = sorted(_bursts(blocks), key=lambda place: place.p_value)
     assert len(places) == 2  # nine samples are too few to tell
     assert places[0].p_value < 1e-20 < places[1].p_value

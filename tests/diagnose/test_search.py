@@ -16,7 +16,7 @@ from piezoharvest.description.effects import (
     registered,
 )
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.candidate_fits import Step, Trials
+from piezoharvest.diagnose.candidate_fits import EffectChange, Trials
 from piezoharvest.diagnose.score_tests import extended
 from piezoharvest.diagnose.stepwise_selection import DOUBTED, MOST, Searcher
 from piezoharvest.identify.fitting import levenberg_marquardt as descent
@@ -33,7 +33,7 @@ def searched(tmp_path_factory):
     found = campaign(tmp_path_factory.mktemp("search"))
     problem, base, _ = fitted(prepared(found, "fit"), found.transducer, PRESENT, seed=7)
     trials = Trials(problem, base, [type(effect) for effect in PRESENT], lambda text: None)
-    return trials, Step(Searcher(trials).run().final)
+    return trials, EffectChange(Searcher(trials).run().final)
 
 
 def test_a_descent_too_slow_for_its_aim_is_given_up(searched, monkeypatch):
@@ -77,7 +77,7 @@ def test_a_search_comes_back_from_a_false_minimum(searched):
     false = fit(trials.problem, held, now.found.own, now.found.noise, estimate_noise=False)
     assert false.cost > now.cost + 1e3
     strayed = replace(false, model=replace(false.model, parameters=model.parameters))
-    back, held = Searcher(trials)._surveyed(Step(strayed))
+    back, held = Searcher(trials)._surveyed(EffectChange(strayed))
     assert back.cost == pytest.approx(now.cost, abs=1.0)
     assert held is None
 

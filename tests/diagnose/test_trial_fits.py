@@ -7,7 +7,7 @@ import pytest
 from diagnose_runs import SIGMA, STEP, campaign, fitted, reading, synthetic
 
 from piezoharvest.description.effects import Clipping, Leakage, Stiffening
-from piezoharvest.diagnose.candidate_fits import ROUGHLY, Step, Trials, inflated, significance
+from piezoharvest.diagnose.candidate_fits import ROUGHLY, EffectChange, Trials, inflated, significance
 from piezoharvest.diagnose.score_tests import effect_parameters, extended
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import fit
@@ -55,7 +55,7 @@ def test_what_the_data_determines_is_asked_again_beside_an_effect(records):
     varied = tuple(p for p in parameters_of(nominal, {"force"}) if p.name in ("mass", "stiffness", "coupling"))
     model = extended(replace(found.model, transducer=nominal, parameters=varied), [Leakage(resistance=3e7)], [])
     model = replace(model, parameters=(*varied, *effect_parameters([Leakage(resistance=3e7)])))
-    poor = Step(fit(problem, model, noise=found.noise, estimate_noise=False))
+    poor = EffectChange(fit(problem, model, noise=found.noise, estimate_noise=False))
     trials = Trials(problem, found, None, lambda text: None)
     better = trials.redetermined(poor)
     names = [parameter.path[-1] for parameter in better.found.model.parameters]

@@ -15,7 +15,7 @@ from piezoharvest.report import units
 from piezoharvest.report.limits import mode_figures, power_limit, white_input
 from piezoharvest.report.spans import loads, resonance_span, sweep_span
 from piezoharvest.report.subjects import subjects_of
-from piezoharvest.report.sweeps import Bench, _coarse_to_fine
+from piezoharvest.report.sweeps import CurveTracer, _coarse_to_fine
 
 BEAM = Transducer(mass=0.01, damping=0.0628, stiffness=986.96, coupling=1e-3, capacitance=40e-9)
 FORCE = SineForce(amplitude=0.02, frequency=50.6)
@@ -123,7 +123,7 @@ class TestSweeps:
     def test_curves_go_through_the_tuned_point(self, name):
         study, result = designed(name)
         subjects = subjects_of(result.candidates)
-        bench = Bench(study)
+        bench = CurveTracer(study)
         curves = bench.along_loads(subjects, loads(subjects, study, 5))
         assert {c.subject.label for c in curves} == {s.label for s in subjects if s.load_field}
         for curve in curves:
@@ -134,7 +134,7 @@ class TestSweeps:
         study, result = designed("bench")
         subjects = [s for s in subjects_of(result.candidates) if s.linear]
         frequencies = np.array([49.0, 50.6, 52.0])
-        bench = Bench(study)
+        bench = CurveTracer(study)
         for curve in bench.along_frequencies(subjects, frequencies, frequencies):
             assert curve.exact
             for n, frequency in enumerate(frequencies):
@@ -145,11 +145,11 @@ class TestSweeps:
 
     def test_with_hysteresis_nothing_is_taken_for_linear(self):
         study, result = designed("stack")
-        assert not any(Bench(study).exact(s) for s in subjects_of(result.candidates))
+        assert not any(CurveTracer(study).exact(s) for s in subjects_of(result.candidates))
 
     def test_time_is_kept(self):
         study, result = designed("bench")
-        bench, switched = Bench(study, budget=0.0), [s for s in subjects_of(result.candidates) if s.switched]
+        bench, switched = CurveTracer(study, budget=0.0), [s for s in subjects_of(result.candidates) if s.switched]
         assert bench.along_frequencies(switched, np.linspace(49, 51, 50), np.empty(0)) == []
         assert bench.cut_short
 

@@ -81,7 +81,7 @@ def stamp(file: str) -> str:
     return content.hexdigest()[:16]
 
 
-class _Files(IndexDataCacheFile):
+class _CodeFiles(IndexDataCacheFile):
     """Files of code of one function: one for each signature and processor, under the stamp of its sources."""
 
     def __init__(self, folder: str, function: str, mark: str):
@@ -125,7 +125,7 @@ class _Cache(FunctionCache):
 
     def __init__(self, function: Callable):
         super().__init__(function)
-        self._cache_file = _Files(
+        self._cache_file = _CodeFiles(
             self._cache_path, self._impl.filename_base, stamp(os.path.abspath(inspect.getfile(function)))
         )
 

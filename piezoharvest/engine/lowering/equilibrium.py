@@ -8,7 +8,7 @@ from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.engine.lowering.layout import Layout, Physics, rows_of, stack
 from piezoharvest.equations.rows import gains
-from piezoharvest.equations.terms import Element
+from piezoharvest.equations.terms import SmoothElement
 
 ROUNDING = 1e-12  # of its terms, that a sum which ought to be zero may be
 
@@ -44,7 +44,7 @@ def inputs_of(layout: Layout, physics: Physics) -> np.ndarray:
     return rows_of([place(row) for e in layout.terms.elements for row in (e.first, e.second)], layout.width)
 
 
-def _bent(elements: list[Element], rest, follows, by_state, by_output) -> np.ndarray:
+def _bent(elements: list[SmoothElement], rest, follows, by_state, by_output) -> np.ndarray:
     """Equilibrium z = rest + follows w of every design, w being the outputs of smooth elements with these inputs."""
     batch, found = np.broadcast_shapes(rest.shape[:-1], follows.shape[:-2], by_state.shape[:-2]), []
     terms = by_state * rest[..., None, :]
@@ -58,7 +58,7 @@ def _bent(elements: list[Element], rest, follows, by_state, by_output) -> np.nda
     return np.reshape(found, batch + rest.shape[-1:])
 
 
-def _balance(elements: list[Element], inputs: np.ndarray, at_rest: np.ndarray) -> np.ndarray:
+def _balance(elements: list[SmoothElement], inputs: np.ndarray, at_rest: np.ndarray) -> np.ndarray:
     """Outputs w of smooth elements whose inputs are inputs w + at_rest; time, which some of them take, is zero."""
     from scipy.optimize import root
 

@@ -32,7 +32,7 @@ VECTORS = 16  # of scratch
 NOW, OPENS, ACTED = range(3)
 
 
-class State:
+class EngineState:
     """The hybrid state and what is recorded of it.
 
     Parameters
@@ -96,7 +96,7 @@ class State:
             return self.D[begin : begin + self._lists[place]]
         return self.S[begin : begin + self._place[place]]
 
-    def follow(self, other: State) -> None:
+    def follow(self, other: EngineState) -> None:
         """Continue where another state of the same machine is."""
         for k in (CONFIGURATION, DIRECTION, WAITING, CLOSED, BETWEEN):
             self.D[k] = other.D[k]

@@ -40,7 +40,7 @@ def nominal(batch: pg.Program) -> pg.Program:
     return first._replace(**{name: np.real(np.asarray(getattr(first, name))).copy() for name in pg.NUMBERS})
 
 
-class Mode:
+class DualMode:
     """One linear mode: a configuration of the shunt and the set of stops that slip.
 
     Parameters

@@ -9,7 +9,7 @@ import numpy as np
 from piezoharvest.engine.lowering.lower import Lowered
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
-from piezoharvest.engine.memory.state import State
+from piezoharvest.engine.memory.state import EngineState
 from piezoharvest.engine.run import Machine
 from piezoharvest.engine.steady_search import Orbit, Shooting, check
 
@@ -86,7 +86,9 @@ def _idle(orbit: Orbit, motions: tuple[Motion, ...]) -> float:
     return 0.5 * (longest.begins + longest.ends)
 
 
-def _record(machine: Machine, state: State, t_end: float, lowered: Lowered) -> tuple[tuple[Motion, ...], np.ndarray]:
+def _record(
+    machine: Machine, state: EngineState, t_end: float, lowered: Lowered
+) -> tuple[tuple[Motion, ...], np.ndarray]:
     check(machine.run(state, t_end))
     a, h = int(machine.L[pg.A]), int(machine.L[pg.H])
     count = int(state.D[st.TAPED])

@@ -10,7 +10,7 @@ import numpy as np
 
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.propagation.trajectory import ACTS, NOTHING, OPENS
-from piezoharvest.engine.sensitivity.dual_modes import Dual, Flow, Mode, dual
+from piezoharvest.engine.sensitivity.dual_modes import Dual, DualMode, Flow, dual
 from piezoharvest.engine.sensitivity.orbit import Motion, Tape
 from piezoharvest.engine.steady_search import EngineError, solve_conserving
 
@@ -28,7 +28,7 @@ class Leg:
     Columns are derivatives with respect to the n states at the beginning of the span, then to the p quantities.
     """
 
-    def __init__(self, motion: Motion, mode: Mode, flow: Flow, columns: np.ndarray):
+    def __init__(self, motion: Motion, mode: DualMode, flow: Flow, columns: np.ndarray):
         self.motion, self.mode, self.flow, self.columns = motion, mode, flow, columns
         self.shift = np.zeros(len(columns))  # of the time of the event that ends it
 
@@ -80,7 +80,7 @@ class Variation:
     def __init__(self, tape: Tape, program: pg.Program, quantities: int):
         self.tape, self.program, self.p = tape, program, quantities
         self.n, self.a = program.rate.shape[-2:]
-        self.modes: dict[tuple, tuple[Mode, Flow]] = {}
+        self.modes: dict[tuple, tuple[DualMode, Flow]] = {}
         period = self._number("period")
         share = 0.5 if tape.mirrored else 1.0
         self.span = Dual(share * period.value, share * period.change)
@@ -97,10 +97,10 @@ class Variation:
         """Derivatives (p,) of a number with zeros before them, for the states at the beginning."""
         return np.concatenate([np.zeros(self.n), np.broadcast_to(change, self.p)])
 
-    def _mode(self, motion: Motion) -> tuple[Mode, Flow]:
+    def _mode(self, motion: Motion) -> tuple[DualMode, Flow]:
         key = (motion.configuration, *(motion.slip != 0))
         if key not in self.modes:
-            mode = Mode(self.program, motion.configuration, motion.slip)
+            mode = DualMode(self.program, motion.configuration, motion.slip)
             self.modes[key] = mode, Flow(mode.matrix)
         return self.modes[key]
 

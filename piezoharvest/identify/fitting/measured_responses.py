@@ -25,25 +25,25 @@ TOGETHER, MISSED = 3, 0.3  # neighbouring lines, all off by so much of the respo
 UNTOLD = 0.02  # relative noise of lines that are too few to tell it, before a fit does
 
 
-class Slopes(NamedTuple):
+class ResponseSlopes(NamedTuple):
     """A response over frequency, (f,), and its derivatives, (f, parameters)."""
 
     value: np.ndarray
     slopes: np.ndarray
 
-    def __add__(self, other: Slopes) -> Slopes:  # type: ignore[override]
-        return Slopes(self.value + other.value, self.slopes + other.slopes)
+    def __add__(self, other: ResponseSlopes) -> ResponseSlopes:  # type: ignore[override]
+        return ResponseSlopes(self.value + other.value, self.slopes + other.slopes)
 
-    def __mul__(self, other: Slopes) -> Slopes:  # type: ignore[override]
+    def __mul__(self, other: ResponseSlopes) -> ResponseSlopes:  # type: ignore[override]
         slopes = self.slopes * other.value[:, None] + self.value[:, None] * other.slopes
-        return Slopes(self.value * other.value, slopes)
+        return ResponseSlopes(self.value * other.value, slopes)
 
-    def __truediv__(self, other: Slopes) -> Slopes:
+    def __truediv__(self, other: ResponseSlopes) -> ResponseSlopes:
         value = self.value / other.value
-        return Slopes(value, (self.slopes - value[:, None] * other.slopes) / other.value[:, None])
+        return ResponseSlopes(value, (self.slopes - value[:, None] * other.slopes) / other.value[:, None])
 
-    def __neg__(self) -> Slopes:
-        return Slopes(-self.value, -self.slopes)
+    def __neg__(self) -> ResponseSlopes:
+        return ResponseSlopes(-self.value, -self.slopes)
 
 
 class Judged(NamedTuple):
@@ -128,17 +128,19 @@ class FrequencyData:
         device = model.transducer
         return [device, *(stepped(device, p, p.inner(value_at(device, p.path))) for p in model.parameters)]
 
-    def _leads(self, varied: Sequence[Transducer]) -> Slopes:
+    def _leads(self, varied: Sequence[Transducer]) -> ResponseSlopes:
         """Resistance of the leads through which `Specimen` has a voltage imposed, or a short."""
         resistance = [LEADS * self._period / device.capacitance for device in varied]
-        return Slopes(np.full(len(self), resistance[0]), np.tile(np.imag(resistance[1:]) / STEP, (len(self), 1)))
+        return ResponseSlopes(
+            np.full(len(self), resistance[0]), np.tile(np.imag(resistance[1:]) / STEP, (len(self), 1))
+        )
 
-    def _imposed(self, output: str, varied: Sequence[Transducer]) -> Slopes:
+    def _imposed(self, output: str, varied: Sequence[Transducer]) -> ResponseSlopes:
         """Response of a channel to a voltage at the electrodes: less than that at the other end of the leads by R i."""
         current = self._transfer("current", varied, "voltage")
         share = self._leads(varied) * current
         found = current if output == "current" else self._transfer(output, varied, "voltage")
-        return found / Slopes(1.0 + share.value, share.slopes)
+        return found / ResponseSlopes(1.0 + share.value, share.slopes)
 
     @cached_property
     def reference(self) -> Reference | None:
@@ -181,7 +183,7 @@ class FrequencyData:
         missed = float(self.record.frequency[far]) if lacking and together[far] > MISSED else None
         return Judged(float(np.sqrt(squares / (2 * len(self)))), lacking, missed, float(together[far]))
 
-    def _transfer(self, output: str, varied: Sequence[Transducer], drive: str) -> Slopes:
+    def _transfer(self, output: str, varied: Sequence[Transducer], drive: str) -> ResponseSlopes:
         """Transfer function from a drive to a channel."""
         real, *tangents = (self.matrices(device, drive) for device in varied)
         row = len(real.O) - len(real.channels) + real.channels.index(output)
@@ -196,7 +198,7 @@ class FrequencyData:
         for k, tangent in enumerate(tangents):
             dA, dB, dc, dd = (np.imag(part) / STEP for part in _sticking(tangent, row))
             slopes[:, k] = np.einsum("fi,fi->f", left, x @ dA.T + dB) + x @ dc + dd
-        return Slopes(value, slopes)
+        return ResponseSlopes(value, slopes)
 
 
 def sticking_rates(data: FrequencyData, transducer: Transducer) -> tuple[np.ndarray, tuple[str, ...]]:

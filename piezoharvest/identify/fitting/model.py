@@ -12,7 +12,7 @@ import numpy as np
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.noise.noise_gain import small_response, specimen_gain
-from piezoharvest.predict.discrete_model import Lowered
+from piezoharvest.predict.discrete_model import DiscreteModel
 from piezoharvest.predict.parameters import Parameter, put, value_at
 from piezoharvest.predict.prediction import Prediction
 from piezoharvest.predict.sensors import Course, late_somewhere, sensed
@@ -50,11 +50,11 @@ class Model:
         lowered = self.lowered(data)
         return Prediction(self.transducer, data.setting, self.parameters, own, lowered, relaxed=self.relaxed)
 
-    def lowered(self, data: Data) -> Lowered:
+    def lowered(self, data: Data) -> DiscreteModel:
         """Equations for a record, which others share."""
-        key = Lowered.key(data.setting)
+        key = DiscreteModel.key(data.setting)
         if key not in self._lowered:
-            self._lowered[key] = Lowered(self.transducer, data.setting, self.parameters)
+            self._lowered[key] = DiscreteModel(self.transducer, data.setting, self.parameters)
         return self._lowered[key]
 
 

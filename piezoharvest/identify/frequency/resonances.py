@@ -21,7 +21,7 @@ TELLING = 8.0  # times what noise would make of it, that a pole takes of the squ
 RESONANT = 0.5  # damping ratio from which on a pole is no resonance
 
 
-class Resonances(NamedTuple):
+class MeasuredResonances(NamedTuple):
     """Rational function that fits a response, D + sum R/(s - p) + conjugates.
 
     Attributes
@@ -49,7 +49,7 @@ class Resonances(NamedTuple):
     slopes: np.ndarray
 
 
-def resonances(frequency: np.ndarray, response: np.ndarray, sigma: np.ndarray, most: int) -> Resonances:
+def resonances(frequency: np.ndarray, response: np.ndarray, sigma: np.ndarray, most: int) -> MeasuredResonances:
     """Resonances of a response that goes to a constant at high frequencies.
 
     Parameters
@@ -128,12 +128,12 @@ def _coefficients(fit: VectorFit) -> np.ndarray:
 
 def _strongest(
     fit: VectorFit, s: np.ndarray, weight: np.ndarray, top: float, size: float, values: np.ndarray
-) -> Resonances:
+) -> MeasuredResonances:
     """In rad/s and the response's unit, the resonances sorted by what they weigh."""
     chosen = [k for k, pole in enumerate(fit.poles) if pole.imag > 0 and -pole.real < RESONANT * abs(pole)]
     weights = [float(np.linalg.norm(weight * fit.residues[k, 0] / (s - fit.poles[k]))) for k in chosen]
     order = [chosen[n] for n in np.argsort(weights)[::-1]]
-    return Resonances(
+    return MeasuredResonances(
         fit.poles[order] * top, fit.residues[order, 0] * size * top, float(np.real(fit.direct[0])) * size,
         fit.error**2, values * size, 1 + sum(1 if pole.imag == 0 else 2 for pole in fit.poles) * 2, _slopes(fit, s),
     )  # fmt: skip

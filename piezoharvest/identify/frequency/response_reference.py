@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from scipy.stats import f as fisher
 
 from piezoharvest.identify.frequency.line_noise import WINDOW, LineNoise, line_noise, smoothed
-from piezoharvest.identify.frequency.resonances import Resonances, resonances
+from piezoharvest.identify.frequency.resonances import MeasuredResonances, resonances
 from piezoharvest.records.record import FrequencyRecord
 
 FEWEST = 16  # lines that tell their noise
@@ -36,7 +36,7 @@ class Reference:
     noise : LineNoise
     smooth : (f,) complex array
         The response without most of its noise.
-    resonances : Resonances
+    resonances : MeasuredResonances
         Of `proper` of the record.
     allowed : float
         Sum of squares, in units of the noise, that a model leaves which lacks nothing.
@@ -44,7 +44,7 @@ class Reference:
 
     noise: LineNoise
     smooth: np.ndarray
-    resonances: Resonances
+    resonances: MeasuredResonances
     allowed: float
 
 
@@ -102,7 +102,7 @@ def _reference(record: FrequencyRecord) -> Reference:
     return Reference(own, smooth, found, least + float(chi2.isf(CHANCE, found.count)))
 
 
-def _leverage(found: Resonances, noise: LineNoise) -> np.ndarray:
+def _leverage(found: MeasuredResonances, noise: LineNoise) -> np.ndarray:
     """By how much errors of magnitude and phase at each line draw a rational function, (2, f)."""
     inside = relative(found.slopes, found.values)
     rows = np.concatenate([np.real(inside) / noise.along[:, None], np.imag(inside) / noise.across[:, None]])

@@ -29,7 +29,7 @@ LEAST = 1e-3  # of 1/C: weights below are none, and a fit could not move them
 RESOLVED = 1e-7  # relative singular value below which the loops do not tell the parameters apart
 
 
-class Loop(NamedTuple):
+class ChargeLoop(NamedTuple):
     """Charge (C), voltage (V) and displacement (m) of a record, (samples,)."""
 
     charge: np.ndarray
@@ -60,7 +60,7 @@ def with_charge_loops(data: Sequence[Data], nominal: Transducer) -> Transducer:
     return replace(nominal, capacitance=capacitance, coupling=coupling, hysteresis=hysteresis)
 
 
-def loop_of(data: Data, nominal: Transducer) -> Loop | None:
+def loop_of(data: Data, nominal: Transducer) -> ChargeLoop | None:
     """Loop of a record from rest; None where charge, voltage or displacement do not follow from what was measured."""
     signals, h = {name: data.record[name] for name in data.record.signals}, data.setting.sample_time
     shunt = data.record.shunt
@@ -76,7 +76,7 @@ def loop_of(data: Data, nominal: Transducer) -> Loop | None:
         return None
     current = signals["current"]
     charge = -h * np.concatenate([[0.0], np.cumsum(0.5 * (current[1:] + current[:-1]))])
-    return Loop(*map(thinned, (charge, signals["voltage"], signals["displacement"])))
+    return ChargeLoop(*map(thinned, (charge, signals["voltage"], signals["displacement"])))
 
 
 def thinned(values: np.ndarray) -> np.ndarray:
@@ -85,7 +85,7 @@ def thinned(values: np.ndarray) -> np.ndarray:
     return values[: len(values) // size * size].reshape(-1, size).mean(axis=1)
 
 
-def _solved(loops: Sequence[Loop], nominal: Transducer) -> tuple[float, float, Hysteresis | None] | None:
+def _solved(loops: Sequence[ChargeLoop], nominal: Transducer) -> tuple[float, float, Hysteresis | None] | None:
     """Capacitance, coupling and operators by Gauss-Newton on the thresholds; None where the loops do not tell."""
     pairs = nominal.hysteresis
     thresholds, weights = (np.array(values) for values in ((pairs.thresholds, pairs.weights) if pairs else ((), ())))
@@ -112,7 +112,7 @@ def _solved(loops: Sequence[Loop], nominal: Transducer) -> tuple[float, float, H
 
 
 def _equations(
-    loops: Sequence[Loop], thresholds: np.ndarray, weights: np.ndarray, n: int, *, moving: bool
+    loops: Sequence[ChargeLoop], thresholds: np.ndarray, weights: np.ndarray, n: int, *, moving: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Design and right side for 1/C, T/C, n weights, changes of the logarithms of n thresholds, and constants."""
     rows, right = [], []

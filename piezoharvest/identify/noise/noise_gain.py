@@ -76,7 +76,7 @@ def specimen_gain(prediction: Prediction, channels: Sequence[str], frequencies: 
     turn, cubic = np.exp(1j * angle), _spline(angle)
     drive = [cubic[0], cubic[1] / h]
     outputs = len(m.O) - len(m.channels)
-    line = _Line.of(prediction, [outputs + m.channels.index(channel) for channel in channels])
+    line = _LinearStep.of(prediction, [outputs + m.channels.index(channel) for channel in channels])
     # Frequencies are the last axis throughout. What multiplies with the drive's part of the equations, (8, f):
     driven = np.array([*cubic, *drive, *(turn * part for part in drive)])
     states = _solved(line.kept, line.A, turn, line.driven() @ driven)
@@ -96,7 +96,7 @@ def _solved(kept: np.ndarray, A: np.ndarray, turn: np.ndarray, forced: np.ndarra
     return unitary @ states
 
 
-class _Line(NamedTuple):
+class _LinearStep(NamedTuple):
     """A step with its elements as straight lines.
 
     kept z(next) = A z + cubic c + before e + after e(next), outputs = C z + D e, where e is the drive and its rate.
@@ -111,7 +111,7 @@ class _Line(NamedTuple):
     D: np.ndarray
 
     @classmethod
-    def of(cls, prediction: Prediction, rows: Sequence[int]) -> _Line:
+    def of(cls, prediction: Prediction, rows: Sequence[int]) -> _LinearStep:
         """Eliminate the elements: w = local * inputs, inputs = O [z; w; e]."""
         m, (M, H, O, _) = prediction.matrices, prediction.step  # noqa: E741
         n, w = H.shape

@@ -18,7 +18,7 @@ STILL = 1e-6  # cycles in the samples, by which no frequency moves any more
 CYCLE, APART = 0.5, 0.3  # cycles in the samples that a tone has at least, and by which tones differ
 
 
-class Tones(NamedTuple):
+class DriveTones(NamedTuple):
     """Constant, and sines by angle from sample to sample; samples count from the middle of some.
 
     Attributes
@@ -39,7 +39,7 @@ class Tones(NamedTuple):
         return _columns(np.arange(-early, self.count) - 0.5 * (self.count - 1), self.angles) @ self.sizes
 
 
-def tones(values: np.ndarray) -> Tones | None:
+def tones(values: np.ndarray) -> DriveTones | None:
     """Constant and sines that stand out of the noise of some samples, by least squares.
 
     The strongest lines of the residual are added until none is left, all frequencies being refined each time (Newton's
@@ -56,7 +56,7 @@ def tones(values: np.ndarray) -> Tones | None:
     """
     if len(values) > LONGEST:
         return None
-    found = Tones(len(values), np.empty(0), np.array([values.mean()]))
+    found = DriveTones(len(values), np.empty(0), np.array([values.mean()]))
     left, squares = values - values.mean(), np.inf
     while left @ left < FALLS * squares:
         squares = left @ left
@@ -81,7 +81,7 @@ def _lines(residual: np.ndarray, angles: np.ndarray) -> np.ndarray:
     return found[apart & (found > 2 * np.pi * CYCLE / n)]
 
 
-def refined(values: np.ndarray, angles: np.ndarray, steps: int = LAST) -> Tones:
+def refined(values: np.ndarray, angles: np.ndarray, steps: int = LAST) -> DriveTones:
     """Tones near some angles, by least squares, in so many steps at most."""
     time = np.arange(len(values)) - 0.5 * (len(values) - 1)
     sizes = np.empty(0)
@@ -95,7 +95,7 @@ def refined(values: np.ndarray, angles: np.ndarray, steps: int = LAST) -> Tones:
         angles = np.clip(angles + change, 2 * np.pi * CYCLE / len(values), np.pi)
         if np.abs(change).max() * len(values) < 2 * np.pi * STILL:
             break
-    return Tones(len(values), angles, _solved(_columns(time, angles), values))
+    return DriveTones(len(values), angles, _solved(_columns(time, angles), values))
 
 
 def _columns(time: np.ndarray, angles: np.ndarray) -> np.ndarray:

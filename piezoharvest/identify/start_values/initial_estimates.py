@@ -35,7 +35,7 @@ LOW = 0.1  # of the first resonance: what is slower is quasi-static
 FASTER = 0.01  # share of a drive's power that may be above this
 
 
-class Step(NamedTuple):
+class DriveStep(NamedTuple):
     """A quick step of the drive, and what follows while it is held.
 
     Attributes
@@ -76,7 +76,7 @@ def first_values(data: Sequence[Data | FrequencyData], nominal: Transducer) -> T
     return _with_stiffness(records, with_charge_loops(records, found))
 
 
-def steps_of(data: Data) -> Iterator[Step]:
+def steps_of(data: Data) -> Iterator[DriveStep]:
     """Steps in a record with a resistor, whose voltage decays far enough to tell its time constant."""
     record, shunt, h = data.record, data.record.shunt, data.setting.sample_time
     if not isinstance(shunt, Resistor) or "voltage" not in data.channels:
@@ -90,7 +90,7 @@ def steps_of(data: Data) -> Iterator[Step]:
         charge = h * float(voltage[before : peak + 1].sum()) / resistance
         moves = {name: _move(record[name], before, peak) if name in record.signals else np.nan
                  for name in ("force", "displacement", "voltage")}  # fmt: skip
-        yield Step(resistance, rate, charge, **moves)
+        yield DriveStep(resistance, rate, charge, **moves)
 
 
 def _held(drive: np.ndarray) -> list[tuple[int, int]]:
@@ -126,7 +126,7 @@ def _decay_rate(voltage: np.ndarray, sample_time: float) -> float | None:
     return -float(solution[0])
 
 
-def _with_steps(steps: Sequence[Step], found: Transducer) -> Transducer:
+def _with_steps(steps: Sequence[DriveStep], found: Transducer) -> Transducer:
     """Coupling and capacitance from decays and peaks.
 
     At a constant force the electrodes have the capacitance C + T^2/k, whose decay rate is (1/R + G)/(C + T^2/k): over
@@ -136,7 +136,7 @@ def _with_steps(steps: Sequence[Step], found: Transducer) -> Transducer:
         return found
     free = free_capacitance(steps)
 
-    def peak(step: Step) -> float:
+    def peak(step: DriveStep) -> float:
         # What has left meanwhile counts as if it were still there; it has turned the operators, which were drawn the
         # other way before.
         pairs = zip(found.hysteresis.thresholds, found.hysteresis.weights, strict=True) if found.hysteresis else ()
@@ -158,7 +158,7 @@ def _with_steps(steps: Sequence[Step], found: Transducer) -> Transducer:
     return _put(found, capacitance=free - coupling**2 / found.stiffness, coupling=coupling)
 
 
-def free_capacitance(steps: Sequence[Step]) -> float:
+def free_capacitance(steps: Sequence[DriveStep]) -> float:
     """Capacitance at constant force, F, from the decay rates of steps into one or more loads."""
     conductance = np.array([1.0 / step.resistance for step in steps])
     rate = np.array([step.decay_rate for step in steps])

@@ -19,7 +19,7 @@ from piezoharvest.description.shunts import Short
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.fitting.measured_responses import FrequencyData, sticking_rates
 from piezoharvest.identify.fitting.model import Model
-from piezoharvest.identify.frequency.resonances import Resonances
+from piezoharvest.identify.frequency.resonances import MeasuredResonances
 from piezoharvest.predict.parameters import put, value_at
 
 STRONGEST = 3  # resonances more than there are modes, that a mode is tried at
@@ -76,7 +76,7 @@ def _assigned(poles: np.ndarray, nominal: Transducer) -> list[dict[int, int]]:
 
 
 def _of_poles(
-    data: FrequencyData, found: Resonances, nominal: Transducer, chosen: dict[int, int], held: str
+    data: FrequencyData, found: MeasuredResonances, nominal: Transducer, chosen: dict[int, int], held: str
 ) -> Transducer | None:
     """Transducer with some modes at some resonances, one of stiffness and mass being kept."""
     targets = {mode: complex(found.poles[k]) for mode, k in chosen.items()}

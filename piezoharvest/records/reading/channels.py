@@ -30,7 +30,7 @@ DRIVES = ("force", "voltage", "displacement", "base_acceleration")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Source(Component):
+class ChannelSource(Component):
     """Where the values of a channel come from, and what they mean: value = gain * raw + offset, in `unit`.
 
     Attributes

@@ -8,11 +8,11 @@ from typing import Any, Literal
 
 from piezoharvest.description.parameters import Component, ParameterError, quantity
 from piezoharvest.description.shunts import Resistor, Shunt
-from piezoharvest.records.reading.channels import COLUMNS, UNITS, Source, unit_factor
+from piezoharvest.records.reading.channels import COLUMNS, UNITS, ChannelSource, unit_factor
 from piezoharvest.study import build, build_shunt
 
 Level = Literal["default", "campaign", "record"]
-Sources = Mapping[str, tuple[Source, Level]]
+Sources = Mapping[str, tuple[ChannelSource, Level]]
 Input = Literal["force", "voltage", "displacement", "base_acceleration"]
 
 # What a frequency response may be given by, with the default columns (an "impedance" has its own).
@@ -133,11 +133,11 @@ def build_sources(tables: Any, level: Level, where: str, units: Mapping[str, str
     """
     if not isinstance(tables, dict):
         raise ParameterError(where, f"found {repr(tables)[:80]}, allowed is a table of tables")
-    found: dict[str, tuple[Source, Level]] = {}
+    found: dict[str, tuple[ChannelSource, Level]] = {}
     for channel, table in tables.items():
         if channel not in units:
             raise ParameterError(f"{where}.{channel}", f"found an unknown channel, allowed are {', '.join(units)}")
-        source = build(Source, table, f"{where}.{channel}")
+        source = build(ChannelSource, table, f"{where}.{channel}")
         try:
             unit_factor(source.unit or units[channel], units[channel])
         except ParameterError as error:
@@ -148,7 +148,7 @@ def build_sources(tables: Any, level: Level, where: str, units: Mapping[str, str
 
 def default_sources() -> Sources:
     """The channels of the default header."""
-    return {channel: (Source(column=column), "default") for channel, column in COLUMNS.items()}
+    return {channel: (ChannelSource(column=column), "default") for channel, column in COLUMNS.items()}
 
 
 def response_units(entry: FrfEntry | ImpedanceEntry) -> dict[str, str]:

@@ -13,7 +13,7 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.readers import MissingColumnError, Reader, ReadError, open_reader
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.finding import Finding
-from piezoharvest.records.reading.channels import Source
+from piezoharvest.records.reading.channels import ChannelSource
 from piezoharvest.records.reading.entries import Entry
 
 
@@ -67,7 +67,7 @@ class Files(ExitStack):
         }
 
     def to_si(
-        self, name: str, channel: str, columns: Sequence[str], source: Source, raw: np.ndarray, si: str
+        self, name: str, channel: str, columns: Sequence[str], source: ChannelSource, raw: np.ndarray, si: str
     ) -> np.ndarray:
         """Values of a channel in its SI unit, by what the campaign and the file say of their unit.
 

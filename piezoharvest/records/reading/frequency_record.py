@@ -13,7 +13,7 @@ from piezoharvest.readers import MissingColumnError, ReadError
 from piezoharvest.readers.base import shown
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.finding import Finding, counted, shifted
-from piezoharvest.records.reading.channels import Source
+from piezoharvest.records.reading.channels import ChannelSource
 from piezoharvest.records.reading.entries import RESPONSE_COLUMNS, FrfEntry, ImpedanceEntry, Sources, response_units
 from piezoharvest.records.reading.files import Files
 from piezoharvest.records.record import FrequencyRecord
@@ -34,7 +34,7 @@ def read_frequency_record(
     entry : FrfEntry or ImpedanceEntry
     key : str
         Where it stands in the campaign.
-    sources : mapping of str to (Source, level)
+    sources : mapping of str to (ChannelSource, level)
         What the record itself says of its columns.
     shunt : Shunt or None
     folder : Path
@@ -111,19 +111,19 @@ def _complex(parts: Mapping[str, np.ndarray]) -> np.ndarray:
     return parts["magnitude"] * np.exp(1j * parts["phase"])
 
 
-def _find(files: Files, entry: FrfEntry | ImpedanceEntry, sources: Sources) -> tuple[dict, dict[str, Source]]:
+def _find(files: Files, entry: FrfEntry | ImpedanceEntry, sources: Sources) -> tuple[dict, dict[str, ChannelSource]]:
     """Columns and sources of frequency, response and, where there is one, coherence."""
     reader = files.reader(entry.file)
     found: dict[str, list[str]] = {}
     used = {part: source for part, (source, _) in sources.items()}
     for part, default in RESPONSE_COLUMNS[entry.kind].items():
         try:
-            found[part] = [reader.resolve(column) for column in used.setdefault(part, Source()).columns(default)]
+            found[part] = [reader.resolve(column) for column in used.setdefault(part, ChannelSource()).columns(default)]
         except ReadError as error:
             if part in sources or not isinstance(error, MissingColumnError):
                 raise files.error(entry.file, part, error) from None
     if "phase" not in found and "phase_deg" in reader.names and "phase" not in sources:
-        found["phase"], used["phase"] = ["phase_deg"], Source(unit="deg")
+        found["phase"], used["phase"] = ["phase_deg"], ChannelSource(unit="deg")
     told = [form for form in _FORMS if any(part in sources for part in form)] or _FORMS
     form = next((form for form in told if all(part in found for part in form)), None)
     if "frequency" not in found or form is None:

@@ -14,7 +14,7 @@ from piezoharvest.readers import MissingColumnError, ReadError
 from piezoharvest.readers.base import shown
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.finding import Finding
-from piezoharvest.records.reading.channels import COLUMNS, UNITS, Source
+from piezoharvest.records.reading.channels import COLUMNS, UNITS, ChannelSource
 from piezoharvest.records.reading.entries import Sources, TimeEntry
 from piezoharvest.records.reading.files import Files
 from piezoharvest.records.reading.time_stamps import even_times
@@ -29,7 +29,7 @@ class Reading:
     Parameters
     ----------
     entry : TimeEntry
-    sources : mapping of str to (Source, level)
+    sources : mapping of str to (ChannelSource, level)
         By channel; a column may be missing unless the record itself names it or it is the drive's. That of one that
         [channels] names is noted in `findings`.
     shunt : Shunt or None
@@ -118,7 +118,7 @@ class Reading:
 
     def _si(self, channel: str, raw: np.ndarray) -> np.ndarray:
         """Values in the channel's SI unit."""
-        source = self.sources[channel][0] if channel in self.sources else Source()
+        source = self.sources[channel][0] if channel in self.sources else ChannelSource()
         return self.files.to_si(self.file(channel), channel, self.columns.get(channel, []), source, raw, UNITS[channel])
 
     def _clock(self) -> None:
@@ -175,7 +175,7 @@ def read_record(
     entry : TimeEntry
     key : str
         Where it stands in the campaign.
-    sources : mapping of str to (Source, level)
+    sources : mapping of str to (ChannelSource, level)
         By channel, as in `Reading`.
     shunt : Shunt or None
     folder : Path
