@@ -12,13 +12,16 @@ from __future__ import annotations
 import importlib as _importlib
 import typing as _typing
 
+from piezoharvest import former_names as _former_names
+
 __version__ = "0.1.0"
 
 # Where each public name lives: loaded when first used, so that importing the package costs nothing.
 _HOMES = {
-    "description.transducer": ("DualMode", "Transducer"),
+    "description.transducer": ("Mode", "Transducer"),
     "description.hysteresis": ("Hysteresis",),
     "description.system": ("System",),
+    "description.circuit": ("Port", "Product", "State"),
     "description.parameters": ("Component", "ParameterError", "quantity"),
     "description.excitation": (
         "Excitation", "Multisine", "RandomBase", "RandomForce", "Record", "SineBase", "SineForce", "StepForce",
@@ -50,6 +53,9 @@ _HOMES = {
 }  # fmt: skip
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 __all__ = sorted(_HOME)  # type: ignore[reportUnsupportedDunderAll]
+
+
+_former_names.install()
 
 
 def __getattr__(name: str) -> _typing.Any:

@@ -13,7 +13,7 @@ ROOT = Path(piezoharvest.__file__).parent
 # From the bottom to the top; what stands in one line does not know of each other. A folder stands for all in it; the
 # front of a package, its `__init__`, above all its parts.
 LAYERS = [
-    {"callable_package", "input", "description.circuit", "description.parameters"},
+    {"callable_package", "former_names", "input", "description.circuit", "description.parameters"},
     {"readers"},
     {"description.effects", "description.excitation", "description.hysteresis", "description.netlist"},
     {"description.shunts", "description.transducer"},

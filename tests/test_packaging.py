@@ -2,6 +2,7 @@
 
 import ast
 import re
+import subprocess
 import sys
 import tomllib
 from importlib.metadata import packages_distributions
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import piezoharvest
+from piezoharvest.description import effects, shunts
 from piezoharvest.engine.compilation.compiled import TESTED
 
 ROOT = Path(__file__).parents[1]
@@ -58,3 +60,35 @@ def test_versions_of_numba_are_those_that_its_internals_were_tested_with():
     (line,) = [line for line in (ROOT / "pyproject.toml").read_text().splitlines() if '"numba>=' in line]
     first, last = (".".join(map(str, version)) for version in TESTED)
     assert f'"numba>={first}", # {first} to {last} are tested' in line
+
+
+def test_former_names_of_modules_are_the_same_modules():
+    code = (
+        "from piezoharvest.shunts import LinearShunt; from piezoharvest.parameters import quantity;"
+        "import piezoharvest.circuit, piezoharvest.description.shunts as new;"
+        "assert new.LinearShunt is LinearShunt;"
+        "assert piezoharvest.circuit.State.__module__ == 'piezoharvest.description.circuit'"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_top_level_offers_public_names_only():
+    assert set(dir(piezoharvest)) == {*piezoharvest.__all__, "__version__"}
+    assert {"design", "identify", "diagnose", "load_campaign", "Creep", "SECE", "simulate"} <= set(piezoharvest.__all__)
+    for name in piezoharvest.__all__:
+        assert callable(getattr(piezoharvest, name)), name
+
+
+def test_every_shunt_and_effect_of_the_package_is_public():
+    classes = [*shunts.registered().values(), *effects.registered().values()]
+    own = {cls.__name__ for cls in classes if cls.__module__.startswith("piezoharvest.")}
+    assert own <= set(piezoharvest.__all__)
+
+
+def test_a_package_is_called_as_the_function_of_its_name():
+    code = (
+        "import piezoharvest; import piezoharvest.design.search; from piezoharvest import design, load_study;"
+        "assert callable(design) and design.search.design.__name__ == 'design';"
+        "found = design(load_study('designs/stack-load/study.toml')); assert found.best.converged"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)

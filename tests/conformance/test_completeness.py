@@ -1,0 +1,40 @@
+"""Parts that a component needs elsewhere: what is missing is named, with the file to write it in."""
+
+import pytest
+
+from piezoharvest.bench.effects import registered as bench_effects
+from piezoharvest.bench.solver import CIRCUITS
+from piezoharvest.description import effects, shunts
+from piezoharvest.description.shunts import LinearShunt
+from piezoharvest.spice.circuits import WRITERS
+
+# Those of the package; a user's own script may define more.
+SHUNTS = [cls for cls in shunts.registered().values() if cls.__module__.startswith("piezoharvest.")]
+EFFECTS = [cls for cls in effects.registered().values() if cls.__module__.startswith("piezoharvest.")]
+# Without a circuit on the bench: an active circuit, and a netlist, whose equations only the netlist itself has.
+NOT_ON_THE_BENCH = {"negative_capacitance", "network"}
+
+
+@pytest.mark.parametrize("cls", EFFECTS, ids=lambda cls: cls.name)
+def test_an_effect_has_a_twin_on_the_bench(cls):
+    group = cls.__module__.split(".")[-2]
+    assert cls.name in bench_effects(), (
+        f"the virtual bench cannot make records with {cls.name}: write class {cls.__name__}(BenchEffect) with "
+        f"name = {cls.name!r} in piezoharvest/bench/effects/{group}.py, from other equations than those of "
+        f"{cls.__module__}"
+    )
+
+
+@pytest.mark.parametrize("cls", SHUNTS, ids=lambda cls: cls.kind)
+def test_a_shunt_has_a_netlist(cls):
+    assert cls.kind in WRITERS, (
+        f"{cls.kind} cannot be exported: write a function in piezoharvest/spice/circuits.py and enter it in WRITERS"
+    )
+
+
+@pytest.mark.parametrize("cls", [cls for cls in SHUNTS if issubclass(cls, LinearShunt)], ids=lambda cls: cls.kind)
+def test_a_linear_shunt_has_a_circuit_on_the_bench(cls):
+    assert cls.kind in CIRCUITS or cls.kind in NOT_ON_THE_BENCH, (
+        f"no record can be made with {cls.kind}: write class {cls.__name__}(Circuit) in "
+        "piezoharvest/bench/solver/circuits.py and enter it in CIRCUITS, or say in NOT_ON_THE_BENCH why not"
+    )
