@@ -8,11 +8,12 @@ are the matrices of a linear mode; no component fills an index by hand.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
-import numpy as np
+from numpy.typing import NDArray
 
-Row = np.ndarray
+Row: TypeAlias = NDArray[Any]
+Number: TypeAlias = float | NDArray[Any]  # an array in a batch of designs
 
 
 class Port(NamedTuple):
@@ -57,7 +58,7 @@ class State(NamedTuple):
 class Product(NamedTuple):
     """Power in W as coefficient * first * second."""
 
-    coefficient: float
+    coefficient: Number
     first: Row
     second: Row
 

@@ -65,9 +65,13 @@ class Transducer(Component):
         object.__setattr__(self, "modes", tuple(self.modes))
         object.__setattr__(self, "effects", tuple(self.effects))
 
-    @cached_property
+    @property
     def all_modes(self) -> tuple[Mode, ...]:
         """The first mode, whose participation is 1, and the further ones."""
+        return self._all_modes
+
+    @cached_property
+    def _all_modes(self) -> tuple[Mode, ...]:
         first = Mode(**{f.name: getattr(self, f.name) for f in dataclasses.fields(Mode) if hasattr(self, f.name)})
         return (first, *self.modes)
 

@@ -14,6 +14,7 @@ import numpy as np
 from piezoharvest.description.circuit import Port, Product, Row, State
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.equations.laws import charge_law, drive_gain, momentum, node_law, participating, strain_charge
 from piezoharvest.equations.terms import Rows, Terms
 
 
@@ -42,12 +43,12 @@ class Placing:
         self._rows = {**z, **{name + "'": row for name, row in dz.items()}, "drive": drive, "one": one, "v_h": v_h}
         charges, share = _without(terms.charges, terms.columns["v_t"])
         capacitance = terms.transducer.capacitance + share
-        inside = terms.q - terms.strain_charge - charges
+        inside = -charge_law(capacitance, 0.0, terms.strain_charge, charges, terms.q)
         self.v_t, self.dv_t = (terms.over(inside, rows) / capacitance for rows in (z, dz))
         self._none = 0.0 * one
         drawn, share = _without(terms.drawn, terms.columns["i"])
         self._rows["v_t"] = self.v_t
-        self.current = self._rows["i"] = -(dz["q"] + self.row(drawn)) / (1.0 + share)
+        self.current = self._rows["i"] = -node_law(dz["q"], 0.0, self.row(drawn)) / (1.0 + share)
 
     def row(self, row: Row) -> Row:
         """A row of the terms as one of the view."""
@@ -94,25 +95,25 @@ class Mechanics(NamedTuple):
 
 def gains(transducer: Transducer, base: bool) -> list[float]:
     """What turns the drive into each mode's force: 1 times its share of a force, or a mass in kg."""
-    return [-mode.base_mass if base else mode.force_participation for mode in transducer.all_modes]
+    return [drive_gain(mode, base) for mode in transducer.all_modes]
 
 
 def mechanics(placing: Placing, z: Rows, dz: Rows, drive: Row, base: bool) -> Mechanics:
     """Equations of motion of all modes under a force, or under base acceleration."""
     transducer = placing.terms.transducer
-    modes, by = list(enumerate(transducer.all_modes, 1)), gains(transducer, base)
-    pushes, equations = placing.rows(placing.terms.pushes), []
-    for n, mode in modes:
-        x, u = z[f"x{n}"], z[f"u{n}"]
-        inertia = mode.mass * dz[f"u{n}"] + mode.damping * u + mode.stiffness * x
-        equations += [dz[f"x{n}"] - u, inertia - mode.coupling * placing.v_t - by[n - 1] * drive - pushes[n - 1]]
+    modes, by = transducer.all_modes, gains(transducer, base)
+    places = (("x", z), ("u", z), ("u", dz), ("x", dz))
+    x, u, du, dx = ([rows[f"{s}{n}"] for n in range(1, len(modes) + 1)] for s, rows in places)
+    equations = []
+    for n, (mode, push) in enumerate(zip(modes, placing.rows(placing.terms.pushes), strict=True)):
+        equations += [dx[n] - u[n], momentum(mode, x[n], u[n], du[n], placing.v_t, by[n] * drive + push)]
     none = 0.0 * drive
     return Mechanics(
         equations,
-        displacement=sum((mode.force_participation * z[f"x{n}"] for n, mode in modes), none),
-        velocity=sum((mode.force_participation * z[f"u{n}"] for n, mode in modes), none),
-        drive_velocity=sum((by[n - 1] * z[f"u{n}"] for n, _ in modes), none),
-        strain_current=sum((mode.coupling * z[f"u{n}"] for n, mode in modes), none),
+        displacement=participating(modes, x, none),
+        velocity=participating(modes, u, none),
+        drive_velocity=sum((gain * row for gain, row in zip(by, u, strict=True)), none),
+        strain_current=strain_charge(modes, u, none),
     )
 
 

@@ -16,6 +16,7 @@ from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.equations.laws import strain_charge
 
 WIDTH = 128  # columns at most
 UNITS = np.eye(WIDTH)
@@ -114,8 +115,8 @@ class Terms:
         rows = {name: self._column(name) for name in ("one", "drive", "v_h", "v_t", "i", *own)}
         self.one, self.drive, self.v_t, self.i, self.q = (rows[name] for name in ("one", "drive", "v_t", "i", "q"))
         self.v, self.x, self.u = rows["v_t"] + rows["v_h"], rows["x1"], rows["u1"]
-        modes = enumerate(transducer.all_modes, 1)
-        self.strain_charge = sum((mode.coupling * rows[f"x{n}"] for n, mode in modes), self.nothing)
+        moved = [rows[f"x{n}"] for n in range(1, len(transducer.all_modes) + 1)]
+        self.strain_charge = strain_charge(transducer.all_modes, moved, self.nothing)
         self.time = self._column("time")
         self.pushes, self.charges, self.drawn = [self.nothing] * len(transducer.all_modes), self.nothing, self.nothing
         self.stored: list[Product] = []

@@ -12,7 +12,7 @@ from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.predict.drive import FINE, Drive, drive_of
 from piezoharvest.predict.parameters import STEP, Parameter, stepped, value_at
-from piezoharvest.predict.record_model import Matrices, Specimen
+from piezoharvest.predict.record_model import Matrices, RecordModel
 from piezoharvest.predict.sample_step import SampleStep, inverse_of, step_of
 
 # Steps of components are too small for what comes after their equations: squares of imaginary parts would underflow,
@@ -123,7 +123,7 @@ class DiscreteModel:
 
     def _matrices(self, transducer: Transducer) -> Matrices:
         setting = self.setting
-        return Specimen(transducer, setting.shunt, setting.drive, setting.sample_time).matrices()
+        return RecordModel(transducer, setting.shunt, setting.drive, setting.sample_time).matrices()
 
     @cached_property
     def tangents(self) -> list[Matrices]:

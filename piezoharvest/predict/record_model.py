@@ -1,7 +1,7 @@
 """A transducer with its effects and its load, driven by a record: equations as rows, with scalar elements.
 
 Rows run over columns for the constant 1, time, the drive and its rate, states and their rates, algebraic signals, and
-the outputs of scalar elements (Lur'e form). Effects add their terms by the methods of `Specimen`; what is linear is
+the outputs of scalar elements (Lur'e form). Effects add their terms by the methods of `RecordModel`; what is linear is
 then solved for the rates of the states, once, and what is not linear stays in the elements.
 """
 
@@ -17,6 +17,16 @@ from piezoharvest.description.circuit import Port, Row
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Resistor, Short, Shunt
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.equations.laws import (
+    charge_law,
+    drive_gain,
+    hysteresis_voltage,
+    momentum,
+    node_law,
+    participating,
+    spring,
+    strain_charge,
+)
 
 WIDTH = 96  # columns at most: a transducer of six modes with ten operators and five effects
 STOP, PRODUCT, POWER, POSITIVE_POWER = range(4)
@@ -78,7 +88,7 @@ class Matrices:
     follow: np.ndarray
 
 
-class Specimen:
+class RecordModel:
     """What stands on the bench, as equations that effects may add to.
 
     Parameters
@@ -125,7 +135,7 @@ class Specimen:
         self.v_t, self.v, self.i = (self.signal() for _ in range(3))
         self._pushes: list[list[Row]] = [[] for _ in transducer.all_modes]
         for effect in transducer.effects:
-            shunt = effect.connect(shunt)
+            shunt = shunt and effect.connect(shunt)
             effect.act(self)
         self._electrics(shunt)
         self._mechanics()
@@ -209,14 +219,16 @@ class Specimen:
                 self.equation(dx - u)
                 self._motion.append((x, u, du))
         self.x, self.u, _ = self._motion[0]
-        self.strain_charge = sum(mode.coupling * x for mode, (x, _, _) in zip(modes, self._motion, strict=True))
+        self.strain_charge = strain_charge(modes, [x for x, _, _ in self._motion], 0.0 * self.one)
 
     def _electrics(self, shunt: Shunt | None) -> None:
         device, hysteresis = self.transducer, self.transducer.hysteresis
-        self.equation(device.capacitance * self.v_t + self.strain_charge + sum(self._charges) - self.q)
-        pairs = zip(hysteresis.thresholds, hysteresis.weights, strict=True) if hysteresis else ()
-        self.equation(self.v - self.v_t - sum(w * self.stop(self.q, r) for r, w in pairs))
-        self.equation(self._dq + self.i + sum(self._drawn))
+        none = 0.0 * self.one
+        self.equation(charge_law(device.capacitance, self.v_t, self.strain_charge, sum(self._charges, none), self.q))
+        thresholds, weights = (hysteresis.thresholds, hysteresis.weights) if hysteresis else ((), ())
+        stops = [self.stop(self.q, threshold) for threshold in thresholds]
+        self.equation(self.v - self.v_t - hysteresis_voltage(weights, stops, none))
+        self.equation(node_law(self._dq, self.i, sum(self._drawn, none)))
         source = self.drive if self.drive_name == "voltage" else 0.0 * self.one
         if self.drive_name == "voltage" or isinstance(shunt, Short):
             # Leads so short that they make no difference spare an algebraic loop through the operators.
@@ -239,10 +251,9 @@ class Specimen:
 
     def _mechanics(self) -> None:
         modes, base = self.transducer.all_modes, self.drive_name == "base_acceleration"
-        specimen, velocity = (
-            sum(mode.force_participation * row for mode, row in zip(modes, rows, strict=True))
-            for rows in ([x for x, _, _ in self._motion], [u for _, u, _ in self._motion])
-        )
+        none = 0.0 * self.one
+        specimen = participating(modes, [x for x, _, _ in self._motion], none)
+        velocity = participating(modes, [u for _, u, _ in self._motion], none)
         self._reading = specimen + sum(self._read)
         behind = 0.0
         for n, time_constant in enumerate(self._lags):
@@ -257,13 +268,12 @@ class Specimen:
             self._followers[f"reading{n}"] = np.asarray(specimen - behind * velocity)
         self._force = 0.0 * self.one
         for n, (mode, (x, u, du)) in enumerate(zip(modes, self._motion, strict=True)):
-            spring = mode.damping * u + mode.stiffness * x - mode.coupling * self.v_t - sum(self._pushes[n])
+            pushes = sum(self._pushes[n], none)
             if du is None:
-                self._force = spring
+                self._force = spring(mode, x, u, self.v_t, pushes)
                 continue
-            gain = -mode.base_mass if base else mode.force_participation
-            driven = 0.0 if self.drive_name == "voltage" else gain * self.drive
-            self.equation(mode.mass * du + spring - driven)
+            driven = none if self.drive_name == "voltage" else drive_gain(mode, base) * self.drive
+            self.equation(momentum(mode, x, u, du, self.v_t, driven + pushes))
 
     def matrices(self) -> Matrices:
         """Solve the equations for the rates and signals."""

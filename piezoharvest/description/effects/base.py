@@ -5,12 +5,16 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal, Self, TypeAlias
 
 import numpy as np
 
 from piezoharvest.description.circuit import Product
 from piezoharvest.description.parameters import Component
+from piezoharvest.description.protocol import CampaignSizes, EnergyRows, EquationBuilder
+from piezoharvest.description.shunts.base import Shunt
+
+Channel: TypeAlias = Literal["force", "base_acceleration", "displacement", "voltage", "current"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,18 +33,18 @@ class Effect(Component):
     looks: ClassVar[str] = ""
     told_by: ClassVar[str] = ""
 
-    def act(self, specimen: Any) -> None:
-        """Add terms to the equations of a `predict.specimen.Specimen`, or of `terms.Terms` by the same methods."""
+    def act(self, specimen: EquationBuilder) -> None:
+        """Add terms to the equations of the specimen."""
 
-    def stores(self, terms: Any) -> Sequence[Product]:
-        """Energy in J that `terms.Terms` hold beside that of the lumped model: k x^2/2, C v_t^2/2 and so on."""
+    def stores(self, terms: EnergyRows) -> Sequence[Product]:
+        """Energy in J that the effect holds beside that of the lumped model: k x^2/2, C v_t^2/2 and so on."""
         return ()
 
-    def losses(self, terms: Any) -> Sequence[Product]:
+    def losses(self, terms: EnergyRows) -> Sequence[Product]:
         """Power in W that the effect takes and does not give back; negative for a source."""
         return ()
 
-    def connect(self, shunt: Any) -> Any:
+    def connect(self, shunt: Shunt) -> Shunt:
         """What is really connected where a label says `shunt`."""
         return shunt
 
@@ -57,15 +61,15 @@ class Effect(Component):
         return None
 
     @classmethod
-    def starts(cls, scene: Any) -> Iterator[Effect]:
-        """Start values over the plausible range, for the `diagnose.scene.Scene` of a campaign.
+    def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
+        """Start values over the plausible range, for the `diagnose.scales.Scene` of a campaign.
 
         The strength is at its null where the effect grows smoothly from there.
         """
         raise NotImplementedError
 
-    def shown(self, scene: Any) -> bool:
-        """Whether the records of a `diagnose.scene.Scene` can show the effect with these values.
+    def shown(self, scales: CampaignSizes) -> bool:
+        """Whether the records of a `diagnose.scales.Scene` can show the effect with these values.
 
         Outside (a time constant far longer than the records, a threshold that is never reached) a fit only uses it for
         what it is like there, which is something else.
@@ -79,6 +83,6 @@ class Effect(Component):
         return any(bool(np.all(np.equal(getattr(self, f.name), f.metadata["null"]))) for f in fields)
 
     @classmethod
-    def strength(cls) -> dataclasses.Field:
+    def strength(cls) -> dataclasses.Field[Any]:
         """The field that has a null value."""
         return next(field for field in dataclasses.fields(cls) if field.metadata.get("null") is not None)

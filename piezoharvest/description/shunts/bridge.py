@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import SimpleNamespace
 
-from piezoharvest.description.circuit import Guard, Product, State
+from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import ParameterError, quantity
 from piezoharvest.description.shunts.base import Shunt
 
@@ -41,25 +42,25 @@ class Bridge(Shunt):
         """The smoothing capacitor's voltage, where there is one."""
         return () if self.smoothing_capacitance is None else (State("dc", self.smoothing_capacitance, odd=False),)
 
-    def dc_side(self, port, z):
+    def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
         """Voltage behind the bridge."""
         return z.dc if self.dc_voltage is None else self.dc_voltage * port.one
 
-    def dc_equations(self, rectified, z, dz):
+    def dc_equations(self, rectified: Row, z: SimpleNamespace, dz: SimpleNamespace) -> list[Row]:
         """Charge balance of the smoothing capacitor that receives the `rectified` current."""
         if self.smoothing_capacitance is None or self.load_resistance is None:
             return []
         return [self.smoothing_capacitance * dz.dc + z.dc / self.load_resistance - rectified]
 
-    def clamp(self, sign, port, dz):
+    def clamp(self, sign: int, port: Port, dz: SimpleNamespace) -> Row:
         """The conducting bridge ties the electrodes to the dc side: the derivative of v - sign (v_dc + 2 drops)."""
         return port.dv - sign * dz.dc if self.dc_voltage is None else port.dv
 
-    def excess(self, sign, port, z):
+    def excess(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
         """How far the electrode voltage is above what opens the diodes of one sign."""
         return sign * port.v - self.dc_side(port, z) - 2.0 * self.diode_drop * port.one
 
-    def bridge_powers(self, rectified, port, z):
+    def bridge_powers(self, rectified: Row, port: Port, z: SimpleNamespace) -> dict[str, list[Product]]:
         """Power into the load and into the diodes, from the `rectified` current."""
         if self.load_resistance is not None:
             harvested = Product(1.0 / self.load_resistance, z.dc, z.dc)
@@ -73,7 +74,9 @@ def sign_of(configuration: str) -> int:
     return {"+": 1, "-": -1}.get(configuration[-1], 0)
 
 
-def diode_guards(shunt: Bridge, configuration: str, rectified, port, z, cut: str | None = None) -> list[Guard]:
+def diode_guards(
+    shunt: Bridge, configuration: str, rectified: Row, port: Port, z: SimpleNamespace, cut: str | None = None
+) -> list[Guard]:
     """Begin to conduct where the voltage exceeds the dc side's, cease where the rectified current ends."""
     sign = sign_of(configuration)
     if sign:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 
-from piezoharvest.description.circuit import Switch
+from piezoharvest.description.circuit import Port, Row, Switch
 from piezoharvest.description.parameters import ParameterError, quantity
 from piezoharvest.description.shunts.base import Shunt
 
@@ -30,7 +31,7 @@ class SynchronisedShunt(Shunt):
         """Share of the energy taken at once that is harvested."""
         return 0.0
 
-    def switch(self, capacitance, period):
+    def switch(self, capacitance: float, period: float | None) -> Switch:
         """Resolve the timing for an excitation of this period (s), or None."""
         lag: Any = self.time_lag
         if period is None and np.any(self.phase_lag != 0):
@@ -46,7 +47,7 @@ class SynchronisedShunt(Shunt):
                 allowed = "an early action only for a periodic excitation, and by less than half its period"
                 raise ParameterError("time_lag", f"found {np.min(lag):g} s, allowed is {allowed}")
             # The coming extremum is half a period after the last one, of the other kind.
-            lag = np.where(early, 0.5 * period + lag, lag)
+            lag = cast(Any, np.where(early, 0.5 * period + lag, lag))
         return Switch(lag, self.on_time(capacitance), hold_off, early, self.harvested_share())
 
 
@@ -85,15 +86,15 @@ class InductiveSwitch(SynchronisedShunt):
         inductance, resistance = self.loop(capacitance)
         return np.pi / np.sqrt(1 / (inductance * capacitance) - (resistance / (2 * inductance)) ** 2)
 
-    def on_time(self, capacitance):
+    def on_time(self, capacitance: float) -> float:
         """Seconds that the switch stays closed."""
         return (1 + self.on_time_error) * self.nominal_flip_time(capacitance)
 
-    def loop_current(self, closed: bool, port, z):
+    def loop_current(self, closed: bool, port: Port, z: SimpleNamespace):
         """Current in the loop: the state while closed, plainly zero while open."""
         return z.current if closed else 0.0 * port.one
 
-    def loop_equation(self, closed: bool, drive, port, z, dz):
+    def loop_equation(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace, dz: SimpleNamespace):
         """L di/dt + R i = drive while closed; the current stays where it is (at zero) while open."""
         if not closed:
             return dz.current

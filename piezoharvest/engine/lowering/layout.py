@@ -8,6 +8,7 @@ from piezoharvest.description.circuit import Product, Row, State
 from piezoharvest.description.excitation import Excitation, Ramps, Tones
 from piezoharvest.description.system import System
 from piezoharvest.engine.memory import program as pg
+from piezoharvest.equations.laws import hysteresis_voltage
 from piezoharvest.equations.rows import device
 from piezoharvest.equations.terms import Rows, Terms, state_names
 
@@ -100,8 +101,9 @@ class Physics:
 
     def _hysteresis(self, rows: Rows) -> Row:
         """Voltage of the hysteresis, or its rate."""
-        pairs = enumerate(self.layout.operators, 1)
-        return sum((weight * rows[f"stop{j}"] for j, (_, weight) in pairs), 0.0 * self.layout.one)
+        operators = self.layout.operators
+        stops = [rows[f"stop{j}"] for j in range(1, len(operators) + 1)]
+        return hysteresis_voltage([weight for _, weight in operators], stops, 0.0 * self.layout.one)
 
     def equations(self, port_equation: np.ndarray) -> list[np.ndarray]:
         """Residuals in the order of the states; the stops' rows are placeholders that each mode completes."""

@@ -17,7 +17,7 @@ from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.frequency.line_noise import LineNoise
 from piezoharvest.identify.frequency.response_reference import Reference, reference_of, relative
 from piezoharvest.predict.parameters import STEP, stepped, value_at
-from piezoharvest.predict.record_model import LEADS, STOP, Matrices, Specimen
+from piezoharvest.predict.record_model import LEADS, STOP, Matrices, RecordModel
 from piezoharvest.records.record import FrequencyRecord
 
 LOUD = 1.2  # times the noise, from which the residual of a record that was not fitted is worth a warning
@@ -99,7 +99,7 @@ class FrequencyData:
         if record.kind == "impedance" and record.mechanical == "blocked":
             still = tuple(replace(mode, coupling=0.0) for mode in transducer.modes)
             transducer = replace(transducer, coupling=0.0, modes=still)
-        return Specimen(transducer, record.shunt, drive, self._period).matrices()
+        return RecordModel(transducer, record.shunt, drive, self._period).matrices()
 
     @property
     def _period(self) -> float:
@@ -129,7 +129,7 @@ class FrequencyData:
         return [device, *(stepped(device, p, p.inner(value_at(device, p.path))) for p in model.parameters)]
 
     def _leads(self, varied: Sequence[Transducer]) -> ResponseSlopes:
-        """Resistance of the leads through which `Specimen` has a voltage imposed, or a short."""
+        """Resistance of the leads through which `RecordModel` has a voltage imposed, or a short."""
         resistance = [LEADS * self._period / device.capacitance for device in varied]
         return ResponseSlopes(
             np.full(len(self), resistance[0]), np.tile(np.imag(resistance[1:]) / STEP, (len(self), 1))

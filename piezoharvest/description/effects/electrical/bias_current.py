@@ -1,11 +1,13 @@
 """Constant current into the node."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from piezoharvest.description.circuit import Product
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.parameters import quantity
+from piezoharvest.description.protocol import CampaignSizes, EnergyRows, EquationBuilder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,13 +21,13 @@ class BiasCurrent(Effect):
 
     current: float = quantity("A", "current into the node", null=0.0)
 
-    def act(self, specimen):
+    def act(self, specimen: EquationBuilder) -> None:
         specimen.draw(-self.current * specimen.one)
 
-    def losses(self, terms):
+    def losses(self, terms: EnergyRows) -> Sequence[Product]:
         return [Product(-self.current, terms.v, terms.one)]
 
     @classmethod
-    def starts(cls, scene):
-        if scene.loaded:
+    def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
+        if scales.loaded:
             yield cls(current=0.0)

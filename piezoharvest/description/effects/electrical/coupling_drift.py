@@ -1,10 +1,12 @@
 """Coupling that changes slowly during a record."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.parameters import quantity
+from piezoharvest.description.protocol import CampaignSizes, EquationBuilder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,11 +22,11 @@ class CouplingDrift(Effect):
 
     relative_drift: float = quantity("", "relative change over a record", above=-1, null=0.0)
 
-    def act(self, specimen):
+    def act(self, specimen: EquationBuilder) -> None:
         for n, mode in enumerate(specimen.transducer.all_modes):
             specimen.push(self.relative_drift * mode.coupling * specimen.product(specimen.time, specimen.v_t), n)
         specimen.charge(self.relative_drift * specimen.product(specimen.time, specimen.strain_charge))
 
     @classmethod
-    def starts(cls, scene):
+    def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
         yield cls(relative_drift=0.0)

@@ -1,11 +1,13 @@
 """Slow polarisation of the ceramic."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from piezoharvest.description.circuit import Product
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.parameters import quantity
+from piezoharvest.description.protocol import CampaignSizes, EnergyRows, EquationBuilder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,24 +24,24 @@ class DielectricRelaxation(Effect):
     capacitance: float = quantity("F", "capacitance that follows slowly", above=0, null=0.0)
     time_constant: float = quantity("s", "time constant of the branch", above=0)
 
-    def act(self, specimen):
+    def act(self, specimen: EquationBuilder) -> None:
         charge, rate = specimen.state("relaxation", 1.0 / specimen.transducer.capacitance)
         specimen.equation(self.time_constant * rate + charge - self.capacitance * specimen.v_t)
         specimen.charge(charge)
 
-    def stores(self, terms):
+    def stores(self, terms: EnergyRows) -> Sequence[Product]:
         charge, _ = terms.own("relaxation")
         return [Product(0.5 / self.capacitance, charge, charge)]
 
-    def losses(self, terms):
+    def losses(self, terms: EnergyRows) -> Sequence[Product]:
         _, rate = terms.own("relaxation")
         return [Product(self.time_constant / self.capacitance, rate, rate)]
 
-    def shown(self, scene):
-        return scene.shows_time(self.time_constant)
+    def shown(self, scales: CampaignSizes) -> bool:
+        return scales.shows_time(self.time_constant)
 
     @classmethod
-    def starts(cls, scene):
-        for time_constant in scene.times:
+    def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
+        for time_constant in scales.times:
             # Next to nothing: none at all is no branch.
-            yield cls(capacitance=1e-6 * scene.capacitance, time_constant=time_constant)
+            yield cls(capacitance=1e-6 * scales.capacitance, time_constant=time_constant)

@@ -1,11 +1,13 @@
 """Leakage resistance across the electrodes."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from piezoharvest.description.circuit import Product
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.parameters import quantity
+from piezoharvest.description.protocol import CampaignSizes, EnergyRows, EquationBuilder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,13 +23,13 @@ class Leakage(Effect):
 
     resistance: float = quantity("ohm", "leakage resistance", above=0, null=float("inf"))
 
-    def act(self, specimen):
+    def act(self, specimen: EquationBuilder) -> None:
         specimen.draw(specimen.v / self.resistance)
 
-    def losses(self, terms):
+    def losses(self, terms: EnergyRows) -> Sequence[Product]:
         return [Product(1.0 / self.resistance, terms.v, terms.v)]
 
     @classmethod
-    def starts(cls, scene):
-        if scene.loaded:
+    def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
+        if scales.loaded:
             yield cls(resistance=1e15)

@@ -1,10 +1,12 @@
 """Coupling that changes with the strain."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.parameters import quantity
+from piezoharvest.description.protocol import CampaignSizes, EquationBuilder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,10 +24,10 @@ class NonlinearCoupling(Effect):
 
     quadratic_coupling: float = quantity("C/m^2", "T2", null=0.0)
 
-    def act(self, specimen):
+    def act(self, specimen: EquationBuilder) -> None:
         specimen.charge(self.quadratic_coupling * specimen.power(specimen.x, 2))
         specimen.push(2.0 * self.quadratic_coupling * specimen.product(specimen.x, specimen.v_t))
 
     @classmethod
-    def starts(cls, scene):
+    def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
         yield cls(quadratic_coupling=0.0)

@@ -1,10 +1,12 @@
 """Capacitance that changes with the voltage."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.parameters import quantity
+from piezoharvest.description.protocol import CampaignSizes, EquationBuilder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,9 +24,9 @@ class VoltageDependentCapacitance(Effect):
 
     beta: float = quantity("1/V^2", "relative change of the charge with the square of the voltage", null=0.0)
 
-    def act(self, specimen):
+    def act(self, specimen: EquationBuilder) -> None:
         specimen.charge(specimen.transducer.capacitance * self.beta * specimen.power(specimen.v_t, 3))
 
     @classmethod
-    def starts(cls, scene):
+    def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
         yield cls(beta=0.0)

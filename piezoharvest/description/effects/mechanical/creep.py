@@ -1,13 +1,15 @@
 """Creep of the ceramic."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
 from piezoharvest.description.circuit import Product
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.parameters import quantity
+from piezoharvest.description.protocol import CampaignSizes, EnergyRows, EquationBuilder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,18 +24,18 @@ class Creep(Effect):
     compliance_ratio: float = quantity("", "compliance of the element over that of the spring", at_least=0, null=0.0)
     time_constant: float = quantity("s", "retardation time", above=0)
 
-    def act(self, specimen):
+    def act(self, specimen: EquationBuilder) -> None:
         # A preload has crept before the record.
         y, dy = specimen.state("creep", specimen.transducer.stiffness)
         specimen.equation(self.time_constant * dy + y - self.compliance_ratio * (specimen.x - y))
         specimen.push(specimen.transducer.stiffness * y)
 
-    def stores(self, terms):
+    def stores(self, terms: EnergyRows) -> Sequence[Product]:
         # k (x - y)^2/2 + (k/c) y^2/2, of which k x^2/2 is the spring's already.
         (y, _), k = terms.own("creep"), terms.transducer.stiffness
         return [Product(-k, terms.x, y), Product(0.5 * k, y, y), Product(0.5 * k / self._ratio, y, y)]
 
-    def losses(self, terms):
+    def losses(self, terms: EnergyRows) -> Sequence[Product]:
         _, dy = terms.own("creep")
         return [Product(terms.transducer.stiffness * self.time_constant / self._ratio, dy, dy)]
 
@@ -42,10 +44,10 @@ class Creep(Effect):
         """The ratio; any in designs of a batch without creep, where y is zero."""
         return np.where(np.equal(self.compliance_ratio, 0), 1.0, self.compliance_ratio)
 
-    def shown(self, scene):
-        return scene.shows_time(self.time_constant)
+    def shown(self, scales: CampaignSizes) -> bool:
+        return scales.shows_time(self.time_constant)
 
     @classmethod
-    def starts(cls, scene):
-        for time_constant in scene.times:
+    def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
+        for time_constant in scales.times:
             yield cls(compliance_ratio=0.0, time_constant=time_constant)

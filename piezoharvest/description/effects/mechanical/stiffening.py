@@ -1,10 +1,12 @@
 """Spring that hardens or softens."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.parameters import quantity
+from piezoharvest.description.protocol import CampaignSizes, EquationBuilder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,9 +22,9 @@ class Stiffening(Effect):
 
     cubic_stiffness: float = quantity("N/m^3", "k3", null=0.0)
 
-    def act(self, specimen):
+    def act(self, specimen: EquationBuilder) -> None:
         specimen.push(-self.cubic_stiffness * specimen.power(specimen.x, 3))
 
     @classmethod
-    def starts(cls, scene):
+    def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
         yield cls(cubic_stiffness=0.0)

@@ -1,10 +1,12 @@
 """Electrical channels sampled later than mechanical ones."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.parameters import quantity
+from piezoharvest.description.protocol import CampaignSizes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,13 +22,13 @@ class ChannelSkew(Effect):
 
     delay: float = quantity("s", "delay of voltage and current", at_least=0, null=0.0)
 
-    def late(self, channel):
+    def late(self, channel: str) -> float:
         return self.delay if channel in ("voltage", "current") else 0.0
 
-    def shown(self, scene):
-        return self.delay < scene.longest
+    def shown(self, scales: CampaignSizes) -> bool:
+        return self.delay < scales.longest
 
     @classmethod
-    def starts(cls, scene):
-        if {"voltage", "current"} & set(scene.channels):
+    def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
+        if {"voltage", "current"} & set(scales.channels):
             yield cls(delay=0.0)

@@ -1,10 +1,12 @@
 """Channel whose range is too small."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Self, cast
 
-from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.effects.base import Channel, Effect
 from piezoharvest.description.parameters import quantity
+from piezoharvest.description.protocol import CampaignSizes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,17 +19,17 @@ class Clipping(Effect):
     told_by: ClassVar[str] = "a record at a smaller amplitude, or with a larger range"
 
     limit: float = quantity("", "largest value, in the channel's SI unit", above=0, null=float("inf"))
-    channel: Literal["force", "base_acceleration", "displacement", "voltage", "current"]
+    channel: Channel
 
-    def span(self, channel):
+    def span(self, channel: str) -> float:
         return self.limit if channel == self.channel else float("inf")
 
-    def shown(self, scene):
-        lowest, highest = scene.ends[self.channel]
+    def shown(self, scales: CampaignSizes) -> bool:
+        lowest, highest = scales.ends[self.channel]
         return lowest <= self.limit <= highest
 
     @classmethod
-    def starts(cls, scene):
-        for channel in scene.channels:
-            for limit in scene.peaks[channel]:
-                yield cls(limit=limit, channel=channel)
+    def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
+        for channel in scales.channels:
+            for limit in scales.peaks[channel]:
+                yield cls(limit=limit, channel=cast(Channel, channel))

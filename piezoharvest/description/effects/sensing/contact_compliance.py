@@ -1,10 +1,12 @@
 """Joint between specimen and displacement target."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.parameters import quantity
+from piezoharvest.description.protocol import CampaignSizes, EquationBuilder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +24,7 @@ class ContactCompliance(Effect):
     coefficient: float = quantity("m/N^(2/3)", "c", at_least=0, null=0.0)
     tension: Literal["open", "closed"] = "open"
 
-    def act(self, specimen):
+    def act(self, specimen: EquationBuilder) -> None:
         if specimen.drive_name != "force":
             return
         force = specimen.drive
@@ -31,8 +33,8 @@ class ContactCompliance(Effect):
             specimen.read(-self.coefficient * specimen.power(-1.0 * force, 2.0 / 3.0, positive=True))
 
     @classmethod
-    def starts(cls, scene):
-        if "force" in scene.drives and "displacement" in scene.channels:
+    def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
+        if "force" in scales.drives and "displacement" in scales.channels:
             yield cls(coefficient=0.0)
-            if scene.pulled:
+            if scales.pulled:
                 yield cls(coefficient=0.0, tension="closed")

@@ -1,10 +1,12 @@
 """Lag of the displacement sensor."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.parameters import quantity
+from piezoharvest.description.protocol import CampaignSizes, EquationBuilder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,13 +22,13 @@ class DisplacementLag(Effect):
 
     time_constant: float = quantity("s", "time constant", at_least=0, null=0.0)
 
-    def act(self, specimen):
+    def act(self, specimen: EquationBuilder) -> None:
         specimen.lag(self.time_constant)
 
-    def shown(self, scene):
-        return self.time_constant < scene.longest
+    def shown(self, scales: CampaignSizes) -> bool:
+        return self.time_constant < scales.longest
 
     @classmethod
-    def starts(cls, scene):
-        if "displacement" in scene.channels:
+    def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
+        if "displacement" in scales.channels:
             yield cls(time_constant=0.0)

@@ -1,12 +1,16 @@
 """Load that is not what its label says."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.parameters import quantity
+from piezoharvest.description.protocol import CampaignSizes
+from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.linear.resistor import Resistor
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,8 +27,8 @@ class LoadError(Effect):
     relative_error: float = quantity("", "e", above=-1, null=0.0)
     resistance: float | None = quantity("ohm", "which label", default=None, above=0)
 
-    def connect(self, shunt):
-        if shunt is None or shunt.kind != "resistor":
+    def connect(self, shunt: Shunt) -> Shunt:
+        if not isinstance(shunt, Resistor):
             return shunt
         meant = self.resistance is None or np.equal(self.resistance, shunt.resistance)
         if not np.any(meant):
@@ -35,9 +39,9 @@ class LoadError(Effect):
         return wrong
 
     @classmethod
-    def starts(cls, scene):
-        if len(scene.loads) > 1:
-            for resistance in scene.loads:
+    def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
+        if len(scales.loads) > 1:
+            for resistance in scales.loads:
                 yield cls(relative_error=0.0, resistance=resistance)
-        if scene.loads:
+        if scales.loads:
             yield cls(relative_error=0.0)

@@ -1,10 +1,12 @@
 """Line at the mains frequency."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Self, cast
 
-from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.effects.base import Channel, Effect
 from piezoharvest.description.parameters import quantity
+from piezoharvest.description.protocol import CampaignSizes
 
 NETWORKS = (50.0, 60.0)  # Hz
 TOLERANCE = 0.01  # of its frequency, that a network keeps (EN 50160, section 4.1)
@@ -21,18 +23,18 @@ class MainsHum(Effect):
 
     amplitude: float = quantity("", "peak value, in the channel's SI unit", at_least=0, null=0.0)
     frequency: float = quantity("Hz", "mains frequency", above=0)
-    channel: Literal["force", "base_acceleration", "displacement", "voltage", "current"]
+    channel: Channel
 
-    def line(self, channel):
+    def line(self, channel: str) -> float | None:
         return self.frequency if channel == self.channel else None
 
-    def shown(self, scene):
+    def shown(self, scales: CampaignSizes) -> bool:
         near = min(abs(self.frequency - mains) / mains for mains in NETWORKS)
-        return near < TOLERANCE and scene.tells_line(self.channel, self.frequency)
+        return near < TOLERANCE and scales.tells_line(self.channel, self.frequency)
 
     @classmethod
-    def starts(cls, scene):
-        for channel in (*scene.channels, *scene.drives):
-            for mains in scene.mains.get(channel, ()):
-                if mains < 0.45 / scene.sample_time:
-                    yield cls(amplitude=0.0, frequency=mains, channel=channel)
+    def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
+        for channel in (*scales.channels, *scales.drives):
+            for mains in scales.mains.get(channel, ()):
+                if mains < 0.45 / scales.sample_time:
+                    yield cls(amplitude=0.0, frequency=mains, channel=cast(Channel, channel))

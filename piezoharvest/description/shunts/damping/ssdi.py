@@ -1,9 +1,11 @@
 """Synchronised switch damping on inductor."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import ClassVar
 
-from piezoharvest.description.circuit import Product, State
+from piezoharvest.description.circuit import Port, Product, Row, State
 from piezoharvest.description.shunts.switching import InductiveSwitch
 
 
@@ -14,21 +16,21 @@ class SSDI(InductiveSwitch):
     kind: ClassVar[str] = "ssdi"
     source: ClassVar[str] = "Richard, Guyomar, Audigier & Bassaler, Proc. SPIE 3989, 288-299, 2000"
 
-    def states(self, capacitance):
+    def states(self, capacitance: float) -> tuple[State, ...]:
         return (State("current", self.loop(capacitance)[0]),)
 
-    def configurations(self):
+    def configurations(self) -> tuple[str, ...]:
         return ("open", "closed")
 
-    def equations(self, configuration, port, z, dz):
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         closed = configuration == "closed"
         return [port.i - self.loop_current(closed, port, z), self.loop_equation(closed, port.v, port, z, dz)]
 
-    def powers(self, configuration, port, z):
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         return {"shunt_loss": [Product(self.loop(port.capacitance)[1], z.current, z.current)]}
 
-    def closed(self, configuration, polarity):
+    def closed(self, configuration: str, polarity: int) -> str:
         return "closed"
 
-    def opened(self, configuration):
+    def opened(self, configuration: str) -> str:
         return "open"

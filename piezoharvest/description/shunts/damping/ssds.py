@@ -1,8 +1,11 @@
 """Synchronised switch damping on short circuit."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import ClassVar
 
+from piezoharvest.description.circuit import Port, Row
 from piezoharvest.description.parameters import quantity
 from piezoharvest.description.shunts.switching import SynchronisedShunt
 
@@ -19,5 +22,5 @@ class SSDS(SynchronisedShunt):
 
     on_time_error: float = quantity("", "accepted for uniformity: the short is instantaneous", default=0.0, above=-1)
 
-    def equations(self, configuration, port, z, dz):
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         return [port.i]

@@ -1,9 +1,11 @@
 """Synchronised switch damping with a voltage source."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import ClassVar
 
-from piezoharvest.description.circuit import Product, State
+from piezoharvest.description.circuit import Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
 from piezoharvest.description.shunts.bridge import sign_of
 from piezoharvest.description.shunts.switching import InductiveSwitch
@@ -21,26 +23,26 @@ class SSDV(InductiveSwitch):
 
     source_voltage: float = quantity("V", "voltage of the source in the loop", at_least=0)
 
-    def states(self, capacitance):
+    def states(self, capacitance: float) -> tuple[State, ...]:
         return (State("current", self.loop(capacitance)[0]),)
 
-    def configurations(self):
+    def configurations(self) -> tuple[str, ...]:
         return ("open", "closed+", "closed-")
 
-    def equations(self, configuration, port, z, dz):
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         sign = sign_of(configuration)
         drive = port.v - sign * self.source_voltage * port.one
         return [port.i - self.loop_current(bool(sign), port, z), self.loop_equation(bool(sign), drive, port, z, dz)]
 
-    def powers(self, configuration, port, z):
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         sign = sign_of(configuration)
         return {
             "shunt_loss": [Product(self.loop(port.capacitance)[1], z.current, z.current)],
             "source": [Product(-sign * self.source_voltage, port.one, z.current)],
         }
 
-    def closed(self, configuration, polarity):
+    def closed(self, configuration: str, polarity: int) -> str:
         return "closed+" if polarity > 0 else "closed-"
 
-    def opened(self, configuration):
+    def opened(self, configuration: str) -> str:
         return "open"

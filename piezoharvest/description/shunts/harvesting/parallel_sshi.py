@@ -1,9 +1,11 @@
 """Synchronised switch harvesting on inductor, parallel: the inductor beside the bridge."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import ClassVar
 
-from piezoharvest.description.circuit import Product, State
+from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.shunts.bridge import Bridge, diode_guards, sign_of
 from piezoharvest.description.shunts.switching import InductiveSwitch
 
@@ -18,37 +20,37 @@ class ParallelSSHI(InductiveSwitch, Bridge):
     kind: ClassVar[str] = "parallel_sshi"
     source: ClassVar[str] = "Guyomar, Badel, Lefeuvre & Richard, IEEE Trans. UFFC 52(4), 584-595, 2005"
 
-    def states(self, capacitance):
+    def states(self, capacitance: float) -> tuple[State, ...]:
         return (State("current", self.loop(capacitance)[0]), *self.bridge_states())
 
-    def configurations(self):
+    def configurations(self) -> tuple[str, ...]:
         return ("open", "open+", "open-", "closed", "closed+", "closed-")
 
-    def equations(self, configuration, port, z, dz):
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         sign, rectified = self._bridge(configuration, port, z)
         port_equation = self.clamp(sign, port, dz) if sign else port.i - self._loop(configuration, port, z)
         loop = self.loop_equation(configuration.startswith("closed"), port.v, port, z, dz)
         return [port_equation, loop, *self.dc_equations(rectified, z, dz)]
 
-    def powers(self, configuration, port, z):
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         _, rectified = self._bridge(configuration, port, z)
         powers = self.bridge_powers(rectified, port, z)
         powers["shunt_loss"].append(Product(self.loop(port.capacitance)[1], z.current, z.current))
         return powers
 
-    def guards(self, configuration, port, z):
+    def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
         return diode_guards(self, configuration, self._bridge(configuration, port, z)[1], port, z)
 
-    def closed(self, configuration, polarity):
+    def closed(self, configuration: str, polarity: int) -> str:
         return configuration.replace("open", "closed")
 
-    def opened(self, configuration):
+    def opened(self, configuration: str) -> str:
         return configuration.replace("closed", "open")
 
-    def _loop(self, configuration, port, z):
+    def _loop(self, configuration: str, port: Port, z: SimpleNamespace) -> Row:
         return self.loop_current(configuration.startswith("closed"), port, z)
 
-    def _bridge(self, configuration, port, z):
+    def _bridge(self, configuration: str, port: Port, z: SimpleNamespace) -> tuple[int, Row]:
         """Sign of the conducting diodes, and the current through them towards the dc side."""
         sign = sign_of(configuration)
         return sign, sign * (port.i - self._loop(configuration, port, z))

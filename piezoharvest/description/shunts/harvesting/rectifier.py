@@ -1,8 +1,11 @@
 """Diode bridge with a smoothing capacitor: the standard harvesting interface."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import ClassVar
 
+from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.shunts.bridge import Bridge, diode_guards, sign_of
 
 
@@ -13,19 +16,19 @@ class Rectifier(Bridge):
     kind: ClassVar[str] = "rectifier"
     source: ClassVar[str] = "Ottman, Hofmann, Bhatt & Lesieutre, IEEE Trans. Power Electron. 17(5), 669-676, 2002"
 
-    def states(self, capacitance):
+    def states(self, capacitance: float) -> tuple[State, ...]:
         return self.bridge_states()
 
-    def configurations(self):
+    def configurations(self) -> tuple[str, ...]:
         return ("open", "open+", "open-")
 
-    def equations(self, configuration, port, z, dz):
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         sign = sign_of(configuration)
         port_equation = self.clamp(sign, port, dz) if sign else port.i
         return [port_equation, *self.dc_equations(sign * port.i, z, dz)]
 
-    def powers(self, configuration, port, z):
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         return self.bridge_powers(sign_of(configuration) * port.i, port, z)
 
-    def guards(self, configuration, port, z):
+    def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
         return diode_guards(self, configuration, sign_of(configuration) * port.i, port, z)

@@ -1,8 +1,11 @@
 """Synchronous electric charge extraction."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import ClassVar
 
+from piezoharvest.description.circuit import Port, Row
 from piezoharvest.description.parameters import quantity
 from piezoharvest.description.shunts.switching import SynchronisedShunt
 
@@ -16,8 +19,8 @@ class SECE(SynchronisedShunt):
 
     efficiency: float = quantity("", "share that reaches the load", default=1.0, at_least=0, at_most=1)
 
-    def equations(self, configuration, port, z, dz):
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         return [port.i]
 
-    def harvested_share(self):
+    def harvested_share(self) -> float:
         return self.efficiency

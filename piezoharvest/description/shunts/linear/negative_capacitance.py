@@ -1,9 +1,11 @@
 """Negative capacitance, from an active circuit, with a resistance."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import ClassVar, Literal
 
-from piezoharvest.description.circuit import Product, State
+from piezoharvest.description.circuit import Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
 from piezoharvest.description.shunts.base import LinearShunt
 
@@ -19,16 +21,16 @@ class NegativeCapacitance(LinearShunt):
     resistance: float = quantity("ohm", "resistance", above=0)
     topology: Literal["parallel", "series"] = "parallel"
 
-    def states(self, capacitance):
+    def states(self, capacitance: float) -> tuple[State, ...]:
         return (State("voltage", -self.capacitance),)
 
-    def equations(self, configuration, port, z, dz):
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         current = -self.capacitance * dz.voltage
         if self.topology == "parallel":
             return [port.i - port.v / self.resistance - current, dz.voltage - port.dv]
         return [port.i - current, self.resistance * port.i + z.voltage - port.v]
 
-    def powers(self, configuration, port, z):
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         if self.topology == "parallel":
             return {"harvested": [Product(1.0 / self.resistance, port.v, port.v)]}
         return {"harvested": [Product(self.resistance, port.i, port.i)]}

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from piezoharvest.description.circuit import Product, Row, State
+from piezoharvest.description.circuit import Port, Product, Row, State
 from piezoharvest.description.netlist import Element, NormalTree, normal_tree, read_netlist
 from piezoharvest.description.shunts.base import LinearShunt
 
@@ -80,20 +80,27 @@ class Network(LinearShunt):
         rows = [n for n, kind in enumerate(["port", *(e.kind for e in tree)]) if kind == branch]
         return cut[np.ix_(rows, [n for n, e in enumerate(links) if e.kind == link])]
 
-    def states(self, capacitance):
+    def states(self, capacitance: float) -> tuple[State, ...]:
         """Voltage of every capacitor and current of every inductor."""
         storing = [e for e in self.elements if e.kind != "R"]
         return tuple(State(_state(e), e.value) for e in storing)
 
-    def equations(self, configuration, port, z, dz):
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         """Current law at the port and of tree capacitors, voltage law of link inductors, ties of redundant states."""
         tree, links, cut = self._topology
         none = 0.0 * port.one
         link_currents, tree_voltages = self._resistors(port, z)
-        link = {"R": link_currents.pop, "C": lambda e: e.value * _of(dz, e), "L": lambda e: _of(z, e)}
-        branch = {"R": tree_voltages.pop, "C": lambda e: _of(z, e), "L": lambda e: e.value * _of(dz, e)}
-        currents = [link[e.kind](e) for e in links]
-        voltages = [port.v, *(branch[e.kind](e) for e in tree)]
+
+        def current(e: Element) -> Row:
+            """Current of a link."""
+            return link_currents[e] if e.kind == "R" else e.value * _of(dz, e) if e.kind == "C" else _of(z, e)
+
+        def voltage(e: Element) -> Row:
+            """Voltage across a branch of the tree."""
+            return tree_voltages[e] if e.kind == "R" else _of(z, e) if e.kind == "C" else e.value * _of(dz, e)
+
+        currents = [current(e) for e in links]
+        voltages = [port.v, *(voltage(e) for e in tree)]
         # Only loops of capacitors and cutsets of inductors are differentiated: no resistor is in either.
         current_rates = [_of(dz, e) if e.kind == "L" else none for e in links]
         voltage_rates = [port.dv, *(_of(dz, e) if e.kind == "C" else none for e in tree)]
@@ -111,7 +118,7 @@ class Network(LinearShunt):
                 equations.append(_of(dz, e) - _combine(column, voltage_rates, none))
         return equations
 
-    def powers(self, configuration, port, z):
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         """Power of each resistor: harvested in loads, lost in others."""
         link_currents, tree_voltages = self._resistors(port, z)
         powers: dict[str, list[Product]] = {"harvested": [], "shunt_loss": []}
@@ -121,7 +128,7 @@ class Network(LinearShunt):
             powers["harvested" if e.load else "shunt_loss"].append(Product(1.0 / e.value, voltage, voltage))
         return powers
 
-    def _resistors(self, port, z) -> tuple[dict[Element, Row], dict[Element, Row]]:
+    def _resistors(self, port: Port, z: SimpleNamespace) -> tuple[dict[Element, Row], dict[Element, Row]]:
         """Currents of the resistors among the links and voltages of those in the tree."""
         tree, links, _ = self._topology
         none = 0.0 * port.one

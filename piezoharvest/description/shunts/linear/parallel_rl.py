@@ -1,9 +1,11 @@
 """Resonant shunt: inductance and resistance in parallel."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import ClassVar
 
-from piezoharvest.description.circuit import Product, State
+from piezoharvest.description.circuit import Port, Product, Row, State
 from piezoharvest.description.parameters import quantity
 from piezoharvest.description.shunts.base import LinearShunt
 
@@ -18,11 +20,11 @@ class ParallelRL(LinearShunt):
     inductance: float = quantity("H", "inductance", above=0)
     resistance: float = quantity("ohm", "parallel resistance", above=0)
 
-    def states(self, capacitance):
+    def states(self, capacitance: float) -> tuple[State, ...]:
         return (State("current", self.inductance),)
 
-    def equations(self, configuration, port, z, dz):
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         return [self.resistance * (port.i - z.current) - port.v, self.inductance * dz.current - port.v]
 
-    def powers(self, configuration, port, z):
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         return {"harvested": [Product(1.0 / self.resistance, port.v, port.v)]}

@@ -1,9 +1,11 @@
 """Resistive load."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import ClassVar
 
-from piezoharvest.description.circuit import Product
+from piezoharvest.description.circuit import Port, Product, Row
 from piezoharvest.description.parameters import quantity
 from piezoharvest.description.shunts.base import LinearShunt
 
@@ -17,8 +19,8 @@ class Resistor(LinearShunt):
 
     resistance: float = quantity("ohm", "load resistance", above=0)
 
-    def equations(self, configuration, port, z, dz):
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         return [self.resistance * port.i - port.v]
 
-    def powers(self, configuration, port, z):
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         return {"harvested": [Product(1.0, port.v, port.i)]}

@@ -1,8 +1,11 @@
 """Shorted electrodes."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import ClassVar
 
+from piezoharvest.description.circuit import Port, Row
 from piezoharvest.description.shunts.base import LinearShunt
 
 
@@ -13,5 +16,5 @@ class Short(LinearShunt):
     kind: ClassVar[str] = "short"
     source: ClassVar[str] = "IEEE Std 176-1987"
 
-    def equations(self, configuration, port, z, dz):
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         return [port.dv]
