@@ -1,4 +1,4 @@
-"""Files that are read: only ordinary ones of bounded size, so that reading ends and fits into memory."""
+"""Reading of files: only regular ones of bounded size, so that reading ends and fits into memory."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ _KINDS = {
 
 
 class InputError(ValueError):
-    """A file that cannot be read; says what was found."""
+    """A file that cannot be read; the message says what was found."""
 
 
 def check_readable(path: str | Path, most: int) -> int:
-    """Make sure, before anything is read, that a file is there, an ordinary one, and not too large.
+    """Check, before anything is read, that a file exists, is regular, and not too large.
 
-    A pipe or a device may keep its reader waiting, or never end.
+    A pipe or a device may block its reader, or never end.
 
     Parameters
     ----------
     path : str or Path
     most : int
-        Bytes that it may have.
+        Largest allowed size in bytes.
 
     Returns
     -------
@@ -34,7 +34,7 @@ def check_readable(path: str | Path, most: int) -> int:
     Raises
     ------
     InputError
-        It is not there, not a file, larger, or may not be read.
+        It does not exist, is not a regular file, is too large, or must not be read.
     """
     try:
         found = os.stat(path)
@@ -55,7 +55,7 @@ def check_readable(path: str | Path, most: int) -> int:
 
 
 def in_bytes(count: int) -> str:
-    """A number of bytes in words."""
+    """A number of bytes in words, with a unit."""
     for unit, size in (("GiB", 1 << 30), ("MiB", 1 << 20), ("KiB", 1 << 10)):
         if count >= size:
             return f"{count / size:.4g} {unit}"

@@ -1,4 +1,4 @@
-"""Files that are whole or not there: atomic writes, and waveforms as tables."""
+"""Writing of files, complete or not at all: atomic writes, and waveforms as tables."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ class OutputError(ValueError):
 
 
 def check_file(path: str | Path, suffixes: Sequence[str] = ()) -> Path:
-    """Make sure, before any work is done, that a file can be written; nothing is left behind.
+    """Check, before any work is done, that a file can be written; nothing is left behind.
 
     Parameters
     ----------
     path : str or Path
     suffixes : sequence of str
-        Allowed endings of the name; any, if empty.
+        Allowed suffixes of the name; any, if empty.
 
     Raises
     ------
     OutputError
-        Wrong ending, no such directory, no right to write there, or something there that is not a file.
+        Wrong suffix, no such directory, no permission to write there, or something other than a file at the path.
     """
     path = Path(path)
     if suffixes and path.suffix.lower() not in suffixes:
@@ -57,12 +57,12 @@ def check_file(path: str | Path, suffixes: Sequence[str] = ()) -> Path:
 
 
 def check_directory(path: str | Path, *, create: bool = False) -> Path:
-    """Make sure that files can be written into a directory, which is made if `create` says so.
+    """Check that files can be written into a directory, which is created if `create` is set.
 
     Raises
     ------
     OutputError
-        It is not there, not a directory, or cannot be written to.
+        It does not exist, is not a directory, or cannot be written to.
     """
     path = Path(path)
     try:
@@ -76,12 +76,12 @@ def check_directory(path: str | Path, *, create: bool = False) -> Path:
 
 
 def check_new_directory(path: str | Path) -> Path:
-    """Make sure, before any work is done, that a directory can be written to, or made; nothing is left behind.
+    """Check, before any work is done, that a directory can be created or written to; nothing is left behind.
 
     Raises
     ------
     OutputError
-        It, or the first above it that is there, is not a directory, or cannot be written to.
+        It, or its first existing parent, is not a directory or cannot be written to.
     """
     path = Path(path)
     check_directory(next(place for place in (path, *path.absolute().parents) if os.path.exists(place)))
@@ -90,9 +90,9 @@ def check_new_directory(path: str | Path) -> Path:
 
 @contextmanager
 def atomic(path: str | Path) -> Iterator[Path]:
-    """Name of a temporary file beside `path`, which takes the place of `path` once the block has ended without error.
+    """Path of a temporary file beside `path`, which replaces `path` if the block ends without an error.
 
-    A reader sees the old file or the whole new one; a killed run leaves the old one as it was.
+    A reader sees the old file or the complete new one; a killed run leaves the old one unchanged.
     """
     target = Path(os.path.realpath(path))
     temporary = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
@@ -105,7 +105,7 @@ def atomic(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def writing(path: str | Path) -> Iterator[None]:
-    """Tell what keeps a file from being written (a full disk, no right to do so) as an `OutputError`."""
+    """Raise errors of writing a file (a full disk, no permission) as an `OutputError`."""
     try:
         yield
     except OSError as error:
@@ -115,14 +115,14 @@ def writing(path: str | Path) -> Iterator[None]:
 
 @contextmanager
 def result_file(path: str | Path) -> Iterator[BinaryIO]:
-    """Stream into a result: a file that is there as a whole once the block has ended, or not at all.
+    """Binary stream into a result file, which exists completely after the block or not at all.
 
-    Everything that the package writes goes through it, but for tables that are larger than memory (`sweep`).
+    All output of the package uses it, except tables that are larger than memory (`sweep`).
 
     Raises
     ------
     OutputError
-        The file cannot be written: no right to do so, a full disk.
+        The file cannot be written: no permission, a full disk.
     """
     path = check_file(path)
     with writing(path), atomic(path) as temporary, temporary.open("wb") as stream:
@@ -172,7 +172,7 @@ def write_text(text: str, path: str | Path) -> None:
         The file cannot be written.
     """
     with result_file(path) as stream:
-        stream.write(text.encode("utf-8", "backslashreplace"))  # names of files may hold what is no text
+        stream.write(text.encode("utf-8", "backslashreplace"))  # file names may contain undecodable bytes
 
 
 def _write_csv(columns: Mapping[str, Any], stream: BinaryIO) -> None:
@@ -201,7 +201,7 @@ def _write_npz(columns: Mapping[str, Any], stream: BinaryIO) -> None:
 
 
 def _write_h5(columns: Mapping[str, Any], stream: BinaryIO) -> None:
-    """In memory first: the library ends the process where it cannot write what it has taken."""
+    """Write in memory first: the library aborts the process if it cannot write buffered data."""
     import h5py
 
     image = BytesIO()

@@ -1,4 +1,4 @@
-"""Studies: TOML files, checked by pydantic models that are generated from the components' dataclasses."""
+"""Study files: TOML tables, checked by pydantic models that are generated from the components' dataclasses."""
 
 from __future__ import annotations
 
@@ -32,20 +32,20 @@ _C = TypeVar("_C", bound=Component)
 _WORDS: dict[Any, str] = {str: "a string", bool: "true or false", list: "a list of tables", dict: "a table"}
 _NEEDED = {"transducer": "a table", "excitation": "a table", "shunts": "a list of tables"}
 _TABLES = ("title", *_NEEDED, "design", "sweep", "bench")
-MOST_DESIGNS = 2**30  # of a sweep: where the points of a Sobol sequence end
-MOST_OF_TOML = 1 << 22  # bytes: tomllib takes about a second for 2 MB; a study of a thousand lines has 40 kB
-# tomllib takes the square of a key's parts: 16 s for 20,000 of them, one of which is as good as none in our tables.
-_MOST_PARTS = 100
-_LONG_KEY = re.compile(rf"""(?<![\w"'-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{_MOST_PARTS}}}""")
+MAX_DESIGNS = 2**30  # of a sweep: the length of a Sobol sequence
+MAX_TOML_BYTES = 1 << 22  # bytes: tomllib takes about a second for 2 MB; a study of a thousand lines has 40 kB
+# tomllib takes time in proportion to the square of a key's parts: 16 s for 20,000 of them; our tables need few.
+_MAX_KEY_PARTS = 100
+_LONG_KEY = re.compile(rf"""(?<![\w"'-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{_MAX_KEY_PARTS}}}""")
 
 
 class StudyError(ValueError):
-    """What is wrong with a study file, in one sentence: file, key path, what was found, what is allowed.
+    """An error in a study file, in one sentence: file, key path, what was found, what is allowed.
 
     Attributes
     ----------
     path, key, message : str
-        The three parts; the key is a dotted path as in "shunts.0.load_resistance", empty where the whole file is meant.
+        The three parts; the key is a dotted path as in "shunts.0.load_resistance", empty for the whole file.
     """
 
     def __init__(self, path: str | Path, key: str, message: str):
@@ -56,7 +56,7 @@ class StudyError(ValueError):
 
 @dataclass(frozen=True, kw_only=True)
 class DesignOptions(Component):
-    """What is wanted of a design, and what is free: the table [design]."""
+    """Goal and free choices of a design: the table [design]."""
 
     objective: Literal["harvest", "damping", "trade_off"] = "harvest"
     band: tuple[float, float] | None = quantity("Hz", "lower and upper edge of the band", default=None, above=0)
@@ -83,7 +83,7 @@ class DesignOptions(Component):
 
 @dataclass(frozen=True, kw_only=True)
 class SweepParameter(Component):
-    """A parameter that a sweep varies: the value at a dotted path, between `from` and `to`."""
+    """A parameter of a sweep: the value at a dotted path, between `from` and `to`."""
 
     path: str
     from_: float = quantity("", "first value")
@@ -102,11 +102,11 @@ class SweepParameter(Component):
 
 @dataclass(frozen=True, kw_only=True)
 class SweepOptions(Component):
-    """Which parameters a sweep varies, by which method, and what it keeps: the table [sweep]."""
+    """Parameters of a sweep, its sampling method and its outputs: the table [sweep]."""
 
     parameters: tuple[SweepParameter, ...]
     method: Literal["grid", "random", "sobol"] = "grid"
-    samples: int | None = quantity("", "number of designs", default=None, at_least=1, at_most=MOST_DESIGNS)
+    samples: int | None = quantity("", "number of designs", default=None, at_least=1, at_most=MAX_DESIGNS)
     seed: int = quantity("", "seed of the random numbers", default=1, at_least=0)
     outputs: tuple[str, ...] | None = None
 
@@ -118,8 +118,8 @@ class SweepOptions(Component):
         for key, count in (counts if self.method == "grid" else {"samples": self.samples}).items():
             if count is None:
                 raise ParameterError(key, f"found no such key, allowed is a whole number (method = {self.method!r})")
-        if self.designs > MOST_DESIGNS:
-            raise ParameterError("parameters", f"found {self.designs} designs, allowed are up to {MOST_DESIGNS}")
+        if self.designs > MAX_DESIGNS:
+            raise ParameterError("parameters", f"found {self.designs} designs, allowed are up to {MAX_DESIGNS}")
         if self.outputs == ():
             raise ParameterError("outputs", "found an empty list, allowed is one output or more")
         names = {"parameters.{}.path": [p.path for p in self.parameters], "outputs.{}": self.outputs or ()}
@@ -143,10 +143,10 @@ class Study:
     Attributes
     ----------
     shunts : tuple of Shunt
-        Empty only where there is a table [design], which brings its own candidates.
+        Empty only with a table [design], which adds its own candidates.
     path : Path
         The file.
-    bench : mapping
+    The table [bench] as in the file; empty if there is none.
         The table [bench] as it stands in the file; empty where there is none.
     """
 
@@ -189,10 +189,10 @@ def read_toml(path: Path) -> dict[str, Any]:
         The file cannot be read, is too large, is not UTF-8 or not TOML.
     """
     try:
-        check_readable(path, MOST_OF_TOML)
+        check_readable(path, MAX_TOML_BYTES)
         text = path.read_bytes().decode("utf-8-sig")
         if _LONG_KEY.search(text):
-            raise ValueError(f"a key of more than {_MOST_PARTS} parts")
+            raise ValueError(f"a key of more than {_MAX_KEY_PARTS} parts")
         return tomllib.loads(text)
     except InputError as error:
         raise StudyError(path, "", f"{error}, allowed is a TOML file") from None
@@ -239,7 +239,7 @@ def study_from(table: Mapping[str, Any], path: Path) -> Study:
 
 
 def check_systems(study: Study) -> None:
-    """Raise `ParameterError` for what is too large, does not fit the excitation or makes the transducer unstable."""
+    """Raise `ParameterError` if anything is too large, does not fit the excitation or makes the transducer unstable."""
     from piezoharvest.linear import check_stability
 
     check_size(study.transducer, study.excitation)
@@ -297,7 +297,7 @@ def build(cls: type[_C], table: Any, where: str) -> _C:
         checked = _model(cls).model_validate(values)
         return cls(**{name: _frozen(getattr(checked, name)) for name in checked.model_fields_set})
     except ValidationError as error:
-        raise _explained(cls, error).within(where) from None
+        raise _validation_message(cls, error).within(where) from None
     except ParameterError as error:
         raise ParameterError(error.key.removesuffix("_"), error.message).within(where) from None
     except (ValueError, OSError) as error:
@@ -343,7 +343,7 @@ def _component_in(hint: Any) -> type[Component] | None:
 
 @cache
 def _model(cls: type[Component]) -> type[BaseModel]:
-    """Pydantic model with the fields of a component's dataclass: no further keys, numbers that are numbers."""
+    """Pydantic model with the fields of a component's dataclass: no additional keys, no conversion to numbers."""
     hints = get_type_hints(cls)
     fields: dict[str, Any] = {
         field.name: (
@@ -357,12 +357,12 @@ def _model(cls: type[Component]) -> type[BaseModel]:
 
 
 def _key(field: dataclasses.Field) -> str:
-    """Key of a field in a file: its name, without the underscore that makes a name of a Python keyword (`from_`)."""
+    """Key of a field in a file: its name, without the underscore appended to Python keywords (`from_`)."""
     return field.name.removesuffix("_")
 
 
 def _strict(hint: Any) -> Any:
-    """Annotation without conversions between types, but of an int to a float and of a list to a tuple.
+    """Annotation without conversions between types, except from int to float and from list to tuple.
 
     A field that takes several types is left to the component's own check.
     """
@@ -375,13 +375,13 @@ def _strict(hint: Any) -> Any:
 
 
 def _without_none(hint: Any) -> Any:
-    """The annotation itself, or X for `X | None`."""
+    """The annotation, or X for `X | None`."""
     parts = [part for part in get_args(hint) if part is not NoneType]
     return parts[0] if get_origin(hint) in (Union, UnionType) and len(parts) == 1 else hint
 
 
-def _explained(cls: type[Component], error: ValidationError) -> ParameterError:
-    """One pydantic error in words: an unknown key first, for it often explains a missing one."""
+def _validation_message(cls: type[Component], error: ValidationError) -> ParameterError:
+    """One pydantic error in words: an unknown key first, since it often explains a missing one."""
     order = {"extra_forbidden": 0, "missing": 2}
     first = min(error.errors(include_url=False), key=lambda detail: order.get(detail["type"], 1))
     name, *inner = map(str, first["loc"])
@@ -392,13 +392,13 @@ def _explained(cls: type[Component], error: ValidationError) -> ParameterError:
     hint = _without_none(get_type_hints(cls)[field.name])
     if first["type"] != "missing" and inner:
         name, hint = f"{name}.{inner[0]}", get_args(hint)[0]
-    # An element is missing where a list is too short: the list is what was found.
-    found = "no such key" if first["type"] == "missing" and not inner else _show(first["input"])
+    # An element is missing if a list is too short: the list is reported.
+    found = "no such key" if first["type"] == "missing" and not inner else _shown_value(first["input"])
     return ParameterError(name, f"found {found}, allowed is {_described(field, hint)}")
 
 
 def _described(field: dataclasses.Field, hint: Any) -> str:
-    """Say in words what a field allows."""
+    """Allowed values of a field, in words."""
     if get_origin(hint) is Literal:
         return " or ".join(map(repr, get_args(hint)))
     if get_origin(hint) is tuple:
@@ -414,7 +414,7 @@ def _described(field: dataclasses.Field, hint: Any) -> str:
 
 def _typed(wanted: type[_T], value: Any, where: str) -> _T:
     if not isinstance(value, wanted):
-        raise ParameterError(where, f"found {_show(value)}, allowed is {_WORDS[wanted]}")
+        raise ParameterError(where, f"found {_shown_value(value)}, allowed is {_WORDS[wanted]}")
     return value
 
 
@@ -423,19 +423,19 @@ def _frozen(value: Any) -> Any:
 
 
 def unknown(key: str, name: Any, known: Iterable[str], what: str = "") -> ParameterError:
-    """Error for a name that is not among the known ones, with the nearest right one."""
+    """Error for an unknown name, with the most similar known one."""
     names = {right.lower(): right for right in sorted(known)}
     near = difflib.get_close_matches(str(name)[:100].lower(), names, n=1)
     hint = f" (did you mean {names[near[0]]!r}?)" if near else ""
-    return ParameterError(key, f"found {what or _show(name)}{hint}, allowed are {', '.join(names.values())}")
+    return ParameterError(key, f"found {what or _shown_value(name)}{hint}, allowed are {', '.join(names.values())}")
 
 
 def _shortened(text: str, most: int = 450) -> str:
-    """A part of a message, which a file may have made as long as it likes."""
+    """A part of a message, which may be arbitrarily long in a file, shortened."""
     return text if len(text) <= most else f"{text[: most - 150]} ... {text[-145:]}"
 
 
-def _show(value: Any) -> str:
-    """A value as a message shows it, shortened."""
+def _shown_value(value: Any) -> str:
+    """A value as shown in a message, shortened."""
     text = str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= 80 else f"{text[:60]}..."

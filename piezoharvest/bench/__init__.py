@@ -1,4 +1,4 @@
-"""The virtual bench: a study measured as section III of the reference paper measures, and written as a campaign."""
+"""Virtual test bench: a study measured as in section III of the reference paper, and written as a campaign."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
-    # Lazy: the bench brings pydantic and scipy.
+    # Imported lazily: the bench needs pydantic and scipy.
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

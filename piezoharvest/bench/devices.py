@@ -1,6 +1,6 @@
 """Sensors, amplifiers and converter of the bench, with those of the reference paper's section III as defaults.
 
-Where the paper names a device, its data are taken. Noise is white from sample to sample.
+Data of the devices that the paper names are used. Noise is white from sample to sample.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ class Buffer(Component):
 class CurrentSense(Component):
     """Sense resistor in the load's branch and its amplifier: INA213, whose 25 nV/sqrt(Hz) make 30 nA in 10 kHz.
 
-    The resistor counts as a part of the load: the label of a load resistor includes it, a short is the sense resistor
-    alone, and in other circuits it is neglected.
+    The resistor is part of the load: the label of a load resistor includes it, a short is the sense resistor alone, and
+    in other circuits it is neglected.
     """
 
     resistance: float = quantity("ohm", "sense resistor", default=100.0, above=0)
@@ -51,7 +51,7 @@ class CurrentSense(Component):
 
     @property
     def sensitivity(self) -> float:
-        """Converter voltage for an ampere."""
+        """Converter voltage per ampere."""
         return self.resistance * self.gain
 
 
@@ -65,7 +65,7 @@ class Accelerometer(Component):
 
 @dataclass(frozen=True, kw_only=True)
 class Converter(Component):
-    """Analogue-to-digital converter. It has no anti-alias filter: what is faster than half the sample rate folds."""
+    """Analogue-to-digital converter. Without anti-alias filter: frequencies above half the sample rate are folded."""
 
     bits: int = quantity("", "resolution", default=16, at_least=4, at_most=32)
     range: float = quantity("V", "largest voltage, of either sign", default=10.0, above=0)

@@ -1,4 +1,4 @@
-"""A study on the virtual bench: every record integrated, sensed and converted."""
+"""Measurement of a study on the virtual bench: every record is integrated, sensed and converted."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ class BenchRecord:
     name : str
         File name without its ending.
     setup : Setup
-        What its labels say.
+        Its labels.
     columns : mapping
         Samples by column of the default header, time first; SI units.
     waves : Waves
-        The truth at the sample instants.
+        True values at the sample instants.
     warnings : tuple of str
-        Channels that were clipped or moved by few steps of the converter.
+        Warnings of channels that were clipped or moved by few steps of the converter.
     """
 
     name: str
@@ -53,16 +53,16 @@ class BenchRecord:
 
 @dataclass(frozen=True, eq=False)
 class BenchCampaign:
-    """What the bench has measured.
+    """Records measured by the bench, with the specimen and the settings.
 
     Attributes
     ----------
     study : Study
     bench : Bench
     effects : tuple of BenchEffect
-        All that were switched on.
+        All effects that were switched on.
     nominal : Transducer
-        What the campaign says of the specimen.
+        Nominal specimen as stated in the campaign.
     records : tuple of BenchRecord
     """
 
@@ -80,12 +80,12 @@ def measure(study: Study, progress: Callable[[str], None] = lambda text: None) -
     ----------
     study : Study
     progress : callable, optional
-        Told about every record.
+        Called for every record.
 
     Raises
     ------
     StudyError
-        The table [bench] is wrong, or asks for what the bench cannot do.
+        The table [bench] is wrong, or requires something the bench cannot do.
     SolverError
         A record's equations have no solution.
     """
@@ -114,7 +114,7 @@ def _record(transducer: Transducer, bench: Bench, effects: Effects, setup: Setup
     columns, warnings = {COLUMNS["time"]: time}, []
     for place, (name, channel) in enumerate(line.items()):
         true = waves.at(time - late[name]).sensed(name)
-        # Each channel of each record draws from a stream of its own: another channel's settings do not change it.
+        # Each channel of each record has its own random stream: another channel's settings do not change it.
         rng = np.random.default_rng([bench.seed, n + 1, place])
         columns[COLUMNS[name]], warning = sample(name, channel, time, true, bench.converter, effects, rng)
         warnings += [warning] if warning else []
@@ -124,7 +124,7 @@ def _record(transducer: Transducer, bench: Bench, effects: Effects, setup: Setup
 
 
 def _model(transducer: Transducer, bench: Bench, effects: Effects, setup: Setup) -> Model:
-    """What stands on the bench, whatever the labels say."""
+    """True model of the specimen and its circuit, with all effects."""
     shunt = setup.shunt
     for effect in effects:
         shunt = effect.connect(shunt)

@@ -1,4 +1,4 @@
-"""From waveforms to samples: sensor, disturbance, noise, range, converter; every channel in its SI unit."""
+"""Sampling of waveforms: sensor, disturbance, noise, range, converter; every channel in its SI unit."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from piezoharvest.bench.devices import Converter
 from piezoharvest.bench.effects import BenchEffect
 from piezoharvest.bench.settings import Bench
 
-# A channel that moves by fewer steps of the converter than this is worth a warning.
+# A channel that moves by fewer steps of the converter gets a warning.
 FEW_STEPS = 20
 
 
@@ -21,13 +21,13 @@ class Channel(NamedTuple):
     Attributes
     ----------
     key : str
-        Key of [bench] that sets how much of the converter's range it takes.
+        Key of [bench] that sets its gain to the converter's range.
     sensitivity : float
-        Converter volts for one unit.
+        Converter volts per unit.
     noise : float
-        Standard deviation of the noise before anything is rounded, in the unit.
+        Standard deviation of the noise before quantisation, in the unit.
     resolution : float
-        Step of the sensor itself, in the unit; 0 for none.
+        Step of the sensor's own quantisation, in the unit; 0 for none.
     """
 
     key: str
@@ -36,7 +36,7 @@ class Channel(NamedTuple):
     resolution: float = 0.0
 
     def sigma(self, converter: Converter) -> float:
-        """Standard deviation in the unit of all that scatters: noise, and a twelfth of the squares of both steps."""
+        """Standard deviation of the reading, in the unit: noise, and a twelfth of the squares of both steps."""
         steps = self.resolution**2 + (converter.step / self.sensitivity) ** 2
         return float(np.sqrt(self.noise**2 + steps / 12.0))
 
@@ -70,10 +70,10 @@ def sample(
     Parameters
     ----------
     name : str
-        Name of the channel, by which effects know it.
+        Name of the channel, as effects refer to it.
     channel : Channel
     time, true : (n,) array
-        s; the channel's unit. Samples are instantaneous: nothing before the converter limits their bandwidth.
+        s; the channel's unit. Samples are instantaneous: the bandwidth is not limited before the converter.
     converter : Converter
     effects : sequence of BenchEffect
     rng : numpy.random.Generator
@@ -83,7 +83,7 @@ def sample(
     values : (n,) array
         In the channel's unit.
     warning : str
-        What is wrong with the range, if anything.
+        Message on a fault of the range; empty if there is none.
     """
     values = true + channel.noise * rng.standard_normal(len(true))
     for effect in effects:

@@ -1,4 +1,4 @@
-"""The table [bench] of a study, checked: the set-up, the effects that are switched on, and the records to be made."""
+"""Validation of the table [bench] of a study: the set-up, the effects, and the records to be measured."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.study import Study, build, build_excitation, build_shunt
 
-MOST_SAMPLES = 1_000_000  # of a record: some 0.2 ms for each are a few minutes
+MAX_SAMPLES = 1_000_000  # of a record: at some 0.2 ms for each, a few minutes
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecordOptions(Component):
-    """One of [[bench.records]]: what differs from the study.
+    """One of [[bench.records]]: differences from the study.
 
     Attributes
     ----------
     excitation : table
-        Keys that replace those of [excitation]; with another `kind` the whole of it.
+        Keys that replace those of [excitation]; with another `kind` the whole table is replaced.
     load_resistance, shunt
-        A resistor, or the table of a shunt; without either the first one of the study.
+        A resistor, or the table of a shunt; default the first shunt of the study.
     """
 
     excitation: Any = None
@@ -50,11 +50,11 @@ class Bench(Component):
     duration : float
         Default: the excitation's own length, or 10 s where it has none.
     seed : int
-        Of noise, hum phases and nominal errors.
+        Seed of noise, hum phases and nominal errors.
     nominal_error : float
         Relative scatter of the nominal values of the campaign about the true ones.
     truth : bool
-        Whether `truth.json` is written beside the campaign.
+        Write `truth.json` beside the campaign.
     records : tuple of RecordOptions
         Default: one record for each shunt of the study.
     """
@@ -75,7 +75,7 @@ class Bench(Component):
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """One record to be made: what drives, what is across the electrodes by its label, and for how long (s)."""
+    """One record to be measured: excitation, shunt by its label, and duration (s)."""
 
     excitation: Excitation
     shunt: Shunt
@@ -84,7 +84,7 @@ class Setup:
 
 
 def build_bench(study: Study) -> tuple[Bench, tuple[BenchEffect, ...], tuple[Setup, ...]]:
-    """Bench of a study, with its effects and the records to be made.
+    """Bench of a study, with its effects and the records to be measured.
 
     Raises
     ------
@@ -104,9 +104,9 @@ def build_bench(study: Study) -> tuple[Bench, tuple[BenchEffect, ...], tuple[Set
         if duration * bench.sample_rate < 3:
             found = f"found {duration:g} s at {bench.sample_rate:g} Hz"
             raise ParameterError(f"{where}.duration", f"{found}, allowed is a record of three samples or more")
-        if not duration * bench.sample_rate <= MOST_SAMPLES:
+        if not duration * bench.sample_rate <= MAX_SAMPLES:
             found = f"found {duration:g} s at {bench.sample_rate:g} Hz, {duration * bench.sample_rate:.7g} samples"
-            raise ParameterError(f"{where}.duration", f"{found}, allowed are up to {MOST_SAMPLES}")
+            raise ParameterError(f"{where}.duration", f"{found}, allowed are up to {MAX_SAMPLES}")
         check_size(study.transducer, excitation, shunt)
         setups.append(Setup(excitation, _sensed(shunt, bench.current_sense, where), option.role, duration))
     if not setups:
@@ -115,7 +115,7 @@ def build_bench(study: Study) -> tuple[Bench, tuple[BenchEffect, ...], tuple[Set
 
 
 def _effects(study: Study, tables: Any) -> tuple[BenchEffect, ...]:
-    """Effects of the study's transducer, which the campaign's transducer has too, and those of the bench alone."""
+    """Effects of the study's transducer, which the campaign also states, and those of the bench only."""
     known, found = registered(), {}
     for effect in study.transducer.effects:
         where = f"transducer.effects.{effect.name}"
@@ -148,7 +148,7 @@ def _shunt(study: Study, option: RecordOptions, where: str, default: int) -> Shu
 
 
 def _excitation(study: Study, table: Any, where: str) -> Excitation:
-    """Excitation of a record: the study's, with some of its keys replaced, or another one."""
+    """Excitation of a record: that of the study with some keys replaced, or another one."""
     if table is None:
         return study.excitation
     if not isinstance(table, Mapping):
@@ -156,14 +156,14 @@ def _excitation(study: Study, table: Any, where: str) -> Excitation:
     kind = study.excitation.kind
     values = {f.name: getattr(study.excitation, f.name) for f in dataclasses.fields(study.excitation) if f.init}
     own = {name: value for name, value in values.items() if value is not None}
-    if "file" in own:  # relative to where the program runs, while a new one is relative to the study
+    if "file" in own:  # relative to the working directory, while a new one is relative to the study
         own["file"] = str(Path(own["file"]).resolve())
     same = table.get("kind", kind) == kind
     return build_excitation({"kind": kind, **own, **table} if same else table, study.path.parent, where)
 
 
 def _sensed(shunt: Shunt, sense: CurrentSense, where: str) -> Shunt:
-    """What the electrodes see of a shunt whose current is sensed; raises where the bench cannot build it."""
+    """Shunt including the current's sense resistor; raises if the bench cannot build it."""
     if shunt.kind not in CIRCUITS:
         found = f"found {shunt.kind!r}, which the bench cannot build"
         raise ParameterError(f"{where}.kind", f"{found}, allowed are {', '.join(CIRCUITS)}")

@@ -1,4 +1,4 @@
-"""A campaign of the bench as a folder: the campaign file, a CSV file for each record, and the truth if asked for."""
+"""Output of a bench campaign: a folder with the campaign file, a CSV file for each record, optionally the truth."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _MARK = "# Written by piezoharvest measure"
 
 
 def check_folder(path: str | Path) -> Path:
-    """Make sure, before any work is done, that a campaign can be written: new or empty, or an earlier campaign.
+    """Check in advance that a campaign can be written: the folder is new or empty, or holds an earlier campaign.
 
     Raises
     ------
     OutputError
-        Something else is there, or the folder above cannot be made or written to.
+        The folder has other content, or its parent cannot be created or written to.
     """
     path = Path(path)
     check_new_directory(path.resolve().parent)
@@ -40,7 +40,7 @@ def check_folder(path: str | Path) -> Path:
 
 
 def _replaceable(path: Path) -> bool:
-    """Whether a folder is empty or holds an earlier campaign of the bench and nothing else."""
+    """True if a folder is empty or holds an earlier campaign of the bench and nothing else."""
     if not path.is_dir():
         return False
     names = {entry.name for entry in path.iterdir()}
@@ -51,7 +51,7 @@ def _replaceable(path: Path) -> bool:
 
 
 def write_campaign(campaign: BenchCampaign, path: str | Path) -> Path:
-    """Write a campaign into a folder, which is there as a whole or not at all.
+    """Write a campaign into a folder, completely or not at all.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def write_campaign(campaign: BenchCampaign, path: str | Path) -> Path:
 
 
 def _exchange(new: Path, target: Path, old: Path) -> None:
-    """Put a folder in the place of another one, which comes back if that fails."""
+    """Replace a folder by another one, restoring it if that fails."""
     if target.exists():
         os.rename(target, old)
     try:
@@ -95,7 +95,7 @@ def _exchange(new: Path, target: Path, old: Path) -> None:
 
 
 def table(campaign: BenchCampaign) -> dict[str, Any]:
-    """The campaign file: section 4 of the interface."""
+    """Contents of the campaign file (section 4 of the interface)."""
     bench, found, start, entries = campaign.bench, {}, 0.0, []
     for record in campaign.records:
         base = record.setup.excitation.base
@@ -125,7 +125,7 @@ def _shunt_table(shunt: Shunt) -> dict[str, Any]:
 
 
 def component_table(component: Component) -> dict[str, Any]:
-    """Table of a component as a study file has it: effects by name, nothing for what is not given."""
+    """Table of a component in the format of a study file: effects by name, without fields that are None."""
     found: dict[str, Any] = {}
     for field in (field for field in dataclasses.fields(component) if field.init):
         value = getattr(component, field.name)
@@ -141,7 +141,7 @@ def component_table(component: Component) -> dict[str, Any]:
 
 
 def truth(campaign: BenchCampaign) -> dict[str, Any]:
-    """What really stood on the bench: for `truth.json`."""
+    """Contents of `truth.json`: the true specimen and effects."""
     records = []
     for record in campaign.records:
         shunt = record.setup.shunt

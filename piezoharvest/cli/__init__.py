@@ -1,7 +1,7 @@
 """The command line: `piezoharvest simulate | design | sweep | measure | identify | diagnose | export | demo`.
 
-typer only reads the arguments; each command hands back the work to be done, which `main` runs. Exit status: 0 done;
-1 ran, but the answer is not to be trusted; 2 bad input; 130 interrupted, 143 told to end.
+typer only parses the arguments; each command returns the work to be done, which `main` runs. Exit status: 0 done;
+1 done, but the result is unreliable; 2 bad input; 130 interrupted, 143 terminated.
 """
 
 from __future__ import annotations
@@ -22,7 +22,11 @@ import typer
 import piezoharvest
 
 Work = Callable[[], int]
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # what a full disk or a limit on files is to who writes to stdout
+_FULL = (
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EFBIG,
+)  # errors of a write to stdout: a full disk, or too large a file
 
 app = typer.Typer(
     help="Piezoelectric shunt damping and harvesting: simulate, design, sweep, measure, identify, diagnose (TOML).",
@@ -223,7 +227,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         _end_as_if_interrupted()
         result = app(arguments, prog_name="piezoharvest", standalone_mode=False)
-        if result == 130:  # typer has kept the interrupt to itself
+        if result == 130:  # typer has handled the interrupt itself
             raise KeyboardInterrupt
         status: Any = result() if callable(result) else result or 0
         sys.stdout.flush()
@@ -233,24 +237,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SystemExit as ended:
         return _say("interrupted", int(ended.code or 0))
     except BrokenPipeError:
-        _discard_output()  # who reads the results has left: nothing to say
+        _discard_output()  # the reader of the results has closed the pipe: nothing to say
         return 141
     except Exception as error:
         status = _failed(error)
     try:
         sys.stdout.flush()
-    except OSError:  # what has been said about
+    except OSError:  # reported already
         _discard_output()
     return status
 
 
 def _discard_output() -> None:
-    """Leave nothing that Python would try to write, and complain about, at its exit."""
+    """Discard output that Python would try to flush, and fail to, at its exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _end_as_if_interrupted() -> None:
-    """Let SIGTERM, by which containers and batch systems end a run, leave as little behind as Ctrl-C."""
+    """Treat SIGTERM, with which containers and batch systems end a run, like Ctrl-C."""
 
     def end(*_: object) -> None:
         raise SystemExit(143)
@@ -260,7 +264,7 @@ def _end_as_if_interrupted() -> None:
 
 
 def _failed(error: Exception) -> int:
-    """Say in one line what went wrong, and return the exit status."""
+    """Report an error in one line, and return the exit status."""
     if hasattr(error, "format_message") and hasattr(error, "exit_code"):  # typer, of whichever version
         context: Any = getattr(error, "ctx", None)
         command = context.command_path if context else "piezoharvest"

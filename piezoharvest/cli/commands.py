@@ -1,4 +1,4 @@
-"""What the commands do, once their arguments are read."""
+"""The commands, once their arguments are parsed."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ BAD_INPUT = (StudyError, ParameterError, OutputError)
 
 
 def note(text: str) -> None:
-    """Tell progress or a warning on stderr."""
+    """Print a progress message or a warning to stderr."""
     print(text, file=sys.stderr, flush=True)
 
 
 def simulate(path: Path, *, as_json: bool, transient: float | None, out: Path | None) -> int:
-    """Simulate every shunt of a study, print the results and keep the waveforms."""
+    """Simulate every shunt of a study, print the results and write the waveforms."""
     if out is not None:
         check_file(out, TABLE_SUFFIXES)
     study = _with_shunts(load_study(path))
@@ -49,7 +49,7 @@ def simulate(path: Path, *, as_json: bool, transient: float | None, out: Path | 
 
 
 def _respond(study: Study, n: int, transient: float | None, *, waveforms: bool) -> Response:
-    """Simulate one shunt; tell what there is to know about the answer. Waveforms, which take memory, only if wanted."""
+    """Simulate one shunt, with remarks on the result; with waveforms, which take memory, only if wanted."""
     from piezoharvest.engine import simulate as run
 
     try:
@@ -96,7 +96,7 @@ def _design(study: Study, *, as_json: bool, report: Path | None) -> int:
 
 
 def _refuse_what_is_to_come(study: Study) -> None:
-    """Raise where [design] asks for what this version cannot do yet."""
+    """Raise for options of [design] that are not implemented yet."""
     options = study.design or DesignOptions()
     later = "which this version cannot do yet, allowed is"
     if options.objective == "trade_off":

@@ -1,4 +1,4 @@
-"""What the command `diagnose` does, once its arguments are read."""
+"""The command `diagnose`, once its arguments are parsed."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from piezoharvest.cli.identify_command import on_campaign
 
 if TYPE_CHECKING:
     from piezoharvest.diagnose import Diagnosis, Named
-    from piezoharvest.diagnose.residual_tests import Leftover
+    from piezoharvest.diagnose.residual_tests import ResidualTest
 
-MOST_PLACES = 10  # that are printed
+MAX_TEST_ROWS = 10  # number of failed residual tests printed
 
 
 def diagnose(path: Path, *, as_json: bool, report: Path | None) -> int:
@@ -39,10 +39,10 @@ def diagnose(path: Path, *, as_json: bool, report: Path | None) -> int:
 
 
 def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
-    """Result as the interface gives it.
+    """Result as a table of the JSON output.
 
-    `scores`, `structure`, what parameters were before, and which records were used otherwise than they were to be
-    (`also_fitted`, `cut`, `unpredicted`) are added to it.
+    In addition to the effects: `scores`, `structure`, parameters before, and the records that were used otherwise than
+    requested (`also_fitted`, `cut`, `unpredicted`).
     """
     from piezoharvest.description.effects import registered
     from piezoharvest.diagnose.summary import scored, sentence
@@ -76,11 +76,12 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "scores": [
             {
                 "name": row.name, "label": row.label or None, "score": row.candidate and row.candidate.score,
-                "freedom": row.candidate and row.candidate.freedom, "p_value": row.p_value, "fit_gain": row.gain,
+                "freedom": row.candidate and row.candidate.degrees_of_freedom,
+                "p_value": row.p_value, "fit_gain": row.gain,
             }
             for row in scored(found, list(registered()))
         ],
-        "structure": {"before": [_place(p) for p in found.shown], "after": [_place(p) for p in found.left]},
+        "structure": {"before": [_test_json(p) for p in found.shown], "after": [_test_json(p) for p in found.left]},
     }  # fmt: skip
 
 
@@ -93,7 +94,7 @@ def _effect(named: Named) -> dict[str, Any]:
     return {"name": named.effect.name, "p_value": named.p_value, "gain": named.gain, "parameters": parameters}
 
 
-def _place(place: Leftover) -> dict[str, Any]:
+def _test_json(place: ResidualTest) -> dict[str, Any]:
     return {
         "where": place.where, "record": place.record, "channel": place.channel, "ratio": place.squares / place.count,
         "excess": place.excess, "p_value": place.p_value,
@@ -105,7 +106,7 @@ def _finite(value: float | None) -> float | None:
 
 
 def _print(found: Diagnosis) -> None:
-    """Print the verdict, the effects, what they change, and what is left."""
+    """Print the verdict, the effects, the changes of parameters, and the remaining structure."""
     from piezoharvest.diagnose.summary import sentence, values
     from piezoharvest.report.units import engineering, percent, response_unit, with_error
 
@@ -133,4 +134,4 @@ def _print(found: Diagnosis) -> None:
     show.print_rows("", ["validation", "residual before", "after", "noise alone"], rows)
     if found.left:
         rows = [[p.where, p.record, p.channel, f"{p.squares / p.count:.2f}", f"{p.p_value:.1g}"] for p in found.left]
-        show.print_rows("", ["structure left", "record", "channel", "times the noise", "p"], rows[:MOST_PLACES])
+        show.print_rows("", ["structure left", "record", "channel", "times the noise", "p"], rows[:MAX_TEST_ROWS])

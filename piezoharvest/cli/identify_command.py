@@ -1,4 +1,4 @@
-"""What the command `identify` does, once its arguments are read."""
+"""The command `identify`, once its arguments are parsed."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ if TYPE_CHECKING:
     from piezoharvest.identify.identification import Quality
 
 _T = TypeVar("_T")
-LOUD = 1.2  # times the noise, from which residuals are worth a warning
+MAX_NOISE_RATIO = 1.2  # times the noise, above which residuals give a warning
 
 
 def on_campaign(path: Path, report: Path | None, run: Callable[..., _T]) -> _T | None:
-    """What a run on a campaign gives, the warnings of its checks told before; None where no model can follow it.
+    """Run on a campaign after printing the warnings of its checks; None where no model can follow it.
 
     Parameters
     ----------
     path : Path
         Campaign file.
     report : Path or None
-        Directory that is to be written to later, which is tried first.
+        Directory for the report, checked first.
     run : callable
-        Given the campaign, and by `tell` whom to tell about progress.
+        Called with the campaign and a function for progress messages.
     """
     from numpy.linalg import LinAlgError
 
@@ -43,7 +43,7 @@ def on_campaign(path: Path, report: Path | None, run: Callable[..., _T]) -> _T |
     for finding in campaign.warnings:
         note(f"warning: {finding}")
     try:
-        return run(campaign, tell=note)
+        return run(campaign, note)
     except PredictionError as error:
         note(f"piezoharvest: error: {path}: the model with its nominal values cannot follow the records: {error}")
         return None
@@ -74,21 +74,21 @@ def identify(path: Path, *, as_json: bool, report: Path | None) -> int:
 
 
 def remarks(found: Identification) -> list[str]:
-    """What has to be known before the answer is used."""
+    """Reservations about the result."""
     told = [*(f"not to be trusted: {doubt}" for doubt in found.doubts), *found.warnings]
     for role, quality in (("fitted", found.fit), ("validation", found.validation)):
         told += [
             f"{channel} of the {role} records: residual {quality.rms[channel] / noise:.3g} times the noise: the model "
             "lacks something"
             for channel, noise in quality.noise.items()
-            # Of responses, whose noise is another for each line, this is told above.
-            if "/" not in channel and quality.rms[channel] > LOUD * noise
+            # The noise of a response depends on frequency: reported above.
+            if "/" not in channel and quality.rms[channel] > MAX_NOISE_RATIO * noise
         ]
     return told
 
 
 def identification_json(found: Identification) -> dict[str, Any]:
-    """Result as the interface gives it."""
+    """Result as a table of the JSON output."""
     return {
         "title": found.campaign.title,
         "converged": found.converged,

@@ -1,4 +1,4 @@
-"""What the command `measure` does, once its arguments are read."""
+"""The command `measure`, once its arguments are parsed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from piezoharvest.study import load_study
 
 
 def measure(path: Path, out: Path) -> int:
-    """Measure a study on the virtual bench and print where the campaign is."""
+    """Measure a study on the virtual bench and print the path of the campaign."""
     from piezoharvest.bench import SolverError, write_campaign
     from piezoharvest.bench import measure as run
     from piezoharvest.bench.writing import check_folder

@@ -1,4 +1,4 @@
-"""What the command `sweep` does, once its arguments are read."""
+"""The command `sweep`, once its arguments are parsed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def sweep(path: Path, out: Path, *, workers: int, scheduler: str | None, as_json: bool) -> int:
-    """Sweep a study, write its table and print what came of it."""
+    """Sweep a study, write its table and print a summary."""
     from piezoharvest.sweep import SUFFIXES, start_early
     from piezoharvest.sweep import sweep as run
 
@@ -28,7 +28,7 @@ def sweep(path: Path, out: Path, *, workers: int, scheduler: str | None, as_json
     study = load_study(path)
     try:
         with _progress() as progress:
-            result = run(study, out, workers=workers, scheduler=scheduler, progress=progress, tell=note)
+            result = run(study, out, workers=workers, scheduler=scheduler, progress=progress, notify=note)
     except (KeyboardInterrupt, SystemExit):
         note("what is done is kept: the same command goes on from there")
         raise
@@ -36,11 +36,11 @@ def sweep(path: Path, out: Path, *, workers: int, scheduler: str | None, as_json
         show.print_json(result.as_json())
     else:
         show.print_sweep(study.title, result.best, *result.units)
-    return _said(result)
+    return _report_outcome(result)
 
 
-def _said(result: SweepResult) -> int:
-    """Tell how it went on stderr; exit status."""
+def _report_outcome(result: SweepResult) -> int:
+    """Report the outcome on stderr; returns the exit status."""
     new = result.designs - result.resumed
     note(f"{new} designs in {result.seconds:.1f} s ({result.designs_per_second:.0f} a second): {result.out}")
     if not result.failed and not result.incomplete:
@@ -59,7 +59,7 @@ def _said(result: SweepResult) -> int:
 
 @contextmanager
 def _progress() -> Iterator[Progress]:
-    """Bar on stderr with rate and time left; nothing where stderr is no terminal."""
+    """Progress bar on stderr with rate and remaining time; nothing if stderr is no terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar

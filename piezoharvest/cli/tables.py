@@ -23,12 +23,12 @@ _RESULT = (
 
 
 def print_json(data: Any) -> None:
-    """Print one JSON object; what is not a finite number becomes null."""
+    """Print one JSON object; numbers that are not finite become null."""
     print(json.dumps(_plain(data), indent=2, allow_nan=False))
 
 
 def _plain(value: Any) -> Any:
-    """The value in types that JSON knows: numpy's are converted, NaN and infinities are None."""
+    """The value in JSON types: numpy's are converted, NaN and infinities are None."""
     if isinstance(value, Mapping):
         return {str(key): _plain(inner) for key, inner in value.items()}
     if hasattr(value, "tolist"):
@@ -41,7 +41,7 @@ def _plain(value: Any) -> Any:
 
 
 def response_json(response: Response) -> dict[str, Any]:
-    """Result of one simulation as the interface gives it."""
+    """Result of one simulation as a table of the JSON output."""
     return {key: getattr(response, key) for key in _RESULT}
 
 
@@ -86,7 +86,7 @@ def print_sweep(
 
 
 def _keys(shunt: Mapping[str, Any]) -> str:
-    """Keys of a shunt in one line each, with their units."""
+    """Keys of a shunt, one a line, with their units."""
     cls = registered().get(shunt["kind"])
     fields = {field.name: field for field in dataclasses.fields(cls)} if cls else {}
     lines = []
@@ -123,7 +123,7 @@ def _power(largest: float) -> int:
     """Power of ten, a multiple of three with a prefix, that brings the number between 1 and 1000."""
     if largest == 0:
         return 0
-    # Of a number as it is shown, so that 999.96 counts as 1000.
+    # Of the rounded number, so that 999.96 counts as 1000.
     exponent = int(f"{largest:.3e}".partition("e")[2])
     return min(max(3 * (exponent // 3), min(_PREFIXES)), max(_PREFIXES))
 
@@ -181,7 +181,7 @@ def _print_rich(table: Any) -> None:
     from rich.console import Console
 
     console = Console(highlight=False)
-    if not console.is_terminal:  # a file or a pipe: as wide as it takes
+    if not console.is_terminal:  # a file or a pipe: no limit of width
         console.width = 200
     with console.capture() as capture:
         console.print(table)

@@ -1,1 +1,1 @@
-"""What a user writes down: transducer, effects, shunts, excitation, and the words of their equations."""
+"""Description of a system by its user: transducer, effects, shunts, excitation, and the terms of their equations."""

@@ -1,9 +1,9 @@
-"""The words in which shunts and effects write their equations.
+"""Linear forms in which shunts and effects write their equations.
 
-A `Row` is a linear form over everything that moves: the states, their derivatives, the excitation and the constant 1.
-A component receives rows for its port and its states, combines them with its own coefficients, and returns rows that
-are zero (equations), that rise through zero (guards) or that multiply to a power. Evaluated once on unit vectors, they
-are the matrices of a linear mode; no component fills an index by hand.
+A `Row` is a linear form in all variables: the states, their derivatives, the excitation and the constant 1. A component
+receives rows for its port and its states, combines them with its own coefficients, and returns rows that are zero
+(equations), that rise through zero (guards) or whose products are powers. Evaluated on unit vectors, they give the
+matrices of a linear mode, so that no component assigns indices itself.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ class Port(NamedTuple):
     v, dv : Row
         Electrode voltage v_p (V) and its time derivative (V/s).
     i : Row
-        Load current (A): what flows out of the transducer into the shunt.
+        Load current (A), out of the transducer into the shunt.
     one : Row
         The constant 1.
     capacitance : float
-        Clamped capacitance C of the transducer in F: what a controller is tuned to.
+        Clamped capacitance C of the transducer in F, to which a controller is tuned.
     """
 
     v: Row
@@ -47,7 +47,7 @@ class State(NamedTuple):
     storage : float
         Stored energy is storage * z^2 / 2: an inductance, a capacitance (negative for a negative one).
     odd : bool
-        Whether the state changes sign when excitation and electrodes are mirrored (a rectified voltage does not).
+        True if the state changes sign when excitation and electrodes are mirrored (a rectified voltage does not).
     """
 
     name: str
@@ -64,7 +64,7 @@ class Product(NamedTuple):
 
 
 class Guard(NamedTuple):
-    """Leaves a configuration for `target` where `rises` goes up through zero; `cut` names a state zeroed then."""
+    """Transition to the configuration `target` when `rises` rises through zero; `cut` names a state set to zero."""
 
     rises: Row
     target: str
@@ -72,20 +72,20 @@ class Guard(NamedTuple):
 
 
 class Switch(NamedTuple):
-    """A switch that acts at the extremum of sum T_i x_i.
+    """A switch that acts at the extrema of sum T_i x_i.
 
     Attributes
     ----------
     lag : float
         Seconds from the extremum to the action, >= 0 (an early action is timed from the extremum before).
     on_time : float
-        Seconds that the switch stays closed; 0 for one that takes the electrode voltage to zero at once.
+        Seconds that the switch stays closed; 0 for one that sets the electrode voltage to zero at once.
     hold_off : float
-        No new action sooner than this after the last, s.
+        Least time between two actions, s.
     early : bool
-        Whether `lag` was counted from the extremum before, of the other kind.
+        True if `lag` is counted from the previous extremum, of the other kind.
     efficiency : float
-        Share of the energy taken that is harvested when the voltage is taken to zero at once.
+        Share of the extracted energy that is harvested when the voltage is set to zero at once.
     """
 
     lag: float

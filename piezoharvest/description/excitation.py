@@ -1,4 +1,4 @@
-"""What drives the structure: force or base acceleration as a sum of tones or as a piecewise linear signal."""
+"""Excitations of the structure: force or base acceleration as a sum of tones or as a piecewise linear signal."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ class Ramps(NamedTuple):
     slopes: np.ndarray
 
     def at(self, times: np.ndarray) -> np.ndarray:
-        """Value at the given times (s), held beyond the ends."""
+        """Value at the given times (s), constant beyond the ends."""
         times = np.clip(times, self.times[0], self.times[-1])
         n = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.starts) - 1)
         return self.starts[n] + self.slopes[n] * (times - self.times[n])
 
 
 def ramps_through(times: np.ndarray, values: np.ndarray) -> Ramps:
-    """First-order hold through samples; equal times make a jump."""
+    """First-order hold through samples; equal times give a jump."""
     step = np.diff(times)
     keep = step > 0
     slopes = np.divide(np.diff(values), step, out=np.zeros(len(step)), where=keep)
@@ -53,8 +53,8 @@ def ramps_through(times: np.ndarray, values: np.ndarray) -> Ramps:
 class Excitation(Component):
     """Base of all excitations.
 
-    `base` tells whether the signal is base acceleration (m/s^2) rather than force (N), `batched` whether quantities
-    that are arrays (see `Component`) make a batch of signals.
+    `base` is True for base acceleration (m/s^2) and False for a force (N); `batched` is True if quantities that are
+    arrays (see `Component`) make a batch of signals.
     """
 
     kind: ClassVar[str]
@@ -63,22 +63,22 @@ class Excitation(Component):
 
     @property
     def period(self) -> float | None:
-        """Period in s, or None where there is none."""
+        """Period in s, or None for a signal without one."""
         return None
 
     @property
     def frequency_hz(self) -> float | None:
-        """Drive frequency that angles refer to, Hz, or None where there is none."""
+        """Drive frequency in Hz to which angles refer, or None."""
         return None if self.period is None else 1.0 / self.period
 
     @property
     def length(self) -> float | None:
-        """Length of the signal in s, or None where it goes on for ever."""
+        """Length of the signal in s, or None if it is endless."""
         return None
 
     @property
     def samples(self) -> float:
-        """How many samples its signal consists of; 0 where it is made of tones or of a few straight pieces."""
+        """Number of samples of the signal; 0 if it consists of tones or of a few straight pieces."""
         return 0
 
     @property
@@ -88,11 +88,11 @@ class Excitation(Component):
 
     @property
     def antisymmetric(self) -> bool:
-        """Whether the signal changes sign from one half period to the next."""
+        """True if the signal changes sign from one half period to the next."""
         return False
 
     def signal(self) -> Tones | Ramps:
-        """The driving signal."""
+        """The excitation signal."""
         raise NotImplementedError
 
 
@@ -138,7 +138,7 @@ class SineBase(_Sine):
 
 @dataclass(frozen=True, kw_only=True)
 class StepForce(Excitation):
-    """Force that rises from the offset by the amplitude in the rise time, holds until `duration`, falls likewise."""
+    """Force that rises from the offset by the amplitude in the rise time, stays until `duration`, falls likewise."""
 
     kind: ClassVar[str] = "step_force"
 
@@ -156,7 +156,7 @@ class StepForce(Excitation):
 
     @property
     def length(self):
-        """Two durations: the load is held, released, and watched as long again."""
+        """Two durations: constant, then released and observed for as long."""
         return 2 * self.duration
 
     @property
@@ -190,7 +190,7 @@ class Multisine(Excitation):
 
     @property
     def period(self):
-        """Shortest common period of the tones, or None where `duration` is not a multiple of it."""
+        """Shortest common period of the tones, or None if `duration` is not a multiple of it."""
         cycles = [round(f * self.duration) for f in self.frequencies]
         whole = (abs(c - f * self.duration) <= 1e-9 * c for c, f in zip(cycles, self.frequencies, strict=True))
         return self.duration / reduce(gcd, cycles) if all(whole) else None
@@ -240,7 +240,7 @@ class _Random(Excitation):
         f = np.fft.rfftfreq(count, step)
         inside = (f >= self.band[0]) & (f <= self.band[1]) & (f > 0)
         rng = np.random.default_rng(self.seed)
-        # Gaussian lines a/duration apart; sinc^2 is what joining samples by straight lines takes off each of them.
+        # Gaussian lines a/duration apart; straight lines between samples attenuate each of them by sinc^2.
         lines = rng.normal(size=(2, inside.sum())) * np.sqrt(0.5 * self.psd / self.duration)
         spectrum = np.zeros(len(f), complex)
         spectrum[inside] = (lines[0] + 1j * lines[1]) * np.sqrt(0.5) * count / np.sinc(f[inside] * step) ** 2
@@ -250,14 +250,14 @@ class _Random(Excitation):
 
 @dataclass(frozen=True, kw_only=True)
 class RandomForce(_Random):
-    """Gaussian force, white within a band."""
+    """Gaussian force with a flat spectrum within a band."""
 
     kind: ClassVar[str] = "random_force"
 
 
 @dataclass(frozen=True, kw_only=True)
 class RandomBase(_Random):
-    """Gaussian base acceleration, white within a band."""
+    """Gaussian base acceleration with a flat spectrum within a band."""
 
     kind: ClassVar[str] = "random_base"
     base: ClassVar[bool] = True
@@ -270,17 +270,17 @@ class Record(Excitation):
     Attributes
     ----------
     file : str
-        Of any format that a campaign's records may have.
+        In any format of a campaign's records.
     column : str or int
-        Its name, or its number from 1.
+        Its name, or its number counted from 1.
     skip_rows, header_row : int, optional
-        Of a text file: lines that are not looked at, and the line that has the names.
+        Of a text file: number of skipped lines, and the line of the names.
 
     Raises
     ------
     ParameterError
-        The file or the column does not exist, the file says that it is no force, or the column holds something that is
-        not a finite number.
+        The file or the column does not exist, the file marks the column as no force, or the column holds values that
+        are not finite numbers.
     """
 
     kind: ClassVar[str] = "record"

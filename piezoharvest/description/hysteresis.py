@@ -15,12 +15,12 @@ from piezoharvest.description.parameters import Component, ParameterError, quant
 
 
 def stop(signal: np.ndarray, threshold: float, initial: float = 0.0) -> np.ndarray:
-    """Stop operator: follows the increments of the signal, held within +-threshold.
+    """Stop operator: follows the increments of the signal, saturated at +-threshold.
 
     Parameters
     ----------
     signal : (n,) array
-        Input, piecewise monotone between its samples; its first sample is where `initial` holds.
+        Input, piecewise monotone between its samples; `initial` applies at its first sample.
     threshold : float
         Saturation r, in the unit of the signal.
     initial : float
@@ -105,7 +105,7 @@ class Hysteresis(Component):
         Returns
         -------
         thresholds : (n + 1,) array
-            Play thresholds in V; the first is 0 (the charge that follows at once). n counts the weights above zero.
+            Play thresholds in V; the first is 0 (the charge that follows at once). n is the number of positive weights.
         slopes : (n + 1,) array
             Weights in F: charge = sum_j slopes_j play(v; thresholds_j). Without capacitance the last slope, beyond
             saturation, would be infinite and is left out: n play operators.
@@ -116,7 +116,7 @@ class Hysteresis(Component):
         corners are at v(r_i); a play operator starts to move at its threshold with its slope. The thresholds of the
         play are the stop's initial-loading values because the operators are dual.
         """
-        # Without weights beyond the last positive one, v_h is saturated and has no inverse.
+        # Without weights above the last positive one, v_h is saturated and has no inverse.
         pairs = [(r, w) for r, w in zip(self.thresholds, self.weights, strict=True) if w > 0]
         r, w = np.array([r for r, _ in pairs]), np.array([w for _, w in pairs])
         base = 0.0 if capacitance is None else 1.0 / capacitance
@@ -140,7 +140,7 @@ class Hysteresis(Component):
         Raises
         ------
         ParameterError
-            Without capacitance: the voltage is beyond what the operators can hold (their saturation).
+            Without capacitance: the voltage is above the saturation of the operators.
         """
         voltage = np.asarray(voltage, float)
         if capacitance is None:

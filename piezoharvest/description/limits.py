@@ -1,6 +1,6 @@
-"""How large a study may be, with reasons: checked before anything is computed, so that memory never runs out.
+"""Size limits of a study, with reasons: checked before anything is computed, so that memory is never exhausted.
 
-What a study does not show, the number of events, is counted while it is simulated (`engine.budget`).
+The number of events, which a study does not show, is counted during the simulation (`engine.budget`).
 """
 
 from __future__ import annotations
@@ -13,28 +13,28 @@ from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.linear.network import Network
 from piezoharvest.description.transducer import Transducer
 
-# Of a signal, or of a measured record: with all that is made of them, some 16 numbers for each, 1.3 GB.
+# Of a signal, or of a measured record: with all derived arrays, some 16 numbers for each sample, 1.3 GB.
 MOST_SAMPLES = 10_000_000
-# Each of these adds states. The tables of one mode of the engine grow with their square, to 0.2 GB for 250 states, and
-# the time to make these with their cube, to seconds.
+# Each of these adds states. The engine's tables for one mode grow with their square, to 0.2 GB for 250 states, and the
+# time to compute them with their cube, to seconds.
 MOST_TONES = 100
 MOST_MODES = 50
 MOST_ELEMENTS = 100
-# The combinations of stops that stick and slip are numbered: 2^50 of them in 9 configurations are below 2^63.
+# The combinations of sticking and slipping stops are numbered: 2^50 of them in 9 configurations are below 2^63.
 MOST_STOPS = 50
-# Of the drive in a transient: those of a resistor, recorded, are about all the work that a simulation may take.
+# Of the drive in a transient: with a resistor, recorded, so many take about all the work allowed in a simulation.
 MOST_PERIODS = 400_000
-# Of the first resonance, in a transient: rounding of the time is then a hundred-thousandth of a period.
+# Of the first resonance, in a transient: the rounding error of time is then 1e-5 of a period.
 MOST_OSCILLATIONS = 10**11
 
 
 def check_size(transducer: Transducer, excitation: Excitation, shunt: Shunt | None = None) -> None:
-    """Make sure that a simulation will fit into memory.
+    """Check that a simulation will fit into memory.
 
     Raises
     ------
     ParameterError
-        There is too much of something; says how much is allowed, and what to change.
+        Something is too large; the message says how much is allowed, and what to change.
     """
     if transducer.hysteresis:
         found = len(transducer.hysteresis.thresholds)
@@ -50,7 +50,7 @@ def check_size(transducer: Transducer, excitation: Excitation, shunt: Shunt | No
 
 
 def check_length(transducer: Transducer, excitation: Excitation, length: float) -> None:
-    """Make sure that a transient of this length (s) comes to an end.
+    """Check that a transient of this length (s) can be computed in reasonable time.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def check_length(transducer: Transducer, excitation: Excitation, length: float) 
         It has too many periods of its highest tone, or of the resonance.
     """
     advice = "a shorter run or a lower frequency"
-    if not excitation.samples:  # whose number is limited
+    if not excitation.samples:  # these have a limited number
         signal = excitation.signal()
         if isinstance(signal, Tones):
             found = length * float(np.max(signal.frequencies))

@@ -1,4 +1,4 @@
-"""Netlists of resistors, inductors and capacitors: reading, checking, and the topology that their equations need.
+"""Netlists of resistors, inductors and capacitors: reading, checks, and the topology for their equations.
 
 Sources: Bryant, Proc. IEE C 106(9), 174-188, 1959 (normal tree); Kuo & Rohrer, Proc. IEEE 55(9), 1201-1219, 1967
 (hybrid equations of RLC networks).
@@ -41,7 +41,7 @@ class Element:
     value : float
         Resistance in ohm, inductance in H or capacitance in F.
     load : bool
-        Whether the power in this resistor counts as harvested.
+        True if the power in this resistor counts as harvested.
     """
 
     name: str
@@ -57,7 +57,7 @@ def spice_number(text: str) -> float | None:
     Returns
     -------
     float or None
-        None where the text is not such a number. A unit behind the suffix ("10uF", "4.7kohm", "2H") is read over.
+        None if the text is not such a number. A unit after the suffix ("10uF", "4.7kohm", "2H") is ignored.
     """
     match = _NUMBER.fullmatch(text.strip())
     return float(match[1]) * _SUFFIXES[match[2].lower()] if match else None
@@ -76,7 +76,7 @@ def read_netlist(netlist: Any) -> tuple[Element, ...]:
     Raises
     ------
     ParameterError
-        An element or the circuit is not allowed; the key tells which entry (a line or a table, counted from 0).
+        An element or the circuit is not allowed; the key gives the index of the entry (a line or a table).
     """
     if isinstance(netlist, str):
         netlist = netlist.splitlines()
@@ -102,7 +102,7 @@ def read_netlist(netlist: Any) -> tuple[Element, ...]:
 
 
 def _table(words: list[str], key: str) -> dict[str, Any]:
-    """Turn the words of a line in the style of SPICE into a table."""
+    """Convert the words of a line in the style of SPICE to a table."""
     if len(words) < 4:
         raise ParameterError(key, f"found {' '.join(words)!r}, allowed is a line such as 'R1 1 2 100k load=true'")
     table: dict[str, Any] = {"name": words[0], "kind": words[0][0], "nodes": words[1:3], "value": words[3]}
@@ -180,7 +180,7 @@ def _value(table: Mapping[str, Any], kind: str, key: str) -> float:
 
 
 class _Parts:
-    """Which nodes hang together (union-find)."""
+    """Connected parts of a circuit (union-find)."""
 
     def __init__(self) -> None:
         self._parent: dict[int, int] = {}
@@ -191,14 +191,14 @@ class _Parts:
         return node
 
     def join(self, nodes: tuple[int, int]) -> bool:
-        """Join the parts of two nodes; False where they were one already."""
+        """Join the parts of two nodes; False if they were one already."""
         first, second = self.of(nodes[0]), self.of(nodes[1])
         self._parent[first] = second
         return first != second
 
 
 def _check_circuit(keyed: list[tuple[str, Element]]) -> None:
-    """Raise `ParameterError` for a port that is not connected, a floating part or a name given twice."""
+    """Raise `ParameterError` for an unconnected port, a floating part or a duplicate name."""
     used = {node for _, element in keyed for node in element.nodes}
     for node in (1, 0):
         if node not in used:
@@ -207,7 +207,7 @@ def _check_circuit(keyed: list[tuple[str, Element]]) -> None:
     parts = _Parts()
     parts.join((1, 0))
     for key, element in keyed:
-        # SPICE does not tell upper from lower case, and the network is to be exported.
+        # SPICE ignores case, and the network may be exported.
         if element.name.lower() in names:
             raise ParameterError(f"{key}.name", f"found {element.name} a second time, allowed is each name once")
         names.add(element.name.lower())
@@ -219,12 +219,12 @@ def _check_circuit(keyed: list[tuple[str, Element]]) -> None:
 
 
 class NormalTree(NamedTuple):
-    """Topology of a network whose port counts as a branch of imposed voltage.
+    """Topology of a network whose port is a branch of imposed voltage.
 
     Attributes
     ----------
     tree : tuple of Element
-        Tree branches beside the port, which comes before them: as many capacitors as possible, then resistors, then
+        Tree branches except the port, which precedes them: as many capacitors as possible, then resistors, then
         as few inductors as possible.
     links : tuple of Element
         All other elements.

@@ -1,4 +1,4 @@
-"""Physical quantities as dataclass fields: unit, bounds and null value live on the field itself."""
+"""Physical quantities as dataclass fields, with unit, bounds and null value as metadata."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 
 
 class ParameterError(ValueError):
-    """A value that physics or the interface does not allow.
+    """A value that is not physical or not allowed by the interface.
 
     Attributes
     ----------
     key : str
-        The field (or dotted path of fields) that holds the value.
+        The field (or dotted path of fields) of the value.
     """
 
     def __init__(self, key: str, message: str):
@@ -24,7 +24,7 @@ class ParameterError(ValueError):
         self.message = message
 
     def within(self, prefix: str) -> ParameterError:
-        """Return the same error, with `prefix` put before its key path."""
+        """The same error with `prefix` put before its key path."""
         return ParameterError(f"{prefix}.{self.key}", self.message)
 
 
@@ -46,13 +46,13 @@ def quantity(
     unit : str
         SI unit, in a form that pint reads; "" for a pure number.
     doc : str
-        What the quantity is.
+        Description of the quantity.
     default : optional
         Default value; the field is required without it.
     above, at_least, below, at_most : float, optional
         Open and closed bounds.
     null : float, optional
-        The value at which the described effect is absent.
+        Value at which the described effect is absent.
     """
     bounds = {"above": above, "at_least": at_least, "below": below, "at_most": at_most}
     metadata = {"unit": unit, "doc": doc, "null": null, **bounds}
@@ -67,17 +67,17 @@ _COMPARISONS = {
 }
 
 
-# Sizes of quantities, the smallest of those that must not be zero: a product or quotient of five of them is still a
-# number, and far more than twelve decades lie between these and what is ever meant.
+# Allowed sizes of quantities, the smallest of those that must not be zero: products and quotients of five of them do
+# not overflow, and these limits are far beyond any realistic value.
 SMALLEST, LARGEST = 1e-60, 1e60
 
-# Size of a complex step: the imaginary part of what is made from x + i e is e times its derivative, exact to rounding.
-# (Squire & Trapp, SIAM Review 40(1), 110-112, 1998). Components take no other complex numbers.
+# Size of a complex step: the imaginary part of f(x + i e) is e f'(x), exact to rounding (Squire & Trapp, SIAM Review
+# 40(1), 110-112, 1998). Components accept no other complex numbers.
 COMPLEX_STEP = 1e-150
 
 
 def allowed(field: dataclasses.Field) -> str:
-    """Say in words which values a quantity field allows."""
+    """Allowed values of a quantity field, in words."""
     unit = f" {field.metadata['unit']}" if field.metadata.get("unit") else ""
     bounds = [
         f"{words} {field.metadata[key]:g}{unit}"
@@ -115,7 +115,7 @@ def check_quantity(field: dataclasses.Field, value: Any) -> None:
 
 
 def check_range(key: str, numbers: Any, *, inverted: bool) -> None:
-    """Raise `ParameterError` where a number is so large, or so small though `inverted`, that it leads to infinity.
+    """Raise `ParameterError` if a number is so large, or so small though `inverted`, that it leads to overflow.
 
     Raises
     ------
@@ -132,10 +132,10 @@ def check_range(key: str, numbers: Any, *, inverted: bool) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Component:
-    """Base of everything that carries physical quantities: an immutable record that checks itself.
+    """Base class of everything with physical quantities: an immutable dataclass that checks itself.
 
-    Fields are SI numbers. A field may also hold an array of shape (designs, 1): the component then stands for a
-    batch of designs, and the matrices made from it carry the batch as their leading axis.
+    Fields are SI numbers. A field may also hold an array of shape (designs, 1): the component then represents a batch
+    of designs, and the matrices made from it have the batch as their leading axis.
 
     Raises
     ------
@@ -150,7 +150,7 @@ class Component:
 
 
 def subclasses_by(attribute: str, base: type) -> dict[str, type]:
-    """Registered components: every subclass of `base` that names itself by the class attribute `attribute`."""
+    """Registered components: every subclass of `base` that has a name in the class attribute `attribute`."""
     found: dict[str, type] = {}
     for cls in base.__subclasses__():
         if attribute in cls.__dict__:

@@ -162,7 +162,7 @@ class CampaignSizes(Protocol):
     def loaded(self) -> bool: ...  # noqa: D102
 
     @property
-    def pulled(self) -> bool: ...  # noqa: D102
+    def has_tension(self) -> bool: ...  # noqa: D102
 
     @property
     def displacement(self) -> float: ...  # noqa: D102
@@ -194,10 +194,10 @@ class CampaignSizes(Protocol):
     @property
     def ends(self) -> Mapping[str, tuple[float, float]]: ...  # noqa: D102
 
-    def shows_time(self, time_constant: float) -> bool:
+    def resolves_time(self, time_constant: float) -> bool:
         """Return True if records show a process of this time constant, s."""
         ...
 
-    def tells_line(self, channel: str, frequency: float) -> bool:
+    def separates_line(self, channel: str, frequency: float) -> bool:
         """Return True if some record tells a line (Hz) from harmonics of its drive."""
         ...

@@ -1,4 +1,4 @@
-"""A transducer with what is connected to it: the one physical description that every view starts from."""
+"""A transducer with its shunt: the one physical description that all analyses use."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class System:
     ----------
     transducer : Transducer
     shunt : Shunt
-        Shorted electrodes unless given.
+        Default: shorted electrodes.
     """
 
     transducer: Transducer

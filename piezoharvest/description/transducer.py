@@ -1,4 +1,4 @@
-"""The lumped electromechanical transducer on its host structure.
+"""The lumped electromechanical transducer in its host structure.
 
 Source: Goldfarb & Celanovic, ASME J. Dyn. Syst. Meas. Control 119(3), 478-485, 1997, brought into two-port form.
 """
@@ -16,10 +16,10 @@ from piezoharvest.description.hysteresis import Hysteresis
 from piezoharvest.description.parameters import Component, quantity
 
 INERT = ("mass", "damping")  # of a mode; a quasi-static specimen has neither
-# Such a specimen follows its drive within this share of a sample: what is off by it is far less than the least noise
-# that a channel is taken to have, and exponentials still keep all digits that matter.
+# A quasi-static specimen follows its drive within this share of a sample: the error is far below the least noise that a
+# channel is assumed to have, and matrix exponentials keep all significant digits.
 SETTLED = 1e-6
-OVERDAMPED = 8.0  # b^2/(k m) of a mode that settles without ringing; from 4 on it does not
+OVERDAMPED = 8.0  # b^2/(k m) of a mode that settles without ringing; 4 is critical damping
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +35,7 @@ class Mode(Component):
 
     @property
     def base_mass(self) -> float:
-        """Mass in kg that turns base acceleration into the mode's force."""
+        """Mass in kg by which base acceleration is converted to the mode's force."""
         return self.mass if self.effective_mass is None else self.effective_mass
 
 
@@ -44,8 +44,8 @@ class Transducer(Component):
     """Piezoelectric transducer: first mode, clamped capacitance, hysteresis, further modes, effects.
 
     Equations (INTERFACE section 1): m x'' + b x' + k x = F + T v_t, q_p = C v_t + sum T_i x_i, v_p = v_t + v_h(q_p).
-    Of a specimen that is `quasi_static` (a film, a stack far below its resonance) mass and damping are not known and
-    do nothing: k x = F + T v_t.
+    For a `quasi_static` specimen (a film, a stack far below its resonance) mass and damping are unknown and have no
+    effect: k x = F + T v_t.
     """
 
     mass: float = quantity("kg", "mass m of the first mode", above=0)
@@ -76,9 +76,9 @@ class Transducer(Component):
         return (first, *self.modes)
 
     def settled(self, sample_time: float) -> Transducer:
-        """Transducer whose modes follow their forces at once for samples so many seconds apart, whatever their masses.
+        """Transducer whose modes follow their forces at once at this sample time in s, whatever their masses.
 
-        Both poles are real, for a resonance would ring. What a mass makes of the acceleration of a base stays.
+        Both poles are real, as a resonance would ring. The inertial force of a base acceleration is kept.
         """
 
         def swift(mode: Mode) -> Mode:

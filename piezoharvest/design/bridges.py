@@ -2,7 +2,7 @@
 
 Source: Liang & Liao, IEEE/ASME Trans. Mechatronics 17(6), 1145-1157, 2012. The bridge, with the clamped capacitance,
 is an impedance Z that the strain current I sees; P = |V_eq|^2 R_h / (2 |Z_m + Z|^2). V_eq and Z_m are what the
-two-port leaves when its capacitance is taken out, so that further modes and effects are in them.
+two-port without its capacitance, so that further modes and effects are included.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from piezoharvest.design.starts import Start
 from piezoharvest.design.twoport import LinearView
 from piezoharvest.linear import TwoPort
 
-_LOADS = np.geomspace(1e-4, 1e4, 801)  # R C w, before the local maxima are polished
+_LOADS = np.geomspace(1e-4, 1e4, 801)  # R C w, before the local maxima are refined
 _DROP_STEPS = 40
 
 
 class TheveninSource(NamedTuple):
-    """What drives the capacitance at each frequency: V = (Z_m + Z) I.
+    """Thevenin source that drives the capacitance at each frequency: V = (Z_m + Z) I.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class TheveninSource(NamedTuple):
         |V_eq| at the operation's amplitude, V.
     impedance : (f,) complex array
         Z_m, ohm.
-    weights : (f,) array
+    Weights by which powers add up.
         With which powers add up.
     """
 
@@ -54,7 +54,7 @@ def bridge_starts(view: LinearView, draft: Draft) -> list[Start]:
     source, scale = strain_source(view), 1 / (2 * np.pi * view.operation.centre(view.transducer) * capacitance)
 
     def merit(log_load) -> np.ndarray:
-        """One figure for each load, to be made small."""
+        """Merit of each load, to be minimised."""
         load = scale * np.exp(np.atleast_1d(log_load))[:, None]
         power, current = powers(bridge, load, source, capacitance)
         if view.goal.damping:
@@ -76,7 +76,7 @@ def bridge_starts(view: LinearView, draft: Draft) -> list[Start]:
 
 
 def _start(name: str, draft: Draft, bridge: Bridge, load: float, source: TheveninSource, capacitance: float) -> Start:
-    """The load, or the dc voltage that it would have where the mean power is made."""
+    """Start at a load, or at the dc voltage that this load would have at the mean power."""
     if "load_resistance" in draft.free:
         return Start(name, {"load_resistance": load})
     power, _ = powers(bridge, np.full((1, 1), load), source, capacitance)
@@ -102,7 +102,7 @@ def powers(
         drop = 2 * bridge.diode_drop / (current * reactance)
         impedance, share = _impedance(bridge, x, drop)
         current = np.sqrt(current * source.voltage / np.abs(source.impedance + impedance * reactance))
-    # The last step is not averaged: without a drop, it is the answer.
+    # The last step is not averaged: without a diode drop it is exact.
     current = source.voltage / np.abs(source.impedance + impedance * reactance)
     return 0.5 * current**2 * share * reactance, current
 

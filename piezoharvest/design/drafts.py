@@ -1,4 +1,4 @@
-"""Candidates before tuning: which kinds fit, what of them is free, and what is assumed where no template says it."""
+"""Draft candidates before tuning: the kinds that are suitable, their free fields, and assumed values of the others."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _TUNED_UNITS = ("ohm", "H", "F")
 
 @dataclass(frozen=True, eq=False)
 class Draft:
-    """A shunt with first values, and the fields that tuning may change.
+    """A shunt with initial values, and the fields that tuning may change.
 
     Attributes
     ----------
@@ -41,9 +41,9 @@ class Draft:
     free : tuple of str
         Names of the fields to tune.
     assumed : tuple of str
-        What no template said, in words.
+        Assumptions where no template gives a value, in words.
     smoothing : float or None
-        Where the smoothing capacitance is assumed: its time constant with the load, s.
+        Time constant of the smoothing capacitance with the load, s, where that capacitance is assumed; else None.
     """
 
     shunt: Shunt
@@ -57,11 +57,11 @@ class Draft:
         return self.shunt.kind
 
     def first(self) -> dict[str, float]:
-        """Values of the free fields that the shunt has now."""
+        """Present values of the free fields."""
         return {name: getattr(self.shunt, name) for name in self.free}
 
     def with_values(self, values: Mapping[str, Any]) -> Shunt:
-        """The shunt with other values of its free fields; an assumed smoothing capacitance goes with the load."""
+        """The shunt with other values of its free fields; an assumed smoothing capacitance is scaled with the load."""
         values = dict(values)
         if self.smoothing is not None and "load_resistance" in values:
             values["smoothing_capacitance"] = self.smoothing / values["load_resistance"]
@@ -76,11 +76,11 @@ class Drafting:
     ----------
     transducer : Transducer
     templates : sequence of Shunt
-        The shunts of the study: what of them is not tuned is kept.
+        The shunts of the study: their fields that are not tuned are kept.
     options : DesignOptions
     operation : Operation
     left_out : list of str
-        Why kinds that were named, or would fit, are not among the drafts.
+        Reasons why kinds that were named, or are suitable, are not among the drafts.
     """
 
     transducer: Transducer
@@ -91,7 +91,7 @@ class Drafting:
 
     @cached_property
     def frequency(self) -> float:
-        """Where impedances are compared and times are counted in periods, Hz."""
+        """Frequency at which impedances are compared and periods are counted, Hz."""
         return self.operation.centre(self.transducer)
 
     def drafts(self) -> list[Draft]:
@@ -115,11 +115,11 @@ class Drafting:
         return _distinct(found)
 
     def _fits(self, shunt: Shunt, templated: bool) -> bool:
-        """Whether a kind that was not named is worth a try."""
+        """True if a kind that was not named is suitable."""
         if isinstance(shunt, Open | Short):
             return False
         if not templated and any(state.storage < 0 for state in shunt.states(self.transducer.capacitance)):
-            return False  # active parts only where they are wanted
+            return False  # active parts only where they are asked for
         gives = harvests(shunt, self.transducer.capacitance, 1 / self.frequency)
         return gives if self.options.objective == "harvest" else isinstance(shunt, LinearShunt) or not gives
 
@@ -127,7 +127,7 @@ class Drafting:
         return Draft(shunt, self._free(shunt))
 
     def _free(self, shunt: Shunt) -> tuple[str, ...]:
-        """Fields to tune: the parts of linear circuits but for active ones, and what loads a bridge."""
+        """Fields to tune: all parts of linear circuits except active ones, and the load of a bridge."""
         if isinstance(shunt, Bridge):
             return ("load_resistance",) if shunt.dc_voltage is None else ("dc_voltage",)
         if not isinstance(shunt, LinearShunt):
@@ -136,7 +136,7 @@ class Drafting:
         return tuple(name for name in _parts(type(shunt)) if getattr(shunt, name) not in active)
 
     def _assume(self, cls: type[Shunt], wanted: bool) -> list[Draft]:
-        """Draft of a kind without a template, by typical values; none where one cannot be assumed."""
+        """Draft of a kind without a template, with typical values; empty where a value cannot be assumed."""
         values, notes = self._typical(cls)
         needed = [
             f.name for f in dataclasses.fields(cls)
@@ -155,13 +155,13 @@ class Drafting:
         return (STEADY_PERIODS if self.operation.periodic else TRANSIENT_PERIODS) / self.frequency
 
     def _may_fit(self, cls: type[Shunt]) -> bool:
-        """Whether a kind that cannot be built could be of use: what only switches does not harvest."""
+        """True if a kind that cannot be built could be of use: one that only switches does not harvest."""
         if self.options.objective == "damping" or issubclass(cls, Bridge) or not issubclass(cls, SynchronisedShunt):
             return True
         return cls.harvested_share is not SynchronisedShunt.harvested_share
 
     def _typical(self, cls: type[Shunt]) -> tuple[dict[str, Any], tuple[str, ...]]:
-        """Typical values of a kind's fields, and what is to be said of them."""
+        """Typical values of a kind's fields, and remarks on them."""
         capacitance, omega = self.transducer.capacitance, 2 * np.pi * self.frequency
         if issubclass(cls, LinearShunt):
             scale = {"ohm": 1 / (omega * capacitance), "H": 1 / (omega**2 * capacitance), "F": capacitance}
@@ -187,14 +187,14 @@ class Drafting:
         return values, tuple(notes)
 
     def _switched_inductance(self) -> float:
-        """Inductance in H that flips the voltage in a share of the period, or faster where the limit asks for it."""
+        """Inductance in H that inverts the voltage in a share of the period, or faster where the limit requires it."""
         flip = FLIP_SHARE / self.frequency
         inductance = (flip / np.pi) ** 2 * (1 - 0.25 / QUALITY**2) / self.transducer.capacitance
         return float(min(inductance, self.options.max_inductance or np.inf))
 
 
 def harvests(shunt: Shunt, capacitance: float, period: float | None) -> bool:
-    """Whether any configuration of a circuit, or its switch, brings power to a load."""
+    """True if any configuration of a circuit, or its switch, delivers power to a load."""
     states = [state.name for state in shunt.states(capacitance)]
     rows = np.eye(len(states) + 4)
     v, dv, i, one = rows[-4:]
@@ -207,13 +207,13 @@ def harvests(shunt: Shunt, capacitance: float, period: float | None) -> bool:
 
 
 def _parts(cls: type[Shunt]) -> dict[str, str]:
-    """Resistances, inductances and capacitances that a kind needs, with their units."""
+    """Resistances, inductances and capacitances that a kind requires, with their units."""
     fields = [f for f in dataclasses.fields(cls) if f.default is MISSING and f.metadata.get("unit") in _TUNED_UNITS]
     return {f.name: f.metadata["unit"] for f in fields}
 
 
 def _distinct(drafts: list[Draft]) -> list[Draft]:
-    """Drafts that differ in more than their first values."""
+    """Drafts that differ in more than their initial values."""
     kept: dict[Any, Draft] = {}
     for draft in drafts:
         names = [f.name for f in dataclasses.fields(draft.shunt) if f.name not in draft.free]

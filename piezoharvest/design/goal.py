@@ -1,4 +1,4 @@
-"""What a design is judged by: the objective and the limits, as one number to be made small."""
+"""Figure of merit of a design: its objective and limits as one number to be minimised."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from piezoharvest.study import DesignOptions
 if TYPE_CHECKING:
     from piezoharvest.engine.response import Response
 
-MARGIN = 1e-3  # tuning keeps this share away from a limit, so that what it finds does not violate it by rounding
-PENALTY = 100.0  # merit for one e-fold beyond a limit: far above any trade between the logarithms of these figures
+MARGIN = 1e-3  # tuning keeps this relative distance from a limit, so that rounding does not violate it
+PENALTY = 100.0  # merit per e-fold beyond a limit: far above any trade between the logarithms of these figures
 _TOLERANCE = 1e-6
-LEAST = 1e-30  # W or m, in place of zero under a logarithm
+SMALLEST_FIGURE = 1e-30  # W or m, in place of zero under a logarithm
 
 
 class Figures(NamedTuple):
-    """What a shunt does where the design has to hold.
+    """Figures of a shunt in the operation of the design.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Figures(NamedTuple):
         Displacement against the short circuit's; over a band worst peak against worst peak.
     converged : bool
     message : str
-        What there is to know about the simulation.
+        Remarks on the simulation.
     response : Response or None
         A simulation, over a band that of the largest displacement; None for figures of the linear two-port.
     """
@@ -47,7 +47,7 @@ class Figures(NamedTuple):
 
 
 class Slopes(NamedTuple):
-    """Derivatives (n,) of the logarithms of a shunt's figures by those of its parts."""
+    """Derivatives (n,) of the logarithms of a shunt's figures by the logarithms of its parts."""
 
     harvested_power: np.ndarray
     displacement_amplitude: np.ndarray
@@ -66,12 +66,12 @@ class Goal:
 
     @property
     def damping(self) -> bool:
-        """Whether displacement is to be made small, rather than harvested power large."""
+        """True if displacement is to be minimised, False if harvested power is to be maximised."""
         return self.options.objective == "damping"
 
     @property
     def limits_levels(self) -> bool:
-        """Whether displacement or voltage has a limit."""
+        """True if displacement or voltage has a limit."""
         o = self.options
         return any(limit is not None for limit in (o.max_voltage, o.max_displacement, o.min_attenuation_db))
 
@@ -85,7 +85,7 @@ class Goal:
         return min(limits)
 
     def excess(self, figures: Figures) -> dict[str, float]:
-        """By how many e-folds each limit is exceeded; negative inside."""
+        """Logarithm of each limited figure over its limit; negative where the limit is kept."""
         o, found = self.options, {}
         if o.max_voltage is not None:
             found["max_voltage"] = _log(figures.voltage_amplitude) - np.log(o.max_voltage)
@@ -107,7 +107,7 @@ class Goal:
         return np.reshape([slope for limit, slope in found if limit is not None], (-1, len(level)))
 
     def violated(self, figures: Figures, shunt: Shunt, capacitance: float) -> tuple[str, ...]:
-        """Names of the limits that are not kept; not-a-number counts as not kept."""
+        """Names of the limits that are violated; a figure that is not a number violates its limit."""
         broken = [name for name, by in self.excess(figures).items() if not by <= _TOLERANCE]
         limit = self.options.max_inductance
         if limit is not None and largest_inductance(shunt, capacitance) > limit * (1 + _TOLERANCE):
@@ -123,13 +123,13 @@ class Goal:
         return slopes.displacement_amplitude if self.damping else -slopes.harvested_power
 
     def agree(self, first: Figures, second: Figures, within: float) -> bool:
-        """Whether two judgements of a shunt are the same: in e-folds of what counts, and on the side of each limit."""
+        """True if two sets of figures agree within so many e-folds, and are on the same side of each limit."""
         a, b = ([self.score(f), *self.excess(f).values()] for f in (first, second))
         sides = [(x > _TOLERANCE) == (y > _TOLERANCE) for x, y in zip(a[1:], b[1:], strict=True)]
         return bool(np.allclose(a, b, rtol=0, atol=within)) and all(sides)
 
     def merit(self, figures: Figures) -> float:
-        """The one number that every tuning makes small: objective, and a penalty on what exceeds the limits."""
+        """The number that every tuning minimises: objective plus a penalty on limits that are exceeded."""
         beyond = sum(max(0.0, by + MARGIN) for by in self.excess(figures).values())
         untrusted = 0.0 if figures.converged else PENALTY
         merit = self.score(figures) + PENALTY * beyond + untrusted
@@ -137,10 +137,10 @@ class Goal:
 
 
 def largest_inductance(shunt: Shunt, capacitance: float) -> float:
-    """Largest inductance of a circuit in H: the storage of its states of current; 0 without any."""
+    """Largest inductance of a circuit in H: the storage of its current states; 0 without any."""
     states = shunt.states(capacitance)
     return max((float(s.storage) for s in states if s.name.startswith("current")), default=0.0)
 
 
 def _log(value: float) -> float:
-    return float(np.log(max(value, LEAST)))
+    return float(np.log(max(value, SMALLEST_FIGURE)))

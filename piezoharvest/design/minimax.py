@@ -1,9 +1,9 @@
 """Tuning of linear shunts: sequential quadratic programming on logarithms, in the smooth epigraph form.
 
-Displacement is made small as the smallest t with log |x(f)| <= t at every frequency of a set, to which the exact peaks
-of each answer are added until none of them stands out (exchange method for semi-infinite programs, Hettich & Kortanek,
-SIAM Review 35(3), 380-429, 1993). Limits are constraints with one common slack at a price, so that a goal that cannot
-be met still has an answer: the one that misses it by least.
+Displacement is minimised as the smallest t with log |x(f)| <= t at every frequency of a set, to which the exact peaks
+of each solution are added until none exceeds it (exchange method for semi-infinite programs, Hettich & Kortanek, SIAM
+Review 35(3), 380-429, 1993). Limits are constraints with one common penalised slack, so that an infeasible goal still
+has a solution: the one that violates it least.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from piezoharvest.design.region import Region
 from piezoharvest.design.starts import Start
 from piezoharvest.design.twoport import LinearView
 
-_REACH = 3.0  # e-folds about the start of a round
+_TRUST_RADIUS = 3.0  # e-folds about the start of a round
 _STEP = 1e-5  # of central differences, in e-folds: the error of the gradient is 1e-10
 _ROUNDS = 15
-_STANDS_OUT = 1e-6
+_PEAK_TOLERANCE = 1e-6
 
 
 class Tuned(NamedTuple):
-    """Outcome of a tuning: the shunt, its merit, where it came from and what it took."""
+    """Result of a tuning: the shunt, its merit, its start and the iterations."""
 
     shunt: Shunt
     merit: float
@@ -47,7 +47,7 @@ def tune(view: LinearView, draft: Draft, start: Start, region: Region) -> Tuned:
         p, steps = program.solve(best)
         iterations += steps
         merit = program.merit(p)
-        done = not program.widen(p) and merit >= best_merit - _STANDS_OUT
+        done = not program.widen(p) and merit >= best_merit - _PEAK_TOLERANCE
         if merit < best_merit:
             best, best_merit = p, merit
         if done:
@@ -75,7 +75,7 @@ class _MinimaxProgram:
         return self.view.goal.merit(self.view.figures(self.shunt(p)))
 
     def widen(self, p: np.ndarray) -> bool:
-        """Add the exact peaks at p to the set; whether one of them stood out."""
+        """Add the exact peaks at p to the set; True if one of them exceeded the level."""
         goal = self.view.goal
         if not self.view.operation.apart or not (goal.damping or goal.limits_levels):
             return False
@@ -83,20 +83,20 @@ class _MinimaxProgram:
         before = self._heights(p, self.grid) if len(self.grid) else np.full(2, -np.inf)
         self.grid = np.union1d(self.grid, peaks)
         self._at = (None, None, None)
-        return bool(np.any(self._heights(p, self.grid) > before + _STANDS_OUT))
+        return bool(np.any(self._heights(p, self.grid) > before + _PEAK_TOLERANCE))
 
     def _heights(self, p: np.ndarray, grid: np.ndarray) -> np.ndarray:
         levels = self.view.levels(self.shunt(p), grid)
         return np.log([np.max(levels.displacement), max(np.max(levels.voltage), 1e-300)])
 
     def solve(self, start: np.ndarray) -> tuple[np.ndarray, int]:
-        """Solve on the present set of frequencies; gives p and the iterations."""
+        """Solve on the present set of frequencies; returns p and the number of iterations."""
         n, region = len(start), self.region
         value, _ = self._forms(start)
         level = float(np.max(value[1])) if self.view.goal.damping else 0.0
         y = np.concatenate((start, [level, 0.0]))
         y[-1] = max(0.0, -np.min(self._constraints(y), initial=0.0))
-        low, high = np.maximum(region.lower, start - _REACH), np.minimum(region.upper, start + _REACH)
+        low, high = np.maximum(region.lower, start - _TRUST_RADIUS), np.minimum(region.upper, start + _TRUST_RADIUS)
         levels = (level - 50, level + 50) if self.view.goal.damping else (0.0, 0.0)
         bounds = [*zip(low, high, strict=True), levels, (0.0, None)]
         constraints = [{"type": "ineq", "fun": self._constraints, "jac": self._constraints_slope}]
@@ -147,7 +147,7 @@ class _MinimaxProgram:
         return np.concatenate(parts) if parts else np.empty((0, len(y)))
 
     def _limits(self, power, displacement, voltage):
-        """Limits in e-folds, the side that they are on (+1 from above) and what they limit."""
+        """Limits in e-folds, the side they are on (+1 from above) and the limited quantity."""
         options, found = self.view.goal.options, []
         if options.min_power:
             found.append((np.log(options.min_power), -1.0, power))

@@ -1,4 +1,4 @@
-"""Where a design has to hold: the excitation as spectral lines, for the linear two-port, and as single runs."""
+"""Operating conditions of a design: the excitation as spectral lines for the linear two-port, and as single runs."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.linear import poles, resonances
 
-_EXACT = 1e-9  # relative error of a mean over a band, on the two-port
-_MOST_NODES = 400
+_MEAN_ERROR = 1e-9  # relative error of a mean over a band on the two-port
+_MAX_NODES = 400
 _SAMPLES = 2**16  # of a signal whose spectrum is taken
 _BINS = 4096
 
 
 @dataclass(frozen=True, eq=False)
 class Operation:
-    """Excitation and band that a design is made for.
+    """Excitation and band that a design is optimised for.
 
     Attributes
     ----------
     excitation : Excitation
-    band : tuple of float or None
+    Hz; if given, the excitation is a sine of fixed amplitude that is swept through the band.
         Hz; where given, the excitation is a sine that goes through the band with its amplitude kept.
     frequencies, squares : (n,) array
         Lines in Hz and their squared peak values, with which linear powers add up: over a band the nodes and weights
         of a Gauss-Legendre mean, for noise those of its integral.
     apart : bool
-        Whether the lines are one sine at a time, not all at once.
+        True if the lines are single sines one at a time, False if they act together.
     """
 
     excitation: Excitation
@@ -46,21 +46,21 @@ class Operation:
 
     @property
     def base(self) -> bool:
-        """Whether the excitation is base acceleration."""
+        """True if the excitation is base acceleration."""
         return self.excitation.base
 
     @property
     def periodic(self) -> bool:
-        """Whether there is a steady state."""
+        """True if there is a periodic steady state."""
         return self.excitation.period is not None
 
     @property
     def amplitude(self) -> float:
-        """Peak value of the sine (of excitations that are one)."""
+        """Amplitude of the sine (for sinusoidal excitations)."""
         return float(np.sqrt(np.sum(self.squares)))
 
     def centre(self, transducer: Transducer) -> float:
-        """Frequency in Hz that closed forms are evaluated at: a resonance that is driven, else the strongest line."""
+        """Frequency in Hz at which closed forms are evaluated: a driven resonance, else the strongest line."""
         if self.apart and self.band is None:
             return float(self.frequencies[0])
         found = resonances(transducer)
@@ -81,13 +81,13 @@ def operation_of(excitation: Excitation, band: tuple[float, float] | None, trans
     Raises
     ------
     ParameterError
-        The excitation moves nothing.
+        The excitation is zero.
     """
     if is_sine(excitation):
         if band is None:
             lines = np.array([excitation.frequency]), np.ones(1)  # pyright: ignore[reportAttributeAccessIssue]
         else:
-            lines = mean_nodes(band, transducer, _EXACT, _MOST_NODES)
+            lines = mean_nodes(band, transducer, _MEAN_ERROR, _MAX_NODES)
         square = excitation.amplitude**2  # pyright: ignore[reportAttributeAccessIssue]
         operation = Operation(excitation, band, lines[0], lines[1] * square, apart=True)
     else:
@@ -98,7 +98,7 @@ def operation_of(excitation: Excitation, band: tuple[float, float] | None, trans
 
 
 def is_sine(excitation: Excitation) -> bool:
-    """Whether the excitation is one tone that can be moved through a band."""
+    """True if the excitation is a single sine, which can be swept through a band."""
     return hasattr(excitation, "frequency") and hasattr(excitation, "amplitude")
 
 
@@ -114,7 +114,7 @@ def mean_nodes(
     taken: a load that takes power damps more. `most` caps the number.
     """
     middle, half = 0.5 * (band[0] + band[1]), 0.5 * (band[1] - band[0])
-    # Of real frequency: the pole's damping is its distance from it.
+    # Of real frequency: a pole's distance from it is its damping.
     places = (_extreme_poles(transducer) / (2j * np.pi) - middle) / half
     root = np.sqrt(places**2 - 1 + 0j)
     ellipse = float(np.min(np.maximum(np.abs(places + root), np.abs(places - root)), initial=1e3))
@@ -146,7 +146,7 @@ def _lines(excitation: Excitation, transducer: Transducer) -> tuple[np.ndarray, 
     if psd is not None:
         band: tuple[float, float] = excitation.band  # pyright: ignore[reportAttributeAccessIssue]
         band = (max(band[0], 1e-6 * band[1]), band[1])
-        nodes, weights = mean_nodes(band, transducer, _EXACT, _MOST_NODES)
+        nodes, weights = mean_nodes(band, transducer, _MEAN_ERROR, _MAX_NODES)
         # The expectation, not one realisation: a load should not be fitted to the seed.
         return nodes, 2 * psd * (band[1] - band[0]) * weights
     signal = excitation.signal()
@@ -160,7 +160,7 @@ def _lines(excitation: Excitation, transducer: Transducer) -> tuple[np.ndarray, 
 
 
 def _spectrum(signal, excitation: Excitation, transducer: Transducer) -> tuple[np.ndarray, np.ndarray]:
-    """Lines of a signal of finite length, up to twice the highest resonance, gathered in bins."""
+    """Lines of a signal of finite length, up to twice the highest resonance, grouped in bins."""
     length = float(excitation.length or signal.times[-1])
     highest = 2 * float(np.max(resonances(transducer).open_circuit.undamped))
     count = int(np.clip(4 * highest * length, 256, _SAMPLES))

@@ -1,8 +1,8 @@
-"""Tuning on the engine: a line search for one free part, for more sequential quadratic programming on its gradient.
+"""Tuning by simulation: a line search for one free part, gradient-based sequential quadratic programming for more.
 
-One part takes 7 to 11 simulations in a bounded search and 5 to 9 gradients as the root of the derivative, each of
-which takes as long as two to four simulations; from two parts on, gradients are cheaper. A simplex search stands in
-where there are none.
+One part takes 7 to 11 simulations in a bounded search and 5 to 9 gradients as the root of the derivative, each of which
+takes as long as two to four simulations; from two parts on, gradients are cheaper. A simplex search is used where there
+are none.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from piezoharvest.design.starts import Start
 from piezoharvest.design.trial import Tangent, Trial
 
 _WIDTH = np.log(2.5)  # half of the first bracket, in e-folds: the closed forms are within 20 %
-_ROUGH_WIDTH = np.log(10.0)  # where they are for another excitation
+_ROUGH_WIDTH = np.log(10.0)  # the same for an excitation that the closed forms are not derived for
 _EXPANSIONS = 3
-_EDGE = 0.05  # of the bracket: an optimum this near its end is looked for beyond it
+_EDGE_SHARE = 0.05  # of the bracket: an optimum this close to its end is sought beyond it
 _ACCURACY = 1e-3  # of a part's logarithm; the merit is then flat to 1e-6
-_REACH, _ROUNDS = 3.0, 3  # e-folds about the start of a round
+_TRUST_RADIUS, _ROUNDS = 3.0, 3  # e-folds about the start of a round
 _DESCENT = {"maxiter": 40, "ftol": 1e-8}
 _SIMPLEX, _SIMPLEX_ACCURACY, _SIMPLEX_MERIT = 0.1, 5e-3, 1e-5
-_MOST_STEPS = 60
+_MAX_STEPS = 60
 
 
 def refine(trial: Trial, draft: Draft, start: Start, region: Region | None = None) -> Tuned:
@@ -55,9 +55,9 @@ def refine(trial: Trial, draft: Draft, start: Start, region: Region | None = Non
 
 @dataclass(frozen=True)
 class _EngineProgram:
-    """The nonlinear program on the engine.
+    """The nonlinear program on simulated figures.
 
-    Variables are the logarithms p of the parts and what is conceded of each limit, at its price in the merit.
+    Variables are the logarithms p of the parts and the slack of each limit, penalised in the merit.
     """
 
     trial: Trial
@@ -65,26 +65,29 @@ class _EngineProgram:
     region: Region
 
     def solve(self, start: np.ndarray) -> tuple[np.ndarray, str] | None:
-        """Minimum near a start; None where the engine has no derivatives on the way, or they are of no avail."""
+        """Minimum near a start; None if the simulation has no derivatives on the way, or the program fails."""
         answer = None
         for _ in range(_ROUNDS):
             try:
                 found = self._descend(start)
-            except ArithmeticError:  # NoGradientError, or the engine cannot go on
+            except ArithmeticError:  # NoGradientError, or the simulation cannot go on
                 break
             if not found.success:
                 break
             p, _ = self._split(found.x)
             answer = p, "SLSQP on the engine's gradient"
             # On the edge of its reach is within it as often as not, by rounding.
-            if np.all(np.abs(p - start) < _REACH - _ACCURACY):
+            if np.all(np.abs(p - start) < _TRUST_RADIUS - _ACCURACY):
                 break
             start = p
         return answer
 
     def _descend(self, start: np.ndarray) -> Any:
-        """Within reach of a start: what is linear further away misleads."""
-        low, high = np.maximum(self.region.lower, start - _REACH), np.minimum(self.region.upper, start + _REACH)
+        """Minimum within a trust region about a start: linearised constraints mislead further away."""
+        low, high = (
+            np.maximum(self.region.lower, start - _TRUST_RADIUS),
+            np.minimum(self.region.upper, start + _TRUST_RADIUS),
+        )
         concessions = np.maximum(0.0, self._excess(start))
         bounds = [*zip(low, high, strict=True), *[(0.0, None)] * len(concessions)]
         return minimize(
@@ -108,7 +111,7 @@ class _EngineProgram:
         return goal.score(figures) + PENALTY * float(np.sum(concessions)), slope
 
     def _constraints(self, y: np.ndarray) -> np.ndarray:
-        """What has to be no less than zero: the room to each limit, and to what a coil can be."""
+        """Constraints that have to be non-negative: distances to each limit, and to the coil quality."""
         p, concessions = self._split(y)
         return np.append(concessions - self._excess(p), self.region.coil @ p - self.region.offset)
 
@@ -120,24 +123,24 @@ class _EngineProgram:
 
 
 def _line(merit: Callable[[float], float], start: float, width: float) -> np.ndarray:
-    """Minimum along a line: bounded, the bracket moved on as long as the optimum sits at its edge."""
+    """Minimum along a line by a bounded search; the bracket is moved while the optimum is at its edge."""
     centre, best, best_merit = start, start, merit(start)
     for _ in range(_EXPANSIONS):
         bounds = (centre - width, centre + width)
         found: Any = minimize_scalar(merit, bounds=bounds, method="bounded", options={"xatol": _ACCURACY})
         if found.fun < best_merit:
             best, best_merit = float(found.x), float(found.fun)
-        if min(found.x - bounds[0], bounds[1] - found.x) > _EDGE * width or found.x == centre:
+        if min(found.x - bounds[0], bounds[1] - found.x) > _EDGE_SHARE * width or found.x == centre:
             break
         centre, width = float(found.x), 2 * width
     return np.array([best])
 
 
 def _simplex(merit: Callable[[np.ndarray], float], start: np.ndarray) -> np.ndarray:
-    """Minimum near a start that is good already."""
+    """Minimum near a good start, by a simplex search."""
     corners = np.vstack((start, start + _SIMPLEX * np.eye(len(start))))
     options = {
-        "initial_simplex": corners, "xatol": _SIMPLEX_ACCURACY, "fatol": _SIMPLEX_MERIT, "maxfev": _MOST_STEPS,
+        "initial_simplex": corners, "xatol": _SIMPLEX_ACCURACY, "fatol": _SIMPLEX_MERIT, "maxfev": _MAX_STEPS,
     }  # fmt: skip
     found: Any = minimize(merit, start, method="Nelder-Mead", options=options)
     return found.x

@@ -1,4 +1,4 @@
-"""Where the parts of a linear shunt are sought: a box in logarithms, and what an inductor can be."""
+"""Search region for the parts of a linear shunt: a box in logarithms, and the quality of inductors."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from piezoharvest.design.drafts import Draft
 from piezoharvest.design.starts import Host, scales
 
 SPAN = np.log(1e4)  # e-folds about a part's typical size
-COIL_QUALITY = 100.0  # w L/R that hardly a coil or gyrator passes; without it a tuning would end in lossless resonances
+COIL_QUALITY = 100.0  # w L/R that coils and gyrators hardly exceed; without it a tuning ends in lossless resonances
 _AT_BOUND = 0.01  # e-folds
 _SERIES = {"series_rl": 1.0, "series_rlc": 1.0, "parallel_rl": -1.0, "parallel_rlc": -1.0}
 
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """Values allowed for the free parts of a draft, as logarithms in the order of `draft.free`.
+    """Allowed values of the free parts of a draft, as logarithms in the order of `draft.free`.
 
     Attributes
     ----------
     names : tuple of str
     lower, upper : (n,) array
     coil : (n,) array
-        Row of the linear condition coil @ p >= offset: the resistance is no less (in parallel no more) than that of an
-        inductor of quality `COIL_QUALITY`. Zero where there is none.
+        Row of the linear constraint coil @ p >= offset: the resistance is no less (in parallel no more) than that of an
+        inductor of quality `COIL_QUALITY`. Zero without such a constraint.
     offset : float
     """
 
@@ -52,7 +52,7 @@ class Region:
         return cls(draft.free, lower, upper, coil, float(sign * np.log(host.omega) - np.log(COIL_QUALITY)))
 
     def logs(self, values: Mapping[str, float]) -> np.ndarray:
-        """Logarithms of values, brought into the region."""
+        """Logarithms of values, clipped to the region."""
         return self.clip(np.log([values[name] for name in self.names]))
 
     def values(self, p: np.ndarray) -> dict[str, float]:
@@ -60,7 +60,7 @@ class Region:
         return {name: float(np.exp(x)) for name, x in zip(self.names, p, strict=True)}
 
     def clip(self, p: np.ndarray) -> np.ndarray:
-        """The nearest point inside: into the box, then by the resistance alone to what the coil allows."""
+        """A nearby point inside: clipped to the box, then with the resistance changed to keep the coil quality."""
         p = np.clip(p, self.lower, self.upper)
         missing = self.offset - self.coil @ p
         if np.any(self.coil) and missing > 0:
@@ -68,8 +68,8 @@ class Region:
             p[n] += self.coil[n] * missing
         return p
 
-    def told(self, p: np.ndarray) -> list[str]:
-        """What is to be said of a point at the region's border, in words."""
+    def remarks(self, p: np.ndarray) -> list[str]:
+        """Remarks on parts at the border of the region, in words."""
         found = []
         if np.any(self.coil) and self.coil @ p - self.offset < _AT_BOUND:
             found.append(

@@ -1,4 +1,4 @@
-"""What a design gives back."""
+"""Results of a design."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Bound:
-    """What no passive linear shunt can pass; None where no bound holds or none has been computed."""
+    """Performance bound of passive linear shunts; None where no bound holds or none has been computed."""
 
     harvested_power: float | None = None
     attenuation_db: float | None = None
@@ -36,17 +36,17 @@ class Candidate:
     displacement_amplitude, voltage_amplitude : float
         m and V, by simulation; over a band the largest.
     converged : bool
-        Whether every simulation behind these figures can be trusted.
+        True if every simulation behind these figures is reliable.
     violates : tuple of str
         Names of the limits that are not kept; empty for a feasible candidate.
     start : str
-        Formula that the tuning set out from.
+        Formula from which the tuning started.
     method : str
-        How it was tuned.
+        Tuning method.
     iterations : int
         Iterations of the optimiser, or simulations where it tuned on them.
     gap_to_bound : float or None
-        Share of the bound that is not reached.
+        Relative distance from the bound.
     response : Response
         The simulation; over a band that of the largest displacement.
     """
@@ -66,11 +66,11 @@ class Candidate:
 
     @property
     def feasible(self) -> bool:
-        """Whether all limits are kept."""
+        """True if all limits are kept."""
         return not self.violates
 
     def as_json(self) -> dict[str, Any]:
-        """Candidate as the interface gives it."""
+        """Candidate as a table of the JSON output."""
         names = ("harvested_power", "attenuation_db", "gap_to_bound", "converged", "displacement_amplitude",
                  "voltage_amplitude", "violates", "start", "method", "iterations")  # fmt: skip
         values = {name: getattr(self, name) for name in names}
@@ -84,12 +84,12 @@ class DesignResult:
     Attributes
     ----------
     candidates : tuple of Candidate
-        Best first; those that violate a limit after those that keep them all, those not to be trusted last.
+        Best first; those that violate a limit after those that keep all, unreliable ones last.
     bound : Bound
     trade_off : tuple of mapping
         Front between harvesting and damping.
     notes : tuple of str
-        What was assumed, left out or found remarkable.
+        Assumptions, omissions and other remarks.
     """
 
     candidates: tuple[Candidate, ...]
@@ -104,11 +104,11 @@ class DesignResult:
 
     @property
     def converged(self) -> bool:
-        """Whether the best candidate can be trusted."""
+        """True if the best candidate is reliable."""
         return self.best.converged
 
     def as_json(self) -> dict[str, Any]:
-        """Result as the interface gives it."""
+        """Result as a table of the JSON output."""
         return {
             "bound": dataclasses.asdict(self.bound),
             "candidates": [candidate.as_json() for candidate in self.candidates],
@@ -119,7 +119,7 @@ class DesignResult:
 
 
 def shunt_table(shunt: Shunt) -> dict[str, Any]:
-    """Table of a shunt as it stands in a study file: its kind and the keys that differ from their defaults."""
+    """Table of a shunt as in a study file: its kind and the keys that differ from their defaults."""
     table: dict[str, Any] = {"kind": shunt.kind}
     for item in dataclasses.fields(shunt):
         value = getattr(shunt, item.name)

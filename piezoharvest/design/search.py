@@ -1,4 +1,4 @@
-"""The design itself: draft candidates, tune each, check it by simulation, rank them."""
+"""The design procedure: draft candidates, tune each, check it by simulation, rank them."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ from piezoharvest.design.twoport import LinearView
 from piezoharvest.study import DesignOptions, Study
 
 LARGEST_COIL = 1.0  # H; beyond, "discrete inductors are limited" (Fleming, Behrens & Moheimani, SMS 12, 57-64, 2003)
-_AGREES = 5e-3  # e-folds; the simulation's mean over a band is good to 1e-3
+_MAX_DISAGREEMENT = 5e-3  # e-folds; the simulation's mean over a band is good to 1e-3
 _AMPLITUDE_ROUNDS = 3
 
 Progress = Callable[[str], object]
 
 
-@np.errstate(all="ignore")  # what is not finite is told by the result
+@np.errstate(all="ignore")  # results report figures that are not finite
 def design(study: Study, progress: Progress | None = None) -> DesignResult:
     """Tune every candidate of a study, check it by nonlinear simulation and rank them.
 
     Parameters
     ----------
     study : Study
-        `study.design` says what is wanted; without it the defaults of `DesignOptions` hold. `study.shunts` are
-        templates: what of them is not tuned (diode drop, quality, smoothing capacitance, ...) is kept.
+        `study.design` gives the goal; without it the defaults of `DesignOptions` hold. `study.shunts` are templates:
+        their fields that are not tuned (diode drop, quality, smoothing capacitance, ...) are kept.
     progress : callable, optional
-        Called with short texts on the way.
+        Called with short messages on the progress.
 
     Returns
     -------
@@ -49,15 +49,14 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
     Raises
     ------
     ParameterError
-        No candidate is left, the excitation moves nothing or what cannot be simulated, or the objective is one that is
-        still to come.
+        No candidate is left, the excitation is zero or cannot be simulated, or the objective is not implemented yet.
 
     Notes
     -----
-    Linear shunts are tuned on the exact two-port from the closed forms of the literature (`starts`, `minimax`), and
-    on the engine from there where the two disagree (hysteresis, an excitation of several tones). Rectifying shunts
-    are tuned on the engine from every optimum of their equivalent impedance (`bridges`, `refine`). On the engine,
-    several parts are tuned by its gradient where it has one. Over a band the drive is a sine of unchanged amplitude:
+    Linear shunts are tuned on the exact two-port, starting from the closed forms of the literature (`starts`,
+    `minimax`), and then by simulation if the two disagree (hysteresis, an excitation of several tones). Rectifying
+    shunts are tuned by simulation from every optimum of their equivalent impedance (`bridges`, `refine`). Several parts
+    are tuned by the gradient of the simulation where it has one. Over a band the drive is a sine of constant amplitude:
     harvested power is its mean, displacement the worst peak.
     """
     options = study.design or DesignOptions()
@@ -91,7 +90,7 @@ class _Design:
             self.notes.append(f"left out: {'; '.join(drafting.left_out)}")
         if self.trial.unresolved:
             self.notes.append("resonances are sharper than the simulated mean power over the band is sure to see")
-        _ = self.trial.shorted  # what all refer to: found first, as without it nothing can be said
+        _ = self.trial.shorted  # the reference of all figures: computed first, as a design is impossible without it
         candidates = tuple(sorted(self._candidates(drafts), key=self._rank))
         if not any(candidate.feasible for candidate in candidates):
             self.notes.insert(0, "no candidate keeps all limits")
@@ -102,7 +101,7 @@ class _Design:
         return not candidate.converged, not candidate.feasible, value if np.isfinite(value) else np.inf
 
     def _candidates(self, drafts: Iterable[Draft]) -> list[Candidate]:
-        """Tune and check the drafts; those that take too much work are left out, unless none is left."""
+        """Tune and check the drafts; those that exceed the budget are left out, unless no other is left."""
         found, refused = [], None
         for draft in drafts:
             try:
@@ -127,7 +126,7 @@ class _Design:
             converged=figures.converged, violates=violates, start=tuned.start, method=tuned.method,
             iterations=tuned.iterations, response=figures.response,
         )  # fmt: skip
-        self._tell(draft, found, figures.message)
+        self._add_notes(draft, found, figures.message)
         return found
 
     def _tuned(self, draft: Draft) -> Tuned:
@@ -140,17 +139,17 @@ class _Design:
         return _best(refine(self.trial, draft, start) for start in found)
 
     def _linear(self, draft: Draft) -> Tuned:
-        """On the two-port; on the engine from there where the simulation says otherwise."""
+        """Tune on the two-port, and on by simulation from there if that disagrees."""
         view, region = self.view, self._region(draft)
         best = _best(tune(view, draft, start, region) for start in starts(draft, self.host))
         for _ in range(_AMPLITUDE_ROUNDS if view.amplitude else 0):
-            # The describing function at the amplitude that the tuned shunt brings about, not at a guessed one.
+            # The describing function at the amplitude with the tuned shunt, not at a guessed one.
             view = view.working(best.shunt)
             best = tune(view, draft, _start_at(draft, best), region)._replace(start=best.start)
         if view.amplitude is None:
-            # A random signal: made for what is expected of it, not for this one realisation.
+            # A random signal: tuned for its expectation, not for this realisation.
             expected = not self.operation.periodic
-            if expected or self.goal.agree(view.figures(best.shunt), self.trial.figures(best.shunt), _AGREES):
+            if expected or self.goal.agree(view.figures(best.shunt), self.trial.figures(best.shunt), _MAX_DISAGREEMENT):
                 return best
         refined = refine(self.trial, draft, _start_at(draft, best), region)
         steps = best.iterations + refined.iterations
@@ -159,29 +158,29 @@ class _Design:
     def _region(self, draft: Draft) -> Region:
         return Region.of(draft, self.host, self.options.max_inductance)
 
-    def _tell(self, draft: Draft, found: Candidate, message: str) -> None:
-        """Notes on a candidate: assumptions, parts that cannot be bought, optima at their bounds, limits."""
-        kind, tell = found.shunt.kind, self.notes.append
+    def _add_notes(self, draft: Draft, found: Candidate, message: str) -> None:
+        """Add notes on a candidate: assumptions, unavailable parts, optima at their bounds, limits."""
+        kind, note = found.shunt.kind, self.notes.append
         self.progress(f"{kind}: {found.harvested_power:.4g} W, {found.attenuation_db:.2f} dB")
         for text in draft.assumed:
-            tell(f"{kind}: assumed {text}")
+            note(f"{kind}: assumed {text}")
         inductance = largest_inductance(found.shunt, self.study.transducer.capacitance)
         if inductance > LARGEST_COIL:
-            tell(f"{kind}: {inductance:.3g} H needs a synthetic inductor (coils end at about {LARGEST_COIL:g} H)")
+            note(f"{kind}: {inductance:.3g} H needs a synthetic inductor (coils end at about {LARGEST_COIL:g} H)")
         if draft.free and isinstance(found.shunt, LinearShunt):
             region = self._region(draft)
-            for text in region.told(np.log([getattr(found.shunt, name) for name in draft.free])):
-                tell(f"{kind}: {text}")
+            for text in region.remarks(np.log([getattr(found.shunt, name) for name in draft.free])):
+                note(f"{kind}: {text}")
         if not found.converged:
-            tell(f"{kind}: not to be trusted: {message or 'a simulation did not converge'}")
+            note(f"{kind}: not to be trusted: {message or 'a simulation did not converge'}")
         elif message:
-            tell(f"{kind}: {message}")
+            note(f"{kind}: {message}")
         if found.violates:
-            tell(f"{kind}: does not keep {', '.join(found.violates)}")
+            note(f"{kind}: does not keep {', '.join(found.violates)}")
 
 
 def _best(tried: Iterable[Tuned]) -> Tuned:
-    """The best; of those that end in the same optimum the first, which is named after the better known formula."""
+    """The best; of those that end in the same optimum the first, named after the better known formula."""
     return min(tried, key=lambda tuned: round(tuned.merit, 5))
 
 

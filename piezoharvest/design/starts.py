@@ -1,4 +1,4 @@
-"""Closed forms that the tuning of linear shunts sets out from.
+"""Closed-form start values for the tuning of linear shunts.
 
 Sources: Hagood & von Flotow, J. Sound Vib. 146(2), 243-268, 1991 (resistor, transfer-function rule, pole placement);
 Yamada, Matsuhisa, Utsuno & Sawada, J. Sound Vib. 329(24), 4980-4997, 2010 (near-H-infinity rule); Kong, Ha, Erturk &
@@ -20,7 +20,7 @@ from piezoharvest.linear import TwoPort, resonances
 
 
 class Start(NamedTuple):
-    """Values to begin with, and the formula that they come from."""
+    """Start values, and the formula that they come from."""
 
     formula: str
     values: dict[str, float]
@@ -28,12 +28,12 @@ class Start(NamedTuple):
 
 @dataclass(frozen=True)
 class Host:
-    """What the closed forms need to know of a transducer, at the mode nearest to a frequency.
+    """Properties of a transducer that the closed forms need, at the mode nearest to a frequency.
 
     Attributes
     ----------
     omega, short, opened : float
-        Frequency looked at, and the mode's short- and open-circuit resonance, rad/s.
+        The frequency, and the mode's short- and open-circuit resonance, rad/s.
     capacitance : float
         Clamped capacitance, F.
     coupling : float
@@ -64,7 +64,7 @@ class Host:
 
 
 def starts(draft: Draft, host: Host) -> list[Start]:
-    """Values to begin the tuning of a linear shunt with, those that come from a formula of its own first."""
+    """Start values for the tuning of a linear shunt, those from specific formulas first."""
     own = {
         "resistor": _resistor, "series_rl": _series_rl, "parallel_rl": _parallel_rl, "series_rlc": _series_rlc,
         "parallel_rlc": _parallel_rlc, "negative_capacitance": _negative_capacitance,
@@ -75,7 +75,7 @@ def starts(draft: Draft, host: Host) -> list[Start]:
 
 
 def scales(draft: Draft, host: Host) -> dict[str, float]:
-    """Typical size of every free part, by its unit: that of the capacitance's impedance at the frequency."""
+    """Typical value of every free part, by its unit: from the impedance of the capacitance at the frequency."""
     c, w = host.capacitance, host.omega
     scale = {"ohm": 1 / (w * c), "H": 1 / (w**2 * c), "F": c}
     units = {name: type(draft.shunt).__dataclass_fields__[name].metadata["unit"] for name in draft.free}
@@ -88,7 +88,7 @@ def _resistor(host: Host, _: LinearShunt) -> list[Start]:
     return [
         Start("R = |Z| of the leads", {"resistance": abs(host.impedance)}),
         Start("R = 1/(C w_F) (Hagood & von Flotow 1991)", {"resistance": 1 / (c * fixed_point)}),
-        # Over a band that holds both resonances, one optimum suits each of them.
+        # Over a band that holds both resonances, each has an optimum that suits it.
         *(Start(f"R = {s:g}/(C w)", {"resistance": s / (c * w)}) for s in (0.1, 10.0)),
     ]
 
@@ -172,12 +172,12 @@ def _negative_capacitance(host: Host, shunt: LinearShunt) -> list[Start]:
 
 
 def _rules(host: Host, shunt: LinearShunt) -> list[Start]:
-    """The series-RL rules that do not match impedances."""
+    """The series-RL rules that are not impedance matching."""
     return [start for start in _series_rl(host, shunt) if not start.formula.startswith("conjugate")]
 
 
 def _matched(host: Host, parts) -> list[Start]:
-    """Load equal to the conjugate of the leads' impedance, where parts above zero make that up."""
+    """Load equal to the conjugate of the source impedance, where it can be made of positive parts."""
     with np.errstate(all="ignore"):
         values = parts(host.impedance)
     return [Start("conjugate match of the leads (Kong et al. 2010)", values)] if min(values.values()) > 0 else []

@@ -1,4 +1,4 @@
-"""The one place where shunts are judged by nonlinear simulation."""
+"""Evaluation of shunts by nonlinear simulation."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Shunt
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.system import System
-from piezoharvest.design.goal import LEAST, Figures, Slopes
+from piezoharvest.design.goal import SMALLEST_FIGURE, Figures, Slopes
 from piezoharvest.design.operation import mean_nodes, narrowest_width
 from piezoharvest.design.twoport import LinearView
 from piezoharvest.engine import Gradient, NoGradientError, gradient, simulate
 from piezoharvest.engine.response import Response
-from piezoharvest.engine.work_limit import MOST_WORK, Budget
+from piezoharvest.engine.work_limit import MAX_WORK, Budget
 
-_MEAN_ERROR = 1e-3  # of a mean over a band: below what parts are worth being told apart by
+_MEAN_ERROR = 1e-3  # of a mean over a band: below differences between parts that matter
 _TUNING_NODES, _FINAL_NODES = 41, 121  # at most
-_FEWEST_POINTS = 9  # in search of the worst peak of what does not switch: the two-port tells where else to look
-_TUNING_POINTS, _FINAL_POINTS = 17, 41  # of what does
+_MIN_POINTS = 9  # in search of the worst peak of circuits without switches: the two-port gives further places
+_TUNING_POINTS, _FINAL_POINTS = 17, 41  # of switched circuits
 _PEAK_STEPS = 8
 # Of all simulations of a design together, in the units of `engine.budget`: 10 s or so, twice the largest of designs/.
-_MOST_WORK = MOST_WORK * 5 // 4
-_TUNING_SAMPLES = 16  # waveforms are not looked at while tuning; amplitudes do not depend on them
+_MAX_WORK = MAX_WORK * 5 // 4
+_TUNING_SAMPLES = 16  # waveforms are not used while tuning; amplitudes do not depend on their number
 
 
 Tangent = tuple[Figures, Slopes]
@@ -37,30 +37,30 @@ Tangent = tuple[Figures, Slopes]
 
 @dataclass
 class Trial:
-    """Simulates shunts in an operation and sums up what they do.
+    """Simulates shunts in an operation and summarises the results.
 
     Attributes
     ----------
     view : LinearView
         The transducer, its operation and the goal.
     simulations : int
-        How many steady states or transients have been searched, with a gradient or without.
+        Number of steady states or transients computed, with or without a gradient.
     left : int
-        Work that they may still take.
+        Remaining work in the units of `engine.budget`.
     """
 
     view: LinearView
     simulations: int = 0
-    left: int = _MOST_WORK
+    left: int = _MAX_WORK
     _known: dict[tuple[Shunt, bool], Figures] = field(default_factory=dict)
     _tangents: dict[tuple[Shunt, tuple[str, ...]], Tangent] = field(default_factory=dict)
 
     def merit(self, shunt: Shunt) -> float:
-        """What every tuning on the engine makes small."""
+        """The merit that every tuning by simulation minimises."""
         return self.view.goal.merit(self.figures(shunt))
 
     def figures(self, shunt: Shunt, *, complete: bool = False) -> Figures:
-        """Figures of a shunt, kept for the next time; without `complete` only those that count for the goal."""
+        """Figures of a shunt, cached; without `complete` only those that the goal needs."""
         key = (shunt, complete)
         if key not in self._known:
             judge = self._over_band if self.view.operation.band else self._alone
@@ -68,13 +68,13 @@ class Trial:
         return self._known[key]
 
     def tangent(self, shunt: Shunt, parts: tuple[str, ...]) -> Tangent:
-        """Figures of a shunt and their slopes in the logarithms of its parts, kept for the next time.
+        """Figures of a shunt and their derivatives by the logarithms of its parts, cached.
 
         Raises
         ------
         NoGradientError
             There is no periodic steady state, the excitation is not a sine, or the worst peak of a band counts, which
-            jumps from one to another.
+            jumps between frequencies.
         """
         op, goal, key = self.view.operation, self.view.goal, (shunt, parts)
         if not op.apart or (op.band and (goal.damping or goal.limits_levels)):
@@ -88,19 +88,19 @@ class Trial:
         return self._tangents[key]
 
     def _sum_up(self, found: list[Gradient], weights: np.ndarray, parts: tuple[str, ...]) -> Tangent:
-        """Mean power and largest amplitudes of sines one at a time, and their slopes."""
+        """Mean power and largest amplitudes over sines one at a time, and their derivatives."""
         columns = [found[0].quantities.index(f"shunt.{name}") for name in parts]
         values, levels, slopes = found[0].values[columns], {}, {}
         for name in Slopes._fields:
             each = np.array([getattr(g, name) for g in found])
             share = weights if name == "harvested_power" else np.eye(len(found))[np.argmax(each)]
             levels[name] = float(share @ each)
-            slopes[name] = values * (share @ [g.by[name][columns] for g in found]) / max(levels[name], LEAST)
+            slopes[name] = values * (share @ [g.by[name][columns] for g in found]) / max(levels[name], SMALLEST_FIGURE)
         attenuation = self._attenuation(levels["displacement_amplitude"], complete=False)
         return Figures(**levels, attenuation_db=attenuation), Slopes(**slopes)
 
     def _attenuation(self, displacement: float, *, complete: bool) -> float:
-        """Against the short circuit in dB, where it is asked for."""
+        """Attenuation against the short circuit in dB, where it is asked for."""
         if not complete and self.view.goal.options.min_attenuation_db is None:
             return float("nan")
         with np.errstate(all="ignore"):
@@ -126,8 +126,8 @@ class Trial:
 
     @contextmanager
     def _counted(self) -> Iterator[Budget]:
-        """Work for one more simulation, which counts for the design."""
-        budget = Budget(min(MOST_WORK, self.left))
+        """Work budget of one more simulation, deducted from that of the design."""
+        budget = Budget(min(MAX_WORK, self.left))
         allowed = budget.left
         try:
             yield budget
@@ -157,7 +157,7 @@ class Trial:
         return Figures(power, worst.displacement_amplitude, voltage, attenuation, not failed, told, worst)
 
     def _close_in(self, shunt: Shunt, complete: bool, found: dict[float, Response]) -> None:
-        """Add simulations over the band, the last of them closing in on the peaks of what is asked for."""
+        """Add simulations over the band that converge on the peaks of the goal's quantities."""
         for frequency in self._points(shunt, complete, len(found)):
             if frequency not in found:
                 found[frequency] = self._simulate(shunt, complete, frequency)
@@ -176,20 +176,20 @@ class Trial:
             minimize_scalar(height, bounds=bounds, method="bounded", options={"maxiter": _PEAK_STEPS})
 
     def _points(self, shunt: Shunt, complete: bool, known: int) -> list[float]:
-        """Frequencies (Hz) in search of the worst peak, beside those of the power if these are enough to see it."""
+        """Frequencies (Hz) at which the worst peak is sought, besides those of the power if these are too few."""
         low, high = self.view.operation.band or (0.0, 0.0)
         if isinstance(shunt, LinearShunt):
-            return sorted({*map(float, np.linspace(low, high, _FEWEST_POINTS)), *map(float, self.view.grid(shunt))})
+            return sorted({*map(float, np.linspace(low, high, _MIN_POINTS)), *map(float, self.view.grid(shunt))})
         if not complete and known >= _TUNING_POINTS:
             return []
         most = _FINAL_POINTS if complete else _TUNING_POINTS
         wanted = 2 * np.ceil((high - low) / narrowest_width(self.view.transducer)) + 1
-        count = int(np.clip(wanted, _FEWEST_POINTS, most))
+        count = int(np.clip(wanted, _MIN_POINTS, most))
         return [float(f) for f in np.linspace(low, high, count)]
 
     @property
     def unresolved(self) -> bool:
-        """Whether resonances are sharper than the mean over the band is sure to see."""
+        """True if resonances may be sharper than the mean over the band resolves."""
         return self.view.operation.band is not None and len(self._nodes[True][0]) == _FINAL_NODES
 
     @cached_property

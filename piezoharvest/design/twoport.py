@@ -1,4 +1,4 @@
-"""Linear shunts on the exact two-port: figures, exact peaks, and tuning by a smooth minimax problem."""
+"""Linear shunts on the exact two-port: figures, exact peaks, and levels for the minimax tuning."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from piezoharvest.design.operation import Operation
 from piezoharvest.linear import frequency_response, hysteresis_slope, poles
 from piezoharvest.linear.response import FrequencyResponse
 
-_GRID = 61  # points of a band between which the poles tell where else to look
-_ZOOMS, _ZOOM_POINTS = 7, 11  # a peak's place to 1e-5 of the grid's spacing, its height to the square of that
+_GRID_POINTS = 61  # points of a band, besides those at the poles
+_ZOOMS, _ZOOM_POINTS = 7, 11  # a peak's frequency to 1e-5 of the grid's spacing, its height to the square of that
 _AMPLITUDE_STEPS = 60
 
 
 class Levels(NamedTuple):
     """Power (...) in W, displacement (..., g) in m and voltage (..., g) in V.
 
-    Amplitudes on a grid of frequencies; for lines that act at once, that of a sine with the same mean square.
+    Amplitudes on a grid of frequencies; for lines that act together, that of a sine with the same mean square.
     """
 
     power: np.ndarray
@@ -45,7 +45,7 @@ class LinearView:
     operation : Operation
     goal : Goal
     amplitude : float or None
-        Charge amplitude in C at which the hysteresis enters by its describing function.
+        Charge amplitude in C for the describing function of the hysteresis.
     """
 
     transducer: Transducer
@@ -55,7 +55,7 @@ class LinearView:
 
     @property
     def capacitance(self) -> float:
-        """Clamped capacitance in F as the leads see it: that of the hysteresis, at this amplitude, in series."""
+        """Clamped capacitance in F at the electrodes: in series with that of the hysteresis at this amplitude."""
         slope = hysteresis_slope(self.transducer, amplitude=self.amplitude) if self.amplitude else 0.0
         return float(1 / (1 / self.transducer.capacitance + np.real(slope)))
 
@@ -65,7 +65,7 @@ class LinearView:
         return frequency_response(system, frequencies, base=self.operation.base, amplitude=self.amplitude)
 
     def levels(self, shunt: Shunt, grid: np.ndarray) -> Levels:
-        """Levels of a shunt, or of a batch of designs; `grid` in Hz is used where the lines act one at a time."""
+        """Levels of a shunt, or of a batch of designs; `grid` in Hz is used where lines act one at a time."""
         op = self.operation
         if op.apart:
             nodes = len(op.frequencies)
@@ -77,17 +77,17 @@ class LinearView:
         return Levels(found.harvested_power @ op.squares, *both)
 
     def peaks(self, shunt: Shunt, of: Callable[[FrequencyResponse], np.ndarray]) -> np.ndarray:
-        """Frequencies in Hz of all local maxima in the band, its edges included: exact, by zooming in."""
+        """Frequencies in Hz of all local maxima in the band, its edges included, found by repeated refinement."""
         band = self.operation.band
         if band is None:
             return self.operation.frequencies if self.operation.apart else np.empty(0)
-        grid = np.unique(np.concatenate((np.linspace(*band, _GRID), self._near_poles(shunt, band))))
+        grid = np.unique(np.concatenate((np.linspace(*band, _GRID_POINTS), self._near_poles(shunt, band))))
         height = np.abs(of(self.response(shunt, grid)))
         padded = np.concatenate(([-np.inf], height, [-np.inf]))
         tops = np.flatnonzero((height >= padded[:-2]) & (height > padded[2:]))
         left, right = grid[np.maximum(tops - 1, 0)], grid[np.minimum(tops + 1, len(grid) - 1)]
         for _ in range(_ZOOMS):
-            # All brackets at once: each shrinks to the neighbours of its highest point.
+            # All brackets together: each shrinks to the neighbours of its highest point.
             places = left[:, None] + (right - left)[:, None] * np.linspace(0, 1, _ZOOM_POINTS)
             heights = np.abs(of(self.response(shunt, places.ravel()))).reshape(places.shape)
             rows, n = np.arange(len(places)), np.argmax(heights, axis=1)
@@ -95,7 +95,7 @@ class LinearView:
         return places[rows, n]
 
     def _near_poles(self, shunt: Shunt, band: tuple[float, float]) -> np.ndarray:
-        """Frequencies around the poles, as close as their damping makes the response change."""
+        """Frequencies around the poles, spaced by their damping."""
         found = poles(System(self.transducer, shunt))
         found = found[np.imag(found) > 0]
         spread = np.array([-2, -1, -0.5, 0, 0.5, 1, 2])
@@ -111,7 +111,7 @@ class LinearView:
 
     @cached_property
     def shorted(self) -> float:
-        """Displacement in m with shorted electrodes, the worst in a band; infinite where nothing holds it."""
+        """Displacement in m with shorted electrodes, the worst in a band; infinite where it is unbounded."""
         try:
             with np.errstate(all="ignore"):
                 found = float(np.max(self.levels(Short(), self.peaks(Short(), lambda r: r.displacement)).displacement))
@@ -120,7 +120,7 @@ class LinearView:
         return found if np.isfinite(found) else float("inf")
 
     def figures(self, shunt: Shunt) -> Figures:
-        """Figures as the linear two-port has them, with exact peaks."""
+        """Figures by the linear two-port, with exact peaks."""
         power, displacement, voltage = self.levels(shunt, self.grid(shunt))
         worst = float(np.max(displacement))
         with np.errstate(divide="ignore"):
@@ -128,9 +128,9 @@ class LinearView:
         return Figures(float(power), worst, float(np.max(voltage)), attenuation)
 
     def working(self, shunt: Shunt | None = None) -> LinearView:
-        """The view at the charge amplitude that this drive brings about with a shunt: a fixed point, by damped steps.
+        """The view at the charge amplitude that the drive causes with a shunt: a damped fixed-point iteration.
 
-        Without a shunt, with the resistance that equals the capacitance's impedance. Without hysteresis, as it is.
+        Without a shunt, the resistance equal to the capacitance's impedance is used. Without hysteresis: self.
         """
         if self.transducer.hysteresis is None:
             return self

@@ -1,4 +1,4 @@
-"""Diagnosis: what a simulation gets wrong, its cause, and what naming it gains."""
+"""Diagnosis of a campaign: structure in the residuals of a fitted model, its likely cause, and what adding it gains."""
 
 from __future__ import annotations
 

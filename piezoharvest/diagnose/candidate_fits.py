@@ -1,4 +1,4 @@
-"""Full fits of models that differ in their effects, and their scores: none is made twice, the best are remembered."""
+"""Full fits of models that differ in their effects, and their score tests, cached so that none is repeated."""
 
 from __future__ import annotations
 
@@ -10,32 +10,33 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from piezoharvest.description.effects import Effect
-from piezoharvest.diagnose.residual_tests import Leftover, structure
+from piezoharvest.diagnose.residual_tests import ResidualTest, failed_tests
 from piezoharvest.diagnose.score_tests import ScoredEffect, effect_parameters, extended, scores
-from piezoharvest.diagnose.start_values import CampaignScales, displacement_of, jitter_of, scene_of
+from piezoharvest.diagnose.start_values import CampaignScales, campaign_scales, displacement_of, drive_jitter
 from piezoharvest.identify.fitting.data import Data
-from piezoharvest.identify.fitting.levenberg_marquardt import ITERATIONS, UNFINISHED, Fit
+from piezoharvest.identify.fitting.levenberg_marquardt import MAX_ITERATIONS, NOT_CONVERGED, Fit
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import covariance, fit, inflation, inverse, linearised
-from piezoharvest.identify.fitting.problem import Problem, carried, prior_of
-from piezoharvest.identify.identifiability import UNKNOWN, size_of, undetermined
-from piezoharvest.identify.start_values.initial_hysteresis_state import recalled
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, prior_of
+from piezoharvest.identify.identifiability import MAX_RELATIVE_ERROR, size_of, undetermined
+from piezoharvest.identify.start_values.initial_hysteresis_state import search_initial_states
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
 from piezoharvest.predict.prediction import PredictionError
 
-STRAYED = 0.4  # of a logarithm: a parameter that is so far from its nominal value may stand in for an effect
-ROUGHLY = 0.5  # of -2 ln L that a trial fit may still promise
-COARSELY = 10.0  # the same, of a fit that only serves for scores
-WANTED = 10.0  # of -2 ln L that parameters gain by straying: with less the data does not want them there
-CLOSE = 6.0  # of -2 ln L: odds of twenty to one
-PLAIN = 12  # iterations after which a fit without an effect costs
-CERTAIN = 2.0  # standard errors: what is nearer to nothing is not told from it, whatever it lowers the cost by
-NEEDED = 1e4  # of -2 ln L more, by which the effect is needed, whatever the end of that fit would be
+MIN_DEVIATION = 0.4  # of a logarithm: a parameter so far from its nominal value may compensate for a missing effect
+FIT_TOLERANCE = 0.5  # of -2 ln L: predicted decrease at which a trial fit stops
+COARSE_FIT_TOLERANCE = 10.0  # the same, for a fit that only serves for scores
+MIN_DEVIATION_GAIN = 10.0  # of -2 ln L: smallest gain by which parameters are said to deviate from their nominal values
+CLOSE_COST = 6.0  # of -2 ln L: odds of twenty to one
+REMOVAL_ITERATIONS = 12  # iterations of a fit without one effect before its cost is compared
+MIN_STANDARD_ERRORS = 2.0  # standard errors: a smaller effect cannot be told from none, whatever its gain in cost
+# Of -2 ln L: with such a rise the effect is indispensable, however an unfinished fit would end.
+INDISPENSABLE_GAIN = 1e4
 
 
 @dataclass(frozen=True)
 class EffectChange:
-    """A model with one effect more or less.
+    """A fit of a model with one effect more or less.
 
     Attributes
     ----------
@@ -46,39 +47,39 @@ class EffectChange:
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Names of its effects."""
+        """Names of the model's effects."""
         return tuple(effect.name for effect in self.found.model.transducer.effects)
 
     @property
     def cost(self) -> float:
-        """-2 ln L but for a constant."""
+        """-2 ln L up to a constant."""
         return self.found.cost
 
     @property
     def fair_cost(self) -> float:
-        """Cost with two for every number that the effects take: sets of different sizes are compared by it."""
+        """Cost plus two per effect parameter (Akaike), for comparing sets of different sizes."""
         return self.cost + 2.0 * sum(parameter.path[0] == "effects" for parameter in self.found.model.parameters)
 
 
-class Made(NamedTuple):
-    """A full fit that was made.
+class FitRecord(NamedTuple):
+    """Record of a full fit that was made.
 
     Attributes
     ----------
     names : str
-        Of its effects, " + " between them.
+        Names of its effects, joined by " + ".
     change : float
-        Of -2 ln L from the model without effects.
+        Change of -2 ln L from the model without effects.
     inflated : float
-        How many times as large the variance of the last effect's strength is as white noise would make it.
+        Variance of the last effect's strength over that with white residuals.
     """
 
     names: str
     change: float
-    inflated: float
+    variance_inflation: float
 
 
-class Trials:
+class CandidateFits:
     """Fits and scores of a campaign.
 
     Parameters
@@ -87,11 +88,11 @@ class Trials:
     base : Fit
         Of the model without effects.
     library : sequence of Effect classes or None
-    tell : callable
+    progress : callable
 
     Attributes
     ----------
-    made : list of Made
+    fit_records : list of FitRecord
     """
 
     def __init__(
@@ -99,44 +100,44 @@ class Trials:
         problem: Problem,
         base: Fit,
         library: Sequence[type[Effect]] | None,
-        tell: Callable[[str], None],
+        progress: Callable[[str], None],
     ):
-        self.problem, self.base, self.library, self.tell = problem, base, library, tell
-        self.made: list[Made] = []
+        self.problem, self.base, self.library, self.progress = problem, base, library, progress
+        self.fit_records: list[FitRecord] = []
         self._scored: dict[int, tuple[EffectChange, list[ScoredEffect]]] = {}
-        self._own_noise: dict[int, tuple[Fit, Fit]] = {}
-        self._known: dict[tuple[str, ...], EffectChange] = {}
-        self._structure: dict[tuple[int, bool], tuple[Fit, tuple[Leftover, ...]]] = {}
+        self._refitted: dict[int, tuple[Fit, Fit]] = {}
+        self._best_fits: dict[tuple[str, ...], EffectChange] = {}
+        self._failed_tests: dict[tuple[int, bool], tuple[Fit, tuple[ResidualTest, ...]]] = {}
 
     def scores(self, now: EffectChange) -> list[ScoredEffect]:
-        """Scores of all effects against a model."""
+        """Score tests of all effects against a model."""
         if id(now) not in self._scored:
-            scene = scene_of(self.problem.data, now.found)
-            self._scored[id(now)] = now, scores(self.problem, now.found, scene, self.library)
+            scales = campaign_scales(self.problem.data, now.found)
+            self._scored[id(now)] = now, scores(self.problem, now.found, scales, self.library)
         return self._scored[id(now)][1]
 
-    def structure(self, found: Fit, *, scattered: bool = True) -> tuple[Leftover, ...]:
-        """Where a fit leaves structure; `scattered` as in `leftover.structure`."""
-        key = id(found), scattered
-        if key not in self._structure:
-            self._structure[key] = found, structure(self.problem, found, scattered=scattered)
-        return self._structure[key][1]
+    def failed_tests(self, found: Fit, *, drive_noise: bool = True) -> tuple[ResidualTest, ...]:
+        """Failed residual tests of a fit; `drive_noise` as in `residual_tests.failed_tests`."""
+        key = id(found), drive_noise
+        if key not in self._failed_tests:
+            self._failed_tests[key] = found, failed_tests(self.problem, found, drive_noise=drive_noise)
+        return self._failed_tests[key][1]
 
-    def left(self, found: Fit) -> tuple[Leftover, ...]:
-        """Where a fit with effects leaves structure, whitened by itself and with its own noise.
+    def failed_tests_refitted(self, found: Fit) -> tuple[ResidualTest, ...]:
+        """Failed residual tests of a fit with effects, whitened by its own model and with its own noise.
 
-        The model without effects may pass on the noise of a drive in another way, by which it would not be white.
+        The model without effects may pass on the drive's noise differently: its whitening would not be white here.
         """
-        plain = self.structure(found)
+        plain = self.failed_tests(found)
         if not plain or len(found.model.transducer.effects) == len(self.base.model.transducer.effects):
             return plain
-        if id(found) not in self._own_noise:
+        if id(found) not in self._refitted:
             try:
-                own = fit(self.problem, found.model, found.own, found.noise, rounds=2)
+                refitted = fit(self.problem, found.model, found.own, found.noise, rounds=2)
             except (PredictionError, np.linalg.LinAlgError):
-                own = found
-            self._own_noise[id(found)] = found, own
-        return self.structure(self._own_noise[id(found)][1])
+                refitted = found
+            self._refitted[id(found)] = found, refitted
+        return self.failed_tests(self._refitted[id(found)][1])
 
     def extended(
         self,
@@ -144,45 +145,47 @@ class Trials:
         effect: Effect,
         aim: float,
         varied: Sequence[Parameter] | None = None,
-        most: int = ITERATIONS,
+        most: int = MAX_ITERATIONS,
     ) -> EffectChange | None:
-        """Full fit with one effect more, and what else varies; None where the model then has no solution.
+        """Full fit with one effect added, and other parameters freed; None where the model then has no solution.
 
-        It is given up where it will not come to this -2 ln L. What has not varied so far is let go only when the effect
-        has its place, which it might take otherwise.
+        It is abandoned if it will not reach the cost `aim`. Parameters that were fixed so far are freed only after a
+        first fit of the effect, whose place they might take otherwise.
         """
         more = effect_parameters([effect], len(now.found.model.transducer.effects))
         model = extended(now.found.model, [effect], more)
-        own = carried(self.problem, now.found.model, now.found.own, model)
+        nuisance = nuisance_for_model(self.problem, now.found.model, now.found.own, model)
         if varied is not None and set(varied) > set(now.found.model.parameters):
-            alone = self._fit(model, own, now.found, enough=COARSELY, most=most)
+            alone = self._fit(model, nuisance, now.found, enough=COARSE_FIT_TOLERANCE, most=most)
             if alone is None:
                 return None
-            model, own = replace(alone.found.model, parameters=(*varied, *more)), alone.found.own
-        step = self._kept(self._fit(model, own, now.found, aim=aim, most=most))
-        return step if most < ITERATIONS else self._seen(step)
+            model, nuisance = replace(alone.found.model, parameters=(*varied, *more)), alone.found.own
+        step = self._remember_converged(self._fit(model, nuisance, now.found, aim=aim, most=most))
+        return step if most < MAX_ITERATIONS else self._visible(step)
 
-    def finished(self, tried: Sequence[EffectChange]) -> list[EffectChange]:
-        """Fits of which those that crawl go on when it is known what they have to come to; the best first."""
-        done = [step for step in tried if step.found.message != UNFINISHED]
-        for slow in sorted((step for step in tried if step.found.message == UNFINISHED), key=lambda s: s.fair_cost):
-            step = self._kept(self._fit(slow.found.model, slow.found.own, slow.found, aim=aim_beside(done)))
+    def complete(self, tried: Sequence[EffectChange]) -> list[EffectChange]:
+        """Fits by increasing fair cost; unfinished ones are continued now that the cost to reach is known."""
+        done = [step for step in tried if step.found.message != NOT_CONVERGED]
+        for slow in sorted((step for step in tried if step.found.message == NOT_CONVERGED), key=lambda s: s.fair_cost):
+            step = self._remember_converged(
+                self._fit(slow.found.model, slow.found.own, slow.found, aim=cost_to_reach(done))
+            )
             done += [] if step is None else [step]
-        return sorted((step for step in done if self._seen(step)), key=lambda step: step.fair_cost)
+        return sorted((step for step in done if self._visible(step)), key=lambda step: step.fair_cost)
 
-    def _seen(self, step: EffectChange | None) -> EffectChange | None:
-        """The step, unless its last effect is none that the records can show."""
+    def _visible(self, step: EffectChange | None) -> EffectChange | None:
+        """The step, or None if the records cannot show its last effect at the fitted values."""
         if step is None:
             return None
         transducer, noise = step.found.model.transducer, step.found.noise
-        scene = replace(
-            self._scene,
+        scales = replace(
+            self._scales,
             displacement=displacement_of(self._records, transducer),
-            jitter=jitter_of(self._records, transducer, noise),
+            jitter=drive_jitter(self._records, transducer, noise),
         )
         effect = step.found.model.transducer.effects[-1]
-        if not effect.shown(scene):
-            self.tell(f"{effect.name} is out of the range that the records show")
+        if not effect.shown(scales):
+            self.progress(f"{effect.name} is out of the range that the records show")
             return None
         return step
 
@@ -191,146 +194,158 @@ class Trials:
         return [data for data in self.problem.data if isinstance(data, Data)]
 
     @cached_property
-    def _scene(self) -> CampaignScales:
-        """What the records can show, whatever the model."""
-        return scene_of(self.problem.data, self.base)
+    def _scales(self) -> CampaignScales:
+        """Scales of the campaign, independent of the model."""
+        return campaign_scales(self.problem.data, self.base)
 
-    def held(self, now: EffectChange) -> EffectChange | None:
-        """Full fit with the parameters that have strayed at their nominal values; None where none has."""
-        strayed, model = self.strayed(now), now.found.model
-        if not strayed:
+    def at_nominal(self, now: EffectChange) -> EffectChange | None:
+        """Full fit with the deviating parameters at their nominal values; None where no parameter deviates."""
+        deviating, model = self.deviating(now), now.found.model
+        if not deviating:
             return None
         transducer = model.transducer
-        for parameter in strayed:
+        for parameter in deviating:
             transducer = put(transducer, parameter.path, value_at(self.problem.nominal, parameter.path))
-        kept = tuple(p for p in model.parameters if p not in strayed)
+        kept = tuple(p for p in model.parameters if p not in deviating)
         return self._fit(
-            replace(model, transducer=transducer, parameters=kept), now.found.own, now.found, enough=COARSELY
+            replace(model, transducer=transducer, parameters=kept),
+            now.found.own,
+            now.found,
+            enough=COARSE_FIT_TOLERANCE,
         )
 
-    def strayed(self, now: EffectChange) -> list[Parameter]:
-        """Parameters that the data wants far from their nominal values: they may stand in for an effect.
+    def deviating(self, now: EffectChange) -> list[Parameter]:
+        """Parameters whose estimates are far from their nominal values: they may compensate for a missing effect.
 
-        By how much the cost would rise on their way back is told by their covariance, along the values, not their
-        logarithms: what is all but zero changes a logarithm without being felt.
+        The rise of the cost on their way back is estimated from their covariance, along the values instead of their
+        logarithms: a value close to zero has a large change of its logarithm that makes no difference.
         """
         nominal, found = self.problem.nominal, now.found
-        far, away = [], []
+        places, shifts = [], []
         for k, p in enumerate(found.model.parameters):
             if p.scaling == "log" and p.path[0] != "effects":
                 back = p.inner(value_at(nominal, p.path)) - p.inner(value_at(found.model.transducer, p.path))
-                if abs(back) > STRAYED:
-                    far.append(k)
-                    away.append(np.expm1(back))
-        if not far:
+                if abs(back) > MIN_DEVIATION:
+                    places.append(k)
+                    shifts.append(np.expm1(back))
+        if not places:
             return []
-        covariance = inverse(found.information + found.prior)[np.ix_(far, far)]
-        wanted = np.dot(away, np.linalg.solve(covariance, away)) > WANTED
-        return [found.model.parameters[k] for k in far] if wanted else []
+        covariance = inverse(found.information + found.prior)[np.ix_(places, places)]
+        wanted = np.dot(shifts, np.linalg.solve(covariance, shifts)) > MIN_DEVIATION_GAIN
+        return [found.model.parameters[k] for k in places] if wanted else []
 
-    def redetermined(self, now: EffectChange) -> EffectChange:
-        """The same with what the data determines now: without the effect that was found it told less, or seemed to.
+    def redetermine(self, now: EffectChange) -> EffectChange:
+        """Refit with the set of parameters that the data determines now that an effect is in the model.
 
-        So it is asked again where stops were when the records began. Whether it tells a parameter that was left at its
-        nominal value is asked of one linearisation there.
+        The initial states of hysteresis stops are estimated anew. A parameter that was left at its nominal value is
+        freed if one linearisation there shows that the data determines it.
         """
         model, found, nominal = now.found.model, now.found, self.problem.nominal
-        own = tuple(parameter for parameter in model.parameters if parameter.path[0] == "effects")
+        of_effects = tuple(parameter for parameter in model.parameters if parameter.path[0] == "effects")
         drives = {data.drive for data in self.problem.data if isinstance(data, Data)}
-        full = replace(model, parameters=(*parameters_of(nominal, drives), *own))
+        full = replace(model, parameters=(*parameters_of(nominal, drives), *of_effects))
         if len(full.parameters) > len(model.parameters):
             information, _, _ = linearised(self.problem, full, found.own, found)
             prior = np.diag(prior_of(self.problem, full)[1])
             found = replace(found, model=full, information=information, prior=prior)
-        out = {full.parameters[k].path for k in undetermined(found)} - {parameter.path for parameter in own}
+        out = {full.parameters[k].path for k in undetermined(found)} - {parameter.path for parameter in of_effects}
         kept = tuple(parameter for parameter in full.parameters if parameter.path not in out)
-        begun = recalled(self.problem, now.found)
+        begun = search_initial_states(self.problem, now.found)
         if kept == model.parameters and begun is None:
             return now
         transducer = model.transducer
         for path in out:
             transducer = put(transducer, path, value_at(nominal, path))
-        again = self._kept(
+        again = self._remember_converged(
             self._fit(replace(model, transducer=transducer, parameters=kept), begun or now.found.own, now.found)
         )
         return again or now
 
-    def freed(self, held: EffectChange, now: EffectChange) -> EffectChange | None:
-        """Full fit from there with all that varies in another step."""
-        model = replace(held.found.model, parameters=now.found.model.parameters)
-        return self.remember(self._fit(model, held.found.own, now.found))
+    def with_freed_parameters(self, at_nominal: EffectChange, now: EffectChange) -> EffectChange | None:
+        """Full fit from another step's values with all parameters of `now` free."""
+        model = replace(at_nominal.found.model, parameters=now.found.model.parameters)
+        return self.remember(self._fit(model, at_nominal.found.own, now.found))
 
-    def without(self, now: EffectChange, n: int) -> EffectChange | None:
-        """The best that is known without the n-th effect."""
-        keys = _keys(now.found.model)
+    def best_without(self, now: EffectChange, n: int) -> EffectChange | None:
+        """Best known fit without the n-th effect."""
+        keys = _effect_keys(now.found.model)
         keys = keys[:n] + keys[n + 1 :]
-        if keys not in self._known:
-            self.drop(now, n)
-        return self._known.get(keys)
+        if keys not in self._best_fits:
+            self.fit_without(now, n)
+        return self._best_fits.get(keys)
 
-    def drop(self, now: EffectChange, n: int) -> None:
-        """Make a full fit from here without the n-th effect."""
-        less = _less(now.found.model, n)
-        known = self._known.get(_keys(less))
-        aim = np.inf if known is None else known.cost + CLOSE  # only what is better matters
-        own = carried(self.problem, now.found.model, now.found.own, less)
-        step = self._fit(less, own, now.found, aim=min(aim, now.cost + NEEDED), most=PLAIN)
-        if step is not None and step.found.message == UNFINISHED and step.cost < now.cost + NEEDED:
+    def fit_without(self, now: EffectChange, n: int) -> None:
+        """Fit the model without the n-th effect, from the present values, and remember it."""
+        less = _model_without(now.found.model, n)
+        known = self._best_fits.get(_effect_keys(less))
+        aim = np.inf if known is None else known.cost + CLOSE_COST  # only a better fit matters
+        nuisance = nuisance_for_model(self.problem, now.found.model, now.found.own, less)
+        step = self._fit(
+            less, nuisance, now.found, aim=min(aim, now.cost + INDISPENSABLE_GAIN), most=REMOVAL_ITERATIONS
+        )
+        if step is not None and step.found.message == NOT_CONVERGED and step.cost < now.cost + INDISPENSABLE_GAIN:
             step = self._fit(step.found.model, step.found.own, step.found, aim=aim)
         self.remember(step)
 
-    def polished(self, now: EffectChange) -> EffectChange:
-        """The same fit to the end."""
+    def refined(self, now: EffectChange) -> EffectChange:
+        """The same fit, iterated to full convergence."""
         found = now.found
-        return EffectChange(self._descended(found.model, found.own, found))
+        return EffectChange(self._refit(found.model, found.own, found))
 
-    def _descended(self, model: Model, own, before: Fit, **options: Any) -> Fit:
-        """Fit with the noise and the whiteners of another."""
-        return fit(self.problem, model, own, before.noise, white=before.white, estimate_noise=False, **options)
+    def _refit(self, model: Model, nuisance, before: Fit, **options: Any) -> Fit:
+        """Fit with the noise and the whitening of another fit."""
+        return fit(self.problem, model, nuisance, before.noise, white=before.white, estimate_noise=False, **options)
 
     def remember(self, step: EffectChange | None) -> EffectChange | None:
-        """The step; the best with its effects is known from now on."""
+        """Record the step as the best with its effects if it is; returns the step."""
         if step is not None:
-            key = _keys(step.found.model)
-            self._known[key] = min(step, self._known.get(key, step), key=lambda each: each.cost)
+            key = _effect_keys(step.found.model)
+            self._best_fits[key] = min(step, self._best_fits.get(key, step), key=lambda each: each.cost)
         return step
 
-    def _kept(self, step: EffectChange | None) -> EffectChange | None:
-        """The step, remembered if its descent came to an end."""
+    def _remember_converged(self, step: EffectChange | None) -> EffectChange | None:
+        """The step, remembered if its fit has converged."""
         return self.remember(step) if step is not None and step.found.converged else step
 
     def _fit(
-        self, model: Model, own, before: Fit, *, aim: float = np.inf, enough: float = ROUGHLY, most: int = ITERATIONS
+        self,
+        model: Model,
+        nuisance,
+        before: Fit,
+        *,
+        aim: float = np.inf,
+        enough: float = FIT_TOLERANCE,
+        most: int = MAX_ITERATIONS,
     ) -> EffectChange | None:
         try:
-            found = self._descended(model, own, before, enough=enough, aim=aim, most=most)
+            found = self._refit(model, nuisance, before, enough=enough, aim=aim, most=most)
         except (PredictionError, np.linalg.LinAlgError):
             return None
         step = EffectChange(found)
         names, change = " + ".join(step.effects), step.cost - self.base.cost
-        self.made.append(Made(names, change, inflated(found, -1)))
-        self.tell(f"tried {names or 'nominal values'}: -2 ln L {change:+.1f}")
+        self.fit_records.append(FitRecord(names, change, variance_inflation(found, -1)))
+        self.progress(f"tried {names or 'nominal values'}: -2 ln L {change:+.1f}")
         return step
 
 
-def aim_beside(others: Sequence[EffectChange]) -> float:
-    """What another fit has to come to beside these."""
-    return min((other.fair_cost for other in others), default=np.inf) + CLOSE
+def cost_to_reach(others: Sequence[EffectChange]) -> float:
+    """Cost that another fit has to reach to be of interest beside these."""
+    return min((other.fair_cost for other in others), default=np.inf) + CLOSE_COST
 
 
-def inflated(found: Fit, n: int) -> float:
-    """How many times as large the variance of the n-th effect's strength is as white noise would make it.
+def variance_inflation(found: Fit, n: int) -> float:
+    """Variance of the n-th effect's strength over that with white residuals.
 
-    The errors of a sensor that rounds are alike as long as its load is held: they look like creep, like a contact, or
-    like the end of a range.
+    The errors of a rounding sensor are correlated while its load is constant: they resemble creep, a contact, or the
+    end of a range.
     """
-    place = _strength_of(found, n)
+    place = _strength_column(found, n)
     return 1.0 if place is None else inflation(found, place)
 
 
 def significance(found: Fit, n: int) -> float:
-    """Square of the n-th effect's strength in its standard errors (Wald); endless for a line."""
-    place = _strength_of(found, n)
+    """Wald statistic of the n-th effect's strength; infinite for a spectral line."""
+    place = _strength_column(found, n)
     if place is None:
         return np.inf
     parameter = found.model.parameters[place]
@@ -339,15 +354,15 @@ def significance(found: Fit, n: int) -> float:
     return size**2 / float(covariance(found)[place, place])
 
 
-def errors(problem: Problem, found: Fit, n: int) -> float:
-    """How many of its standard errors the n-th effect's strength is away from nothing.
+def standard_errors_from_zero(problem: Problem, found: Fit, n: int) -> float:
+    """Distance of the n-th effect's strength from zero in its standard errors.
 
-    Parameters that the records do not determine are taken for known: an effect that is in proportion to one of these is
-    no less there.
+    Parameters that the records do not determine are taken as known: an effect correlated with one of these is not less
+    certain for it.
     """
-    scatter, place = covariance(found, _uncertain(found)), _strength_of(found, n)
+    scatter, place = covariance(found, _undetermined_places(found)), _strength_column(found, n)
     if place is None:
-        size, error = amplitude_of(problem, found, n, scatter)
+        size, error = line_amplitude(problem, found, n, scatter)
         return size / error if error > 0.0 else np.inf
     parameter = found.model.parameters[place]
     if parameter.scaling == "log":
@@ -356,24 +371,24 @@ def errors(problem: Problem, found: Fit, n: int) -> float:
     return abs(inner) / float(np.sqrt(scatter[place, place]))
 
 
-def _uncertain(found: Fit) -> list[int]:
-    """Parameters of the specimen that residuals as they are do not determine, the least certain one first."""
+def _undetermined_places(found: Fit) -> list[int]:
+    """Transducer parameters that the data does not determine, the least certain one first."""
     places = [k for k, parameter in enumerate(found.model.parameters) if parameter.path[0] != "effects"]
-    held: list[int] = []
+    fixed: list[int] = []
     while places:
-        std = np.sqrt(np.diag(covariance(found, held)))
+        std = np.sqrt(np.diag(covariance(found, fixed)))
         worst = max(places, key=lambda k: std[k] / size_of(found, k))
-        if std[worst] / size_of(found, worst) < UNKNOWN:
+        if std[worst] / size_of(found, worst) < MAX_RELATIVE_ERROR:
             break
-        held.append(worst)
+        fixed.append(worst)
         places.remove(worst)
-    return held
+    return fixed
 
 
-def amplitude_of(problem: Problem, found: Fit, n: int, scatter: np.ndarray) -> tuple[float, float]:
-    """Root mean square over records of the amplitude of a line, the n-th effect, and its standard error."""
+def line_amplitude(problem: Problem, found: Fit, n: int, scatter: np.ndarray) -> tuple[float, float]:
+    """Root mean square over records of the amplitude of a line (the n-th effect), and its standard error."""
     effect = found.model.transducer.effects[n]
-    start = f"{effect.name} {getattr(effect, 'channel', '')} "  # of the records' own numbers that belong to it
+    start = f"{effect.name} {getattr(effect, 'channel', '')} "  # prefix of its nuisance parameters
     names = [problem.own_names(found.model, data) for data in problem.data]
     parts = np.concatenate(found.own) * [name.startswith(start) for some in names for name in some]
     records = sum(any(name.startswith(start) for name in some) for some in names)
@@ -382,8 +397,8 @@ def amplitude_of(problem: Problem, found: Fit, n: int, scatter: np.ndarray) -> t
     return amplitude, float(np.sqrt(slopes @ scatter @ slopes))
 
 
-def _strength_of(found: Fit, n: int) -> int | None:
-    """Column of the n-th effect's strength; none of a line, whose are the records' own, or where there is no effect."""
+def _strength_column(found: Fit, n: int) -> int | None:
+    """Column of the n-th effect's strength; None without one, or for a line (nuisance parameters)."""
     effects = found.model.transducer.effects
     if not effects:
         return None
@@ -392,18 +407,18 @@ def _strength_of(found: Fit, n: int) -> int | None:
     return next((k for k, parameter in enumerate(found.model.parameters) if parameter.path == path), None)
 
 
-def key_of(effect: Effect) -> str:
-    """What is fitted once: an effect, for each channel or label."""
-    own = [field.name for field in fields(effect) if field.default is None or "unit" not in field.metadata]
-    return " ".join([effect.name, *(str(getattr(effect, name)) for name in own)])
+def effect_key(effect: Effect) -> str:
+    """Identity of an effect in fits: its name with its channel or label."""
+    labels = [field.name for field in fields(effect) if field.default is None or "unit" not in field.metadata]
+    return " ".join([effect.name, *(str(getattr(effect, name)) for name in labels)])
 
 
-def _keys(model: Model) -> tuple[str, ...]:
-    """Which effects a model has."""
-    return tuple(key_of(effect) for effect in model.transducer.effects)
+def _effect_keys(model: Model) -> tuple[str, ...]:
+    """Identities of a model's effects."""
+    return tuple(effect_key(effect) for effect in model.transducer.effects)
 
 
-def _less(model: Model, n: int) -> Model:
+def _model_without(model: Model, n: int) -> Model:
     """Model without its n-th effect."""
     effects = model.transducer.effects
     kept = [k for k in range(len(effects)) if k != n]

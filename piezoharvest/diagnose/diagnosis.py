@@ -1,4 +1,4 @@
-"""From a campaign to a verdict: fit, residuals, effects, what they gain on records that were not fitted."""
+"""Diagnosis of a campaign: fit, residual tests, effects, and their gain on records that were not fitted."""
 
 from __future__ import annotations
 
@@ -8,39 +8,52 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezoharvest.description.effects import Clipping, Effect
-from piezoharvest.diagnose.candidate_fits import EffectChange, Trials, amplitude_of
-from piezoharvest.diagnose.drive_saturation import CHANCE, CutDrive, cut_off
-from piezoharvest.diagnose.residual_tests import Leftover, share_above_noise
-from piezoharvest.diagnose.score_tests import effect_line
-from piezoharvest.diagnose.stepwise_selection import GOOD, SOME, Search, Searcher, above_noise
+from piezoharvest.diagnose.candidate_fits import CandidateFits, EffectChange, line_amplitude
+from piezoharvest.diagnose.drive_saturation import MAX_P_VALUE, SaturatedDrive, find_saturated_drive
+from piezoharvest.diagnose.residual_tests import ResidualTest, whitened_squares
+from piezoharvest.diagnose.score_tests import is_line
+from piezoharvest.diagnose.stepwise_selection import (
+    MIN_SHARE_OF_INITIAL,
+    MIN_SHARE_OF_PRESENT,
+    Search,
+    Searcher,
+    excess_of,
+)
 from piezoharvest.diagnose.validation import (
+    dominant_record,
+    failed_on,
     not_followed,
-    overshadowing,
-    plainest,
-    shown_by,
     spoils,
     validated,
     with_fitted,
+    worst_record,
 )
 from piezoharvest.diagnose.voltage_offset import voltage_is_off
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import covariance
 from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.identify.identifiability import UNKNOWN, experiment, relative_error
-from piezoharvest.identify.identification import Estimate, Identification, Quality, identify, judged, prepared, together
-from piezoharvest.identify.start_values.quasi_static import hidden
+from piezoharvest.identify.identifiability import MAX_RELATIVE_ERROR, experiment, relative_error
+from piezoharvest.identify.identification import (
+    Estimate,
+    Identification,
+    Quality,
+    combined_quality,
+    identify,
+    judged,
+    prepared,
+)
+from piezoharvest.identify.start_values.quasi_static import as_quasi_static
 from piezoharvest.identify.threads import single_threaded
 from piezoharvest.predict.parameters import value_at
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.campaign import Campaign
 
-OFFSETS = ("displacement",)  # whose origin is where the sensor was put
-ASTRAY = 5.0  # times or parts of its nominal value: what a parameter has there is not its own
-CERTAINLY = 3.0  # standard deviations of what noise leaves, above which it is not noise alone
-# Of the squares above noise that the model without effects leaves: three hundredths of the size of what was missing are
-# within what the drive may have done between its samples and below its noise.
-FAINT = 1e-3
-LITTLE = 9.0  # of the sum of squares: less above the noise is not shared out, it may be chance
+OFFSET_CHANNELS = ("displacement",)  # channels whose origin is arbitrary: where the sensor was mounted
+MAX_DEVIATION = 5.0  # times, or divided by, its nominal value: a parameter beyond compensates for something missing
+NOISE_DEVIATIONS = 3.0  # standard deviations above which a sum of squares is not noise alone
+# Of the initial excess over noise: the drive's noise and its motion between samples may explain 3 % of an amplitude.
+MIN_EXPLAINED_SHARE = 1e-3
+MIN_EXCESS = 9.0  # of the sum of squares: a smaller excess may be chance and is not divided between effects
 
 
 @dataclass(frozen=True)
@@ -52,12 +65,12 @@ class Named:
     effect : Effect
         With its fitted values.
     p_value : float
-        Of adding it, corrected for the number of effects tried.
+        p-value of adding it, corrected for the number of effects tried.
     gain : float
         Share of the validation error above the noise that it removes.
     values : mapping of str to (value, std, unit)
     spoils : bool
-        Whether records that were not fitted are worse with it: then it stands in for something else.
+        True if records that were not fitted are worse with it: it compensates for something else.
     """
 
     effect: Effect
@@ -69,7 +82,7 @@ class Named:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What a campaign shows.
+    """Result of a diagnosis.
 
     Attributes
     ----------
@@ -77,30 +90,30 @@ class Diagnosis:
     verdict : "adequate", "effect", "ambiguous" or "unexplained"
     effects : tuple of Named
     alternatives : tuple of tuple of str
-        Sets of effects that the data cannot tell from `effects`.
+        Sets of effects that the data cannot distinguish from `effects`.
     estimates : tuple of Estimate
         Parameters of the extended model.
     before : Identification
         The model without effects.
     validation_before, validation_after : Quality
-        Of the records that were not fitted (or of all, where there are none).
+        For the records that were not fitted (or all, where there are none).
     unexplained : float
         Share of the residual variance, after the extension, above the noise.
     experiment : str or None
-        The measurement that would decide.
-    shown : tuple of Leftover
-        Where the model without effects leaves structure.
+        The measurement that would decide between alternatives.
+    shown : tuple of ResidualTest
+        Residual tests that the model without effects fails.
     search : Search
-    unseen : tuple of Leftover
-        Where the extended model leaves structure in records that were not fitted.
+    unseen : tuple of ResidualTest
+        Residual tests that the extended model fails on records that were not fitted.
     also_fitted : tuple of str
-        Records that were to be validated with, but were fitted: they show what no other record does.
+        Validation records that were fitted after all, since they show what no other record does.
     cut : tuple of str
-        Records whose drive was cut off, after which they are left out.
-    strayed : tuple of Estimate
-        Parameters of the extended model that the data wants far from their nominal values.
+        Records whose drive saturated; they are used up to that time.
+    deviating : tuple of Estimate
+        Parameters of the extended model whose estimates are far from their nominal values.
     unpredicted : tuple of str
-        Records that were to be validated with, but that a model with effects cannot follow.
+        Validation records that a model with effects cannot follow.
     """
 
     campaign: Campaign
@@ -113,61 +126,61 @@ class Diagnosis:
     validation_after: Quality
     unexplained: float
     experiment: str | None
-    shown: tuple[Leftover, ...]
+    shown: tuple[ResidualTest, ...]
     search: Search
-    unseen: tuple[Leftover, ...] = ()
+    unseen: tuple[ResidualTest, ...] = ()
     also_fitted: tuple[str, ...] = ()
     cut: tuple[str, ...] = ()
-    strayed: tuple[Estimate, ...] = ()
+    deviating: tuple[Estimate, ...] = ()
     unpredicted: tuple[str, ...] = ()
 
     @property
-    def left(self) -> tuple[Leftover, ...]:
-        """Where the extended model leaves structure."""
+    def left(self) -> tuple[ResidualTest, ...]:
+        """Residual tests that the extended model fails."""
         return self.search.left
 
 
 @single_threaded
 def diagnose(
     campaign: Campaign,
-    tell: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str], None] = lambda text: None,
     library: Sequence[type[Effect]] | None = None,
 ) -> Diagnosis:
     """Diagnose a campaign.
 
-    Where a record that is not to be fitted shows what those fitted do not (a range that only it comes to), it is
-    fitted, too: `Diagnosis.also_fitted` names it. What records hold after their drive was cut off is left out:
-    `Diagnosis.cut` names these.
+    A validation record that shows what the fitted ones do not (a range that only it reaches) is fitted as well and
+    named in `Diagnosis.also_fitted`. Samples after a drive has saturated are left out; `Diagnosis.cut` names these
+    records.
 
     Parameters
     ----------
     campaign : Campaign
-    tell : callable
-        Told about progress.
+    progress : callable
+        Called with messages on the progress.
     library : sequence of Effect classes, optional
-        Effects that are looked for; default all that are registered.
+        Effects to look for; default all that are registered.
 
     Raises
     ------
     CampaignError
         As `identify`.
     """
-    cut = cut_off(campaign) if library is None or Clipping in library else None
+    cut = find_saturated_drive(campaign) if library is None or Clipping in library else None
     if cut is None:
-        return _whole(campaign, tell, library)
-    tell(f"{', '.join(cut.records)}: the {cut.effect.channel} was cut off; what comes after that is left out")
+        return _diagnose_all(campaign, progress, library)
+    progress(f"{', '.join(cut.records)}: the {cut.effect.channel} was cut off; what comes after that is left out")
     try:
-        found = _with_cut(cut, _whole(cut.campaign, tell, library))
+        found = _with_saturation(cut, _diagnose_all(cut.campaign, progress, library))
     except PredictionError as error:
-        tell(f"what is left cannot be fitted: {error}")
+        progress(f"what is left cannot be fitted: {error}")
         found = None
-    return found or _whole(campaign, tell, library)
+    return found or _diagnose_all(campaign, progress, library)
 
 
-def _with_cut(cut: CutDrive, rest: Diagnosis) -> Diagnosis | None:
-    """Diagnosis of what is left of the campaign, with the cut that made it; None where that did no harm."""
+def _with_saturation(cut: SaturatedDrive, rest: Diagnosis) -> Diagnosis | None:
+    """Diagnosis of the campaign up to the saturation, with it as an effect; None if the saturation did no harm."""
     p_value, share = cut.harm(rest.before, rest.search.final)
-    if p_value > CHANCE:
+    if p_value > MAX_P_VALUE:
         return None
     unseen, (check,) = validated(cut.measured, rest.before, [rest.before.found])
     named = Named(cut.effect, p_value, share, {"limit": (cut.effect.limit, None, "")}, spoils=False)
@@ -176,116 +189,126 @@ def _with_cut(cut: CutDrive, rest: Diagnosis) -> Diagnosis | None:
     alternatives = tuple((cut.effect.name, *names) for names in rest.alternatives)
     return replace(
         rest, verdict=verdict, effects=(named, *others), alternatives=alternatives, cut=cut.records,
-        validation_before=together(judged(unseen.data, check)),
+        validation_before=combined_quality(judged(unseen.data, check)),
     )  # fmt: skip
 
 
-def _whole(campaign: Campaign, tell: Callable[[str], None], library: Sequence[type[Effect]] | None) -> Diagnosis:
-    """Diagnosis of all that a campaign holds."""
-    tell("fitting the model")
-    offsets = OFFSETS
+def _diagnose_all(
+    campaign: Campaign, progress: Callable[[str], None], library: Sequence[type[Effect]] | None
+) -> Diagnosis:
+    """Diagnosis with all samples of a campaign."""
+    progress("fitting the model")
+    offsets = OFFSET_CHANNELS
     if voltage_is_off(campaign):
-        tell("the zero of the voltage is off: its mean is larger on a smaller resistor, which no current makes it")
-        offsets = (*OFFSETS, "voltage")
+        progress("the zero of the voltage is off: its mean is larger on a smaller resistor, which no current makes it")
+        offsets = (*OFFSET_CHANNELS, "voltage")
     before = identify(campaign, offsets=offsets)
-    found = _extended(before, tell, library)
+    found = _diagnose_extending_fit(before, progress, library)
     if found.search.final.converged or before.campaign.transducer.quasi_static or before.campaign.drives_base:
         return found
-    tell("the fit comes to no end: once more without inertia and damping, which may be what runs away")
-    quiet = replace(campaign, transducer=hidden(campaign.transducer))
-    other = _extended(identify(quiet, offsets=offsets), tell, library)
+    progress("the fit comes to no end: once more without inertia and damping, which may be what runs away")
+    quasi_static = replace(campaign, transducer=as_quasi_static(campaign.transducer))
+    other = _diagnose_extending_fit(identify(quasi_static, offsets=offsets), progress, library)
     return other if other.search.final.converged else found
 
 
-def _extended(before: Identification, tell: Callable[[str], None], library: Sequence[type[Effect]] | None) -> Diagnosis:
-    """Diagnosis with as many records fitted as it takes."""
-    name = overshadowing(before)
-    if name is None:  # else the others show little beside it, and a search among them is made in vain
-        found = _diagnosed(before, tell, library)
+def _diagnose_extending_fit(
+    before: Identification, progress: Callable[[str], None], library: Sequence[type[Effect]] | None
+) -> Diagnosis:
+    """Diagnosis with validation records added to the fit until it explains them."""
+    name = dominant_record(before)
+    if name is None:  # else the other records show little beside it, and a search among them is futile
+        found = _diagnose_roles(before, progress, library)
         if found.left or not found.unseen:
             return found
-        name = plainest(found.campaign, found.unseen)
-    tell(f"{name}: more is left than in the records that were fitted, so that it is fitted, too")
+        name = worst_record(found.campaign, found.unseen)
+    progress(f"{name}: more is left than in the records that were fitted, so that it is fitted, too")
     more = identify(with_fitted(before.campaign, name), offsets=before.offsets, near=before)
-    found = _extended(more, tell, library)
+    found = _diagnose_extending_fit(more, progress, library)
     return replace(found, also_fitted=(name, *found.also_fitted))
 
 
-def _diagnosed(
-    before: Identification, tell: Callable[[str], None], library: Sequence[type[Effect]] | None
+def _diagnose_roles(
+    before: Identification, progress: Callable[[str], None], library: Sequence[type[Effect]] | None
 ) -> Diagnosis:
-    """Diagnosis with the records' roles as they are."""
+    """Diagnosis with the roles of the records as they are."""
     campaign = before.campaign
     problem = Problem(prepared(campaign, "fit"), campaign.transducer, before.offsets)
-    tell("scoring the effects")
-    trials = Trials(problem, before.found, library, tell)
+    progress("scoring the effects")
+    trials = CandidateFits(problem, before.found, library, progress)
     search = Searcher(trials).run()
     unseen, checks = validated(campaign, before, [before.found, *search.nested])
-    squares = [share_above_noise(unseen, each) for each in checks]
-    named = _all_named(campaign, before, trials, search, squares)
-    while _chance(trials, search, named) or _idle(search, named, squares):
-        tell(f"{search.order[-1].name} was chance: it does nothing for records that were not fitted, or for any")
-        search = search.without_last(trials.left(search.before_last))
+    squares = [whitened_squares(unseen, each) for each in checks]
+    named = _named_effects(campaign, before, trials, search, squares)
+    while _last_is_chance(trials, search, named) or _last_is_idle(search, named, squares):
+        progress(f"{search.order[-1].name} was chance: it does nothing for records that were not fitted, or for any")
+        search = search.without_last(trials.failed_tests_refitted(search.before_last))
         checks, squares = checks[:-1], squares[:-1]
-        named = _all_named(campaign, before, trials, search, squares)
+        named = _named_effects(campaign, before, trials, search, squares)
     alternatives = tuple(step.effects for step, _ in search.alternatives)
     after, final = squares[-1], search.final
     estimates = tuple(_estimates(before, final))
-    far = {parameter.path for parameter in trials.strayed(EffectChange(final))}
-    strayed = tuple(estimate for estimate in estimates if estimate.parameter.path in far)
-    missing = bool(search.left) or any(each.spoils for each in named) or any(map(_astray, strayed))
+    far = {parameter.path for parameter in trials.deviating(EffectChange(final))}
+    deviating = tuple(estimate for estimate in estimates if estimate.parameter.path in far)
+    missing = bool(search.left) or any(each.spoils for each in named) or any(map(_is_implausible, deviating))
     verdict = _verdict(missing, named, alternatives)
     return Diagnosis(
         campaign, verdict, named, alternatives if verdict == "ambiguous" else (),
         estimates, before,
-        together(judged(unseen.data, checks[0])), together(judged(unseen.data, checks[-1])),
+        combined_quality(judged(unseen.data, checks[0])), combined_quality(judged(unseen.data, checks[-1])),
         max(0.0, (after[0] - after[1]) / after[0]),
         _experiment(search) if verdict == "ambiguous" else None,
-        trials.structure(before.found, scattered=not named), search, shown_by(unseen, checks[-1]),
-        strayed=strayed, unpredicted=not_followed(campaign, unseen),
+        trials.failed_tests(before.found, drive_noise=not named), search, failed_on(unseen, checks[-1]),
+        deviating=deviating, unpredicted=not_followed(campaign, unseen),
     )  # fmt: skip
 
 
-def _all_named(
+def _named_effects(
     campaign: Campaign,
     before: Identification,
-    trials: Trials,
+    trials: CandidateFits,
     search: Search,
     squares: Sequence[tuple[float, float]],
 ) -> tuple[Named, ...]:
-    """All effects of a search; of those that seem to spoil records that were not fitted, none that these need."""
-    told = (_named(trials.problem, search, n, squares) for n in range(len(search.order)))
+    """All effects of a search; none spoils unseen records if these would be worse without it."""
+    named = (_named(trials.problem, search, n, squares) for n in range(len(search.order)))
     return tuple(
-        replace(each, spoils=each.spoils and not _needed(campaign, before, trials, search, n))
-        for n, each in enumerate(told)
+        replace(each, spoils=each.spoils and not _is_needed(campaign, before, trials, search, n))
+        for n, each in enumerate(named)
     )
 
 
-def _chance(trials: Trials, search: Search, named: Sequence[Named]) -> bool:
-    """Whether nothing is left without the last effect, and it is faint, or unseen records are worse with it."""
+def _last_is_chance(trials: CandidateFits, search: Search, named: Sequence[Named]) -> bool:
+    """True if no test fails without the last effect, and the effect is weak or makes unseen records worse."""
     without = search.before_last
-    if not named or not (named[-1].spoils or without.cost - search.final.cost < FAINT * above_noise(search.base)):
+    if not named or not (
+        named[-1].spoils or without.cost - search.final.cost < MIN_EXPLAINED_SHARE * excess_of(search.base)
+    ):
         return False
-    # A model that has no solution without the effect has the next larger one in its place.
-    return len(without.model.transducer.effects) - search.given < len(named) and not trials.left(without)
+    # A model that has no solution without the effect is replaced by the next larger one.
+    return len(without.model.transducer.effects) - search.given_effects < len(
+        named
+    ) and not trials.failed_tests_refitted(without)
 
 
-def _idle(search: Search, named: Sequence[Named], squares: Sequence[tuple[float, float]]) -> bool:
-    """Whether the last effect explains next to nothing of what records that were not fitted plainly miss.
+def _last_is_idle(search: Search, named: Sequence[Named], squares: Sequence[tuple[float, float]]) -> bool:
+    """True if the last effect explains next to nothing of the excess on records that were not fitted.
 
-    Where much is missing that no effect explains, any of them takes a little of it off the records it is fitted to.
+    Where much is missing that no effect explains, any effect explains a little of it in the records it is fitted to.
     """
     with_it, without = (len(found.model.transducer.effects) for found in (search.final, search.before_last))
     if not named or named[-1].spoils or without == with_it:
-        return False  # it is told what it spoils; or there is no solution without it
+        return False  # it is reported as spoiling, or there is no solution without it
     (first, count), (before, _), (after, _) = squares[0], squares[-2], squares[-1]
-    scatter = CERTAINLY * np.sqrt(2.0 * count)
-    return before - after < min(SOME * (first - count - scatter), GOOD * (before - count - scatter))
+    scatter = NOISE_DEVIATIONS * np.sqrt(2.0 * count)
+    return before - after < min(
+        MIN_SHARE_OF_INITIAL * (first - count - scatter), MIN_SHARE_OF_PRESENT * (before - count - scatter)
+    )
 
 
-def _astray(estimate: Estimate) -> bool:
-    """Whether a parameter is so far from its nominal value that it takes the place of what the model has not."""
-    return not 1.0 / ASTRAY < estimate.value / estimate.nominal < ASTRAY
+def _is_implausible(estimate: Estimate) -> bool:
+    """True if a parameter is so far from its nominal value that it compensates for something missing."""
+    return not 1.0 / MAX_DEVIATION < estimate.value / estimate.nominal < MAX_DEVIATION
 
 
 def _verdict(missing: bool, named: Sequence[Named], alternatives: Sequence) -> str:
@@ -296,79 +319,79 @@ def _verdict(missing: bool, named: Sequence[Named], alternatives: Sequence) -> s
     return "ambiguous" if alternatives else "effect"
 
 
-def _needed(campaign: Campaign, before: Identification, trials: Trials, search: Search, n: int) -> bool:
-    """Whether records that were not fitted would be worse without an effect that seemed to spoil them.
+def _is_needed(campaign: Campaign, before: Identification, trials: CandidateFits, search: Search, n: int) -> bool:
+    """True if records that were not fitted would be worse without an effect that seemed to spoil them.
 
-    The first of several may have done so for as long as it stood in for the others, too.
+    The first of several effects may have done so while it compensated for the others, too.
     """
     if n == len(search.order) - 1:
         return False
-    less = trials.without(EffectChange(search.final), search.given + n)
+    less = trials.best_without(EffectChange(search.final), search.given_effects + n)
     if less is None:
         return True
     unseen, checks = validated(campaign, before, [less.found, search.final])
-    without, full = (share_above_noise(unseen, each)[0] for each in checks)
+    without, full = (whitened_squares(unseen, each)[0] for each in checks)
     return not spoils(without, full, less.cost - search.final.cost)
 
 
 def _named(problem: Problem, search: Search, n: int, squares: Sequence[tuple[float, float]]) -> Named:
     """The n-th effect with its gain and its parameters."""
     final, (before, _), (after, _) = search.final, squares[n], squares[n + 1]
-    gain = (before - after) / max(squares[0][0] - _noise(*squares[-1]), LITTLE)
+    gain = (before - after) / max(squares[0][0] - _noise_squares(*squares[-1]), MIN_EXCESS)
     scatter = covariance(final)
     std = np.sqrt(np.diag(scatter))
     values: dict[str, tuple[float, float | None, str]] = {}
     for k, parameter in enumerate(final.model.parameters):
-        if parameter.path[:2] == ("effects", search.given + n):
+        if parameter.path[:2] == ("effects", search.given_effects + n):
             value = float(np.real(value_at(final.model.transducer, parameter.path)))
             inner = parameter.inner(value) if value else 0.0
             slope = value**2 if parameter.scaling == "reciprocal" else parameter.slope(inner)
             values[str(parameter.path[2])] = (value, float(slope * std[k]), parameter.unit)
     effect = search.order[n]
-    if effect_line(effect):
-        values["amplitude"] = (*amplitude_of(problem, final, search.given + n, scatter), "")
+    if is_line(effect):
+        values["amplitude"] = (*line_amplitude(problem, final, search.given_effects + n, scatter), "")
     costs = [search.base.cost, *(each.cost for each in search.nested)]
     spoiled = spoils(before, after, costs[n] - costs[n + 1])
     return Named(effect, search.p_values[n], float(np.clip(gain, -1.0, 1.0)), values, spoiled)
 
 
-def _noise(squares: float, count: float) -> float:
-    """Sum of squares that noise has in records where a model leaves so much: this, if it may be noise alone."""
-    return squares if squares < count + CERTAINLY * np.sqrt(2.0 * count) else count
+def _noise_squares(squares: float, count: float) -> float:
+    """Part of a sum of squares that noise may explain: all of it, if it may be noise alone."""
+    return squares if squares < count + NOISE_DEVIATIONS * np.sqrt(2.0 * count) else count
 
 
 def _estimates(before: Identification, final: Fit):
-    """Parameters of the extended model, in the order of those before."""
+    """Estimates of the extended model, in the order of those before."""
     std = np.sqrt(np.diag(covariance(final)))
     places = {parameter.path: k for k, parameter in enumerate(final.model.parameters)}
-    told = {parameter.name for parameter in final.model.parameters}
+    names = {parameter.name for parameter in final.model.parameters}
     for estimate in before.estimates:
         k = places.get(estimate.parameter.path)
-        if k is None:  # the effects may have taken what seemed to tell it
+        if k is None:  # the effects may explain what seemed to determine it
             nominal = replace(estimate, value=estimate.nominal, std=None, identifiable=False)
             yield replace(nominal, experiment=experiment(estimate.parameter)) if estimate.identifiable else estimate
             continue
         value = float(np.real(value_at(final.model.transducer, estimate.parameter.path)))
         slope = estimate.parameter.slope(estimate.parameter.inner(value))
         error = float(slope * std[k])
-        told_now = relative_error(value, error) < UNKNOWN
+        identifiable = relative_error(value, error) < MAX_RELATIVE_ERROR
         yield replace(
-            estimate, value=value, std=error, identifiable=told_now, combination="",
-            experiment="" if told_now else experiment(estimate.parameter),
-            assumes=tuple(name for name in estimate.assumes if name not in told),
+            estimate, value=value, std=error, identifiable=identifiable, combination="",
+            experiment="" if identifiable else experiment(estimate.parameter),
+            assumes=tuple(name for name in estimate.assumes if name not in names),
         )  # fmt: skip
 
 
 def _experiment(search: Search) -> str | None:
-    """The measurement that tells the likeliest set from the next."""
+    """The measurement that distinguishes the likeliest set from the next."""
     if not search.alternatives:
         return None
     step, _ = search.alternatives[0]
     other = [
         effect for effect in step.found.model.transducer.effects if effect.name not in {e.name for e in search.order}
     ]
-    mine = [effect for effect in search.order if effect.name not in step.effects]
-    texts = [effect.told_by for effect in (*mine, *other) if effect.told_by]
+    dropped = [effect for effect in search.order if effect.name not in step.effects]
+    texts = [effect.told_by for effect in (*dropped, *other) if effect.told_by]
     return "; ".join(texts) or None
 
 

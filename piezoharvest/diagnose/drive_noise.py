@@ -1,7 +1,7 @@
-"""What the noise that a drive still holds makes residuals larger by.
+"""Variance that the remaining noise of a measured drive adds to whitened residuals.
 
-Where a drive moves, its noise cannot be taken off at the same frequencies. Residuals are whitened as if a specimen
-passed it on by its mean slopes; operators pass it on by those of the instant, and turn where it lets them.
+Noise in the band of the drive's motion cannot be filtered out. Whitening assumes that it passes through the average
+linear response; hysteresis operators pass it on with their instantaneous slopes, and reverse where it makes them.
 """
 
 from __future__ import annotations
@@ -20,32 +20,32 @@ from piezoharvest.identify.noise.drive_denoising import denoised
 from piezoharvest.predict.drive import drive_of
 from piezoharvest.predict.prediction import PredictionError
 
-DRAWS = 2  # of noise
+REALISATIONS = 2  # realisations of the noise
 
-_DRAWN: WeakKeyDictionary[Data, tuple[float, list[np.ndarray]]] = WeakKeyDictionary()
+_NOISY_DRIVES: WeakKeyDictionary[Data, tuple[float, list[np.ndarray]]] = WeakKeyDictionary()
 
 
-def drive_scatter(
-    data: Data, white: Whitener, model: Model, own: np.ndarray, sigma: float, edges: np.ndarray
+def drive_noise_variance(
+    data: Data, white: Whitener, model: Model, nuisance: np.ndarray, sigma: float, edges: np.ndarray
 ) -> np.ndarray:
-    """Variance by which whitened residuals are above one, (bands, channels), in bands between frequencies in Hz.
+    """Variance of whitened residuals in excess of one, (bands, channels), in bands between frequencies `edges` in Hz.
 
-    By simulation: the drive without noise is taken for the true one, noise is added to it and taken off again. What is
-    not a record of the same jumps then, or none that the model can follow, tells nothing.
+    By simulation: noise is added to the denoised drive, which is then denoised again. Realisations with other jumps, or
+    that the model cannot follow, are left out.
     """
     found, model = np.zeros((len(edges) - 1, len(data.channels))), replace(model, parameters=())
     if not len(model.prediction(data).matrices.kinds):
         return found
-    true = _true(data)
-    plain = {begin: residual for _, begin, residual, _ in residual_blocks(model, data, own, False)}
+    true = _denoised_drive(data)
+    plain = {begin: residual for _, begin, residual, _ in residual_blocks(model, data, nuisance, False)}
     counts = np.zeros(len(edges) - 1)
-    for noisy in _drawn(data, sigma):
+    for noisy in _noisy_drives(data, sigma):
         motion = drive_of(noisy)
         if not np.array_equal(motion.jumps, data.setting.motion.jumps):
             continue
         again = replace(data, setting=replace(data.setting, first=float(noisy[0]), motion=motion))
         with suppress(PredictionError):
-            for _, begin, residual, _ in residual_blocks(model, again, own, False):
+            for _, begin, residual, _ in residual_blocks(model, again, nuisance, False):
                 count = len(residual)
                 off = residual - plain[begin] + white.passes((noisy - true)[begin : begin + count])
                 squares = 0.5 * np.abs((white.of(count) @ spectra_of(off)[:, :, None])[:, :, 0]) ** 2
@@ -56,17 +56,17 @@ def drive_scatter(
     return found / np.maximum(counts, 1.0)[:, None]
 
 
-def _true(data: Data) -> np.ndarray:
+def _denoised_drive(data: Data) -> np.ndarray:
     """Drive without noise."""
     return data.record[data.drive] - data.rest
 
 
-def _drawn(data: Data, sigma: float) -> list[np.ndarray]:
-    """What is made of the drive when noise is added, several times; many models are asked for the same record."""
-    known, drawn = _DRAWN.get(data, (np.nan, []))
+def _noisy_drives(data: Data, sigma: float) -> list[np.ndarray]:
+    """Drives with noise added and removed again, for several realisations; cached, since many models use them."""
+    known, drawn = _NOISY_DRIVES.get(data, (np.nan, []))
     if known != sigma:
-        true = _true(data)
-        draws = (np.random.default_rng([len(data), seed]).standard_normal(len(data)) for seed in range(DRAWS))
+        true = _denoised_drive(data)
+        draws = (np.random.default_rng([len(data), seed]).standard_normal(len(data)) for seed in range(REALISATIONS))
         drawn = [denoised(true + sigma * draw, sigma) for draw in draws]
-        _DRAWN[data] = sigma, drawn
+        _NOISY_DRIVES[data] = sigma, drawn
     return drawn

@@ -1,4 +1,4 @@
-"""A drive whose range is too small: what its records hold after it was cut off cannot be told, and is left out."""
+"""Drives that saturate: samples after the saturation, where the true drive is unknown, are left out."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from piezoharvest.description.effects import Clipping
-from piezoharvest.diagnose.residual_tests import share_above_noise
+from piezoharvest.diagnose.residual_tests import whitened_squares
 from piezoharvest.diagnose.validation import validated
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.identification import Identification
@@ -16,13 +16,13 @@ from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.finding import Finding, index_of
 from piezoharvest.records.record import FrequencyRecord, Record
 
-LEAST = 64  # samples before the cut that are worth a fit
-CHANCE = 1e-5  # of what is left behind the cut, below which it did harm
+MIN_SAMPLES = 64  # fewest samples before the saturation that are worth a fit
+MAX_P_VALUE = 1e-5  # p-value of the residual after the saturation, below which it did harm
 
 
 @dataclass(frozen=True, eq=False)
-class CutDrive:
-    """Records whose drive was cut off.
+class SaturatedDrive:
+    """Records whose drive saturated.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class CutDrive:
     measured : Campaign
         All records as they are.
     campaign : Campaign
-        All records, these up to where they were cut off.
+        All records, these up to the saturation.
     """
 
     effect: Clipping
@@ -41,13 +41,13 @@ class CutDrive:
     campaign: Campaign
 
     def harm(self, before: Identification, found: Fit) -> tuple[float, float]:
-        """Probability that what a model leaves of the whole records is noise, and the share of it behind the cut.
+        """p-value of the residual of the whole records, and the share of its excess after the saturation.
 
         Parameters
         ----------
         before : Identification
         found : Fit
-            Of what is left of the campaign.
+            Of the campaign up to the saturation.
         """
         squares, count = self._left(self.measured, before, found)
         kept, number = self._left(self.campaign, before, found)
@@ -55,27 +55,27 @@ class CutDrive:
         return float(chi2.sf(squares, count)), float(np.clip(share, 0.0, 1.0))
 
     def _left(self, campaign: Campaign, before: Identification, found: Fit) -> tuple[float, float]:
-        """Sum of squares that a model leaves of the records that were cut off, and their number."""
-        mine = tuple(replace(each, role="validate") for each in campaign.records if each.name in self.records)
-        if not mine:
+        """Sum of squares of the residual of the saturated records, and the number of terms."""
+        saturated = tuple(replace(each, role="validate") for each in campaign.records if each.name in self.records)
+        if not saturated:
             return 0.0, 0.0
-        problem, (held,) = validated(replace(campaign, records=mine), before, [found])
-        return share_above_noise(problem, held)
+        problem, (check,) = validated(replace(campaign, records=saturated), before, [found])
+        return whitened_squares(problem, check)
 
 
-def cut_off(campaign: Campaign) -> CutDrive | None:
-    """Records with a drive that was cut off, as the checks found; None where there are none, or nothing is left."""
+def find_saturated_drive(campaign: Campaign) -> SaturatedDrive | None:
+    """Records with a saturated drive, as found by the checks; None if there are none, or nothing remains to fit."""
     kept, findings, cut = [], [], []
     limits: dict[str, list[float]] = {}  # by drive: their units differ
     for record, found in zip(campaign.records, campaign.findings, strict=True):
-        first = _first_cut(record, found)
+        first = _first_saturated(record, found)
         if first is None or isinstance(record, FrequencyRecord):
             kept.append(record)
             findings.append(found)
             continue
         cut.append(record)
         limits.setdefault(record.drive, []).append(abs(float(record[record.drive][first])))
-        if first >= LEAST:
+        if first >= MIN_SAMPLES:
             kept.append(record.beginning(first))
             findings.append(found)
     if not cut or not any(record.role == "fit" for record in kept):
@@ -84,11 +84,11 @@ def cut_off(campaign: Campaign) -> CutDrive | None:
     effect = Clipping(limit=max(limits[channel]), channel=channel)
     names = tuple(record.name for record in cut)
     left = replace(campaign, records=tuple(kept), findings=tuple(findings))
-    return CutDrive(effect, names, campaign, left)
+    return SaturatedDrive(effect, names, campaign, left)
 
 
-def _first_cut(record: Record | FrequencyRecord, found: tuple[Finding, ...]) -> int | None:
-    """The first sample at which a record's drive is cut off."""
+def _first_saturated(record: Record | FrequencyRecord, found: tuple[Finding, ...]) -> int | None:
+    """The first sample at which a record's drive is saturated; None if it never is."""
     if isinstance(record, FrequencyRecord):
         return None
     clipped = [each for each in found if each.check == "clipped" and each.channel == record.drive]

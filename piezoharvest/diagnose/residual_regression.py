@@ -1,7 +1,7 @@
-"""A hint where no known effect fits: which simple functions of the signals make up the residual. Not a cause.
+"""Sparse regression of the residual on simple functions of the signals: a hint at the cause where no effect fits.
 
-Source: Pati, Rezaiifar & Krishnaprasad, 27th Asilomar Conference, 1993 (orthogonal matching pursuit), on residuals and
-signals that are whitened and have the fitted parameters projected out.
+Source: Pati, Rezaiifar & Krishnaprasad, 27th Asilomar Conference, 1993 (orthogonal matching pursuit). Residuals and
+signals are whitened, and the fitted parameters projected out.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezoharvest.identify.fitting.data import Data
-from piezoharvest.identify.fitting.evaluation import at_once
+from piezoharvest.identify.fitting.evaluation import map_records
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.likelihood import Whitener, spectra_of
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
@@ -20,10 +20,10 @@ from piezoharvest.identify.fitting.model import residual_blocks
 from piezoharvest.identify.fitting.output_error import inverse
 from piezoharvest.identify.fitting.problem import Problem
 
-TERMS = 3  # at most
-SMALL = 0.05  # of what the first term explains: less is not worth telling
-SURE = 20.0  # of -2 ln L that a term has to take off: over all that are tried
-SQUARE = "²"
+MAX_TERMS = 3  # at most
+MIN_RELATIVE_GAIN = 0.05  # of the gain of the first term: smaller gains are not reported
+MIN_GAIN = 20.0  # of -2 ln L: smallest gain of a term, allowing for the number of terms tried
+SQUARE_SIGN = "²"
 Signals = dict[str, np.ndarray]
 Terms = Callable[[Signals, float, dict[str, float]], Iterator[tuple[str, np.ndarray]]]
 SYMBOLS = {"force": "F", "displacement": "x", "voltage": "v", "current": "i", "base_acceleration": "a"}
@@ -36,13 +36,13 @@ class Hint:
     Attributes
     ----------
     channel : str
-        Whose residual.
+        Channel of the residual.
     term : str
         Function of the signals, each less its mean and divided by its largest value.
     size : float
-        Coefficient: by how much the channel, in its SI unit, changes where the term is one.
+        Coefficient: change of the channel, in its SI unit, where the term is one.
     gain : float
-        By how much -2 ln L falls with this term and those before it.
+        Decrease of -2 ln L by this term and those before it.
     """
 
     channel: str
@@ -51,36 +51,36 @@ class Hint:
     gain: float
 
 
-def along_squares(problem: Problem, found: Fit) -> list[tuple[str, str, float]]:
-    """Channels, squares of the signals, and by how much -2 ln L falls where the one follows the other.
+def square_terms(problem: Problem, found: Fit) -> list[tuple[str, str, float]]:
+    """Decrease of -2 ln L by the square of each signal in each channel: (channel, term, decrease).
 
-    Each for itself, with the parameters projected out: of noise, that of rounded sensors with it, the squares of one
-    number. Odd functions are left out, for a fit that noise in the drive has bent leaves of them what looks like more
-    than noise.
+    Each term is tested alone with the fitted parameters projected out; under noise, rounding included, the decrease is
+    chi-squared with one degree of freedom. Odd functions are left out: a fit biased by noise in the drive leaves
+    residuals along them that look significant.
     """
-    normal = _Normal(problem, found, _squares)
+    normal = _NormalEquations(problem, found, _squares)
     return [
-        (channel, term, float(normal.gradient[k] ** 2 / (normal.products[k, k] + normal.rounded[k])))
+        (channel, term, float(normal.gradient[k] ** 2 / (normal.products[k, k] + normal.rounding_variance[k])))
         for k, (channel, term) in enumerate(normal.names)
         if normal.visible[k]
     ]
 
 
 def hints(problem: Problem, found: Fit) -> list[Hint]:
-    """Terms that explain most of what a model leaves in records over time, the strongest first.
+    """Terms that explain most of the residual of records over time, by decreasing gain.
 
     Parameters
     ----------
     problem : Problem
     found : Fit
-        Of these records, converged.
+        Converged fit of these records.
     """
-    normal = _Normal(problem, found, _terms)
-    return _pursuit(normal) if normal.names else []
+    normal = _NormalEquations(problem, found, _terms)
+    return _orthogonal_matching_pursuit(normal) if normal.names else []
 
 
-class _Normal:
-    """Sums of products of terms and of the residual, whitened, with the parameters of the fit projected out."""
+class _NormalEquations:
+    """Normal equations of terms and residual, whitened, with the parameters of the fit projected out."""
 
     def __init__(self, problem: Problem, final: Fit, terms: Terms) -> None:
         scales, at = _scales(problem), len(final.model.parameters)
@@ -88,16 +88,16 @@ class _Normal:
         self.names: list[tuple[str, str]] = []
         sums: dict[tuple[str, str], int] = {}
         records = [
-            (data, own, white)
-            for data, own, white in zip(problem.data, final.own, final.white, strict=True)
+            (data, nuisance, white)
+            for data, nuisance, white in zip(problem.data, final.own, final.white, strict=True)
             if isinstance(data, Data) and isinstance(white, Whitener)
         ]
         parts = []
-        told = at_once(lambda record: _record(record, final, terms, scales), records)
-        for (_, own, _), (sums_of_record, names) in zip(records, told, strict=True):
-            columns = np.concatenate([np.arange(len(final.model.parameters)), np.arange(at, at + len(own))])
+        evaluated = map_records(lambda record: _record_sums(record, final, terms, scales), records)
+        for (_, nuisance, _), (sums_of_record, names) in zip(records, evaluated, strict=True):
+            columns = np.concatenate([np.arange(len(final.model.parameters)), np.arange(at, at + len(nuisance))])
             parts.append((columns, sums_of_record, names))
-            at += len(own)
+            at += len(nuisance)
             for name in names:
                 sums.setdefault(name, len(sums))
         self.names = list(sums)
@@ -112,24 +112,24 @@ class _Normal:
         solved = inverse(plain) @ np.column_stack([total[:count, count:], right[:count]])
         self.products = total[count:, count:] - total[count:, :count] @ solved[:, :-1]
         self.gradient = right[count:] - total[count:, :count] @ solved[:, -1]
-        rest = np.vstack([-solved[:, :-1], np.eye(len(sums))])  # of each term, parameters projected out
-        self.rounded = np.einsum("ik,ij,jk->k", rest, scatter, rest, optimize=True)
-        # Terms that the parameters do all of are left with rounding errors.
+        rest = np.vstack([-solved[:, :-1], np.eye(len(sums))])  # terms, parameters projected out
+        self.rounding_variance = np.einsum("ik,ij,jk->k", rest, scatter, rest, optimize=True)
+        # Terms in the span of the parameters are left with rounding errors.
         self.visible = np.diag(self.products) > 1e-8 * np.diag(total)[count:]
 
 
-def _record(record: tuple[Data, np.ndarray, Whitener], final: Fit, terms: Terms, scales: dict[str, float]):
-    """Sums of one record over its parameters, then terms; and the names of its terms."""
-    data, own, white = record
+def _record_sums(record: tuple[Data, np.ndarray, Whitener], final: Fit, terms: Terms, scales: dict[str, float]):
+    """Normal equations of one record over its parameters, then terms; and the names of its terms."""
+    data, nuisance, white = record
     products, gradient, rounded, names = 0.0, 0.0, 0.0, []
-    for _, begin, residual, slopes in residual_blocks(final.model, data, own, True):
+    for _, begin, residual, slopes in residual_blocks(final.model, data, nuisance, True):
         W = white.of(len(residual))
         assert slopes is not None
         signals = _signals(data, begin, residual)
         residual -= white.passed(begin, begin + len(residual))
-        told = list(terms(signals, data.setting.sample_time, scales))
-        spectra = spectra_of(np.column_stack([values for _, values in told]))
-        # A term in a channel: that column of the whitener.
+        evaluated = list(terms(signals, data.setting.sample_time, scales))
+        spectra = spectra_of(np.column_stack([values for _, values in evaluated]))
+        # A term added to a channel, whitened: that column of the whitening matrix.
         placed = (W[:, :, :, None] * spectra[:, None, None, :]).reshape(len(W), W.shape[1], -1)
         whitened = np.concatenate([W @ spectra_of(slopes), placed], axis=2)
         rounded = rounded + white.scatter(data.part(begin, begin + len(residual)) - residual, whitened, W)
@@ -137,12 +137,12 @@ def _record(record: tuple[Data, np.ndarray, Whitener], final: Fit, terms: Terms,
         target = (W @ spectra_of(residual)[:, :, None])[:, :, 0].reshape(-1)
         products = products + np.real(columns.conj().T @ columns)
         gradient = gradient + np.real(columns.conj().T @ target)
-        names = [(channel, name) for channel in data.channels for name, _ in told]
+        names = [(channel, name) for channel in data.channels for name, _ in evaluated]
     return (products, gradient, rounded), names
 
 
 def _signals(data, begin: int, left: np.ndarray) -> Signals:
-    """The drive and the other channels as predicted of it, both without its noise: that is not explained by itself."""
+    """The drive and the predicted channels, both without measurement noise, which would correlate with the residual."""
     end = begin + len(left)
     found = {data.drive: (data.record[data.drive] - data.rest)[begin:end]}
     predicted = data.values[begin:end] - left
@@ -150,7 +150,7 @@ def _signals(data, begin: int, left: np.ndarray) -> Signals:
 
 
 def _scales(problem: Problem) -> dict[str, float]:
-    """Largest value of each signal in the whole campaign."""
+    """Largest absolute value of each signal in the whole campaign."""
     found: dict[str, float] = {}
     for data in problem.data:
         if not isinstance(data, FrequencyData):
@@ -162,11 +162,11 @@ def _scales(problem: Problem) -> dict[str, float]:
 def _squares(signals: Signals, step: float, scales: dict[str, float]) -> Iterator[tuple[str, np.ndarray]]:
     """Squares of the signals."""
     for channel, values in signals.items():
-        yield SYMBOLS[channel] + SQUARE, (values / (scales[channel] or 1.0)) ** 2
+        yield SYMBOLS[channel] + SQUARE_SIGN, (values / (scales[channel] or 1.0)) ** 2
 
 
 def _terms(signals: Signals, step: float, scales: dict[str, float]) -> Iterator[tuple[str, np.ndarray]]:
-    """Simple functions of the signals, each of a size near one."""
+    """Simple functions of the signals, scaled to about one."""
     count = len(next(iter(signals.values())))
     time = np.linspace(-1.0, 1.0, count)
     yield "a constant", np.ones(count)
@@ -188,13 +188,13 @@ def _scaled(values: np.ndarray) -> np.ndarray:
     return values / (float(np.abs(values).max()) or 1.0)
 
 
-def _pursuit(normal: _Normal) -> list[Hint]:
+def _orthogonal_matching_pursuit(normal: _NormalEquations) -> list[Hint]:
     """Orthogonal matching pursuit on the normal equations."""
     G, g = normal.products, normal.gradient
     chosen: list[int] = []
     found: list[Hint] = []
     gained = 0.0
-    while len(chosen) < TERMS:
+    while len(chosen) < MAX_TERMS:
         gains = np.full(len(g), -np.inf)
         for k in np.flatnonzero(normal.visible):
             if k not in chosen:
@@ -202,7 +202,7 @@ def _pursuit(normal: _Normal) -> list[Hint]:
                 gains[k] = float(g[at] @ inverse(G[np.ix_(at, at)]) @ g[at])
         best = int(np.argmax(gains))
         first = found[0].gain if found else gains[best]
-        if not np.isfinite(gains[best]) or gains[best] - gained < max(SURE, SMALL * first):
+        if not np.isfinite(gains[best]) or gains[best] - gained < max(MIN_GAIN, MIN_RELATIVE_GAIN * first):
             break
         chosen.append(best)
         gained = float(gains[best])

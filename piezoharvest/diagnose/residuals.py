@@ -1,4 +1,4 @@
-"""Residuals of every record, without and with the effects that were found: for reports."""
+"""Residuals of every record without and with the effects found, for reports."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from piezoharvest.identify.identification import judged, prepared
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """One record over time.
+    """Residuals of one record over time.
 
     Attributes
     ----------
@@ -27,9 +27,9 @@ class Residuals:
     before, after : (samples, channels) array
         Measured less predicted, SI units.
     white_before, white_after : (samples, channels) array
-        The same in units of the noise, whitened.
+        The same, whitened and in units of the noise.
     noise : (channels,) array
-        Standard deviation of noise alone, that of the drive included.
+        Standard deviation of noise alone, including that of the drive.
     """
 
     data: Data
@@ -45,21 +45,21 @@ class Residuals:
         return self.data.setting.sample_time * np.arange(len(self.data))
 
     def gain(self, c: int) -> float:
-        """By how much the squares of a channel's whitened residual fall."""
+        """Decrease of the sum of squares of a channel's whitened residual."""
         return float((self.white_before[:, c] ** 2).sum() - (self.white_after[:, c] ** 2).sum())
 
 
 def residuals(diagnosis: Diagnosis) -> Iterator[Residuals]:
-    """Residuals of the records over time, those fitted first."""
+    """Residuals of the records over time, fitted records first."""
     found = [diagnosis.before.found, diagnosis.search.final]
     data = prepared(diagnosis.campaign, "fit")
-    yield from _of(Problem(data, diagnosis.campaign.transducer, diagnosis.before.offsets), found)
+    yield from _residuals_of(Problem(data, diagnosis.campaign.transducer, diagnosis.before.offsets), found)
     unseen, checks = validated(diagnosis.campaign, diagnosis.before, found)
     if any(each.role == "validate" for each in unseen.data):
-        yield from _of(unseen, checks)
+        yield from _residuals_of(unseen, checks)
 
 
-def _of(problem: Problem, fits: Sequence[Fit]) -> Iterator[Residuals]:
+def _residuals_of(problem: Problem, fits: Sequence[Fit]) -> Iterator[Residuals]:
     """Residuals of the records of a problem, without and with effects."""
     noise = {one.name: one.quality.noise for one in judged(problem.data, fits[1])}
     for (data, before, white_before), (_, after, white_after) in zip(*(_pairs(problem, f) for f in fits), strict=True):
@@ -68,25 +68,25 @@ def _of(problem: Problem, fits: Sequence[Fit]) -> Iterator[Residuals]:
 
 
 def _pairs(problem: Problem, found: Fit) -> Iterator[tuple[Data, np.ndarray, np.ndarray]]:
-    """Records with residuals, plain and whitened."""
+    """Records with their residuals, plain and whitened."""
     for _, blocks in itertools.groupby(blocks_of(problem, found), key=lambda block: id(block.data)):
         parts = list(blocks)
         plain = [block.residual for block in parts]
-        white = [in_time(block.spectrum, len(block.residual)) for block in parts]
+        white = [samples_of(block.spectrum, len(block.residual)) for block in parts]
         yield parts[0].data, np.concatenate(plain), np.concatenate(white)
 
 
-def in_time(spectra: np.ndarray, count: int) -> np.ndarray:
-    """Samples that have such `spectra_of`, (f, channels) to (count, channels)."""
+def samples_of(spectra: np.ndarray, count: int) -> np.ndarray:
+    """Inverse of `spectra_of`: samples (count, channels) of spectra (f, channels)."""
     lines = spectra * np.sqrt(count)
     lines[1 : (count + 1) // 2] /= np.sqrt(2.0)
     return np.fft.irfft(lines, count, axis=0)
 
 
 def in_bins(values: np.ndarray, where: np.ndarray, edges: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Means of whitened residuals in bins of another signal, in units of what noise would make them, (bins,).
+    """Means of whitened residuals in bins of another signal, in standard errors of white noise, (bins,).
 
-    A bin with few samples is not a number.
+    Bins with fewer than five samples are NaN.
     """
     place = np.clip(np.searchsorted(edges, where, side="right") - 1, 0, len(edges) - 2)
     count = np.bincount(place, minlength=len(edges) - 1)

@@ -1,4 +1,4 @@
-"""What start values of effects are taken from: the sizes and times of a campaign, and what its residuals show."""
+"""Start values of effects: scales of a campaign, and features of the residuals of a model."""
 
 from __future__ import annotations
 
@@ -11,63 +11,63 @@ import numpy as np
 
 from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.diagnose.residual_tests import fundamental
-from piezoharvest.identify.fitting.data import Data, pinned
-from piezoharvest.identify.fitting.evaluation import at_once
+from piezoharvest.diagnose.residual_tests import drive_frequency_of
+from piezoharvest.identify.fitting.data import Data, is_clipped
+from piezoharvest.identify.fitting.evaluation import map_records
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
-from piezoharvest.identify.fitting.model import Model, noise_passed, residual_blocks
+from piezoharvest.identify.fitting.model import Model, drive_noise_response, residual_blocks
 from piezoharvest.identify.noise.noise_model import Noise
 
-TIMES = 6  # time constants over the plausible range
-_NEAR = np.concatenate([mains + np.arange(-15, 16) * 0.02 for mains in (50.0, 60.0)])  # Hz
-PULLED = 0.01  # of the range of a force
-BEYOND = (0.0, 2.0, 4.0)  # standard deviations below the largest reading, where a range may end,
-HELD = 2.0  # up to these where readings are held there;
-PASSED = 50.0  # squares above noise that have to go if there is one
-SLOWEST = 3.0  # records: within one, so slow a relaxation is off a straight line by less than a sixth of its way
-SPIKES = 2e-3  # of the samples, that something else than the signal may have taken beyond the end of a range
-REACHED = 6.0  # standard deviations: no noise takes a reading so far beyond the end of a range
+TIME_CONSTANTS = 6  # time constants over the plausible range
+_MAINS_FREQUENCIES = np.concatenate([mains + np.arange(-15, 16) * 0.02 for mains in (50.0, 60.0)])  # Hz
+MIN_TENSION = 0.01  # of the range of a force: tension below it is noise
+LIMIT_OFFSETS = (0.0, 2.0, 4.0)  # standard deviations below the largest reading, where a saturation limit is tried
+MAX_PINNED_OFFSET = 2.0  # standard deviations: up to these where readings are constant at their extreme
+MIN_LIMIT_GAIN = 50.0  # smallest decrease of the sum of squares by a saturation limit
+MAX_TIME_CONSTANT = 3.0  # times the longest record: a slower relaxation is straight within a sixth of its amplitude
+MAX_SPIKE_SHARE = 2e-3  # share of the samples that may be spikes beyond a saturation limit
+NOISE_MARGIN = 6.0  # standard deviations by which noise may exceed a saturation limit
 
 
 @dataclass(frozen=True)
 class CampaignScales:
-    """A campaign as its effects' start values see it; SI units.
+    """Scales of a campaign that start values of effects depend on; SI units.
 
     Attributes
     ----------
     drives, channels : tuple of str
     loaded : bool
-        Whether a current into the electrodes shows: not where their voltage is imposed and no current is measured.
-    pulled : bool
-        Whether a force that is imposed ever pulls.
+        True if current into the electrodes is visible: the voltage is not imposed, or the current is measured.
+    has_tension : bool
+        True if an imposed force is ever tensile.
     displacement : float
-        Half of its peak-to-peak; where it is not measured, that of a spring under the drive.
+        Half of its peak-to-peak range; where it is not measured, that of a spring under the drive.
     jitter : float
-        What the noise of the drive would be of it.
+        Displacement equivalent to the noise of the drive.
     capacitance : float
     sample_time : float
     times : tuple of float
         Time constants from a few samples to a record's length.
     loads : tuple of float
-        Labels of the resistors.
+        Resistances of the resistors, by which effects are labelled.
     peaks : mapping of str to tuple of float
-        For each channel where its range may end.
+        Candidate saturation limits of each channel.
     mains : mapping of str to tuple of float
-        For each channel, the drive among them, where near 50 and 60 Hz its residuals are strongest, Hz.
+        Frequencies near 50 and 60 Hz with the largest residual, for each channel and drive, Hz.
     longest : float
-        Time that the longest record shows, s.
+        Duration of the longest record, s.
     ends : mapping of str to (float, float)
-        For each channel between which values its range may end: it reads nothing far beyond it, and comes to it.
+        Lowest and highest possible saturation limit of each channel, from its largest readings.
     harmonics : mapping of str to tuple of (float, float)
-        For each channel, the drive among them, frequency of the drive in every record that has the channel (zero where
-        that is not one line), and by how much frequencies have to differ there to be told apart; Hz.
+        For each channel and drive: drive frequency of every record with the channel (zero where the drive is not one
+        sine), and the frequency resolution of the record; Hz.
     """
 
     drives: tuple[str, ...]
     channels: tuple[str, ...]
     loaded: bool
-    pulled: bool
+    has_tension: bool
     displacement: float
     capacitance: float
     sample_time: float
@@ -80,59 +80,60 @@ class CampaignScales:
     ends: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     harmonics: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
 
-    def shows_time(self, time_constant: float) -> bool:
-        """Whether something so slow still bends within a record, and something so fast between its samples."""
-        return self.sample_time < time_constant < SLOWEST * self.longest
+    def resolves_time(self, time_constant: float) -> bool:
+        """True if the records resolve a relaxation with this time constant: its curvature, and its samples."""
+        return self.sample_time < time_constant < MAX_TIME_CONSTANT * self.longest
 
-    def tells_line(self, channel: str, frequency: float) -> bool:
-        """Whether some record tells a line from harmonics of its drive, which any bent characteristic makes."""
+    def separates_line(self, channel: str, frequency: float) -> bool:
+        """True if some record separates a line from the harmonics of its drive, which any nonlinearity generates."""
         return any(
             not line or abs(frequency - round(frequency / line) * line) > apart
             for line, apart in self.harmonics.get(channel, ())
         )
 
 
-class _Left(NamedTuple):
-    """What a model leaves of a part of a record, and what of it the noise of the drive would do."""
+class _BlockResidual(NamedTuple):
+    """Residual of a block of a record, and the part of it that the drive's noise causes."""
 
     data: Data
     begin: int
     residual: np.ndarray
-    passed: np.ndarray
+    drive_noise: np.ndarray
 
     def measured(self, channel: str) -> np.ndarray:
-        """Its samples of a channel."""
+        """Samples of a channel in the block."""
         return self.data.record[channel][self.begin : self.begin + len(self.residual)]
 
 
-def scene_of(data: Sequence[Data | FrequencyData], found: Fit) -> CampaignScales:
-    """Scene of the fitted records, as a model sees them."""
+def campaign_scales(data: Sequence[Data | FrequencyData], found: Fit) -> CampaignScales:
+    """Scales of the fitted records under a model."""
     records = [each for each in data if isinstance(each, Data)]
     channels = tuple(sorted({channel for each in records for channel in each.channels}))
     step = min((each.setting.sample_time for each in records), default=float("inf"))
     resistors = [each.setting.shunt for each in records if isinstance(each.setting.shunt, Resistor)]
     loads = sorted({shunt.resistance for shunt in resistors})
     bare = replace(found.model, parameters=())
-    blocks = list(chain(*at_once(lambda each, own: _left(bare, each, own), data, found.own)))
+    blocks = list(chain(*map_records(lambda each, nuisance: _block_residuals(bare, each, nuisance), data, found.own)))
     drives = {each.record.input if isinstance(each, FrequencyData) else each.drive for each in data}
     return CampaignScales(
         drives=tuple(sorted({each.drive for each in records})),
         channels=channels,
         loaded="current" in channels or drives != {"voltage"},
-        pulled=any(each.drive == "force" and _pulled(each.record["force"]) for each in records),
+        has_tension=any(each.drive == "force" and _has_tension(each.record["force"]) for each in records),
         displacement=displacement_of(records, found.model.transducer),
-        jitter=jitter_of(records, found.model.transducer, found.noise),
+        jitter=drive_jitter(records, found.model.transducer, found.noise),
         capacitance=found.model.transducer.capacitance,
         sample_time=step,
-        times=tuple(np.geomspace(*_span(data), TIMES).tolist()),
+        times=tuple(np.geomspace(*_time_constant_range(data), TIME_CONSTANTS).tolist()),
         loads=tuple(loads),
-        peaks={channel: _ranges(blocks, found.noise.sigma[channel], channel) for channel in channels},
-        mains=_mains(blocks),
+        peaks={channel: _candidate_limits(blocks, found.noise.sigma[channel], channel) for channel in channels},
+        mains=_mains_frequencies(blocks),
         longest=max(
-            (len(each) * each.setting.sample_time for each in records), default=_span(data)[1] if data else np.inf
+            (len(each) * each.setting.sample_time for each in records),
+            default=_time_constant_range(data)[1] if data else np.inf,
         ),
-        ends={channel: _ends(records, found.noise.sigma[channel], channel) for channel in channels},
-        harmonics=_harmonics(records),
+        ends={channel: _range_of_limit(records, found.noise.sigma[channel], channel) for channel in channels},
+        harmonics=_drive_frequencies(records),
     )
 
 
@@ -147,13 +148,13 @@ def displacement_of(records: Sequence[Data], transducer: Transducer) -> float:
     return 0.5 * max(moved, default=np.inf)
 
 
-def jitter_of(records: Sequence[Data], transducer: Transducer, noise: Noise) -> float:
-    """Displacement that the noise of a drive would be, of that record where it is least."""
+def drive_jitter(records: Sequence[Data], transducer: Transducer, noise: Noise) -> float:
+    """Displacement equivalent to the noise of a drive, in the record where it is smallest."""
     return min((_compliance(each, transducer) * noise.sigma.get(each.drive, 0.0) for each in records), default=0.0)
 
 
 def _compliance(data: Data, transducer: Transducer) -> float:
-    """Displacement of a spring under a unit of the drive."""
+    """Static displacement of the spring per unit of the drive."""
     force = {
         "force": 1.0,
         "voltage": abs(transducer.coupling),
@@ -163,29 +164,31 @@ def _compliance(data: Data, transducer: Transducer) -> float:
     return force[data.drive] / transducer.stiffness
 
 
-def _ends(records: Sequence[Data], sigma: float, channel: str) -> tuple[float, float]:
-    """Between which values the range of a channel may end."""
+def _range_of_limit(records: Sequence[Data], sigma: float, channel: str) -> tuple[float, float]:
+    """Lowest and highest possible saturation limit of a channel."""
     sizes = np.sort(np.abs(np.concatenate([each.record[channel] for each in records if channel in each.channels])))
-    return float(sizes[-1 - int(SPIKES * len(sizes))]) - REACHED * sigma, float(sizes[-1]) + REACHED * sigma
+    return float(sizes[-1 - int(MAX_SPIKE_SHARE * len(sizes))]) - NOISE_MARGIN * sigma, float(
+        sizes[-1]
+    ) + NOISE_MARGIN * sigma
 
 
-def _harmonics(records: Sequence[Data]) -> dict[str, tuple[tuple[float, float], ...]]:
-    """Frequencies of the drives of records, and their resolutions, by channel."""
+def _drive_frequencies(records: Sequence[Data]) -> dict[str, tuple[tuple[float, float], ...]]:
+    """Drive frequencies and frequency resolutions of records, by channel."""
     found: dict[str, list[tuple[float, float]]] = {}
     for each in records:
-        line = fundamental(each) or 0.0
+        line = drive_frequency_of(each) or 0.0
         for channel in (*each.channels, each.drive):
             found.setdefault(channel, []).append((line, 1.0 / (len(each) * each.setting.sample_time)))
     return {channel: tuple(some) for channel, some in found.items()}
 
 
-def _pulled(force: np.ndarray) -> bool:
-    """Whether a force is tension at some time, by more than noise about zero would make it."""
-    return bool(force.min() < -PULLED * np.ptp(force))
+def _has_tension(force: np.ndarray) -> bool:
+    """True if a force is tensile at some time by more than noise about zero."""
+    return bool(force.min() < -MIN_TENSION * np.ptp(force))
 
 
-def _span(data: Sequence[Data | FrequencyData]) -> tuple[float, float]:
-    """Shortest and longest time constant that records over time show, or responses where there are no such records."""
+def _time_constant_range(data: Sequence[Data | FrequencyData]) -> tuple[float, float]:
+    """Shortest and longest time constant shown by records over time, or by frequency responses without such records."""
     records = [each for each in data if isinstance(each, Data)]
     if records:
         steps = [each.setting.sample_time for each in records]
@@ -195,50 +198,57 @@ def _span(data: Sequence[Data | FrequencyData]) -> tuple[float, float]:
     return 0.5 / (np.pi * frequencies.max()), 0.5 / (np.pi * frequencies.min())
 
 
-def _left(model: Model, data: Data | FrequencyData, own: np.ndarray) -> list[_Left]:
-    """What a model leaves of a record."""
+def _block_residuals(model: Model, data: Data | FrequencyData, nuisance: np.ndarray) -> list[_BlockResidual]:
+    """Residuals of a record, block by block."""
     if not isinstance(data, Data):
         return []
     return [
-        _Left(data, begin, residual, noise_passed(prediction, data, begin, begin + len(residual)))
-        for prediction, begin, residual, _ in residual_blocks(model, data, own, False)
+        _BlockResidual(data, begin, residual, drive_noise_response(prediction, data, begin, begin + len(residual)))
+        for prediction, begin, residual, _ in residual_blocks(model, data, nuisance, False)
     ]
 
 
-def _ranges(blocks: Sequence[_Left], sigma: float, channel: str) -> tuple[float, ...]:
-    """Where a channel may end: at an extreme value that it has many times, or that the model passes and it does not.
+def _candidate_limits(blocks: Sequence[_BlockResidual], sigma: float, channel: str) -> tuple[float, ...]:
+    """Candidate saturation limits of a channel: extreme values that occur often, or that the model exceeds.
 
-    Noise that comes after the range takes readings beyond it.
+    Noise that is added after the saturation takes readings beyond the limit.
     """
     blocks = [block for block in blocks if channel in block.data.channels]
     together = np.concatenate([block.measured(channel) for block in blocks])
-    limits = np.abs(together).max() - sigma * np.array(BEYOND)
+    limits = np.abs(together).max() - sigma * np.array(LIMIT_OFFSETS)
     gains = np.zeros(len(limits))
     for block in blocks:
         c, measured = block.data.channels.index(channel), block.measured(channel)
-        left, passed = block.residual[:, c], block.passed[:, c]
-        cut = np.clip(measured - left, -limits[:, None], limits[:, None]) + passed
-        gains += np.sum(((left - passed) ** 2 - (measured - cut) ** 2) / sigma**2, axis=1)
-    return tuple(limits[(gains > PASSED) | (pinned(together) & (np.array(BEYOND) <= HELD))].tolist())
+        residual, drive_noise = block.residual[:, c], block.drive_noise[:, c]
+        cut = np.clip(measured - residual, -limits[:, None], limits[:, None]) + drive_noise
+        gains += np.sum(((residual - drive_noise) ** 2 - (measured - cut) ** 2) / sigma**2, axis=1)
+    return tuple(
+        limits[
+            (gains > MIN_LIMIT_GAIN) | (is_clipped(together) & (np.array(LIMIT_OFFSETS) <= MAX_PINNED_OFFSET))
+        ].tolist()
+    )
 
 
-def _mains(blocks: Sequence[_Left]) -> dict[str, tuple[float, ...]]:
-    """Mains frequencies of the channels: a network is seldom at its nominal one."""
+def _mains_frequencies(blocks: Sequence[_BlockResidual]) -> dict[str, tuple[float, ...]]:
+    """Mains frequencies of the channels, which differ slightly from the nominal ones."""
     power: dict[str, np.ndarray] = {}
-    for lines, (data, *_) in zip(at_once(_near_mains, blocks), blocks, strict=True):
+    for lines, (data, *_) in zip(map_records(_lines_near_mains, blocks), blocks, strict=True):
         for c, channel in enumerate(data.channels):
             power[channel] = power.get(channel, 0.0) + np.abs(lines[:, c]) ** 2
-        # What stands on the measured drive comes out in all channels.
+        # Hum on the measured drive appears in all channels.
         power[data.drive] = power.get(data.drive, 0.0) + (np.abs(lines) ** 2).sum(axis=1)
-    half = len(_NEAR) // 2
+    half = len(_MAINS_FREQUENCIES) // 2
     return {
-        channel: (float(_NEAR[np.argmax(some[:half])]), float(_NEAR[half + np.argmax(some[half:])]))
+        channel: (
+            float(_MAINS_FREQUENCIES[np.argmax(some[:half])]),
+            float(_MAINS_FREQUENCIES[half + np.argmax(some[half:])]),
+        )
         for channel, some in power.items()
     }
 
 
-def _near_mains(block: _Left) -> np.ndarray:
-    """Lines near the mains frequencies of what a model leaves, less the noise of the drive, (f, channels)."""
-    left = block.residual - block.passed
-    time = (block.begin + np.arange(len(left))) * block.data.setting.sample_time
-    return np.exp(-2j * np.pi * _NEAR[:, None] * time) @ (left / left.std(axis=0))
+def _lines_near_mains(block: _BlockResidual) -> np.ndarray:
+    """Spectral lines near the mains frequencies of the residual less the drive's noise, (f, channels)."""
+    residual = block.residual - block.drive_noise
+    time = (block.begin + np.arange(len(residual))) * block.data.setting.sample_time
+    return np.exp(-2j * np.pi * _MAINS_FREQUENCIES[:, None] * time) @ (residual / residual.std(axis=0))

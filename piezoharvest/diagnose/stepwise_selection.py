@@ -1,6 +1,6 @@
-"""Which effects are there: scores, full fits of the promising ones, forward and backward selection.
+"""Stepwise selection of effects: score tests, full fits of the promising ones, forward and backward steps.
 
-Source: Davies, Biometrika 74(1), 33-43, 1987 (chance where parameters exist only with the effect).
+Source: Davies, Biometrika 74(1), 33-43, 1987 (tests where a parameter exists only under the alternative).
 """
 
 from __future__ import annotations
@@ -13,58 +13,62 @@ from scipy.stats import chi2
 
 from piezoharvest.description.effects import Effect
 from piezoharvest.diagnose.candidate_fits import (
-    CERTAIN,
-    CLOSE,
-    NEEDED,
+    CLOSE_COST,
+    INDISPENSABLE_GAIN,
+    MIN_STANDARD_ERRORS,
+    CandidateFits,
     EffectChange,
-    Made,
-    Trials,
-    aim_beside,
-    errors,
-    inflated,
-    key_of,
+    FitRecord,
+    cost_to_reach,
+    effect_key,
     significance,
+    standard_errors_from_zero,
+    variance_inflation,
 )
-from piezoharvest.diagnose.residual_tests import Leftover
-from piezoharvest.diagnose.score_tests import ScoredEffect, effect_line, effect_parameters
+from piezoharvest.diagnose.residual_tests import ResidualTest
+from piezoharvest.diagnose.score_tests import ScoredEffect, effect_parameters, is_line
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.predict.prediction import PredictionError
 
-LEVEL = 1e-4  # chance of a false alarm, over all effects together
-HOPE = 30.0  # times the level, where a fit finds a time constant, say, between two starts: it gains up to half as much
-MOST = 3  # effects at once
-PROMISING = 0.15  # of the best score: what a full fit may still turn round
-FITS = 4  # full fits a stage
-STAND_INS = 2  # of these against a model whose strayed parameters are held
-SOME, GOOD = 0.05, 0.5  # of the squares above noise, all and those left: what explains less of both explains nothing
-BRIEF = 6  # iterations after which a full fit waits for the others of its stage
-DOUBTED = 100.0  # of -2 ln L, or of Wald's test: with less an effect may owe its gain to a better minimum
-OUTSTANDING = 0.3  # of the squares that the worst place has above noise: places with more have to be explained
-UNEXPLAINED = "what stands out is as it was: no effect of the library explains it"
-KEPT = 0.5  # of its squares above noise: a place that keeps more is not explained
+SIGNIFICANCE_LEVEL = 1e-4  # probability of a false alarm over all effects together
+# Times the level, for effects with more parameters: a fit of a time constant between two starts gains up to half more.
+PRELIMINARY_LEVEL_FACTOR = 30.0
+MAX_EFFECTS = 3  # effects that are added
+MIN_RELATIVE_SCORE = 0.15  # of the best score: smaller ones are not fitted
+FITS_PER_STAGE = 4  # full fits a stage
+FITS_AT_NOMINAL = 2  # full fits a stage against the model with deviating parameters at their nominal values
+MIN_SHARE_OF_INITIAL, MIN_SHARE_OF_PRESENT = (
+    0.05,
+    0.5,
+)  # of the sum of squares above noise, initial and present: smaller gains than both do not count
+STAGE_ITERATIONS = 6  # iterations after which a full fit waits for the others of its stage
+MIN_UNDOUBTED_GAIN = 100.0  # of -2 ln L, or of the Wald statistic: a smaller gain may be that of a better local minimum
+OUTSTANDING_SHARE = 0.3  # of the largest excess of a residual test: tests with more have to be explained
+UNEXPLAINED_MESSAGE = "what stands out is as it was: no effect of the library explains it"
+UNEXPLAINED_SHARE = 0.5  # of the excess of a residual test: a test that keeps more is not explained
 
 
 @dataclass(frozen=True)
 class Search:
-    """What a search has found.
+    """Result of a search.
 
     Attributes
     ----------
     base : Fit
-        Without effects.
+        Fit without effects.
     nested : tuple of Fit
-        With the first effect, the first two, and so on.
+        Fits with the first effect, the first two, and so on.
     order : tuple of Effect
         The effects in the order in which they were found, with their fitted values.
     p_values : tuple of float
-        Of each, corrected for the number of effects.
+        Of each effect, corrected for the number of effects.
     first : tuple of ScoredEffect
         Scores of all effects against the model without any.
-    left : tuple of Leftover
-        Where these leave structure.
+    left : tuple of ResidualTest
+        Failed residual tests of the last fit.
     alternatives : tuple of (EffectChange, float)
-        Other sets that are nearly as likely, with what they cost more; not looked for where structure is left.
-    fits : tuple of Made
+        Other sets that are nearly as likely, with their additional cost; only sought where no residual test fails.
+    fits : tuple of FitRecord
         Full fits that were made.
     """
 
@@ -73,51 +77,51 @@ class Search:
     order: tuple[Effect, ...]
     p_values: tuple[float, ...]
     first: tuple[ScoredEffect, ...]
-    left: tuple[Leftover, ...]
+    left: tuple[ResidualTest, ...]
     alternatives: tuple[tuple[EffectChange, float], ...]
-    fits: tuple[Made, ...]
+    fits: tuple[FitRecord, ...]
 
     @property
-    def given(self) -> int:
-        """Effects that the model without any finding has, as the campaign names them."""
+    def given_effects(self) -> int:
+        """Number of effects that the campaign names, which are in every model."""
         return len(self.base.model.transducer.effects)
 
     @property
     def final(self) -> Fit:
-        """With all effects that are there."""
+        """Fit with all effects found."""
         return self.nested[-1] if self.nested else self.base
 
     @property
     def before_last(self) -> Fit:
-        """Without the last effect."""
+        """Fit without the last effect."""
         return self.nested[-2] if len(self.nested) > 1 else self.base
 
-    def without_last(self, left: tuple[Leftover, ...]) -> Search:
-        """The same without the last effect, and what is left then."""
+    def without_last(self, left: tuple[ResidualTest, ...]) -> Search:
+        """Copy without the last effect, and with the residual tests that fail then."""
         return replace(
-            self, nested=self.nested[:-1], order=self.before_last.model.transducer.effects[self.given :],
+            self, nested=self.nested[:-1], order=self.before_last.model.transducer.effects[self.given_effects :],
             p_values=self.p_values[:-1], left=left, alternatives=(),
         )  # fmt: skip
 
 
-class _Found(NamedTuple):
-    """Where a search stands.
+class _SearchState(NamedTuple):
+    """State of a search.
 
     Attributes
     ----------
     now : EffectChange
-    held : EffectChange or None
-        The model whose strayed parameters are at their nominal values, if any are not.
+    at_nominal : EffectChange or None
+        Fit with the deviating parameters at their nominal values, if any deviate.
     levels : list of float
-        Of the effects that were found.
+        p-values of the effects found.
     alternatives : list of EffectChange
-        Others that were tried in the place of the last one.
+        Other candidates for the last effect.
     added : bool
-        Whether an effect was found in the last step.
+        True if an effect was added in the last step.
     """
 
     now: EffectChange
-    held: EffectChange | None
+    at_nominal: EffectChange | None
     levels: list[float]
     alternatives: list[EffectChange]
     added: bool = True
@@ -128,229 +132,238 @@ class Searcher:
 
     Parameters
     ----------
-    trials : Trials
+    trials : CandidateFits
         Of the campaign.
     """
 
-    def __init__(self, trials: Trials):
+    def __init__(self, trials: CandidateFits):
         self.trials = trials
 
     @property
-    def given(self) -> int:
-        """Effects that the campaign names: these are no finding."""
+    def given_effects(self) -> int:
+        """Number of effects that the campaign names: these are no finding."""
         return len(self.trials.base.model.transducer.effects)
 
     def run(self) -> Search:
-        """Find the effects that a model without any misses."""
+        """Find the effects that are missing from the model."""
         trials = self.trials
-        now, held = self._surveyed(EffectChange(trials.base))
-        first, found = trials.scores(now), _Found(now, held, [], [])
-        while len(found.now.effects) < self.given + MOST:
+        now, at_nominal = self._with_nominal_values(EffectChange(trials.base))
+        first, found = trials.scores(now), _SearchState(now, at_nominal, [], [])
+        while len(found.now.effects) < self.given_effects + MAX_EFFECTS:
             try:
-                more = self._one_more(found)
-            except PredictionError as error:  # what was found so far can follow them
-                trials.tell(f"the search ends: with one effect more the model cannot follow the records ({error})")
+                more = self._add_effect(found)
+            except PredictionError as error:  # the effects found so far can be simulated
+                trials.progress(f"the search ends: with one effect more the model cannot follow the records ({error})")
                 break
             if more is None:
                 break
             before, found = found, more
-            if more.added and self._passed_by(before.now, more.now):
-                trials.tell(UNEXPLAINED)
+            if more.added and self._leaves_outstanding(before.now, more.now):
+                trials.progress(UNEXPLAINED_MESSAGE)
                 break
-        now, levels = self._determined(found.now, found.levels)
-        now = trials.polished(now) if len(now.effects) > self.given else now
-        left = trials.left(now.found)
+        now, levels = self._drop_uncertain(found.now, found.levels)
+        now = trials.refined(now) if len(now.effects) > self.given_effects else now
+        left = trials.failed_tests_refitted(now.found)
         close = () if left else self._alternatives(now, found.alternatives)
         return Search(
-            trials.base, self._nested(now), now.found.model.transducer.effects[self.given :], tuple(levels),
-            tuple(first), left, close, tuple(trials.made),
+            trials.base, self._nested(now), now.found.model.transducer.effects[self.given_effects :], tuple(levels),
+            tuple(first), left, close, tuple(trials.fit_records),
         )  # fmt: skip
 
-    def _one_more(self, found: _Found) -> _Found | None:
-        """The same with one effect more, or in a better minimum without it; None where none is more than chance."""
+    def _add_effect(self, found: _SearchState) -> _SearchState | None:
+        """State with one more effect, or in a better minimum without it; None where no effect is significant."""
         trials, now = self.trials, found.now
-        tried = self._next(now, found.held)
+        tried = self._significant_fits(now, found.at_nominal)
         if not tried:
             return None
         after, *alternatives = tried
-        if not self._matters(now, after):
-            trials.tell(UNEXPLAINED)
+        if not self._explains_enough(now, after):
+            trials.progress(UNEXPLAINED_MESSAGE)
             return None
         level = self._p_value(now, after, trials.scores(now))
-        better = self._led_to(now, after)
+        better = self._restarted_without(now, after)
         if better is not None:
             level = self._p_value(better, after, trials.scores(now))
-            if level > LEVEL:
-                trials.tell(f"{after.effects[-1]} has only led to a better minimum without it")
-                return _Found(*self._surveyed(better), found.levels, [], added=False)
-        trials.tell(f"found {', '.join(after.effects)}")
-        after, levels = self._revised(trials.redetermined(after), [*found.levels, level])
-        return _Found(*self._surveyed(after), levels, alternatives if better is None else [])
+            if level > SIGNIFICANCE_LEVEL:
+                trials.progress(f"{after.effects[-1]} has only led to a better minimum without it")
+                return _SearchState(*self._with_nominal_values(better), found.levels, [], added=False)
+        trials.progress(f"found {', '.join(after.effects)}")
+        after, levels = self._prune(trials.redetermine(after), [*found.levels, level])
+        return _SearchState(*self._with_nominal_values(after), levels, alternatives if better is None else [])
 
-    def _led_to(self, before: EffectChange, now: EffectChange) -> EffectChange | None:
-        """The model before where a new effect has come to, if it fits better there.
+    def _restarted_without(self, before: EffectChange, now: EffectChange) -> EffectChange | None:
+        """The fit before a new effect, restarted from the values with it, if that has a lower cost.
 
-        What a small effect gains may be that of a minimum beside the one in which the model before was caught.
+        The gain of a weak effect may be that of a better local minimum next to that of the earlier fit.
         """
         last = len(now.effects) - 1
-        if before.cost - now.cost > DOUBTED and significance(now.found, last) > DOUBTED:
+        if before.cost - now.cost > MIN_UNDOUBTED_GAIN and significance(now.found, last) > MIN_UNDOUBTED_GAIN:
             return None
-        self.trials.drop(now, last)
-        less = self.trials.without(now, last)
+        self.trials.fit_without(now, last)
+        less = self.trials.best_without(now, last)
         return less if less is not None and less.cost < before.cost - 1.0 else None
 
-    def _matters(self, before: EffectChange, after: EffectChange) -> bool:
-        """Whether a new effect explains some of all that was missing, or a good part of what still is.
+    def _explains_enough(self, before: EffectChange, after: EffectChange) -> bool:
+        """True if a new effect explains some of the initial excess over noise, or a good part of the present one.
 
-        Where much is left that no effect explains, any of them takes a little of it.
+        Where much remains that no effect explains, any effect takes a little of it.
         """
         gain = before.cost - after.cost
-        return gain > SOME * above_noise(self.trials.base) or gain > GOOD * above_noise(before.found)
+        return gain > MIN_SHARE_OF_INITIAL * excess_of(self.trials.base) or gain > MIN_SHARE_OF_PRESENT * excess_of(
+            before.found
+        )
 
-    def _surveyed(self, now: EffectChange) -> tuple[EffectChange, EffectChange | None]:
-        """A step, and the model whose strayed parameters are at their nominal values, if any are not.
+    def _with_nominal_values(self, now: EffectChange) -> tuple[EffectChange, EffectChange | None]:
+        """A step, and the fit with its deviating parameters at their nominal values, if any deviate.
 
-        Damping delays displacement and voltage as a skew delays the voltage: once it has taken the place of one, no
-        small step leads from the one to the other.
+        Damping delays displacement and voltage as channel skew delays the voltage: once a parameter has taken the place
+        of an effect, no small step leads from one to the other.
         """
-        held = self.trials.held(now)
-        if held is not None and now.effects and held.cost < now.cost + CLOSE:
-            # With fewer parameters it fits as well: they had strayed into a minimum that is no lower.
-            freed = self.trials.freed(held, now)
+        at_nominal = self.trials.at_nominal(now)
+        if at_nominal is not None and now.effects and at_nominal.cost < now.cost + CLOSE_COST:
+            # It fits as well with fewer parameters: the deviation was that of another local minimum, which is no lower.
+            freed = self.trials.with_freed_parameters(at_nominal, now)
             if freed is not None and (
-                freed.cost < now.cost - CLOSE or (freed.cost < now.cost + CLOSE and not self.trials.strayed(freed))
+                freed.cost < now.cost - CLOSE_COST
+                or (freed.cost < now.cost + CLOSE_COST and not self.trials.deviating(freed))
             ):
-                return self._surveyed(self.trials.redetermined(freed))
-        return now, held
+                return self._with_nominal_values(self.trials.redetermine(freed))
+        return now, at_nominal
 
-    def _passed_by(self, before: EffectChange, now: EffectChange) -> bool:
-        """Whether the likeliest effect leaves all places that stand out, any of which its cause would gain more by."""
-        places = self._places(before)
+    def _leaves_outstanding(self, before: EffectChange, now: EffectChange) -> bool:
+        """True if the likeliest effect leaves all outstanding residual tests as they were, and gains less than any."""
+        places = self._excesses(before)
         worst = max(places.values(), default=0.0)
         if before.cost - now.cost > worst:
             return False
-        after = self._places(now)
-        return all(after.get(key, 0.0) > KEPT * above for key, above in places.items() if above > OUTSTANDING * worst)
+        after = self._excesses(now)
+        return all(
+            after.get(key, 0.0) > UNEXPLAINED_SHARE * above
+            for key, above in places.items()
+            if above > OUTSTANDING_SHARE * worst
+        )
 
-    def _places(self, step: EffectChange) -> dict[tuple[str, str, str], float]:
-        """Squares above noise of all places that stand out: of what is worth an effect, drives' noise has no share."""
-        left = self.trials.structure(step.found, scattered=False)
-        return {place.key: place.above for place in left}
+    def _excesses(self, step: EffectChange) -> dict[tuple[str, str, str], float]:
+        """Excess of all failed residual tests, the variance of drive noise (no reason for an effect) aside."""
+        left = self.trials.failed_tests(step.found, drive_noise=False)
+        return {place.key: place.excess_squares for place in left}
 
-    def _next(self, now: EffectChange, held: EffectChange | None) -> list[EffectChange]:
-        """Full fits with one effect more, the best first and more than chance; none where nothing is.
+    def _significant_fits(self, now: EffectChange, at_nominal: EffectChange | None) -> list[EffectChange]:
+        """Significant full fits with one more effect, the best first; empty where there are none.
 
-        Where parameters have strayed, the model that holds them is asked, too, unless they have gained less by straying
-        than an effect promises, or its fit brings them back.
+        Where parameters deviate, the fit with them at their nominal values is extended as well, unless their deviation
+        has gained less than the best score, or the extended fit brings them back.
         """
         candidates, tried = self.trials.scores(now), list[EffectChange]()
-        for origin in (now, held):
+        for origin in (now, at_nominal):
             if origin is None:
                 break
-            tried = self._stage(now, origin, tried)
+            tried = self._fit_stage(now, origin, tried)
             chances = {id(step): self._p_value(now, step, candidates) for step in tried}
-            if min(chances.values(), default=1.0) < LEVEL:
-                tried = sorted(tried, key=lambda step: chances[id(step)] >= LEVEL)
-                gained = 0.0 if held is None else held.cost - now.cost
-                if origin is held or gained < candidates[0].score or not self.trials.strayed(tried[0]):
+            if min(chances.values(), default=1.0) < SIGNIFICANCE_LEVEL:
+                tried = sorted(tried, key=lambda step: chances[id(step)] >= SIGNIFICANCE_LEVEL)
+                gained = 0.0 if at_nominal is None else at_nominal.cost - now.cost
+                if origin is at_nominal or gained < candidates[0].score or not self.trials.deviating(tried[0]):
                     return tried
         return []
 
-    def _stage(self, now: EffectChange, origin: EffectChange, tried: Sequence[EffectChange]) -> list[EffectChange]:
-        """Full fits of the effects that are promising against a model, and those so far, the best first."""
+    def _fit_stage(self, now: EffectChange, origin: EffectChange, tried: Sequence[EffectChange]) -> list[EffectChange]:
+        """Full fits of the promising effects against a model, and those so far, the best first."""
         scored, chosen = self.trials.scores(origin), dict[str, Effect]()
-        if not _any(scored):
+        if not _any_promising(scored):
             return list(tried)
         for candidate in scored:
-            if candidate.score > PROMISING * scored[0].score and _hopeful(candidate, scored):
-                chosen.setdefault(key_of(candidate.effect), candidate.effect)
+            if candidate.score > MIN_RELATIVE_SCORE * scored[0].score and _is_promising(candidate, scored):
+                chosen.setdefault(effect_key(candidate.effect), candidate.effect)
         more = list(tried)
-        for effect in list(chosen.values())[: FITS if origin is now else STAND_INS]:
+        for effect in list(chosen.values())[: FITS_PER_STAGE if origin is now else FITS_AT_NOMINAL]:
             varied = now.found.model.parameters
-            fitted = self.trials.extended(origin, effect, aim_beside(more), varied, most=BRIEF)
+            fitted = self.trials.extended(origin, effect, cost_to_reach(more), varied, most=STAGE_ITERATIONS)
             more += [] if fitted is None else [fitted]
-        return self.trials.finished(more)
+        return self.trials.complete(more)
 
     def _nested(self, now: EffectChange) -> tuple[Fit, ...]:
         """Fits with the first effect, the first two, and so on."""
         steps = [now]
-        while len(steps[0].effects) > self.given + 1:
-            less = self.trials.without(steps[0], len(steps[0].effects) - 1)
+        while len(steps[0].effects) > self.given_effects + 1:
+            less = self.trials.best_without(steps[0], len(steps[0].effects) - 1)
             if less is None:
                 break
             steps.insert(0, less)
-        count = len(now.effects) - self.given
+        count = len(now.effects) - self.given_effects
         steps = [steps[0]] * (count - len(steps)) + steps
         return tuple(step.found for step in steps) if count else ()
 
     def _p_value(self, before: EffectChange, after: EffectChange, tried: Sequence[ScoredEffect]) -> float:
-        """Of an effect that was added, corrected for the number of starts that were tried.
+        """p-value of an added effect, corrected for the number of starts that were tried.
 
-        A time constant, say, is tried by these already and does not count again as a number that the effect takes: the
-        starts stand about as densely as Davies's bound, by how far apart their signatures are, would count them. The
-        frequency of a line was picked from the data instead.
+        A time constant is tried by these starts already and does not count as a degree of freedom: the starts are about
+        as dense as Davies's bound, by the distances of their signatures, would count them. The frequency of a line is
+        picked from the data instead, and counts.
         """
-        freedom = self._numbers(after.found, -1) if effect_line(after.found.model.transducer.effects[-1]) else 1
-        return min(1.0, float(chi2.sf(_reliable(before, after, -1), freedom)) * len(tried))
+        freedom = self._parameter_count(after.found, -1) if is_line(after.found.model.transducer.effects[-1]) else 1
+        return min(1.0, float(chi2.sf(_deflated_gain(before, after, -1), freedom)) * len(tried))
 
-    def _numbers(self, found: Fit, n: int) -> int:
-        """Numbers that the n-th effect takes."""
+    def _parameter_count(self, found: Fit, n: int) -> int:
+        """Number of parameters of the n-th effect, nuisance parameters included."""
         effects = found.model.transducer.effects
         n = n % len(effects)
-        own = sum(parameter.path[:2] == ("effects", n) for parameter in found.model.parameters)
+        parameters = sum(parameter.path[:2] == ("effects", n) for parameter in found.model.parameters)
         lines = sum(
             2
             for data in self.trials.problem.data
             for channel in (*data.channels, getattr(data, "drive", ""))
             if effects[n].line(channel)
         )
-        return own + lines
+        return parameters + lines
 
-    def _revised(self, now: EffectChange, levels: list[float]) -> tuple[EffectChange, list[float]]:
-        """Throw out what is no longer needed, and exchange what another effect explains better."""
-        n = self.given
+    def _prune(self, now: EffectChange, levels: list[float]) -> tuple[EffectChange, list[float]]:
+        """Remove effects that are no longer significant, and exchange those that another explains better."""
+        n = self.given_effects
         while n < len(now.effects) - 1:
-            self.trials.drop(now, n)  # another start than that of its stage
-            less = self.trials.without(now, n)
+            self.trials.fit_without(now, n)  # from another start than in its stage
+            less = self.trials.best_without(now, n)
             if less is None:
                 n += 1
                 continue
-            gone = float(chi2.sf(_reliable(less, now, n), self._numbers(now.found, n)))
-            if gone > LEVEL:
-                self.trials.tell(f"{now.effects[n]} is not needed any more")
-                now, levels = less, self._without(levels, n)
+            p_value = float(chi2.sf(_deflated_gain(less, now, n), self._parameter_count(now.found, n)))
+            if p_value > SIGNIFICANCE_LEVEL:
+                self.trials.progress(f"{now.effects[n]} is not needed any more")
+                now, levels = less, self._p_values_without(levels, n)
                 continue
-            better = self._exchanged(now, less, n)
+            better = self._exchange(now, less, n)
             if better is None:
                 n += 1
                 continue
             p_value = self._p_value(less, better, self.trials.scores(less))
-            now, levels = better, [*self._without(levels, n), p_value]
-            n = self.given
+            now, levels = better, [*self._p_values_without(levels, n), p_value]
+            n = self.given_effects
         return now, levels
 
-    def _determined(self, now: EffectChange, levels: list[float]) -> tuple[EffectChange, list[float]]:
-        """Effects of a search that is at its end, without those whose sizes are all but nothing for their errors.
+    def _drop_uncertain(self, now: EffectChange, levels: list[float]) -> tuple[EffectChange, list[float]]:
+        """Fit without the effects whose strengths are within their standard errors of zero, at the end of a search.
 
-        Before the others were found these errors were larger: what was missing counts as noise.
+        These errors were larger before the other effects were found: the missing part counted as noise.
         """
         n = len(now.effects) - 1
-        while n >= self.given:
-            if errors(self.trials.problem, now.found, n) < CERTAIN:
-                less = self.trials.without(now, n)
+        while n >= self.given_effects:
+            if standard_errors_from_zero(self.trials.problem, now.found, n) < MIN_STANDARD_ERRORS:
+                less = self.trials.best_without(now, n)
                 if less is not None:
-                    self.trials.tell(f"{now.effects[n]} is within {CERTAIN:g} standard errors of nothing")
-                    now, levels = less, self._without(levels, n)
+                    self.trials.progress(
+                        f"{now.effects[n]} is within {MIN_STANDARD_ERRORS:g} standard errors of nothing"
+                    )
+                    now, levels = less, self._p_values_without(levels, n)
                     n = len(now.effects)
             n -= 1
         return now, levels
 
-    def _without(self, levels: list[float], n: int) -> list[float]:
-        """Levels without that of the n-th effect."""
-        return [level for k, level in enumerate(levels, self.given) if k != n]
+    def _p_values_without(self, levels: list[float], n: int) -> list[float]:
+        """p-values without that of the n-th effect."""
+        return [level for k, level in enumerate(levels, self.given_effects) if k != n]
 
-    def _exchanged(self, now: EffectChange, less: EffectChange, n: int) -> EffectChange | None:
-        """Model with another effect in the place of the n-th, if that fits better."""
+    def _exchange(self, now: EffectChange, less: EffectChange, n: int) -> EffectChange | None:
+        """Fit with another effect in the place of the n-th, if that fits better."""
         if _indispensable(now, less):
             return None
         for candidate in self.trials.scores(less)[:3]:
@@ -358,54 +371,56 @@ class Searcher:
                 continue
             other = self.trials.extended(less, candidate.effect, now.fair_cost)
             if other is not None and other.fair_cost < now.fair_cost - 1.0:
-                self.trials.tell(f"{candidate.name} instead of {now.effects[n]}")
+                self.trials.progress(f"{candidate.name} instead of {now.effects[n]}")
                 return other
         return None
 
     def _alternatives(
         self, now: EffectChange, others: Sequence[EffectChange]
     ) -> tuple[tuple[EffectChange, float], ...]:
-        """Sets of as many effects that are nearly as likely."""
+        """Other sets of as many effects that are nearly as likely."""
         found: dict[frozenset[str], tuple[EffectChange, float]] = {}
         pool = [step for step in others if len(step.effects) == len(now.effects)]
-        for n in range(self.given, len(now.effects) - 1):
-            less = self.trials.without(now, n)
+        for n in range(self.given_effects, len(now.effects) - 1):
+            less = self.trials.best_without(now, n)
             if less is None or _indispensable(now, less):
                 continue
             for candidate in self.trials.scores(less)[:4]:
-                if candidate.name not in now.effects and candidate.score > less.cost - now.cost - 3 * CLOSE:
-                    other = self.trials.extended(less, candidate.effect, now.fair_cost + CLOSE)
+                if candidate.name not in now.effects and candidate.score > less.cost - now.cost - 3 * CLOSE_COST:
+                    other = self.trials.extended(less, candidate.effect, now.fair_cost + CLOSE_COST)
                     pool += [other] if other is not None else []
         for step in pool:
             more = step.fair_cost - now.fair_cost
-            if more < CLOSE and set(step.effects) != set(now.effects):
+            if more < CLOSE_COST and set(step.effects) != set(now.effects):
                 key = frozenset(step.effects)
                 if key not in found or more < found[key][1]:
                     found[key] = (step, more)
         return tuple(sorted(found.values(), key=lambda pair: pair[1]))
 
 
-def above_noise(found: Fit) -> float:
-    """Squares of the whitened residuals above those that noise has."""
+def excess_of(found: Fit) -> float:
+    """Sum of squares of the whitened residuals in excess of noise."""
     return sum(float(sums.squares.sum() - sums.count.sum()) for sums in found.sums)
 
 
 def _indispensable(now: EffectChange, less: EffectChange) -> bool:
-    """Whether a fit without an effect was given up so far off that no other can take its place."""
-    return not less.found.converged and less.cost > now.cost + NEEDED
+    """True if a fit without an effect was abandoned so far off that no other effect can take its place."""
+    return not less.found.converged and less.cost > now.cost + INDISPENSABLE_GAIN
 
 
-def _reliable(without: EffectChange, found: EffectChange, n: int) -> float:
-    """What the n-th effect takes off -2 ln L, less as its strength scatters more than white noise would make it."""
-    return (without.cost - found.cost) / inflated(found.found, n)
+def _deflated_gain(without: EffectChange, found: EffectChange, n: int) -> float:
+    """Decrease of -2 ln L by the n-th effect, divided by the variance inflation of its strength."""
+    return (without.cost - found.cost) / variance_inflation(found.found, n)
 
 
-def _any(candidates: Sequence[ScoredEffect]) -> bool:
-    """Whether one of them may be more than chance."""
-    return any(_hopeful(candidate, candidates) for candidate in candidates)
+def _any_promising(candidates: Sequence[ScoredEffect]) -> bool:
+    """True if one of the scores may be significant."""
+    return any(_is_promising(candidate, candidates) for candidate in candidates)
 
 
-def _hopeful(candidate: ScoredEffect, others: Sequence[ScoredEffect]) -> bool:
-    """Whether one of so many candidates may be more than chance when it is fitted."""
+def _is_promising(candidate: ScoredEffect, others: Sequence[ScoredEffect]) -> bool:
+    """True if one of so many candidates may be significant when it is fitted."""
     finds = len(effect_parameters([candidate.effect])) > 1
-    return candidate.p_value * len(others) < (HOPE * LEVEL if finds else LEVEL)
+    return candidate.p_value * len(others) < (
+        PRELIMINARY_LEVEL_FACTOR * SIGNIFICANCE_LEVEL if finds else SIGNIFICANCE_LEVEL
+    )

@@ -17,7 +17,7 @@ Value = tuple[float | str, float | None, str]
 
 @dataclass(frozen=True)
 class Scored:
-    """One effect of the library, against the model without any.
+    """One effect of the library, tested against the model without any.
 
     Attributes
     ----------
@@ -27,9 +27,9 @@ class Scored:
     candidate : ScoredEffect or None
         The start with the highest score; None where the records cannot show it, or it would have the wrong sign.
     p_value : float
-        Of the score, corrected for the number of starts of all effects.
+        p-value of the score, corrected for the number of starts of all effects.
     gain : float or None
-        By how much -2 ln L falls when the effect is fitted alone; None where it was not worth a fit.
+        Decrease of -2 ln L when the effect is fitted alone; None where it was not fitted.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Scored:
 
 
 def values(named: Named) -> Mapping[str, Value]:
-    """All parameters of an effect that was found, what was not fitted (a channel, a label) without a standard error."""
+    """All fields of an effect that was found; unfitted ones (a channel, a label) without a standard error."""
     found: dict[str, Value] = {}
     for field in fields(named.effect):
         value = getattr(named.effect, field.name)
@@ -53,13 +53,13 @@ def values(named: Named) -> Mapping[str, Value]:
 
 
 def unit_of(effect: Effect, unit: str) -> str:
-    """Unit of a parameter; where it is that of a channel, the channel's, but for shares."""
+    """Unit of a parameter; that of the effect's channel where the field has none."""
     channel = getattr(effect, "channel", None)
     return UNITS[channel] if channel is not None and not unit else unit
 
 
 def label_of(effect: Effect) -> str:
-    """Channel or load that tells one effect from another of its kind."""
+    """Channel or load that distinguishes an effect from others of its kind."""
     if (channel := getattr(effect, "channel", None)) is not None:
         return str(channel)
     if effect.name == "load_error":
@@ -73,8 +73,8 @@ def scored(diagnosis: Diagnosis, names: Sequence[str]) -> list[Scored]:
     search = diagnosis.search
     rows = []
     for name in names:
-        mine = [candidate for candidate in search.first if candidate.name == name]
-        best = min(mine, key=lambda c: (c.p_value, -c.score), default=None)
+        candidates = [candidate for candidate in search.first if candidate.name == name]
+        best = min(candidates, key=lambda c: (c.p_value, -c.score), default=None)
         p_value = 1.0 if best is None else min(1.0, best.p_value * len(search.first))
         gains = [-change for text, change, _ in search.fits if text == name]
         label = "" if best is None else label_of(best.effect)
@@ -84,18 +84,18 @@ def scored(diagnosis: Diagnosis, names: Sequence[str]) -> list[Scored]:
 
 def cosines(rows: Sequence[Scored]) -> tuple[list[str], np.ndarray]:
     """Names and cosines of the projected signatures of the effects that have one."""
-    kept = [row for row in rows if row.candidate is not None and row.candidate.place >= 0]
+    kept = [row for row in rows if row.candidate is not None and row.candidate.column >= 0]
     table = np.array([[cosine(a.candidate, b.candidate) for b in kept] for a in kept])  # pyright: ignore
     return [row.name for row in kept], table.reshape(len(kept), len(kept))
 
 
 def sentence(diagnosis: Diagnosis) -> str:
-    """The verdict in words, what to mind about it, and which records were not fitted, or validated with, as asked."""
+    """The verdict in words, its reservations, and the records that were not fitted or validated with as asked."""
     parts = [_verdict(diagnosis)]
-    if diagnosis.strayed:
+    if diagnosis.deviating:
         far = " and ".join(
             f"{each.parameter.name} at {each.value / each.nominal:.2g} times its nominal value"
-            for each in diagnosis.strayed
+            for each in diagnosis.deviating
         )
         parts.append(
             f"The fit wants {far}, which may stand in for what no known effect has, unless that value was wrong."
@@ -118,7 +118,7 @@ def sentence(diagnosis: Diagnosis) -> str:
 
 
 def _s(names: Sequence[str]) -> str:
-    """Ending of a verb."""
+    """Ending of a verb in the third person."""
     return "s" if len(names) == 1 else ""
 
 

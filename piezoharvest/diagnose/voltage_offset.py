@@ -1,8 +1,8 @@
-"""Whether the voltage channel is off by a constant, as the zero of an oscilloscope is.
+"""Test for a constant offset of the voltage channel, such as that of an oscilloscope.
 
-Nothing in a specimen holds a mean voltage on a resistor for long but a current into the node, which holds the more the
-larger the resistance is. A mean that is larger on a smaller resistor belongs to the channel; it says nothing about the
-specimen, and is free then, as the origin of the displacement is.
+A mean voltage on a resistor can only last if a current into the node sustains it, in proportion to the resistance. A
+mean that is larger on a smaller resistor is an error of the channel: the offset is then a free parameter, like the
+origin of the displacement.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ from itertools import permutations
 import numpy as np
 
 from piezoharvest.description.shunts.linear.resistor import Resistor
-from piezoharvest.identify.noise.noise_model import first_guess
+from piezoharvest.identify.noise.noise_model import initial_noise
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.record import Record
 
-SURE = 5.0  # standard errors
-PLAIN = 1.0  # times the noise of a sample: what is less may be a slow effect of the specimen
-SETTLED = 10.0  # time constants of load and capacitance that a record lasts, so that its mean is that of a steady state
+MIN_STANDARD_ERRORS = 5.0  # standard errors by which means have to differ
+MIN_NOISE_RATIO = 1.0  # times the noise of a sample: a smaller mean may be a slow effect of the specimen
+MIN_TIME_CONSTANTS = 10.0  # time constants of load and capacitance: shorter records have no steady mean
 
 
 def voltage_is_off(campaign: Campaign) -> bool:
-    """Whether mean voltages on several resistors are what no current into the node makes them."""
+    """True if mean voltages on several resistors cannot come from a current into the node."""
     capacitance = campaign.transducer.capacitance
     means = [
         (record.shunt.resistance, *_mean(record["voltage"]))
@@ -31,10 +31,12 @@ def voltage_is_off(campaign: Campaign) -> bool:
         and isinstance(record.shunt, Resistor)
         and record.drive != "voltage"
         and "voltage" in record.signals
-        and record.duration > SETTLED * record.shunt.resistance * capacitance
+        and record.duration > MIN_TIME_CONSTANTS * record.shunt.resistance * capacitance
     ]
     return any(
-        small < large and abs(one) > max(SURE * error, PLAIN * noise) and abs(one) > abs(other) + SURE * (error + off)
+        small < large
+        and abs(one) > max(MIN_STANDARD_ERRORS * error, MIN_NOISE_RATIO * noise)
+        and abs(one) > abs(other) + MIN_STANDARD_ERRORS * (error + off)
         for (small, one, error, noise), (large, other, off, _) in permutations(means, 2)
     )
 
@@ -42,10 +44,10 @@ def voltage_is_off(campaign: Campaign) -> bool:
 def _mean(values: np.ndarray) -> tuple[float, float, float]:
     """Mean of a channel, its standard error, and the noise of a sample.
 
-    Windows of two kinds let through different parts of what is not constant: by so much the mean is uncertain.
+    Windows of two kinds weight the varying part differently: their difference is the uncertainty of the mean.
     """
     (mean, error), (other, _) = (_windowed(values, window(len(values))) for window in (np.blackman, np.hanning))
-    noise = first_guess(values)
+    noise = initial_noise(values)
     return mean, float(np.hypot(noise * error, mean - other)), noise
 
 

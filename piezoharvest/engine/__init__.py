@@ -1,4 +1,4 @@
-"""The event-driven engine: exact propagation of piecewise linear models, and of what bends in them."""
+"""Event-driven simulation: exact propagation of piecewise linear models, with smooth nonlinear elements."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    # Lazy: the simulator brings numba, which readers of results do not need.
+    # Imported lazily: the simulator needs numba, readers of results do not.
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -1,4 +1,4 @@
-"""Many designs at once: components with array-valued fields in, columns of results out."""
+"""Simulation of many designs at once: components with array-valued fields in, columns of results out."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from piezoharvest.engine.simulation import simulate
 from piezoharvest.engine.steady_state import many_designs as many
 from piezoharvest.engine.steady_state import section as sc
 
-AT_ONCE = 128  # designs whose programs are laid out at one time: what fits into the cache
-LOG = 512  # events of a span of which the times are kept
+DESIGNS_AT_ONCE = 128  # designs whose programs are laid out at one time, so that they fit into the cache
+LOG_LENGTH = 512  # events of a span whose times are kept
 NAMES = (
     "harvested_power", "mechanical_power", "efficiency", "displacement_amplitude", "voltage_amplitude", "dc_voltage",
     "attenuation_db", "events_per_period",
@@ -41,16 +41,15 @@ def simulate_many(
         Quantities that differ from design to design are arrays of shape (designs, 1).
     designs : int
     attenuation : bool
-        Whether the displacement is compared with that of the short circuit, which is simulated as well where the
-        designs differ in more than their shunt.
+        Compare the displacement with that of the short circuit, which is also simulated if the designs differ in more
+        than their shunt.
 
     Returns
     -------
     dict of (designs,) array
-        `converged` and, as in `Response`, harvested_power and mechanical_power in W, efficiency,
-        displacement_amplitude in m, voltage_amplitude and dc_voltage in V, attenuation_db, events_per_period,
-        periods_evaluated, closure, and the energies of a period in J under names such as "energy.damping". NaN where a
-        design has no answer.
+        `converged` and, as in `Response`, harvested_power and mechanical_power in W, efficiency, displacement_amplitude
+        in m, voltage_amplitude and dc_voltage in V, attenuation_db, events_per_period, periods_evaluated, closure, and
+        the energies of a period in J under names such as "energy.damping". NaN for a design without a solution.
 
     Raises
     ------
@@ -59,9 +58,9 @@ def simulate_many(
 
     Notes
     -----
-    All designs are lowered in one pass, and searched one after the other in compiled code. Whether a motion from rest
-    with an empty smoothing capacitor comes to the same steady state is left to `simulate`, which also takes over where
-    the search finds none.
+    All designs are lowered in one pass and searched one after the other in compiled code. It is not checked that a
+    motion from rest with an empty smoothing capacitor reaches the same steady state; `simulate` does, and is used for
+    designs for which the search finds none.
     """
     alone = _differs(excitation) and not excitation.batched
     if alone or excitation.period is None:
@@ -79,24 +78,24 @@ def simulate_many(
 
 
 def _steady_states(lowered: Lowered, mirrored: bool, designs: int) -> np.ndarray:
-    """What `many` keeps of every design, a row for each."""
+    """Results of the compiled search, one row per design, in the columns defined in `many_designs`."""
     machine = Machine(lowered, ledger=True)
     trial = machine.state(sensitivities=int(machine.L[pg.N]) + QUEUE_LENGTH + 1, ledger=False)
-    followed, recorder = machine.state(log=LOG, ledger=False), machine.state(track=True)
+    followed, recorder = machine.state(log=LOG_LENGTH, ledger=False), machine.state(track=True)
     reals, integers = sc.room(machine.L)
     memory = np.zeros(reals), np.zeros(integers, np.int64)
     out = np.zeros((designs, many.ENERGIES + int(machine.L[pg.CATEGORY_COUNT])))
-    for begin in range(0, designs, AT_ONCE):
-        rows = out[begin : begin + AT_ONCE]
-        numbers = pg.numbers(pg.part(lowered.program, slice(begin, begin + AT_ONCE)))
-        # Row by row and writable: anything else would be another type, and compiled for again.
+    for begin in range(0, designs, DESIGNS_AT_ONCE):
+        rows = out[begin : begin + DESIGNS_AT_ONCE]
+        numbers = pg.numbers(pg.part(lowered.program, slice(begin, begin + DESIGNS_AT_ONCE)))
+        # C-contiguous and writable: anything else would be another type for numba, and cause another compilation.
         programs = np.array(np.broadcast_to(numbers, (len(rows), numbers.shape[-1])), order="C")
         machine.search_many(trial, followed, recorder, memory, (programs, rows), mirrored)
     return out
 
 
 def _columns(lowered: Lowered, out: np.ndarray, designs: int, most: Bounds) -> dict[str, np.ndarray]:
-    """Results by name from what `many` keeps."""
+    """Results by name from the rows of the compiled search."""
     settled = out[:, many.SETTLED] > 0
     period = np.broadcast_to(lowered.program.period, designs)
     energy = dict(zip(lowered.categories, out[:, many.ENERGIES :].T, strict=True))
@@ -122,7 +121,7 @@ def _columns(lowered: Lowered, out: np.ndarray, designs: int, most: Bounds) -> d
 
 
 def _attenuate(found: dict[str, np.ndarray], system: System, excitation: Excitation, designs: int) -> None:
-    """Set the displacement against that of the short circuit."""
+    """Add the attenuation relative to the displacement of the short circuit."""
     shorted = System(system.transducer, Short())
     if _differs(system.transducer) or _differs(excitation):
         reference = simulate_many(shorted, excitation, designs, attenuation=False)["displacement_amplitude"]
@@ -134,7 +133,7 @@ def _attenuate(found: dict[str, np.ndarray], system: System, excitation: Excitat
 
 
 def _one_by_one(system: System, excitation: Excitation, which: Any, designs: int) -> dict[str, np.ndarray]:
-    """The same results for some designs, each by `simulate`."""
+    """Results of the designs `which`, each found by `simulate`."""
     columns: dict[str, np.ndarray] = {}
     for n in which:
         response = simulate(one_of(system, n), one_of(excitation, n), samples=1)
@@ -149,7 +148,7 @@ def _one_by_one(system: System, excitation: Excitation, which: Any, designs: int
 
 
 def _differs(part: Any) -> bool:
-    """Whether a component has a field that differs from design to design."""
+    """True if a component has a field that differs from design to design."""
     if isinstance(part, tuple):
         return any(map(_differs, part))
     if isinstance(part, Component):

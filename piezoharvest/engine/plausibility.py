@@ -1,7 +1,7 @@
-"""Whether the averages of a run can be trusted: what energy and passive circuits must obey, for one design or many.
+"""Checks of the averages of a run against energy conservation and the bounds of passive circuits, for any batch.
 
-None of it asks how the engine came to a result. A motion that has blown up repeats itself as well as any other, and
-closes its own account.
+The checks do not depend on how the engine obtained a result: a diverged motion may be periodic and close its own energy
+balance as well as any other.
 """
 
 from __future__ import annotations
@@ -16,24 +16,25 @@ from piezoharvest.description.transducer import Transducer
 from piezoharvest.engine.lowering.lower import Lowered
 from piezoharvest.equations.rows import gains
 
-CLOSURE = 1e-8  # energy that no entry accounts for, relative, beyond which a result is not trusted
-FREE = 1e-3  # of the energy stored at the beginning: a motion that gets or loses less is measured against that
-DRIFT = 1e-4  # change of the stored energy over a period, relative, by which no average may be off
-LOSSLESS = 1e-14  # of the stored energy, some 45 units in the last place: where nothing more flows, it is rounding
+MAX_CLOSURE = 1e-8  # relative imbalance of energy beyond which a result is not trusted
+# Of the energy stored at the beginning: the imbalance of a motion that exchanges less is relative to that.
+MIN_FLOW_SHARE = 1e-3
+MAX_DRIFT = 1e-4  # largest relative change of the stored energy over a period
+ROUNDING_FLOW = 1e-14  # of the stored energy, some 45 units in the last place: a smaller flow of energy is rounding
 LOSSES = ("damping", "hysteresis", "shunt_loss")
-CERTAIN = 1e-6  # relative rounding of powers, by which a bound may be passed
-DIGITS = 1e-6  # of the harvested power: what is less certain is said
+BOUND_TOLERANCE = 1e-6  # relative rounding of powers, by which a bound may be exceeded
+HARVEST_TOLERANCE = 1e-6  # of the harvested power: a larger uncertainty is reported
 
 
 class Bounds(NamedTuple):
-    """What limits the energies of a period, J; arrays where a batch has several designs.
+    """Bounds of the energies of a period, J; arrays for a batch of designs.
 
     Attributes
     ----------
     supplied : float
-        The most that the drive can give to a passive device: sum F^2/(2 b) over its tones and the modes, for a period.
+        Largest work of the drive on a passive device in a period: sum F^2/(2 b) over its tones and the modes.
     rounding : float
-        What double precision leaves of the work of the drive, given the squared displacement amplitude (m^2): J/m^2.
+        Rounding error of the work of the drive per squared displacement amplitude: J/m^2.
     """
 
     supplied: Any
@@ -47,8 +48,8 @@ def bounds(transducer: Transducer, excitation: Excitation, lowered: Lowered) -> 
     """Bounds on the energies of a period in the steady state under tones.
 
     Force and velocity are in quadrature far from resonance, and the work of the drive is a small difference of the
-    energy that goes to and fro, 2 pi k x^2 or 2 pi m u^2. A velocity far below resonance is itself what rounding of the
-    displacement, times the resonance frequency, leaves of it.
+    energy that is exchanged, 2 pi k x^2 or 2 pi m u^2. A velocity far below resonance has the error of the
+    displacement's rounding times the resonance frequency.
     """
     signal, period = lowered.signal, excitation.period
     if not isinstance(signal, Tones) or period is None:
@@ -66,55 +67,55 @@ def bounds(transducer: Transducer, excitation: Excitation, lowered: Lowered) -> 
 
 
 def _flat(value: Any) -> Any:
-    """A quantity without the trailing axis that batches carry."""
+    """Quantity without the trailing axis of length one that batches have."""
     value = np.real(np.asarray(value))
     return value[..., 0] if value.ndim else value
 
 
-def cleaned(energy: Mapping[str, float], before: float) -> dict[str, float]:
-    """Energies of a steady state without what only rounding has made of nothing.
+def without_rounding(energy: Mapping[str, float], before: float) -> dict[str, float]:
+    """Energies of a steady state with those set to zero that are rounding only.
 
     Parameters
     ----------
     energy : mapping of str to float
         As in `Response`, but for "stored" and "closure".
     before : float
-        Stored energy where the period began, J.
+        Stored energy at the beginning of the period, J.
 
     Returns
     -------
     dict of str to float
-        All zero where nothing flows but rounding of what is stored, as in a device without losses; no harvest where it
-        is less than nothing by rounding of what flows.
+        All zero if the flows are only rounding of the stored energy, as in a device without losses; the harvest is zero
+        if it is negative by rounding of the flows.
     """
     sizes = [abs(value) for value in energy.values()]
-    if max(sizes) <= LOSSLESS * abs(before):
+    if max(sizes) <= ROUNDING_FLOW * abs(before):
         return dict.fromkeys(energy, 0.0)
     return {**energy, "harvested": float(harvest(energy))}
 
 
 def harvest(energy: Mapping[str, Any]) -> Any:
-    """Harvested energy; nothing where it is less than that by rounding of what flows."""
+    """Harvested energy; zero where it is negative by rounding of the flows."""
     flows = np.max(np.abs(np.broadcast_arrays(*energy.values())), axis=0)
     harvested = energy["harvested"]
-    return np.where((harvested < 0.0) & (harvested >= -CERTAIN * flows), 0.0, harvested)
+    return np.where((harvested < 0.0) & (harvested >= -BOUND_TOLERANCE * flows), 0.0, harvested)
 
 
 @np.errstate(all="ignore")
 def closure(energy: Mapping[str, Any], change: Any, before: Any = 0.0) -> tuple[Any, Any]:
-    """Share of the energy that flows which no entry accounts for, and what it is a share of (J).
+    """Imbalance of energy relative to the energy that flows, and that energy (J).
 
     Parameters
     ----------
     energy : mapping of str to float or array
         As in `Response`, but for "stored" and "closure".
     change, before : float or array
-        Change of the stored energy, J; and what is stored where a transient began, as a motion that gets or loses less
-        than a thousandth of that is measured against it. In a steady state nothing but what flows counts.
+        Change of the stored energy, J; and the stored energy at the beginning of a transient: the imbalance is relative
+        to a thousandth of it if less flows. For a steady state zero, as only flows count.
     """
     supplied = energy["mechanical_in"] + energy.get("source", 0.0)
     spent = sum(value for name, value in energy.items() if name not in ("mechanical_in", "source"))
-    sizes = np.abs([supplied, *np.broadcast_arrays(*energy.values()), FREE * np.abs(before) + 0.0 * supplied])
+    sizes = np.abs([supplied, *np.broadcast_arrays(*energy.values()), MIN_FLOW_SHARE * np.abs(before) + 0.0 * supplied])
     largest = np.max(sizes, axis=0)
     gap = np.abs(supplied - spent - change)
     return np.divide(gap, largest, out=np.zeros_like(gap + largest), where=largest > 0), largest
@@ -122,17 +123,17 @@ def closure(energy: Mapping[str, Any], change: Any, before: Any = 0.0) -> tuple[
 
 @np.errstate(all="ignore")
 def faults(energy: Mapping[str, Any], change: Any, before: Any, amplitude: Any, most: Bounds, periodic: bool) -> dict:
-    """What is wrong with the energies of a run: a sentence, and for which designs it holds.
+    """Faults of the energies of a run: messages, each with the designs it applies to.
 
     Parameters
     ----------
     energy, change, before
         As in `closure`.
     amplitude : float or array
-        Of the displacement, m.
+        Displacement amplitude, m.
     most : Bounds
     periodic : bool
-        Whether they are those of a steady state, in which nothing is stored.
+        The energies are those of a steady state, in which the stored energy does not change.
 
     Returns
     -------
@@ -140,40 +141,41 @@ def faults(energy: Mapping[str, Any], change: Any, before: Any, amplitude: Any, 
     """
     gap, largest = closure(energy, change, 0.0 if periodic else before)
     supplied, harvested = energy["mechanical_in"] + energy.get("source", 0.0), energy["harvested"]
-    # What flows, however much is stored: a power is no more certain for the energy of a preload.
+    # The flow of energy, without the stored energy: a preload's energy does not make a power more certain.
     flows = np.max(np.abs([supplied, *np.broadcast_arrays(*energy.values())]), axis=0)
-    rounding = np.minimum(most.rounding * np.square(amplitude), CERTAIN * flows)
+    rounding = np.minimum(most.rounding * np.square(amplitude), BOUND_TOLERANCE * flows)
     finite = np.isfinite(largest) & np.isfinite(gap) & np.isfinite(amplitude) & np.isfinite(change)
-    # What an effect gives, a bias current for one, has a negative sign.
+    # Energy that an effect supplies, such as a bias current, has a negative sign.
     takes = [value for name, value in energy.items() if name not in ("mechanical_in", "source", "harvested")]
     given = supplied - sum(np.minimum(value, 0.0) for value in takes)
-    passive = given <= energy["mechanical_in"] + CERTAIN * flows
+    passive = given <= energy["mechanical_in"] + BOUND_TOLERANCE * flows
     own = [energy.get(name, 0.0) for name in LOSSES]
     return {
         "its energies are not finite": ~finite,
-        "energy does not close": finite & (gap * largest > np.maximum(CLOSURE * largest, rounding)),
+        "energy does not close": finite & (gap * largest > np.maximum(MAX_CLOSURE * largest, rounding)),
         "the stored energy changes from period to period": (
-            finite & periodic & (np.abs(change) > DRIFT * np.abs(supplied) + rounding)
+            finite & periodic & (np.abs(change) > MAX_DRIFT * np.abs(supplied) + rounding)
         ),
         "more power comes in than the drive can give, sum F^2/(2 b)": (
-            finite & periodic & passive & (energy["mechanical_in"] > (1.0 + CERTAIN) * most.supplied + rounding)
+            finite & periodic & passive & (energy["mechanical_in"] > (1.0 + BOUND_TOLERANCE) * most.supplied + rounding)
         ),
-        "a loss is negative": finite & np.any([value < -CERTAIN * flows for value in own], axis=0),
+        "a loss is negative": finite & np.any([value < -BOUND_TOLERANCE * flows for value in own], axis=0),
         "less than nothing is harvested, or more than comes in": finite & (
-            (harvested < -CERTAIN * flows) | (harvested > given + (0.0 if periodic else before) + CERTAIN * flows)
+            (harvested < -BOUND_TOLERANCE * flows)
+            | (harvested > given + (0.0 if periodic else before) + BOUND_TOLERANCE * flows)
         ),
     }  # fmt: skip
 
 
-def uncertain(harvested: float, off: float) -> str:
-    """A sentence on the digits of the harvested energy, where energy closes to less than these.
+def uncertainty_message(harvested: float, off: float) -> str:
+    """Message on the uncertainty of the harvested energy, empty if the imbalance of energy is far below it.
 
     Parameters
     ----------
     harvested, off : float
-        As it was computed, and what no entry accounts for, J.
+        Harvested energy as computed, and imbalance of energy, J.
     """
-    if not off > DIGITS * abs(harvested) > 0.0:
+    if not off > HARVEST_TOLERANCE * abs(harvested) > 0.0:
         return ""
     digits = int(-np.log10(off / harvested)) if off < harvested else 0
     confirmed = f"no more than {digits} of its digits" if digits else "none of its digits"

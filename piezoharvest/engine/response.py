@@ -1,4 +1,4 @@
-"""What a simulation gives back."""
+"""Results of a simulation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Waveforms:
     hysteresis_voltage : (n,) array
         v_h in V.
     dc_voltage : (n,) array
-        Behind the bridge, V; zero where there is none.
+        Behind the bridge, V; zero without a bridge.
     event_times : (e,) array
         s, increasing.
     event_names : tuple of str
@@ -56,30 +56,30 @@ class Response:
     shunt : str
         Kind of the shunt.
     converged : bool
-        Whether the steady state was reached (a transient: whether it ran to its end) and energy closes.
+        The steady state was reached (a transient: it ran to its end) and energy closes.
     message : str
-        What there is to know: why it did not converge, that the steady state found is unstable, ...; may be empty.
+        Remarks: the reason why it did not converge, an unstable steady state, ...; may be empty.
     period : float
         Period in s, or the length of the transient.
     harvested_power, mechanical_power : float
-        Mean power that reaches the load, and that the excitation delivers, W.
+        Mean power into the load, and mean power that the excitation delivers, W.
     displacement_amplitude, voltage_amplitude : float
         Half of peak to peak, m and V.
     dc_voltage : float
         Mean voltage behind the bridge, V.
     attenuation_db : float
-        20 log10 of the displacement amplitude against the short circuit; where there is none NaN, and `message` says
-        why.
+        20 log10 of the displacement amplitude relative to the short circuit; NaN if there is none, with the reason in
+        `message`.
     energy : dict
         Per period in J: "mechanical_in", "harvested", "damping", "hysteresis", "shunt_loss", where they occur "source"
-        (delivered by an active part) and what each effect takes by its name (negative for a source); "stored" (change,
-        transients only) and "closure" (share of the energy supplied that no entry accounts for).
+        (delivered by an active part) and the energy that each effect takes by its name (negative for a source);
+        "stored" (change, transients only) and "closure" (relative imbalance of these entries).
     events_per_period : int
         Changes of the circuit's configuration and of the hysteresis operators.
     periods_evaluated : int
-        Periods simulated to find the answer.
+        Periods simulated to find the result.
     exhausted : bool
-        Whether it was given up because it would have taken too much work (`engine.budget`).
+        The simulation was stopped because it exceeded the work limit (`engine.work_limit`).
     """
 
     shunt: str

@@ -1,11 +1,11 @@
-"""Running a lowered system through time."""
+"""Python interface of the compiled engine: runs and searches of a lowered system."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from piezoharvest.description.excitation import Ramps
-from piezoharvest.engine.entry_point import FIND, MANY, RUN, engine
+from piezoharvest.engine.entry_point import FIND, FIND_MANY, RUN, engine
 from piezoharvest.engine.lowering.lower import Lowered
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
@@ -21,13 +21,13 @@ NO_RAMPS = np.zeros(0), np.zeros(0), np.zeros(0)
 
 
 class Machine:
-    """A lowered system with its tables: what runs.
+    """A lowered system with the tables of its modes.
 
     Parameters
     ----------
     lowered : Lowered
     ledger : bool
-        Whether energies are accounted for.
+        Record energies.
     """
 
     def __init__(self, lowered: Lowered, ledger: bool = False):
@@ -35,7 +35,7 @@ class Machine:
         self.ledger = ledger
         self.L, length = tb.contents(pg.integers(lowered.program), ledger)
         self.P = lined_up(length)
-        self.P[: self.L[pg.LENGTH]] = pg.numbers(pg.part(lowered.program, 0))  # of a batch, the first
+        self.P[: self.L[pg.LENGTH]] = pg.numbers(pg.part(lowered.program, 0))  # the first design of a batch
 
     def state(self, **recorded) -> EngineState:
         """State at rest, under the static part of the excitation; `recorded` as in `EngineState`."""
@@ -55,7 +55,7 @@ class Machine:
     def search(
         self, trial: EngineState, followed: EngineState, memory: tuple[np.ndarray, np.ndarray], mirrored: bool
     ) -> int:
-        """Find the periodic steady state from where `followed` is, and return the engine's status; see `shooting`."""
+        """Find the periodic steady state from the state `followed`, and return the engine's status; see `shooting`."""
         moving = followed.S, followed.D
         return self._call(FIND, (trial.S, trial.D), NO_RAMPS, 0, 0.0, memory, moving, mirrored, NONE, NO_BATCH)
 
@@ -68,20 +68,20 @@ class Machine:
         batch: tuple,
         mirrored: bool,
     ) -> None:
-        """Find the steady states of many designs; see `many`."""
+        """Find the steady states of many designs; see `many_designs`."""
         states = ((state.S, state.D) for state in (trial, followed, recorder))
         first, second, third = states
-        self._call(MANY, first, NO_RAMPS, 0, 0.0, memory, second, mirrored, third, batch)
+        self._call(FIND_MANY, first, NO_RAMPS, 0, 0.0, memory, second, mirrored, third, batch)
 
     def _call(self, task: int, *arguments) -> int:
-        """Let the engine work, as long as the simulation's budget lasts; returns its status."""
+        """Call the engine within the simulation's budget; return its status."""
         budget = self.lowered.budget
-        self.L[[tb.LEFT, tb.LOOK]] = budget.left
+        self.L[[tb.WORK_LEFT, tb.NEXT_CHECK]] = budget.left
         status = engine(task, (self.P, self.L), *arguments)
-        left = int(self.L[tb.LEFT])
+        left = int(self.L[tb.WORK_LEFT])
         if left < INTERRUPTED // 2:
             interrupt()
-        if task == MANY:  # each design has a budget of its own
+        if task == FIND_MANY:  # each design has a budget of its own
             return status
         budget.left = left
         return status if left > 0 else EXHAUSTED

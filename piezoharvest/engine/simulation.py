@@ -1,4 +1,4 @@
-"""The simulator as users call it: a system and an excitation in, a response out."""
+"""Public simulator: response of a system to an excitation."""
 
 from __future__ import annotations
 
@@ -15,19 +15,27 @@ from piezoharvest.engine.lowering.lower import Lowered, lower, symmetric
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory.state import EngineState
-from piezoharvest.engine.plausibility import NO_BOUNDS, Bounds, bounds, cleaned, closure, faults, uncertain
+from piezoharvest.engine.plausibility import (
+    NO_BOUNDS,
+    Bounds,
+    bounds,
+    closure,
+    faults,
+    uncertainty_message,
+    without_rounding,
+)
 from piezoharvest.engine.response import Response, Waveforms
 from piezoharvest.engine.run import Machine
 from piezoharvest.engine.steady_search import EngineError, Orbit, Shooting, check
 from piezoharvest.engine.steady_state.shooting import ACCEPTED
 from piezoharvest.engine.work_limit import Budget
 
-LONGEST_LOG = 100_000
-MOST_SAMPLES = 1_000_000  # of a transient: beyond that they are spread over it
-UNSETTLED_PERIODS = 64  # averaged over where there is no periodic steady state
+MAX_LOG = 100_000
+MAX_SAMPLES = 1_000_000  # of a transient: no more samples than this are taken
+UNSETTLED_PERIODS = 64  # periods of the average if there is no periodic steady state
 
 
-@np.errstate(all="ignore")  # what is not finite is told by the result
+@np.errstate(all="ignore")  # results that are not finite are reported in the response
 def simulate(
     system: System,
     excitation: Excitation,
@@ -44,12 +52,12 @@ def simulate(
         Transducer and shunt.
     excitation : Excitation
     transient : float, optional
-        Length in s of a run from rest. Without it a periodic excitation gives the periodic steady state, found
-        directly; any other excitation is run from rest through its length.
+        Length in s of a run from rest. By default a periodic excitation gives the periodic steady state, which is found
+        directly; any other excitation is run from rest over its length.
     samples : int
-        Waveform samples in a period, or in the length of an excitation without one.
+        Waveform samples in a period, or in the length of a non-periodic excitation.
     budget : Budget, optional
-        Work that it may take, and is taken from; default what one simulation may.
+        Work limit, from which the work done is subtracted; default that of one simulation.
 
     Returns
     -------
@@ -67,8 +75,8 @@ def simulate(
     Piecewise linear models are propagated by matrix exponentials, so there is no time step to choose: events are
     located to 1e-12 s and energy closes to 1e-10. With effects that are nonlinear between events (a voltage-dependent
     capacitance, stiffening, nonlinear or drifting coupling) the same holds for the motion under their outputs, which
-    are cubics of time; waveforms are then right to about 1e-8. A drift goes on over the length of a transient, and
-    stands still in a steady state.
+    are cubics of time; waveforms are then right to about 1e-8. A drift continues over the length of a transient, and is
+    frozen in a steady state.
     """
     periodic = transient is None and excitation.period is not None
     length = None if periodic else _length(system, excitation, transient)
@@ -81,22 +89,24 @@ def simulate(
         else:
             response = _transient(lowered, excitation, length, samples, system.shunt.kind)
     except EngineError as error:
-        return _with(_failed(system.shunt.kind, str(error)), exhausted=lowered.budget.left <= 0)
+        return _replaced(_failed(system.shunt.kind, str(error)), exhausted=lowered.budget.left <= 0)
     if lowered.unfelt:
-        response = _told(response, f"{', '.join(lowered.unfelt)}: no part of this simulation, only of measured records")
+        response = _with_remark(
+            response, f"{', '.join(lowered.unfelt)}: no part of this simulation, only of measured records"
+        )
     if isinstance(system.shunt, Short):
         return response
     reference, reason = _short_circuit(system.transducer, excitation, transient)
     if not reason and not response.displacement_amplitude > 0:
         reason = "nothing moves"
     if reason:
-        return _told(_with(response, attenuation_db=np.nan), f"no attenuation: {reason}")
-    return _with(response, attenuation_db=20 * np.log10(response.displacement_amplitude / reference))
+        return _with_remark(_replaced(response, attenuation_db=np.nan), f"no attenuation: {reason}")
+    return _replaced(response, attenuation_db=20 * np.log10(response.displacement_amplitude / reference))
 
 
 @lru_cache(maxsize=64)
 def _short_circuit(transducer, excitation: Excitation, transient: float | None) -> tuple[float, str]:
-    """Displacement amplitude with shorted electrodes, which attenuation refers to, and why it cannot be used if so."""
+    """Displacement amplitude with shorted electrodes, the reference of attenuation, and a reason not to use it."""
     response = simulate(System(transducer, Short()), excitation, transient=transient, samples=1)
     if not response.converged:
         return np.nan, f"with shorted electrodes it is not to be trusted ({response.message})"
@@ -104,12 +114,12 @@ def _short_circuit(transducer, excitation: Excitation, transient: float | None) 
     return response.displacement_amplitude, "" if moves else "nothing moves with shorted electrodes"
 
 
-def _told(response: Response, what: str) -> Response:
-    """The response with one more thing to know about it."""
-    return _with(response, message="; ".join(filter(None, (response.message, what))))
+def _with_remark(response: Response, what: str) -> Response:
+    """The response with one more remark in its message."""
+    return _replaced(response, message="; ".join(filter(None, (response.message, what))))
 
 
-def _with(response: Response, **changes) -> Response:
+def _replaced(response: Response, **changes) -> Response:
     return replace(response, **changes)
 
 
@@ -120,30 +130,30 @@ def _steady(lowered: Lowered, excitation: Excitation, samples: int, kind: str, m
         return _unsettled(lowered, excitation, samples, kind, orbit, evaluations)
     period, begin = excitation.period, orbit.time
     assert period is not None
-    # The section is anywhere in the period; samples are taken where those of a period from phase zero lie.
+    # The section may be at any phase; samples are taken at the instants of a period that begins at phase zero.
     grid = np.arange(samples) * period / samples
     offset = np.mod(grid - begin, period)
-    offset[offset >= period * (1 - 1e-12)] = 0.0  # by rounding; it would fall behind the end
+    offset[offset >= period * (1 - 1e-12)] = 0.0  # by rounding; it would lie after the end
     order = np.argsort(offset, kind="stable")
     shooting = Shooting(Machine(lowered, ledger=True), period, mirrored)
-    state = shooting.load(orbit, track=True, log=LONGEST_LOG, sample_time=begin + offset[order])
+    state = shooting.load(orbit, track=True, log=MAX_LOG, sample_time=begin + offset[order])
     before = _stored(shooting.machine, state)
     check(shooting.machine.run(state, begin + period))
     if not shooting.repeats(orbit, state):
         return _unsettled(lowered, excitation, samples, kind, replace(orbit, residual=np.inf), evaluations)
-    # What a large smoothing capacitor gains or loses within the tolerance of the search is no energy unaccounted for.
+    # Energy that a large smoothing capacitor gains or loses within the tolerance of the search is not an imbalance.
     change = _stored(shooting.machine, state) - before
     response = _response(lowered, state, kind, period, begin, change, before, most)
     response.energy.pop("stored", None)
-    response = _with(response, waveforms=_from_phase_zero(response.waveforms, grid, order, begin, period))
+    response = _replaced(response, waveforms=_from_phase_zero(response.waveforms, grid, order, begin, period))
     return _finish(response, message, evaluations)
 
 
 def search(lowered: Lowered, excitation: Excitation) -> tuple[Orbit, bool, str, float, bool]:
-    """Find the steady state that a motion from rest comes to.
+    """Find the steady state that a motion from rest reaches.
 
-    Returns the orbit, whether it was sought on half the period, what there is to say of it, the periods simulated, and
-    whether motions do settle on it.
+    Returns the orbit, True if the search was over half the period, a remark, the periods simulated, and True if motions
+    do settle on the orbit.
     """
     period = excitation.period
     assert period is not None
@@ -152,7 +162,7 @@ def search(lowered: Lowered, excitation: Excitation) -> tuple[Orbit, bool, str, 
     orbit = shooting.find()
     evaluations = orbit.evaluations
     if mirrored and not orbit.converged:
-        # A symmetric orbit may lose its stability to one that is not.
+        # A symmetric orbit may be unstable where an asymmetric one is stable.
         mirrored = False
         shooting = Shooting(Machine(lowered), period, mirrored)
         orbit = shooting.find()
@@ -174,7 +184,7 @@ def search(lowered: Lowered, excitation: Excitation) -> tuple[Orbit, bool, str, 
 
 
 def _from_phase_zero(w: Waveforms | None, grid, order, begin: float, period: float) -> Waveforms:
-    """Put the samples of a period that began elsewhere in the order of a period from phase zero."""
+    """Reorder the samples of a period so that it begins at phase zero."""
     assert w is not None
     back = np.argsort(order, kind="stable")
     signals = {name: getattr(w, name)[back] for name in pg.OUTPUTS}
@@ -186,7 +196,7 @@ def _from_phase_zero(w: Waveforms | None, grid, order, begin: float, period: flo
 
 def _stored(machine: Machine, state: EngineState) -> float:
     """Stored energy, J."""
-    # Outputs of smooth elements are those of the state once it has begun to move.
+    # Outputs of smooth elements are consistent with the state only after a run has begun.
     check(machine.run(state, state.clock[st.NOW]))
     storage = machine.lowered.program.storage
     z = state.z[: len(storage)]
@@ -204,16 +214,16 @@ def _length(system: System, excitation: Excitation, transient: float | None) -> 
 
 def _transient(lowered, excitation: Excitation, t_end: float, samples: int, kind: str) -> Response:
     if excitation.period is not None:
-        step = max(excitation.period / samples, t_end / MOST_SAMPLES)
+        step = max(excitation.period / samples, t_end / MAX_SAMPLES)
         times = np.arange(int(np.floor(t_end / step * (1 + 1e-12))) + 1) * step
     else:
         times = np.linspace(0.0, t_end, 8 * samples + 1)
         if isinstance(lowered.signal, Ramps):
             inside = lowered.signal.times[lowered.signal.times <= t_end]
-            inside = inside[:: 1 + len(inside) // MOST_SAMPLES]
+            inside = inside[:: 1 + len(inside) // MAX_SAMPLES]
             times = np.union1d(times, inside) if len(inside) < len(times) else inside
     machine = Machine(lowered, ledger=True)
-    state = machine.state(track=True, log=LONGEST_LOG, sample_time=times)
+    state = machine.state(track=True, log=MAX_LOG, sample_time=times)
     before = _stored(machine, state)
     check(machine.run(state, t_end))
     change = _stored(machine, state) - before
@@ -228,7 +238,7 @@ def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evalu
     check(machine.run(state, skipped * period))
     begin, window = skipped * period, UNSETTLED_PERIODS * period
     times = begin + np.arange(samples * UNSETTLED_PERIODS) * period / samples
-    recorder = machine.state(track=True, log=LONGEST_LOG, sample_time=times)
+    recorder = machine.state(track=True, log=MAX_LOG, sample_time=times)
     recorder.follow(state)
     before = _stored(machine, recorder)
     check(machine.run(recorder, begin + window))
@@ -243,8 +253,8 @@ def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evalu
         reason = f"no periodic solution was found (relative change over a period {orbit.residual:.1e})"
     message = f"no steady state: {reason}; averages are over {UNSETTLED_PERIODS} periods after {skipped}"
     events = response.events_per_period // UNSETTLED_PERIODS
-    response = _with(response, period=period, energy=energy, events_per_period=events)
-    return _with(response, converged=False, message=message, periods_evaluated=evaluations + skipped)
+    response = _replaced(response, period=period, energy=energy, events_per_period=events)
+    return _replaced(response, converged=False, message=message, periods_evaluated=evaluations + skipped)
 
 
 def _response(
@@ -257,18 +267,18 @@ def _response(
     before: float,
     most: Bounds | None = None,
 ) -> Response:
-    """Read a response off the state at the end of a run.
+    """Response from the state at the end of a run.
 
-    The run began at `begin` (s) with the stored energy `before` (J), lasted `length` (s) and changed it by `change`. In
-    a steady state its energies have bounds.
+    The run began at `begin` (s) with the stored energy `before` (J), lasted `length` (s) and changed it by `change`.
+    For a steady state the bounds of its energies are given.
     """
     energy = {name: float(e) for name, e in zip(lowered.categories, state.energy, strict=True)}
     dc_time = energy.pop(pg.MEAN_DC)
     if energy["source"] == 0.0:
         del energy["source"]
     half = 0.5 * (state.extremes[:, 1] - state.extremes[:, 0])
-    held = 0.0 if most is not None else before  # of a steady state only what flows counts
-    computed, energy = energy, cleaned(energy, before if most is not None else 0.0)
+    held = 0.0 if most is not None else before  # in a steady state only flows count
+    computed, energy = energy, without_rounding(energy, before if most is not None else 0.0)
     if not any(energy.values()) and most is not None:
         computed, change = energy, 0.0
     share, largest = (float(value) for value in closure(computed, change, held))
@@ -288,7 +298,7 @@ def _response(
     return Response(
         shunt=kind,
         converged=not found,
-        message=found if found else uncertain(computed["harvested"], share * largest),
+        message=found if found else uncertainty_message(computed["harvested"], share * largest),
         period=length,
         harvested_power=energy["harvested"] / length,
         mechanical_power=energy["mechanical_in"] / length,
@@ -308,11 +318,11 @@ def _finish(response: Response, message: str, evaluations: float) -> Response:
         message = f"{response.message}: {response.energy['closure']:.1e} of the energy is unaccounted for"
     elif response.message:
         message = "; ".join(filter(None, (message, response.message)))
-    return _with(response, message=message, periods_evaluated=evaluations)
+    return _replaced(response, message=message, periods_evaluated=evaluations)
 
 
 def _failed(kind: str, reason: str) -> Response:
-    """A response that only says why there is none."""
+    """Response without results, with the reason in its message."""
     entries = ("mechanical_in", "harvested", "damping", "hysteresis", "shunt_loss")
     nothing: dict[str, float] = {**dict.fromkeys(entries, 0.0), "closure": 1.0}
     return Response(kind, False, f"simulation failed: {reason}", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.nan, nothing, 0, 0)

@@ -2,9 +2,9 @@
 
 The monodromy matrix comes from the propagated exponentials, with a saltation at every event, so that the cost does not
 depend on how slowly the smoothing capacitor charges. A system that mirrors itself every half period is solved on the
-half period: this halves the work, removes what the period conserves (a floating charge, an operator that never slips)
-and picks the symmetric, demagnetised solution. Source of the method: Aprille & Trick, Proc. IEEE 60(1), 108-114, 1972;
-saltation: Leine & Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, 2004.
+half period: this halves the work, removes quantities that the period conserves (a floating charge, an operator that
+never slips) and selects the symmetric, demagnetised solution. Source of the method: Aprille & Trick, Proc. IEEE 60(1),
+108-114, 1972; saltation: Leine & Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, 2004.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from piezoharvest.engine.propagation.advance import DONE
 from piezoharvest.engine.run import Machine
 from piezoharvest.engine.steady_state import section as sc
 from piezoharvest.engine.steady_state import shooting as sh
-from piezoharvest.engine.work_limit import MOST_WORK
+from piezoharvest.engine.work_limit import MAX_WORK
 
-# A motion from rest is compared with the orbit every so many periods, so many times at most; coming closer so many
+# A motion from rest is compared with the orbit every CHECKED periods, PATIENCE times at most; coming closer CLOSER
 # times in a row is enough.
-CHECKED, PATIENCE, CLOSER = 100, 15, 5
-LOG = 4096  # events of a span that are kept
+PERIODS_BETWEEN_CHECKS, MAX_CHECKS, MIN_APPROACHES = 100, 15, 5
+LOG_LENGTH = 4096  # events of a span that are recorded
 
 
 @dataclass
@@ -53,8 +53,8 @@ class Orbit:
 
     @property
     def converged(self) -> bool:
-        """Whether the state repeats and the orbit attracts."""
-        return self.residual <= sh.ACCEPTED and self.radius <= sh.STABLE
+        """True if the state repeats and the orbit attracts."""
+        return self.residual <= sh.ACCEPTED and self.radius <= sh.MAX_RADIUS
 
 
 class Shooting:
@@ -66,7 +66,7 @@ class Shooting:
     period : float
         Period of the excitation, s.
     mirrored : bool
-        Whether half a period is run and the result mirrored.
+        Run half a period and mirror the result.
     """
 
     def __init__(self, machine: Machine, period: float, mirrored: bool):
@@ -74,15 +74,15 @@ class Shooting:
         self.n = int(machine.L[pg.N])
 
     def find(self, start: EngineState | None = None) -> Orbit:
-        """Search from rest, or from a state: a few periods, then Newton's method, again if it fails.
+        """Search from rest, or from a state: a few periods, then Newton's method, repeated if it fails.
 
         Raises
         ------
         EngineError
-            The motion from there cannot be followed.
+            The motion from there cannot be simulated.
         """
         machine, n = self.machine, self.n
-        warm = machine.state(log=LOG)
+        warm = machine.state(log=LOG_LENGTH)
         if start is not None:
             warm.follow(start)
         moved = machine.state(sensitivities=n + QUEUE_LENGTH + 1)
@@ -113,31 +113,31 @@ class Shooting:
         return state
 
     def from_rest(self, orbit: Orbit, charged: bool = True) -> tuple[bool, EngineState]:
-        """Whether a motion from rest goes to an orbit, and where it is when that is decided.
+        """Return True if a motion from rest converges to an orbit, and its state when that is decided.
 
-        A `charged` smoothing capacitor begins with the orbit's voltage: its slow charging is not waited for. A motion
-        that comes closer time after time is taken to arrive; others may wander for long before they do.
+        A `charged` smoothing capacitor begins with the orbit's voltage, so that its slow charging is not simulated. A
+        motion that comes closer several times in a row is taken to converge; others may take long before they do.
         """
         state, there = self.machine.state(), orbit.numbers[: self.n]
         if charged:
             state.z[: self.n] = np.where(self.machine.lowered.program.odd < 0, state.z[: self.n], there)
         size, time, distances = np.linalg.norm(there), np.mod(orbit.time, self.period), [np.inf]
-        for _ in range(PATIENCE):
-            time += CHECKED * self.period
+        for _ in range(MAX_CHECKS):
+            time += PERIODS_BETWEEN_CHECKS * self.period
             check(self.machine.run(state, time))
             distances.append(float(np.linalg.norm(state.z[: self.n] - there)))
-            closer = len(distances) > CLOSER and np.all(np.diff(distances[-CLOSER:]) < 0)
+            closer = len(distances) > MIN_APPROACHES and np.all(np.diff(distances[-MIN_APPROACHES:]) < 0)
             if distances[-1] <= 0.02 * size or closer:
                 return True, state
         return False, state
 
     def repeats(self, orbit: Orbit, state: EngineState) -> bool:
-        """Whether a state that a period led to is the orbit's section again: the proof of the search."""
+        """True if a state after one period is the orbit's section again, which verifies the search."""
         there = orbit.numbers[: self.n]
-        return bool(np.linalg.norm(state.z[: self.n] - there) <= sh.REPEATED * np.linalg.norm(there))
+        return bool(np.linalg.norm(state.z[: self.n] - there) <= sh.MAX_CHANGE * np.linalg.norm(there))
 
     def near(self, orbit: Orbit, state: EngineState) -> bool:
-        """Whether an orbit passes close by a state."""
+        """True if an orbit passes close by a state."""
         on_orbit = self.load(orbit)
         phase = np.mod(state.clock[st.NOW] - orbit.time, self.period)
         check(self.machine.run(on_orbit, orbit.time + phase))
@@ -146,11 +146,11 @@ class Shooting:
 
 
 class EngineError(ArithmeticError):
-    """The simulation cannot go on: chatter, overflow, equations without a solution, or too much to compute."""
+    """The simulation cannot continue: chatter, overflow, equations without a solution, or too much to compute."""
 
 
 def check(status: int) -> None:
-    """Raise unless the engine's status is that of a run that was finished.
+    """Raise an error unless the engine's status is that of a finished run.
 
     Raises
     ------
@@ -161,14 +161,14 @@ def check(status: int) -> None:
         reasons = {
             1: "events follow each other without time passing",
             2: "the state grows without bound, or has no solution",
-            3: f"stopped after {MOST_WORK:.0e} units of work, the most that a simulation may take: it has too many "
+            3: f"stopped after {MAX_WORK:.0e} units of work, the most that a simulation may take: it has too many "
             "events or is too long",
         }
         raise EngineError(reasons[status])
 
 
 def solve_conserving(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve matrix x = right with c'x = 0 for every left null vector c: what a map conserves is left alone."""
+    """Solve matrix x = right with c'x = 0 for every left null vector c, so that conserved quantities do not change."""
     left, size, _ = np.linalg.svd(matrix)
     null = left[:, size < 1e-10 * max(size[0], 1.0)]
     return np.linalg.solve(matrix + null @ null.T, right - null @ (null.T @ right))

@@ -1,7 +1,7 @@
-"""How much a simulation may compute, counted where it runs: nothing runs for ever, and Ctrl-C ends it.
+"""Work limit of a simulation, counted in compiled code: every run ends, and Ctrl-C interrupts it.
 
-Work is counted in units of about a nanosecond on one core of 2020, by what is done and not by the clock, so that the
-limit is met at the same place on every machine.
+Work is counted in units of about a nanosecond on one core of 2020, by operations and not by the clock, so that the
+limit is reached at the same place on every machine.
 """
 
 from __future__ import annotations
@@ -14,50 +14,50 @@ from numba import types
 
 from piezoharvest.engine.compilation.compiled import compiled, inlined
 from piezoharvest.engine.memory import program as pg
-from piezoharvest.engine.memory.tables import LEFT, LOOK
+from piezoharvest.engine.memory.tables import NEXT_CHECK, WORK_LEFT
 
-MOST_WORK = 8_000_000_000  # of a simulation: some 5 to 10 s, where an ordinary one takes a hundredth of a second
-# Between two looks for an interrupt.
-BETWEEN_LOOKS = 100_000_000
-# What a step takes beside its products, looking at guards, locating and carrying out an event; what a product of a
-# matrix and the state takes to begin; how many multiplications are made in the time of one unit.
-STEP, PRODUCT, AT_ONCE = 500, 50, 16
-INTERRUPTED = -(2**62)  # left once the user has interrupted
+MAX_WORK = 8_000_000_000  # of a simulation: some 5 to 10 s, while an ordinary one takes a hundredth of a second
+# Work between two checks for an interrupt.
+WORK_BETWEEN_CHECKS = 100_000_000
+# Work of a step beside its products (guards, location and action of an event); overhead of a product of a matrix and
+# the state; multiplications in the time of one unit.
+STEP_WORK, PRODUCT_WORK, MULTIPLICATIONS_PER_UNIT = 500, 50, 16
+INTERRUPTED = -(2**62)  # value of the work left after an interrupt by the user
 
-# Whether Ctrl-C has been pressed since the last call; Python's own handler waits until compiled code returns.
+# 1 if Ctrl-C has been pressed since the last call; Python's own handler waits until compiled code returns.
 _ctrl_c = types.ExternalFunction("PyOS_InterruptOccurred", types.int32())
 
 
 @dataclass
 class Budget:
-    """What is left of the work that one simulation may take, over all its runs."""
+    """Remaining work of one simulation, over all its runs."""
 
-    left: int = MOST_WORK
+    left: int = MAX_WORK
 
 
 @inlined
 def interrupted(L):
-    """Whether the user has interrupted; work done since then counts no more."""
-    return L[LEFT] < INTERRUPTED // 2
+    """True if the user has interrupted; work done since then is not counted."""
+    return L[WORK_LEFT] < INTERRUPTED // 2
 
 
 @inlined
-def products(L, count):
-    """Take the work of some products of a matrix of the size of the state with a vector from what is left."""
-    L[LEFT] -= count * (PRODUCT + L[pg.ROWS] * L[pg.COLUMNS] // AT_ONCE)
+def spend_products(L, count):
+    """Subtract the work of `count` products of the state's matrix with a vector from the work left."""
+    L[WORK_LEFT] -= count * (PRODUCT_WORK + L[pg.ROWS] * L[pg.COLUMNS] // MULTIPLICATIONS_PER_UNIT)
 
 
 @compiled
-def goes_on(L):
-    """Whether work is left and the user has not interrupted."""
+def may_continue(L):
+    """True if work is left and the user has not interrupted."""
     if not interrupted(L) and _ctrl_c() != 0:
-        L[LEFT] = INTERRUPTED
-    L[LOOK] = max(L[LEFT] - BETWEEN_LOOKS, 0)
-    return L[LEFT] > 0
+        L[WORK_LEFT] = INTERRUPTED
+    L[NEXT_CHECK] = max(L[WORK_LEFT] - WORK_BETWEEN_CHECKS, 0)
+    return L[WORK_LEFT] > 0
 
 
 def interrupt() -> NoReturn:
-    """Raise what Ctrl-C raises in Python code, whatever its handler is.
+    """Raise the signal of Ctrl-C in Python code, for any handler.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""The one place where a description becomes equations."""
+"""Equations of a described transducer and its effects, for all views of it."""

@@ -1,6 +1,6 @@
-"""The transducer's equations as rows: the one place where its physics is written, for every view of it.
+"""The transducer's equations as rows: the single definition of its physics, used by every view of it.
 
-Rows (see `circuit`) are given by name: x1, u1, x2, ... displacements and velocities of the modes, q the charge q_p.
+Rows (see `circuit`) have names: x1, u1, x2, ... displacements and velocities of the modes, q the charge q_p.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ class Placing:
     Attributes
     ----------
     v_t, dv_t : Row
-        Voltage across C and its rate: C v_t = q - sum T_i x_i - what effects add.
+        Voltage across C and its rate: C v_t = q - sum T_i x_i - charges of effects.
     current : Row
-        Load current: what the transducer gives less what effects draw.
+        Load current: the transducer's current less that drawn by effects.
     """
 
     def __init__(self, terms: Terms, z: Rows, dz: Rows, drive: Row, one: Row, v_h: Row) -> None:
@@ -56,23 +56,23 @@ class Placing:
         return sum(parts, self._none)
 
     def rows(self, rows: Sequence[Row]) -> list[Row]:
-        """Several of them."""
+        """Rows of the terms as those of the view."""
         return [self.row(row) for row in rows]
 
     def product(self, product: Product) -> Product:
-        """A product of two of them."""
+        """A product of rows of the terms as one of the view."""
         return Product(product.coefficient, self.row(product.first), self.row(product.second))
 
 
 def _without(row: Row, column: int) -> tuple[Row, np.ndarray | float]:
-    """A row without a column, and what stood there, a number unless the row has a batch."""
+    """A row with a column set to zero, and the coefficient in it, a number unless the row has a batch."""
     share, rest = row[..., column : column + 1], row.copy()
     rest[..., column] = 0.0
     return rest, share if row.ndim > 1 else share[0]
 
 
 class Mechanics(NamedTuple):
-    """Equations of motion and what is read from them.
+    """Equations of motion and outputs of the mechanics.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Mechanics(NamedTuple):
     displacement, velocity : Row
         Participation-weighted sums of the modes, m and m/s.
     drive_velocity : Row
-        What the drive multiplies with to its power: W per N, or per m/s^2.
+        Conjugate of the drive, whose product with it is its power: W per N, or per m/s^2.
     strain_current : Row
         sum T_i u_i in A: the switches of synchronised shunts act where it crosses zero.
     """
@@ -94,7 +94,7 @@ class Mechanics(NamedTuple):
 
 
 def gains(transducer: Transducer, base: bool) -> list[float]:
-    """What turns the drive into each mode's force: 1 times its share of a force, or a mass in kg."""
+    """Factor from the drive to each mode's force: its share of a force, or a mass in kg."""
     return [drive_gain(mode, base) for mode in transducer.all_modes]
 
 
@@ -118,7 +118,7 @@ def mechanics(placing: Placing, z: Rows, dz: Rows, drive: Row, base: bool) -> Me
 
 
 def own_rows(rows: Rows, prefix: str, states: Sequence[State]) -> SimpleNamespace:
-    """Rows of a component's states under the names that it gave them."""
+    """Rows of a component's states under its own names for them."""
     return SimpleNamespace(**{state.name: rows[prefix + state.name] for state in states})
 
 
@@ -131,7 +131,7 @@ class Device(NamedTuple):
         The effects' terms in these rows.
     motion : Mechanics
     port : Port
-        What a shunt sees: its current is what the transducer gives less what the effects draw.
+        Port of the shunt: its current is the transducer's less that drawn by the effects.
     equations : list of Row
         Of the states that effects add.
     """
@@ -151,7 +151,7 @@ def device(terms: Terms, z: Rows, dz: Rows, drive: Row, one: Row, hysteresis: tu
 
 
 def connected(system: System) -> System:
-    """The system with what its effects say is really connected."""
+    """The system with the shunt as its effects modify it."""
     shunt = system.shunt
     for effect in system.transducer.effects:
         shunt = effect.connect(shunt)

@@ -1,7 +1,7 @@
-"""What effects add to the transducer's equations: collected by their `act`, placed into the rows of a view.
+"""Terms of effects in the transducer's equations: collected by their `act`, placed into the rows of a view.
 
-An effect acts on `Terms` as it acts on the specimen of a predicted record. Rows run over columns of their own here, one
-for each name; `equations.Placing` puts them into the columns of the engine or of the linear view.
+An effect acts on `Terms` as it acts on the specimen of a predicted record. Rows have one column for each name here;
+`rows.Placing` maps them to the columns of the engine or of the linear view.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.equations.laws import strain_charge
 
-WIDTH = 128  # columns at most
-UNITS = np.eye(WIDTH)
+MAX_COLUMNS = 128  # columns at most
+UNITS = np.eye(MAX_COLUMNS)
 PRODUCT, TIMED = 0, 1
 Rows = Mapping[str, Row]
 
@@ -45,7 +45,7 @@ class SmoothElement(NamedTuple):
     name : str
     first, second : Row
     power : int
-        From 2 on the power; `PRODUCT` of both inputs; `TIMED`, time as share of the record times the inputs' one row.
+        From 2 on the power; `PRODUCT` of both inputs; `TIMED`, time as fraction of the record times the single input.
     """
 
     name: str
@@ -61,37 +61,37 @@ class SmoothElement(NamedTuple):
 
 
 class Terms:
-    """Terms of all effects of a transducer, those at their null value left out.
+    """Terms of all effects of a transducer, except those at their null value.
 
     Parameters
     ----------
     transducer : Transducer
     drive : "force" or "base_acceleration"
     linearised : bool
-        Take small motions about rest, in which smooth elements have no part.
+        For small motions about rest, in which smooth elements have no influence.
     passes : bool
-        Whether time passes from the beginning of a record to its end, for effects that go on through it.
+        Time passes from the beginning of a record to its end, for effects that change during it.
 
     Attributes
     ----------
     one, time, drive, x, u, q, v_t, v, i, strain_charge : Row
-        As in `predict.specimen.Specimen`.
+        As in `predict.record_model.Specimen`.
     states : list of State
-        That effects add.
+        States of effects.
     stops : list of StopElement
     elements : list of SmoothElement
-        Those that act on the specimen.
+        Elements that act on the specimen.
     pushes : list of Row
-        Further force on each mode, N.
+        Additional force on each mode, N.
     charges, drawn : Row
         Charge beside C v_t and sum T_i x_i (C), current that leaves the node beside the load (A).
     equations : list of Row
     stored : list of Product
         Energy beside that of the lumped model, J.
     losses : list of (str, Product)
-        Power that effects take and do not give back, W, with their names; what a smooth element stores is in it too.
+        Power that effects dissipate, W, with their names; energy stored by a smooth element is included.
     unfelt : tuple of str
-        Effects that move nothing here: they act on what sensors read, or go on through a record.
+        Effects without influence here: they act on sensor readings, or change during a record.
 
     Raises
     ------
@@ -110,7 +110,7 @@ class Terms:
         self.elements: list[SmoothElement] = []
         self.equations: list[Row] = []
         self._effect, self._prefix, self._felt = "", "", 0
-        self.nothing = np.zeros(WIDTH)
+        self.nothing = np.zeros(MAX_COLUMNS)
         own = state_names(transducer)
         rows = {name: self._column(name) for name in ("one", "drive", "v_h", "v_t", "i", *own)}
         self.one, self.drive, self.v_t, self.i, self.q = (rows[name] for name in ("one", "drive", "v_t", "i", "q"))
@@ -125,7 +125,7 @@ class Terms:
         self.elements = self._that_act()
 
     def _take(self, effect: Effect, n: int) -> bool:
-        """Let an effect act; whether the specimen feels it."""
+        """Let an effect act; return True if it acts on the specimen."""
         self._effect, self._prefix, self._felt = effect.name, f"effect{n}_{effect.name}_", 0
         if effect.absent:
             return True
@@ -134,7 +134,7 @@ class Terms:
         self.losses += [(effect.name, product) for product in effect.losses(self)]
         return self._felt > 0 or type(effect).connect is not Effect.connect
 
-    # What effects use.
+    # Methods used by effects.
 
     def state(self, name: str, storage: complex) -> tuple[Row, Row]:
         """Add a state whose energy is about storage z^2/2: rows of it and of its rate; an equation has to follow."""
@@ -189,23 +189,25 @@ class Terms:
             self.losses.append((self._effect, Product(-1.0, smooth, UNITS[self.columns[f"u{mode + 1}"]])))
 
     def read(self, row: Row) -> None:
-        """What a sensor sees beside the specimen moves nothing."""
+        """Ignore a sensor's additional displacement, which does not act on the specimen."""
 
     def lag(self, time_constant: complex) -> None:
-        """A sensor's lag moves nothing."""
+        """Ignore a sensor's lag, which does not act on the specimen."""
 
-    # How it is made.
+    # Internal methods.
 
     def _column(self, name: str) -> Row:
-        if len(self.columns) == WIDTH:
-            raise ParameterError("transducer", f"found more than {WIDTH} rows, allowed are fewer modes or effects")
+        if len(self.columns) == MAX_COLUMNS:
+            raise ParameterError(
+                "transducer", f"found more than {MAX_COLUMNS} rows, allowed are fewer modes or effects"
+            )
         self.columns[name] = len(self.columns)
         return UNITS[self.columns[name]]
 
     @property
     def _unknown(self) -> Row:
-        """What is no row here: nothing to small motions, else not a number."""
-        return np.zeros(WIDTH) if self._linearised else np.full(WIDTH, np.nan)
+        """Placeholder for a row that is not available: zero for small motions, else NaN."""
+        return np.zeros(MAX_COLUMNS) if self._linearised else np.full(MAX_COLUMNS, np.nan)
 
     def _element(self, first: Row, second: Row, power: int) -> Row:
         """Column of a smooth element's output; that of its rate stands behind it."""
@@ -218,7 +220,7 @@ class Terms:
         return column
 
     def _that_act(self) -> list[SmoothElement]:
-        """Elements whose output moves anything, directly or through another one."""
+        """Elements whose output has an influence, directly or through another one."""
         rows, found = [*self.pushes, self.charges, self.drawn, *self.equations], []
         for element in reversed(self.elements):
             if any(np.any(row[..., self.columns[element.name]]) for row in rows):
@@ -227,7 +229,7 @@ class Terms:
         return found
 
     def _smooth(self, row: Row, rate: str = "") -> Row:
-        """The part of a row that is made of smooth elements, or its rate."""
+        """Part of a row from smooth elements, or its rate."""
         parts = ((e, row[..., self.columns[e.name], None]) for e in self.elements)
         return sum((share * UNITS[self.columns[e.name + rate]] for e, share in parts), self.nothing)
 
@@ -240,9 +242,9 @@ class Terms:
         return row
 
     def check(self, shunt: Shunt, switch: Switch | None) -> None:
-        """Raise where the shunt's switch takes charge at once, and smooth elements do not then go straight together.
+        """Raise an error if the switch extracts charge instantly and the path of smooth elements is then not linear.
 
-        Those that make no charge leave v straight; with those that do it is v_t alone in which they all are.
+        Without charges of elements v, q and i are linear along the path; with them v_t is.
 
         Raises
         ------
@@ -258,7 +260,7 @@ class Terms:
             raise ParameterError("transducer.effects", f"{found}, allowed are those of {allowed}")
 
     def over(self, row: Row, states: Rows) -> Row:
-        """A row that is a combination of states and smooth elements, from the rows that they, or their rates, have."""
+        """Combination of states and smooth elements as a row, from the rows of these or of their rates."""
         used, own = self.used(row), (*self.states, *self.elements)
         others = used.keys() - {*state_names(self.transducer), *(each.name for each in own)}
         if others:
@@ -267,7 +269,7 @@ class Terms:
         return sum((factor * states[name] for name, factor in used.items()), 0.0 * states["q"])
 
     def used(self, row: Row) -> dict[str, np.ndarray]:
-        """Coefficients of a row that are not zero, by name, with a trailing axis for the columns of a view."""
+        """Nonzero coefficients of a row, by name, with a trailing axis for the columns of a view."""
         which = np.flatnonzero(row if row.ndim == 1 else row.any(axis=0))
         if not which.size:
             return {}

@@ -1,4 +1,4 @@
-"""From a campaign to parameters with their standard errors, and how well they foretell what was not fitted."""
+"""Identification of a campaign's parameters with standard errors, and validation on records that were not fitted."""
 
 from __future__ import annotations
 
@@ -13,18 +13,28 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import INERT, Transducer
 from piezoharvest.identify.fitting.coupling_signs import with_known_signs
 from piezoharvest.identify.fitting.data import Data, data_of
-from piezoharvest.identify.fitting.evaluation import at_once
+from piezoharvest.identify.fitting.evaluation import map_records
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
-from piezoharvest.identify.fitting.measured_responses import FrequencyData, Judged
+from piezoharvest.identify.fitting.measured_responses import FrequencyData, ResponseQuality
 from piezoharvest.identify.fitting.model import Model, unexplained_blocks
 from piezoharvest.identify.fitting.output_error import fit, noise_of_responses, standard_errors
-from piezoharvest.identify.fitting.problem import Problem, carried, renamed
-from piezoharvest.identify.identifiability import assumed, combination, doubtful, experiment, undetermined
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, nuisance_for_problem
+from piezoharvest.identify.identifiability import assumed, combination, experiment, uncertain, undetermined
 from piezoharvest.identify.noise.noise_gain import gain_of
 from piezoharvest.identify.noise.noise_model import Noise
-from piezoharvest.identify.start_values.initial_hysteresis_state import held, memories, recalled, remembers
-from piezoharvest.identify.start_values.multistart import ROUGH, in_tune, started
-from piezoharvest.identify.start_values.quasi_static import beyond_samples, explains_as_well, hidden, may_be_hidden
+from piezoharvest.identify.start_values.initial_hysteresis_state import (
+    fit_nuisance,
+    has_initial_states,
+    may_have_initial_states,
+    search_initial_states,
+)
+from piezoharvest.identify.start_values.multistart import ROUGH_TOLERANCE, fit_multistart, tune_to_responses
+from piezoharvest.identify.start_values.quasi_static import (
+    as_quasi_static,
+    may_be_quasi_static,
+    quasi_static_fits_as_well,
+    resonance_above_nyquist,
+)
 from piezoharvest.identify.threads import single_threaded
 from piezoharvest.predict.parameters import Parameter, parameters_of, value_at
 from piezoharvest.predict.prediction import Prediction
@@ -32,15 +42,15 @@ from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.record import FrequencyRecord, Record
 
-Tell = Callable[[str], None]
-LONG = 1 << 19  # samples of a record that a fit begins with
-ALIKE = 1e-3  # relative difference of weights that make no difference
-CONTRADICTED = 25.0  # of -2 ln L: five standard errors, by which a nominal value is off that the records contradict
+Progress = Callable[[str], None]
+INITIAL_SAMPLES = 1 << 19  # samples of a record that are fitted first
+WEIGHT_TOLERANCE = 1e-3  # relative difference below which weights count as equal
+MIN_CONTRADICTION = 25.0  # change of -2 ln L, five standard errors, by which records contradict a nominal value
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter as the data has it.
+    """Estimate of a parameter.
 
     Attributes
     ----------
@@ -48,19 +58,19 @@ class Estimate:
     value, nominal : float
         SI unit.
     std : float or None
-        Standard error in the same unit; None where the data does not determine it.
+        Standard error in the same unit; None if the data do not determine it.
     identifiable : bool
     assumes : tuple of str
-        Parameters that the data does not determine, at whose nominal values this one is told: were one of these off by
-        a tenth, it would be off by more than its standard error.
+        Undetermined parameters on whose nominal values this estimate depends: if one of these is off by a tenth, the
+        estimate is off by more than its standard error.
     combination : str
-        What is known instead, where something is.
+        Combination with other parameters that is known instead, if any.
     experiment : str
         The measurement that would determine it.
     note : str
-        What else has to be known: that its sign is the nominal one, or that the records contradict the nominal value.
+        Remark: the sign is the nominal one, or the records contradict the nominal value.
     contradicted : bool
-        Whether the records contradict the nominal value, though they do not determine it.
+        True if the records contradict the nominal value, though they do not determine the parameter.
     """
 
     parameter: Parameter
@@ -77,7 +87,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Quality:
-    """How large residuals are, and how large noise alone would make them, by channel; SI units."""
+    """Rms of the residuals, and rms expected from noise alone, by channel; SI units."""
 
     rms: Mapping[str, float]
     noise: Mapping[str, float]
@@ -93,9 +103,9 @@ class RecordQuality:
     quality : Quality
     own : mapping of str to float
     warning : str
-        What is to be known of a frequency response before the answer is used.
+        Warning about the fit of a frequency response.
     missed : bool
-        Whether the fit misses what a frequency response plainly shows.
+        True if the fit misses a feature that a frequency response plainly shows.
     """
 
     name: str
@@ -117,7 +127,7 @@ class Identification:
         With the identified values.
     estimates : tuple of Estimate
     fit, validation : Quality
-        Of the fitted and of the other records; without any of these the latter has no channels.
+        Of the fitted and of the validation records; the latter has no channels if there are none.
     records : tuple of RecordQuality
     noise : Noise
     converged : bool
@@ -141,13 +151,13 @@ class Identification:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why the answer is not to be trusted."""
+        """Reasons not to trust the result."""
         missed = (record.warning for record in self.records if record.missed and record.role == "fit")
         return (*(() if self.converged else (self.message,)), *missed)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is to be known before the answer is used, beside the doubts."""
+        """Warnings about the result, in addition to the doubts."""
         contradicted = [estimate.parameter.name for estimate in self.estimates if estimate.contradicted]
         rough = (
             f"the records contradict the nominal {' and '.join(contradicted)} without telling the value: give a nearer "
@@ -158,14 +168,14 @@ class Identification:
 
 
 def prepared(campaign: Campaign, role: str) -> tuple[Data | FrequencyData, ...]:
-    """Records of a role as a fit takes them.
+    """Records of a role, prepared for a fit.
 
     Raises
     ------
     CampaignError
         The model cannot be driven by a record.
     """
-    return at_once(partial(_prepared, campaign), campaign.of_role(role))
+    return map_records(partial(_prepared, campaign), campaign.of_role(role))
 
 
 def _prepared(campaign: Campaign, record: Record | FrequencyRecord) -> Data | FrequencyData:
@@ -182,7 +192,7 @@ def _prepared(campaign: Campaign, record: Record | FrequencyRecord) -> Data | Fr
 @single_threaded
 def identify(
     campaign: Campaign,
-    tell: Tell = lambda text: None,
+    tell: Progress = lambda text: None,
     offsets: Sequence[str] | None = None,
     near: Identification | None = None,
 ) -> Identification:
@@ -192,16 +202,16 @@ def identify(
     ----------
     campaign : Campaign
     tell : callable
-        Told about progress.
+        Called with messages about progress.
     offsets : sequence of str, optional
         Channels whose offset is free in every record; default all responses.
     near : Identification, optional
-        Of some of the records, to start from.
+        Identification from some of the records, used as the start.
 
     Raises
     ------
     CampaignError
-        There is nothing to fit, or a record cannot be predicted.
+        There are no records to fit, or a record cannot be predicted.
     """
     data = prepared(campaign, "fit")
     if not data:
@@ -209,129 +219,134 @@ def identify(
     if offsets is None:
         offsets = sorted({channel for each in data for channel in each.channels})
     problem = Problem(data, campaign.transducer, tuple(offsets))
-    if beyond_samples(problem, campaign.transducer):
-        return _without_inertia(campaign, tell, offsets)
+    if resonance_above_nyquist(problem, campaign.transducer):
+        return _identify_quasi_static(campaign, tell, offsets)
     drives = {r.drive for r in campaign.records if isinstance(r, Record)}
     parameters, unsigned = with_known_signs(parameters_of(campaign.transducer, drives), data, campaign.transducer)
     model = Model(campaign.transducer, tuple(parameters), tuple(offsets))
     first = _first_fit(problem, model, tell) if near is None else _fit_near(problem, model, near, tell)
-    if may_be_hidden(problem, first) and _at_rest(campaign, problem, first):
-        return _without_inertia(campaign, tell, offsets)
-    # Near another fit this has been asked of its model, which is less distorted by what the records hold.
-    begun = recalled(problem, first) if near is None else None
+    if may_be_quasi_static(problem, first) and _explained_quasi_statically(campaign, problem, first):
+        return _identify_quasi_static(campaign, tell, offsets)
+    # With `near`, this was tested for that fit, whose model is less distorted by effects in the records.
+    begun = search_initial_states(problem, first) if near is None else None
     if begun is not None:
         tell("some records begin after a load that is not recorded")
         first = fit(problem, first.model, begun, first.noise, tell=tell, rounds=2)
-    relaxed = memories(problem, first.model) and not remembers(problem, first)
+    relaxed = may_have_initial_states(problem, first.model) and not has_initial_states(problem, first)
     model = replace(first.model, relaxed=True) if relaxed else first.model
-    first = _in_its_noise(problem, first, tell)
-    own = carried(problem, first.model, first.own, model)
-    verdict = _verdict(problem, first, replace(model, transducer=first.model.transducer), own, tell)
+    first = _with_final_weights(problem, first, tell)
+    own = nuisance_for_model(problem, first.model, first.own, model)
+    verdict = _select_parameters(problem, first, replace(model, transducer=first.model.transducer), own, tell)
     last = verdict.last
-    # Nominal values that nothing in the records confirms are no better than none.
+    # Nominal values that no record confirms are as good as unknown.
     unconfirmed = {first.model.parameters[k].path for k in verdict.fixed}
-    if {(name,) for name in INERT} <= unconfirmed and _at_rest(campaign, problem, last):
-        return _without_inertia(campaign, tell, offsets)
+    if {(name,) for name in INERT} <= unconfirmed and _explained_quasi_statically(campaign, problem, last):
+        return _identify_quasi_static(campaign, tell, offsets)
     estimates = _estimates(campaign, first, verdict, unsigned)
-    shown = [*judged(problem.data, last), *_validated(campaign, last, tuple(offsets), tell)]
+    shown = [*judged(problem.data, last), *_validation_qualities(campaign, last, tuple(offsets), tell)]
     return Identification(
         campaign, last.model.transducer, tuple(estimates),
-        together([r for r in shown if r.role == "fit"]), together([r for r in shown if r.role == "validate"]),
+        combined_quality([r for r in shown if r.role == "fit"]),
+        combined_quality([r for r in shown if r.role == "validate"]),
         tuple(shown), last.noise, last.converged, last.message, last, tuple(offsets),
     )  # fmt: skip
 
 
-def _at_rest(campaign: Campaign, problem: Problem, found: Fit) -> bool:
-    """Whether a quasi-static specimen explains the records as well as a fit does."""
-    quiet = replace(campaign, transducer=hidden(campaign.transducer))
+def _explained_quasi_statically(campaign: Campaign, problem: Problem, found: Fit) -> bool:
+    """True if a quasi-static specimen explains the records as well as a fit does."""
+    quiet = replace(campaign, transducer=as_quasi_static(campaign.transducer))
     still = Problem(prepared(quiet, "fit"), quiet.transducer, problem.offset_channels)
-    return explains_as_well(problem, still, found)
+    return quasi_static_fits_as_well(problem, still, found)
 
 
-def _without_inertia(campaign: Campaign, tell: Tell, offsets: Sequence[str]) -> Identification:
+def _identify_quasi_static(campaign: Campaign, tell: Progress, offsets: Sequence[str]) -> Identification:
     """Identification of the quasi-static specimen."""
     tell("inertia and damping do not show: the specimen is taken to be quasi-static")
-    return identify(replace(campaign, transducer=hidden(campaign.transducer)), tell, offsets)
+    return identify(replace(campaign, transducer=as_quasi_static(campaign.transducer)), tell, offsets)
 
 
-def _first_fit(problem: Problem, model: Model, tell: Tell) -> Fit:
-    """Fit of all parameters; of long records the beginning is fitted first, from where the rest takes little."""
+def _first_fit(problem: Problem, model: Model, tell: Progress) -> Fit:
+    """Fit of all parameters; the beginning of long records is fitted first, to save time."""
     data = [
-        data_of(each.record.beginning(LONG), problem.nominal) if isinstance(each, Data) and len(each) > LONG else each
+        data_of(each.record.beginning(INITIAL_SAMPLES), problem.nominal)
+        if isinstance(each, Data) and len(each) > INITIAL_SAMPLES
+        else each
         for each in problem.data
     ]
     if all(each is whole for each, whole in zip(data, problem.data, strict=True)):
-        return started(problem, model, tell)
+        return fit_multistart(problem, model, tell)
     part = Problem(data, problem.nominal, problem.offset_channels)
-    near = started(part, model, tell)
-    own = renamed(part, near.own, problem, near.model)
+    near = fit_multistart(part, model, tell)
+    own = nuisance_for_problem(part, near.own, problem, near.model)
     return fit(problem, near.model, own, near.noise, tell=tell, rounds=2)
 
 
-def _fit_near(problem: Problem, model: Model, near: Identification, tell: Tell) -> Fit:
-    """Fit of all parameters from where fewer records have led to, whose noise is kept."""
+def _fit_near(problem: Problem, model: Model, near: Identification, tell: Progress) -> Fit:
+    """Fit of all parameters, started from the fit of fewer records, whose noise is kept."""
     noise, before = Noise({**problem.noise().sigma, **near.noise.sigma}), near.found
     known = {record.name: own for record, own in zip(near.campaign.of_role("fit"), before.own, strict=True)}
     model = replace(model, transducer=before.model.transducer)
     own = []
     for data in problem.data:
         alone = Problem([data], problem.nominal, problem.offset_channels)
-        # Numbers of its own first: when exactly a drive jumped looks like anything else until it is told.
-        mine = (known[data.name],) if data.name in known else held(alone, before.model, None, noise, tell).own
-        own += carried(alone, before.model, mine, model)
+        # Nuisance parameters first: the exact instant of a jump of the drive can be mistaken for other errors.
+        mine = (known[data.name],) if data.name in known else fit_nuisance(alone, before.model, None, noise, tell).own
+        own += nuisance_for_model(alone, before.model, mine, model)
     return fit(problem, model, own, noise, estimate_noise=False, tell=tell)
 
 
-def _in_its_noise(problem: Problem, first: Fit, tell: Tell) -> Fit:
-    """The same fit with the weights that responses have in the end: what comes after is compared with it."""
+def _with_final_weights(problem: Problem, first: Fit, tell: Progress) -> Fit:
+    """The same fit with the final weights of the responses, so that later fits can be compared with it."""
     factors = noise_of_responses(problem, first)
-    if all(abs(factor / first.noise.sigma[name] - 1.0) < ALIKE for name, factor in factors.items()):
+    if all(abs(factor / first.noise.sigma[name] - 1.0) < WEIGHT_TOLERANCE for name, factor in factors.items()):
         return first
     return fit(problem, first.model, first.own, Noise({**first.noise.sigma, **factors}), tell=tell, rounds=1)
 
 
-class _Verdict(NamedTuple):
-    """The last fit, which parameters it keeps at their nominal values, and which of these the records contradict."""
+class _Selection(NamedTuple):
+    """The last fit, its parameters fixed at nominal values, and those whose nominal values the records contradict."""
 
     last: Fit
     fixed: list[int]
     contradicted: list[int]
 
 
-def _verdict(problem: Problem, first: Fit, model: Model, own: Sequence[np.ndarray], tell: Tell) -> _Verdict:
-    """Fit of what the records determine: what they do not is nominal, unless they contradict that."""
+def _select_parameters(
+    problem: Problem, first: Fit, model: Model, own: Sequence[np.ndarray], tell: Progress
+) -> _Selection:
+    """Fit of the parameters that the records determine; others stay nominal unless the records contradict that."""
 
     def refitted(fixed: Sequence[int]) -> Fit:
         kept = tuple(p for k, p in enumerate(model.parameters) if k not in fixed)
         device = _with_nominal(model.transducer, problem.nominal, [model.parameters[k] for k in fixed])
-        start = in_tune(problem, replace(model, transducer=device, parameters=kept), tell) if fixed else model
+        start = tune_to_responses(problem, replace(model, transducer=device, parameters=kept), tell) if fixed else model
         return fit(problem, start, own, first.noise, tell=tell, rounds=1)
 
     fixed, contradicted = undetermined(first), list[int]()
     last = refitted(fixed)
     for k in list(fixed):
-        if not _worse(last, first):
+        if not _contradicts(last, first):
             break
         freed = refitted([other for other in fixed if other != k])
-        if _worse(last, freed):
+        if _contradicts(last, freed):
             fixed, last = [other for other in fixed if other != k], freed
             contradicted.append(k)
     places = {parameter.path: k for k, parameter in enumerate(model.parameters)}
     while True:
-        doubts = [places[last.model.parameters[n].path] for n in doubtful(last)]
+        doubts = [places[last.model.parameters[n].path] for n in uncertain(last)]
         doubt = next((k for k in doubts if k not in contradicted), None)
         if doubt is None:
-            return _Verdict(last, fixed, contradicted)
+            return _Selection(last, fixed, contradicted)
         less = refitted([*fixed, doubt])
-        if _worse(less, last):
+        if _contradicts(less, last):
             contradicted.append(doubt)
         else:
             fixed, last = [*fixed, doubt], less
 
 
-def _worse(fewer: Fit, more: Fit) -> bool:
-    """Whether records contradict the values that a fit keeps."""
-    return fewer.cost - more.cost > max(CONTRADICTED, ROUGH * more.cost)
+def _contradicts(fewer: Fit, more: Fit) -> bool:
+    """True if records contradict the values that the fit with fewer parameters keeps fixed."""
+    return fewer.cost - more.cost > max(MIN_CONTRADICTION, ROUGH_TOLERANCE * more.cost)
 
 
 def _with_nominal(transducer: Transducer, nominal: Transducer, parameters: Sequence[Parameter]) -> Transducer:
@@ -342,7 +357,7 @@ def _with_nominal(transducer: Transducer, nominal: Transducer, parameters: Seque
     return transducer
 
 
-def _estimates(campaign: Campaign, first: Fit, verdict: _Verdict, unsigned: frozenset[str]):
+def _estimates(campaign: Campaign, first: Fit, verdict: _Selection, unsigned: frozenset[str]):
     """Estimates in the order of the parameters."""
     last, fixed = verdict.last, verdict.fixed
     std = standard_errors(last)
@@ -350,14 +365,14 @@ def _estimates(campaign: Campaign, first: Fit, verdict: _Verdict, unsigned: froz
     varied = {p.path: k for k, p in enumerate(first.model.parameters)}
     for parameter in parameters_of(replace(campaign.transducer, quasi_static=False), set()):
         if parameter.path in varied:
-            parameter = first.model.parameters[varied[parameter.path]]  # as it was varied
+            parameter = first.model.parameters[varied[parameter.path]]  # with the scaling of the fit
         if parameter.name in campaign.unknown:
             continue
         before, k = float(value_at(campaign.transducer, parameter.path)), varied.get(parameter.path)
         if k is None or k in fixed:
-            together = "" if k is None else combination(first, k, [j for j in fixed if j != k])
+            combined = "" if k is None else combination(first, k, [j for j in fixed if j != k])
             yield Estimate(
-                parameter, before, before, None, False, combination=together, experiment=experiment(parameter)
+                parameter, before, before, None, False, combination=combined, experiment=experiment(parameter)
             )
             continue
         value = float(value_at(last.model.transducer, parameter.path))
@@ -375,14 +390,16 @@ def _estimates(campaign: Campaign, first: Fit, verdict: _Verdict, unsigned: froz
         yield Estimate(parameter, value, before, std_here, True, assumed(first, k, fixed), note=note)
 
 
-def _validated(campaign: Campaign, last: Fit, offsets: tuple[str, ...], tell: Tell) -> list[RecordQuality]:
-    """Records that were not fitted: their own numbers only are."""
+def _validation_qualities(
+    campaign: Campaign, last: Fit, offsets: tuple[str, ...], tell: Progress
+) -> list[RecordQuality]:
+    """Quality of the validation records, of which only the nuisance parameters are fitted."""
     data = prepared(campaign, "validate")
     if not data:
         return []
     problem = Problem(data, campaign.transducer, offsets)
     sigma = {**problem.noise().sigma, **last.noise.sigma}
-    return judged(data, held(problem, last.model, None, Noise(sigma), tell))
+    return judged(data, fit_nuisance(problem, last.model, None, Noise(sigma), tell))
 
 
 def judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuality]:
@@ -405,12 +422,12 @@ def judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuali
         rms = dict(zip(each.channels, np.sqrt(squares / count).tolist(), strict=True))
         names = Problem([each], found.model.transducer, found.model.offset_channels).own_names(found.model, each)
         own_values = dict(zip(names, own.tolist(), strict=True))
-        each_record.append(RecordQuality(each.name, each.role, Quality(rms, _expected(each, found)), own_values))
+        each_record.append(RecordQuality(each.name, each.role, Quality(rms, _expected_rms(each, found)), own_values))
     return each_record
 
 
-def _warning(data: FrequencyData, judged: Judged) -> str:
-    """What is to be known of how a response is met."""
+def _warning(data: FrequencyData, judged: ResponseQuality) -> str:
+    """Warning about the fit of a response, or ""."""
     if data.reference is None:
         return f"{data.name}: {len(data)} lines are too few to show their noise: the residual was taken for it"
     if judged.missed is not None:
@@ -426,8 +443,8 @@ def _warning(data: FrequencyData, judged: Judged) -> str:
     return ""
 
 
-def _expected(data: Data, found: Fit) -> dict[str, float]:
-    """Standard deviation of residuals of noise alone, that of the drive included."""
+def _expected_rms(data: Data, found: Fit) -> dict[str, float]:
+    """Standard deviation of residuals from noise alone, that of the drive included."""
     frequencies = np.fft.rfftfreq(min(len(data), 4096), data.setting.sample_time)
     gain = gain_of(Prediction(found.model.transducer, data.setting), data.channels, frequencies)
     passed = (np.abs(gain) ** 2).mean(axis=0) * found.noise.sigma.get(data.drive, 0.0) ** 2
@@ -435,7 +452,7 @@ def _expected(data: Data, found: Fit) -> dict[str, float]:
     return dict(zip(data.channels, np.sqrt(passed + own).tolist(), strict=True))
 
 
-def together(records: Sequence[RecordQuality]) -> Quality:
+def combined_quality(records: Sequence[RecordQuality]) -> Quality:
     """Root mean squares over records."""
 
     def mean(which: str) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""What an identified model predicts of records, beside what was measured."""
+"""Predictions of an identified model for the records, for comparison with the measurements."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from piezoharvest.records.record import FrequencyRecord, Record
 
 
 class Predicted(NamedTuple):
-    """One record.
+    """Prediction of one record.
 
     Attributes
     ----------
@@ -24,9 +24,9 @@ class Predicted(NamedTuple):
     findings : tuple of Finding
     judged : RecordQuality
     channels : tuple of str
-        Of a record over time; empty for a response.
+        Channels of a record over time; empty for a frequency response.
     values : array
-        (samples, channels), offsets of the sensors included; of a response (f,), complex.
+        (samples, channels), offsets of the sensors included; for a frequency response (f,), complex.
     """
 
     record: Record | FrequencyRecord

@@ -1,4 +1,4 @@
-"""Linear algebra without threads of its own, where these cost more than they bring."""
+"""Single-threaded linear algebra, for small matrices for which threads cost time."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ R = TypeVar("R")
 
 
 def single_threaded(function: Callable[P, R]) -> Callable[P, R]:
-    """Decorate what multiplies small matrices, or evaluates records side by side.
+    """Decorate a function that multiplies small matrices, or evaluates records in parallel.
 
-    Threads would wait for each other within every product, and spin for some time after it: alone on the machine a fit
-    takes twice as long with two of them, beside another one fifty times.
+    Threads of the linear algebra wait for each other within every product, and spin after it: with two of them a fit
+    takes twice as long, and fifty times as long beside another process.
     """
 
     @wraps(function)
@@ -29,7 +29,7 @@ def single_threaded(function: Callable[P, R]) -> Callable[P, R]:
 
 @cache
 def _threads() -> ThreadpoolController:
-    """The libraries whose threads are limited; to find them takes as long as to fit a record."""
-    import scipy.linalg  # noqa: F401 (has a library of its own, which would not be found before it is there)
+    """Controller of the libraries' threads; cached, because finding the libraries takes as long as fitting a record."""
+    import scipy.linalg  # noqa: F401 (loads a library of its own, which must be loaded to be found)
 
     return ThreadpoolController()

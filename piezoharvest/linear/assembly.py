@@ -1,4 +1,4 @@
-"""The linear model M z' = N z + B w in rows: transducer, effects and what is connected, each by its own equations."""
+"""Linear model M z' = N z + B w of a transducer, its effects and a circuit, assembled from their equations."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class LinearModel:
     B : (..., n, m) array
     rows : mapping of str to Row
         "displacement" (m), "velocity" (m/s), "voltage" (V), "current" (load current, A), "charge" (q_p, C) and
-        "drive_velocity" (what the drive multiplies with to its power, W per N or per m/s^2).
+        "drive_velocity" (conjugate of the drive: their product is its power; W per N or per m/s^2).
     powers : mapping of str to sequence of Product
-        Powers of the shunt by where they go, W.
+        Powers of the shunt by category, W.
     """
 
     states: tuple[str, ...]
@@ -76,7 +76,7 @@ class LinearModel:
         return a, b, z + dz @ a, w + dz @ b
 
     def phasors(self, omega: np.ndarray) -> Callable[[Row], np.ndarray]:
-        """Function that gives the transfer functions of a row at angular frequencies `omega` (f,), rad/s.
+        """Function that returns the transfer functions of a row at angular frequencies `omega` (f,), rad/s.
 
         It maps a row to an array (..., f, inputs), complex; `omega` may also be a scalar, without the axis f.
         """
@@ -97,14 +97,14 @@ def angular(frequencies: Any) -> np.ndarray:
     Raises
     ------
     ParameterError
-        A frequency is not finite or not above zero (open electrodes hold their charge for ever: no static gain).
+        A frequency is not finite or not above zero (open electrodes keep their charge: no static gain).
     """
     require_positive("frequencies", frequencies, "Hz")
     return 2 * np.pi * np.asarray(frequencies, float)
 
 
 def require_positive(key: str, value: Any, unit: str) -> None:
-    """Raise `ParameterError` unless the number, or every number of an array, is finite and greater than zero."""
+    """Raise `ParameterError` unless a number, or every number of an array, is finite and greater than zero."""
     numbers = np.asarray(value, float)
     bad = numbers[~(np.isfinite(numbers) & (numbers > 0))]
     if bad.size:
@@ -120,9 +120,9 @@ def hysteresis_slope(
     ----------
     transducer : Transducer
     operating_point : "stick", "slip" or sequence of bool
-        All operators stick (small signal), all slip, or for each of them whether it slips.
+        All operators stick (small signal), all slip, or True for each one that slips.
     amplitude : float, optional
-        Charge amplitude in C; with it the describing function is given instead, complex.
+        Charge amplitude in C; if given, the result is the describing function, complex.
 
     Raises
     ------
@@ -161,10 +161,10 @@ def assemble(
     slope : complex, optional
         Slope of the hysteresis in V/C; default all operators sticking. Complex for phasors.
     base : bool
-        Whether the input is base acceleration (m/s^2) rather than force (N).
+        The input is base acceleration (m/s^2) instead of force (N).
     operating_point : "stick", "slip" or sequence of bool
-        Stop operators that effects add stick, which is elastic, but for "slip", where they give nothing. What is
-        nonlinear in other effects has no part in small motions.
+        Stop operators of effects stick, which is elastic, except for "slip", where their output is zero. Nonlinear
+        terms of other effects vanish for small motions.
 
     Raises
     ------
@@ -198,7 +198,7 @@ def connect(
     prefix: str = "shunt_",
     powers: Callable[[Port, SimpleNamespace], Mapping[str, Sequence[Product]]] | None = None,
 ) -> LinearModel:
-    """Rows of a transducer whose port is closed by `terminate`.
+    """Rows of a transducer whose port is terminated by `terminate`.
 
     Parameters
     ----------
@@ -210,13 +210,13 @@ def connect(
     slope, base, operating_point
         As in `assemble`.
     resistance : float
-        In series with the transducer, ohm: what the hysteresis loses at one frequency.
+        In series with the transducer, ohm: represents the loss of the hysteresis at one frequency.
     electrical : str, optional
         Name of a second, electrical input.
     prefix : str
-        Put before the names of `states`.
+        Prefix of the names of `states`.
     powers : callable, optional
-        Powers by where they go, given (port, z).
+        Powers by category, given (port, z).
     """
     inputs = ["base_acceleration" if base else "force"] + ([electrical] if electrical else [])
     terms = Terms(transducer, inputs[0], linearised=True)
@@ -240,7 +240,7 @@ def _with_stops(terms: Terms, rows: Rows, operating_point: OperatingPoint) -> Ro
 
 
 def _hysteresis(z: Rows, dz: Rows, slope: complex, resistance: float) -> tuple[Row, Row]:
-    """Voltage of the hysteresis and its rate, which nothing may use where there is a resistance."""
+    """Voltage of the hysteresis and its rate, which must not be used if there is a resistance."""
     rate = slope * dz["q"] if np.all(np.equal(resistance, 0)) else np.nan * dz["q"]
     return slope * z["q"] + resistance * dz["q"], rate
 

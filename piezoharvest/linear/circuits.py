@@ -1,4 +1,4 @@
-"""Linear circuits at their port: the generic evaluation of their equations on unit vectors, and their admittance."""
+"""Linear circuits at their port: coefficients of their equations, found from unit vectors, and their admittance."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from piezoharvest.linear.assembly import angular
 
 
 class CircuitColumns(NamedTuple):
-    """Equations z Z + dz Z' + v V + dv V' + i I = 0 of a circuit by their coefficients.
+    """Coefficients of a circuit's equations z Z + dz Z' + v V + dv V' + i I = 0.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ def circuit_columns(shunt: Shunt, capacitance: float) -> CircuitColumns:
     ----------
     shunt : LinearShunt
     capacitance : float
-        Clamped capacitance of the transducer in F; nan where there is none.
+        Clamped capacitance of the transducer in F; NaN if there is none.
 
     Raises
     ------
@@ -71,12 +71,12 @@ def admittance(shunt: Shunt, frequencies: Any, transducer: Transducer | None = N
     frequencies : (f,) array or float
         Hz.
     transducer : Transducer, optional
-        Needed only for circuits that are tuned to its capacitance.
+        Required for circuits that are tuned to its capacitance.
 
     Returns
     -------
     (f,) complex array or complex
-        S; infinite for a short. A batch of designs comes as the leading axis.
+        S; infinite for a short. A batch of designs is the leading axis.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""From the material constants of equation 10 of the paper to a transducer, and what a material can convert at best.
+"""Transducer from the material constants of equation 10 of the paper, and the best conversion of a material.
 
 S = s T + d E, D = d T + eps E (strain, stress, electrical displacement, field; s at constant field, eps at constant
 stress): IEEE Std 176-1987.
@@ -81,7 +81,7 @@ def from_material(
         Of one layer, m; the stack is layers * thickness long.
     layers : int
     mass, damping : float
-        Lumped mass (kg) and viscous damping (N s/m), which the material does not tell.
+        Lumped mass (kg) and viscous damping (N s/m), which do not follow from the material.
     **others
         Further fields of `Transducer`: hysteresis, modes, effects, name, ...
 
@@ -105,10 +105,10 @@ def from_material(
 
 
 def transmission_coefficient(coupling_squared: float) -> float:
-    """Energy transmission k^2/(4 - 2 k^2) of a material whose load takes the most energy out of it.
+    """Energy transmission k^2/(4 - 2 k^2) of a material with the load that extracts the most energy.
 
-    Under a static stress T the field -e of the load takes out e D/2 and the stress puts in T S/2. The output is
-    greatest at e = d T/(2 eps), where output/input is this. Given as the transmission coefficient of a harvester by
+    Under a static stress T the field -e of the load extracts e D/2 and the stress supplies T S/2. The output is
+    greatest at e = d T/(2 eps); the result is output/input there. Called the transmission coefficient of a harvester by
     Roundy (J. Intell. Mater. Syst. Struct. 16(10), 809-823, 2005; from memory of the paper, the formula derived here).
 
     Parameters
@@ -124,12 +124,12 @@ def transmission_coefficient(coupling_squared: float) -> float:
 
 
 def maximum_transmission_coefficient(coupling_squared: float) -> float:
-    """Greatest energy transmission that any load reaches, (1/k - sqrt(1/k^2 - 1))^2 = (2 - k^2 - 2 sqrt(1 - k^2))/k^2.
+    """Greatest energy transmission with any load, (1/k - sqrt(1/k^2 - 1))^2 = (2 - k^2 - 2 sqrt(1 - k^2))/k^2.
 
-    The maximum over the load field e of e D/(T S), at e = (T d/(eps k^2)) (1 - sqrt(1 - k^2)); between k^2/4 and
-    k^2/2 for usual materials (Wang, Du, Xu, Zhang & Cross, IEEE Trans. UFFC 46(3), 638-646, 1999). It is a ratio of
-    energies in one quasi-static stroke; what is not transmitted stays stored and is not lost, so that it is no bound
-    on the efficiency P_out/P_in of equation 13.
+    The maximum over the load field e of e D/(T S), at e = (T d/(eps k^2)) (1 - sqrt(1 - k^2)); between k^2/4 and k^2/2
+    for usual materials (Wang, Du, Xu, Zhang & Cross, IEEE Trans. UFFC 46(3), 638-646, 1999). It is a ratio of energies
+    in one quasi-static stroke; the rest stays stored and is not lost, so that it is no bound on the efficiency
+    P_out/P_in of equation 13.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Resonances with shorted and with open electrodes, and the coupling factors that they tell."""
+"""Resonances with shorted and with open electrodes, and the coupling factors that follow from them."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class Resonance(NamedTuple):
     Attributes
     ----------
     undamped : (n,) array
-        Of all n modes without damping and without effects, Hz, increasing.
+        Natural frequencies of all n modes without damping and without effects, Hz, increasing.
     natural : (p,) array
-        Magnitude of the damped poles over 2 pi, Hz, increasing; modes that are overdamped have none.
+        Magnitude of the damped poles over 2 pi, Hz, increasing; overdamped modes are omitted.
     damping_ratio : (p,) array
         -Re s/|s| of these poles.
     """
@@ -34,7 +34,7 @@ class Resonance(NamedTuple):
 
     @property
     def damped(self) -> np.ndarray:
-        """Frequencies at which the damped modes ring, natural * sqrt(1 - damping_ratio^2), Hz, (p,) array."""
+        """Damped frequencies natural * sqrt(1 - damping_ratio^2), Hz, (p,) array."""
         return self.natural * np.sqrt(1 - self.damping_ratio**2)
 
 
@@ -68,8 +68,8 @@ def resonances(transducer: Transducer, *, operating_point: OperatingPoint = "sti
     ----------
     transducer : Transducer
     operating_point : "stick", "slip" or sequence of bool
-        Hysteresis by its slope. While operators stick they are elastic, and a short at the electrodes is not one at
-        the capacitance: "short_circuit" is stiffer than sqrt(k/m) then.
+        Hysteresis by its slope. Sticking operators are elastic, and shorted electrodes do not short the capacitance:
+        "short_circuit" is then above sqrt(k/m).
     """
     return Resonances(
         _resonance(transducer, Short(), operating_point, shorted=True),
@@ -91,7 +91,7 @@ def coupling_factor(transducer: Transducer, *, operating_point: OperatingPoint =
 
 
 def _resonance(transducer: Transducer, shunt: LinearShunt, operating_point: OperatingPoint, shorted: bool) -> Resonance:
-    """Undamped by the symmetric eigenvalue problem of stiffness and mass, damped by the poles."""
+    """Undamped frequencies by the symmetric eigenvalue problem of stiffness and mass, damped ones by the poles."""
     modes = transducer.all_modes
     root_mass = np.sqrt([mode.mass for mode in modes])
     coupling = np.array([mode.coupling for mode in modes]) / root_mass

@@ -30,7 +30,7 @@ class FrequencyResponse:
     charge : complex array
         q_p, C/N.
     harvested_power, mechanical_power : array
-        Mean power into the load and mean power that the drive delivers, W/N^2 (of the peak value).
+        Mean power into the load, and mean power that the drive delivers, W/N^2 (of the peak value).
     base : bool
         Units above per m/s^2 instead of N.
     """
@@ -64,13 +64,13 @@ def frequency_response(
     Parameters
     ----------
     system : System
-        The shunt must be linear. A component that holds arrays of shape (designs, 1) makes it a batch.
+        The shunt must be linear. Components with arrays of shape (designs, 1) make it a batch.
     frequencies : (f,) array or float
         Hz.
     base : bool
         Drive by base acceleration instead of force.
     amplitude : float, optional
-        Charge amplitude in C at which the hysteresis enters by its describing function (first harmonic, with loss).
+        Charge amplitude in C of the describing function that represents the hysteresis (first harmonic, with loss).
     operating_point : "stick", "slip" or sequence of bool
         Hysteresis by its slope, without `amplitude`.
 

@@ -1,4 +1,4 @@
-"""Poles of the closed loop of a transducer and a linear circuit, and the check that they do not grow."""
+"""Poles of the closed loop of a transducer and a linear circuit, and a stability check."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from piezoharvest.description.system import System
 from piezoharvest.equations.terms import Terms
 from piezoharvest.linear.assembly import CANCELLED, OperatingPoint, assemble, hysteresis_slope
 
-_RANK = 1e-13  # of the largest singular value: what rounding leaves of a zero
-_DOUBLINGS = 14  # of an unstable value, up and down, in search of a stable one
-_RELATIVE = 1e-9  # of its own size: what rounding leaves of an undamped pole's real part
+_RANK_TOLERANCE = 1e-13  # of the largest singular value: a smaller one counts as zero
+_MAX_DOUBLINGS = 14  # of an unstable value, upwards and downwards, in the search for a stable one
+_REAL_PART_TOLERANCE = 1e-9  # of a pole's magnitude: a smaller real part counts as zero
 
 
 def poles(system: System, *, operating_point: OperatingPoint = "stick") -> np.ndarray:
@@ -25,13 +25,13 @@ def poles(system: System, *, operating_point: OperatingPoint = "stick") -> np.nd
     system : System
         The shunt must be linear.
     operating_point : "stick", "slip" or sequence of bool
-        Hysteresis by its slope: all operators stick, all slip, or for each of them whether it slips.
+        Hysteresis by its slope: all operators stick, all slip, or True for each one that slips.
 
     Returns
     -------
     (n,) complex array
-        Sorted by magnitude. A floating charge (open electrodes) and a constraint that a circuit gives by its
-        derivative (a short) are poles at exactly zero.
+        Sorted by magnitude. A floating charge (open electrodes) and a constraint that a circuit states by its
+        derivative (a short) give poles at exactly zero.
 
     Raises
     ------
@@ -40,15 +40,15 @@ def poles(system: System, *, operating_point: OperatingPoint = "stick") -> np.nd
     """
     slope = hysteresis_slope(system.transducer, operating_point)
     model = assemble(system.transducer, system.shunt, slope=slope, operating_point=operating_point)
-    # Without units: states by their energy, time by the first resonance, each equation by its largest term.
+    # Normalised: states by their energy, time by the first resonance, each equation by its largest term.
     rate, scales = 2 * np.pi * system.transducer.short_circuit_frequency, _energy_scales(system)
     m, n = model.M * scales * rate, model.N * scales
     rows = np.max(np.abs(np.concatenate((m, n), axis=1)), axis=1, keepdims=True)
     m, n = m / rows, n / rows
-    # What equations say of derivatives only (y N = 0) is conserved, y M z: poles at zero, taken out before rounding can
-    # move them.
+    # Combinations of equations without states (y N = 0) conserve y M z: poles at zero, removed before rounding can
+    # shift them.
     left, singular, _ = np.linalg.svd(n)
-    conserved = left.T[singular < _RANK * singular[0]] @ m
+    conserved = left.T[singular < _RANK_TOLERANCE * singular[0]] @ m
     motion = np.linalg.svd(conserved)[2][len(conserved) :].T if len(conserved) else np.eye(len(m))
     try:
         found = np.linalg.eigvals(motion.T @ np.linalg.solve(m, n @ motion)) * rate
@@ -59,7 +59,7 @@ def poles(system: System, *, operating_point: OperatingPoint = "stick") -> np.nd
 
 
 def _energy_scales(system: System) -> np.ndarray:
-    """Value of each state, in the order of the model, at which it holds an energy of 1/2 J."""
+    """Value of each state, in the order of the model, at which its energy is 1/2 J."""
     transducer = system.transducer
     scales = [scale for mode in transducer.all_modes for scale in (mode.stiffness**-0.5, mode.mass**-0.5)]
     states = Terms(transducer, linearised=True).states
@@ -68,18 +68,18 @@ def _energy_scales(system: System) -> np.ndarray:
 
 
 def check_stability(system: System) -> None:
-    """Make sure that the closed loop is stable, with sticking and with slipping hysteresis.
+    """Raise an error unless the closed loop is stable, with sticking and with slipping hysteresis.
 
     A pole at zero (a floating charge) is not instability. Circuits with switches or diodes are passive and pass.
 
     Raises
     ------
     ParameterError
-        A pole has a positive real part; says which value is to blame, what is allowed and which pole it is.
+        A pole has a positive real part; the message names the value at fault, the allowed values and the pole.
     """
     if not isinstance(system.shunt, LinearShunt):
         return
-    worst = _growing(system)
+    worst = _unstable_pole(system)
     if worst is None:
         return
     imaginary = f" ± {abs(worst.imag):.4g}j" if worst.imag else ""
@@ -92,22 +92,24 @@ def check_stability(system: System) -> None:
     raise ParameterError(key, f"found {found:g} {unit}, allowed is {allowed} ({reason})")
 
 
-def _growing(system: System) -> complex | None:
-    """The pole that grows fastest, or None where none does; infinite where the loop is singular."""
+def _unstable_pole(system: System) -> complex | None:
+    """Unstable pole with the largest real part, or None if the loop is stable; infinite if the loop is singular."""
     worst: complex | None = None
     for operating_point in ("stick", "slip"):
         try:
             found = poles(system, operating_point=operating_point)
         except ParameterError:
             return complex(np.inf)
-        found = found[np.real(found) > np.maximum(_RELATIVE * np.abs(found), _RANK * np.max(np.abs(found)))]
+        found = found[
+            np.real(found) > np.maximum(_REAL_PART_TOLERANCE * np.abs(found), _RANK_TOLERANCE * np.max(np.abs(found)))
+        ]
         if len(found) and (worst is None or np.real(found).max() > worst.real):
             worst = complex(found[np.argmax(np.real(found))])
     return worst
 
 
 def _active_field(system: System) -> str | None:
-    """Name of the shunt's field that is the magnitude of a negative storage element, if there is one."""
+    """Name of the shunt's field for the magnitude of a negative storage element, if there is one."""
     negative = [-state.storage for state in system.shunt.states(system.transducer.capacitance) if state.storage < 0]
     for field in dataclasses.fields(system.shunt):
         if "unit" in field.metadata and any(getattr(system.shunt, field.name) == value for value in negative):
@@ -116,14 +118,14 @@ def _active_field(system: System) -> str | None:
 
 
 def _stable_values(system: System, key: str, unit: str) -> str:
-    """In words, the values of a field of the shunt that make the loop stable, by bisection."""
+    """Description of the values of a shunt's field with which the loop is stable, by bisection."""
     found = getattr(system.shunt, key)
 
     def stable(value: float) -> bool:
         shunt = dataclasses.replace(system.shunt, **{key: value})
-        return _growing(System(system.transducer, shunt)) is None
+        return _unstable_pole(System(system.transducer, shunt)) is None
 
-    for doublings in range(1, _DOUBLINGS):
+    for doublings in range(1, _MAX_DOUBLINGS):
         for factor, words in ((0.5, "less than"), (2.0, "greater than")):
             good = found * factor**doublings
             if not stable(good):

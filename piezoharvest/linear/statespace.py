@@ -1,4 +1,4 @@
-"""Systems of python-control with named signals: transducer two-ports, linear circuits, closed loops."""
+"""State-space systems of python-control with named signals: transducer two-ports, linear circuits, closed loops."""
 
 from __future__ import annotations
 
@@ -45,16 +45,16 @@ def linearize(
     ----------
     transducer : Transducer
     drive : "current" or "voltage"
-        What is imposed on the electrodes. "current": inputs `force` and `current`, outputs `displacement`, `velocity`
-        and `voltage`. "voltage": inputs `force` and `voltage`, outputs `displacement`, `velocity`, `charge`,
-        `current`. `current` is the LOAD current i (A), positive out of the transducer, and `charge` its integral (C,
-        without effects -q_p), so that current = d charge/dt and a resistor closes the loop by current = voltage/R.
+        Quantity imposed on the electrodes. "current": inputs `force` and `current`, outputs `displacement`, `velocity`
+        and `voltage`. "voltage": inputs `force` and `voltage`, outputs `displacement`, `velocity`, `charge`, `current`.
+        `current` is the LOAD current i (A), positive out of the transducer, and `charge` its integral (C, without
+        effects -q_p), so that current = d charge/dt and a resistor closes the loop by current = voltage/R.
     base : bool
         Take `base_acceleration` (m/s^2) as input instead of `force` (N).
     operating_point : "stick", "slip" or sequence of bool
-        Hysteresis by its slope: all operators stick (small signal), all slip, or for each whether it slips.
+        Hysteresis by its slope: all operators stick (small signal), all slip, or True for each one that slips.
     amplitude : float, optional
-        Charge amplitude in C. With it the hysteresis enters by its describing function N instead: Re N as slope and
+        Charge amplitude in C. If given, the hysteresis is represented by its describing function N: Re N as slope and
         Im N as the series resistance Im N/omega, which is exact at `frequency` only.
     frequency : float, optional
         Hz, used with `amplitude`; default the first mode's short-circuit resonance.
@@ -63,7 +63,7 @@ def linearize(
         no proper current response; with it, current and charge roll off at 1/(R C). Default 1e-6/(w_oc C), an error
         of about 1e-6 at the open-circuit resonance; take a larger one where the fast pole is in the way.
     name : str
-        Name of the system, as `control.interconnect` uses it.
+        Name of the system, for `control.interconnect`.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def linearize(
 
 
 def _voltage_driven(transducer: Transducer, lead_resistance: float | None, settings: dict[str, Any]) -> LinearModel:
-    """Rows of the transducer behind its leads; effects draw current too, so that the load's charge is a state then."""
+    """Rows of the transducer behind its leads; with effects that draw current the load's charge is a state."""
     if lead_resistance is None:
         lead_resistance = 1e-6 / (2 * np.pi * transducer.open_circuit_frequency * transducer.capacitance)
     require_positive("lead_resistance", lead_resistance, "ohm")
@@ -142,7 +142,7 @@ def closed_loop(
 def linearize_shunt(
     shunt: LinearShunt, *, drive: Drive = "voltage", capacitance: float = float("nan"), name: str = "shunt"
 ) -> StateSpace:
-    """Linear circuit as a `control.StateSpace`, to be interconnected with `linearize(transducer, ...)`.
+    """Linear circuit as a `control.StateSpace`, for interconnection with `linearize(transducer, ...)`.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def linearize_shunt(
 
 
 def _integrated(z, dz, imposed, free, dv, drive: Drive):
-    """Take equations that hold derivatives only once back in time: a constraint such as dv/dt = 0 is v = 0 then."""
+    """Integrate equations that contain derivatives only: a constraint such as dv/dt = 0 becomes v = 0."""
     pure = ~(np.any(z, axis=1) | (imposed != 0) | (free != 0))
     z, dz = np.where(pure[:, None], dz, z), np.where(pure[:, None], 0.0, dz)
     voltage = np.where(pure, dv, imposed if drive == "voltage" else free)
@@ -199,7 +199,7 @@ def _state_space(model: LinearModel, outputs: tuple[str, ...], name: str, **labe
 
 
 def _system(a, b, c, d, signals: dict[str, Any]) -> StateSpace:
-    """Hand the matrices over to python-control, which is imported only here: it takes a second."""
+    """System of python-control, which is imported only here: that takes a second."""
     from control import StateSpace
 
     return StateSpace(*(matrix + 0.0 for matrix in (a, b, c, d)), **signals)

@@ -17,8 +17,8 @@ class TwoPort:
     """Linear two-port at a set of frequencies.
 
     The ports are (F, u), force and velocity, and (v, i_p), voltage and current; u and i_p flow INTO the two-port, so
-    that F u and v i_p are the powers it takes in. `abcd` alone has the LOAD current i = -i_p, out of the second port,
-    so that two-ports in a chain multiply. After a cascade the second port is that of the last one.
+    that F u and v i_p are the powers supplied to it. Only `abcd` has the LOAD current i = -i_p, out of the second port,
+    so that two-ports in a chain multiply. The second port of a cascade is that of the last two-port.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class TwoPort:
         frequencies : (f,) array
             Hz.
         amplitude : float, optional
-            Charge amplitude in C at which the hysteresis enters by its describing function.
+            Charge amplitude in C of the describing function that represents the hysteresis.
         operating_point : "stick", "slip" or sequence of bool
             Hysteresis by its slope, without `amplitude`.
 
@@ -74,7 +74,7 @@ class TwoPort:
 
     @classmethod
     def from_abcd(cls, frequencies: np.ndarray, abcd: np.ndarray) -> TwoPort:
-        """Two-port from its chain matrix (f, 2, 2), as `abcd` gives it."""
+        """Two-port from its chain matrix (f, 2, 2), defined as `abcd`."""
         a, b, c, d = (abcd[..., i, j] for i in (0, 1) for j in (0, 1))
         return cls(np.asarray(frequencies, float), _matrix(a / c, (a * d - b * c) / c, 1 / c, d / c))
 
@@ -101,7 +101,7 @@ class TwoPort:
         return self.z[..., 0, 0], self.z[..., 0, 1], self.z[..., 1, 0], self.z[..., 1, 1]
 
     def impedance(self, mechanical: Literal["free", "blocked"] = "free") -> np.ndarray:
-        """Impedance v/i_p of the leads, ohm, (f,) array: with no force on the mechanical port, or held in place."""
+        """Impedance v/i_p at the leads, ohm, (f,) array, with the mechanical port free or clamped."""
         z11, z12, z21, z22 = self._elements()
         if mechanical not in ("free", "blocked"):
             raise ParameterError("mechanical", f'found "{mechanical}", allowed is "free" or "blocked"')
@@ -113,7 +113,7 @@ class TwoPort:
         return z11 - z12 * z21 / (z22 + load)
 
     def efficiency(self, load: Any) -> np.ndarray:
-        """Power into a load impedance over mechanical power taken in, P_out/P_in of equation 13, (f,) array.
+        """Power into a load impedance over mechanical input power, P_out/P_in of equation 13, (f,) array.
 
         Parameters
         ----------
@@ -135,18 +135,18 @@ class TwoPort:
     def passivity_margin(self) -> float:
         """Least eigenvalue, over all frequencies, of the Hermitian part of z with both ports scaled to |z_ii| = 1.
 
-        Zero for a lossless two-port, negative for one that can give net power.
+        Zero for a lossless two-port, negative for one that can deliver net power.
         """
         scale = 1 / np.sqrt(np.abs(np.stack((self.z[..., 0, 0], self.z[..., 1, 1]), axis=-1)))
         scaled = self.z * scale[..., :, None] * scale[..., None, :]
         return float(np.min(np.linalg.eigvalsh((scaled + scaled.conj().swapaxes(-1, -2)) / 2), initial=np.inf))
 
     def is_reciprocal(self, tolerance: float = 1e-9) -> bool:
-        """Whether z is symmetric: `reciprocity_error` within the tolerance."""
+        """True if z is symmetric: `reciprocity_error` within the tolerance."""
         return self.reciprocity_error <= tolerance
 
     def is_passive(self, tolerance: float = 1e-9) -> bool:
-        """Whether it takes in net power in every operation at these frequencies: `passivity_margin` >= -tolerance."""
+        """True if it absorbs net power in every operation at these frequencies: `passivity_margin` >= -tolerance."""
         return self.passivity_margin >= -tolerance
 
     def __matmul__(self, other: TwoPort | np.ndarray) -> TwoPort:
@@ -190,7 +190,7 @@ def conversion_efficiency(
     Returns
     -------
     (f,) array
-        From 0 to 1 for a passive load; what is missing went into damping, hysteresis and effects.
+        From 0 to 1 for a passive load; the rest is lost in damping, hysteresis and effects.
     """
     return TwoPort.of(transducer, frequencies, amplitude=amplitude).efficiency(load)
 

@@ -1,4 +1,4 @@
-"""Equations of a transducer in a record's setting, and the steps that take it from sample to sample."""
+"""Discrete-time model of a transducer in a record: its equations and the steps from sample to sample."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import numpy as np
 
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.predict.drive import FINE, Drive, drive_of
+from piezoharvest.predict.drive import JUMP_PARTS, Drive, drive_of
 from piezoharvest.predict.parameters import STEP, Parameter, stepped, value_at
 from piezoharvest.predict.record_model import Matrices, RecordModel
 from piezoharvest.predict.sample_step import SampleStep, inverse_of, step_of
 
-# Steps of components are too small for what comes after their equations: squares of imaginary parts would underflow,
-# which is slow.
+# Complex steps of components are too small for later operations: squares of imaginary parts would underflow, which is
+# slow.
 MAGNIFIED = 1e-30
-SLOW = 2.0  # samples: a state that lasts longer than this has a start of its own,
-LASTS = 0.05  # which means that so much of it is left
-SOON, AFTER = 16, 64  # steps from a jump on that are taken in small ones, and in how many
+MIN_SLOW_SAMPLES = 2.0  # samples: a state that takes longer to decay has a free initial value,
+DECAYED_SHARE = 0.05  # remaining share of a state that has decayed
+STEPS_AFTER_JUMP, PARTS_AFTER_JUMP = 16, 64  # steps after a jump that are divided, and the number of their parts
 
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What a prediction needs of a record.
+    """Properties of a record that a prediction depends on.
 
     Attributes
     ----------
@@ -38,13 +38,13 @@ class Setting:
     count : int
         Samples.
     free : tuple of str
-        States whose start is free.
+        States with a free initial value.
     swift : tuple of str
-        Those that have come to rest about these long before the record, as fast as they are.
+        Fast states, which have come to rest relative to the free ones before the record.
     abrupt : bool
-        Whether the drive jumps to its first value at the first sample, from one that is free.
+        The drive jumps to its first value at the first sample, from a free value.
     fine : int
-        Steps in which every sample is taken by models with elements, whose outputs run straight within a step.
+        Steps per sample for models with elements, whose outputs are linear in time within a step.
     """
 
     drive: str
@@ -60,14 +60,17 @@ class Setting:
 
     @property
     def jumps(self) -> np.ndarray:
-        """Steps in which the drive jumps, the first one if it begins abruptly."""
+        """Steps in which the drive jumps, including the first one if the record begins abruptly."""
         return np.concatenate([np.zeros(int(self.abrupt), int), self.motion.jumps])
 
     @cached_property
     def parts(self) -> dict[int, int]:
-        """In how many small steps some are taken: those with a jump, and soon after, where operators slip fast."""
+        """Number of parts of divided steps: those with a jump and those soon after, in which operators slip fast."""
         jumps = self.jumps.tolist()
-        found = {**{jump + k: AFTER for jump in jumps for k in range(SOON)}, **dict.fromkeys(jumps, FINE)}
+        found = {
+            **{jump + k: PARTS_AFTER_JUMP for jump in jumps for k in range(STEPS_AFTER_JUMP)},
+            **dict.fromkeys(jumps, JUMP_PARTS),
+        }
         return {step: parts for step, parts in found.items() if step < self.count - 1}
 
 
@@ -80,9 +83,9 @@ def setting_of(
     *,
     abrupt: bool = False,
 ) -> Setting:
-    """Setting from the samples of the drive; with a transducer, states that outlast a few samples have free starts.
+    """Setting from the samples of the drive; with a transducer, slow states have free initial values.
 
-    What effects add begins at rest: a preload has acted long before the record.
+    States of effects begin at rest: a preload has acted long before the record.
     """
     motion = drive_of(values)
     setting = Setting(drive, shunt, sample_time, float(values[0]), motion, len(values), abrupt=abrupt)
@@ -90,13 +93,13 @@ def setting_of(
         return setting
     bare = DiscreteModel(replace(transducer, effects=()), setting, ())
     M, n = bare.step.M, len(bare.step.M)
-    kept = np.abs(np.linalg.matrix_power(M[:, :n], int(SLOW))).max(axis=0)
-    free = tuple(name for name, k in zip(bare.matrices.states, kept, strict=True) if k > LASTS)
+    kept = np.abs(np.linalg.matrix_power(M[:, :n], int(MIN_SLOW_SAMPLES))).max(axis=0)
+    free = tuple(name for name, k in zip(bare.matrices.states, kept, strict=True) if k > DECAYED_SHARE)
     return replace(setting, free=free, swift=tuple(name for name in bare.matrices.states if name not in free))
 
 
 class DiscreteModel:
-    """A transducer's equations for all records that differ in their drive alone.
+    """A transducer's equations for all records that differ in their drive only.
 
     Parameters
     ----------
@@ -104,7 +107,7 @@ class DiscreteModel:
     setting : Setting
         One of the records.
     parameters : sequence of Parameter
-        What derivatives are wanted to.
+        Variables of the derivatives.
     """
 
     def __init__(self, transducer: Transducer, setting: Setting, parameters: Sequence[Parameter]) -> None:
@@ -118,7 +121,7 @@ class DiscreteModel:
 
     @staticmethod
     def key(setting: Setting) -> tuple:
-        """What the records have to have in common."""
+        """Properties that the records of one model have in common."""
         return setting.shunt, setting.drive, setting.sample_time, setting.count
 
     def _matrices(self, transducer: Transducer) -> Matrices:
@@ -127,7 +130,7 @@ class DiscreteModel:
 
     @cached_property
     def tangents(self) -> list[Matrices]:
-        """Equations with a complex step in each parameter."""
+        """Equations with a complex step in each parameter, one set per parameter."""
         found = []
         for parameter in self.parameters:
             inner = parameter.inner(value_at(self.transducer, parameter.path))
@@ -135,13 +138,13 @@ class DiscreteModel:
         return found
 
     def step_by(self, parts: int) -> SampleStep:
-        """Step that is a part of a sample's."""
+        """Step over one of `parts` parts of a sample."""
         if parts not in self._steps:
             self._steps[parts] = self._discretised(self.matrices, parts)
         return self._steps[parts]
 
     def tangent_steps(self, parts: int) -> list[SampleStep]:
-        """The same with a complex step in each parameter."""
+        """As `step_by`, with a complex step in each parameter."""
         if parts not in self._tangent_steps:
             self._tangent_steps[parts] = [self._discretised(tangent, parts) for tangent in self.tangents]
         return self._tangent_steps[parts]

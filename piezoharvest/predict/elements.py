@@ -1,4 +1,4 @@
-"""Scalar elements without memory, evaluated outside the compiled march: for equilibria."""
+"""Scalar elements without memory, evaluated outside the compiled propagation: for equilibria."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from piezoharvest.predict.record_model import POSITIVE_POWER, POWER, PRODUCT
 def outputs_of(
     kinds: np.ndarray, places: np.ndarray, exponents: np.ndarray, inputs: np.ndarray, w: np.ndarray
 ) -> np.ndarray:
-    """Outputs (k, elements) of the elements for inputs (k, inputs) and outputs before; stops stay as they are."""
+    """Outputs (k, elements) of the elements for inputs (k, inputs); those of stops are copied from `w`."""
     found = w.copy()
     for j, (kind, (first, second), exponent) in enumerate(zip(kinds, places, exponents, strict=True)):
         value = inputs[:, first]

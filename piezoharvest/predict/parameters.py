@@ -1,4 +1,4 @@
-"""Parameters of a transducer and its effects as a vector: how each is scaled, and how a value is put in its place."""
+"""Parameters of a transducer and its effects as a vector: scaling, reading and replacing of values."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from piezoharvest.description.transducer import INERT, Transducer
 
-# Small enough for what it is multiplied with to be one that components take (parameters.COMPLEX_STEP).
+# Small enough to be accepted by components (parameters.COMPLEX_STEP) after multiplications.
 STEP = 1e-165
 Path = tuple[str | int, ...]
 
@@ -24,14 +24,14 @@ class Parameter:
     Attributes
     ----------
     path : tuple
-        Where it stands: ("stiffness",), ("modes", 0, "mass"), ("effects", 1, "resistance").
+        Place in the transducer: ("stiffness",), ("modes", 0, "mass"), ("effects", 1, "resistance").
     unit : str
     scaling : "log", "linear" or "reciprocal"
-        What is varied: the logarithm, the value, or 1/value for what is absent at infinity.
+        The variable is the logarithm, the value, or 1/value for a component that is absent at infinity.
     lower, upper : float
-        Bounds of what is varied.
+        Bounds of the variable.
     sign : float
-        Of a value whose logarithm is varied: 1 or -1.
+        Sign of a value whose logarithm is varied: 1 or -1.
     """
 
     path: Path
@@ -47,13 +47,13 @@ class Parameter:
         return ".".join(str(part) for part in self.path)
 
     def inner(self, value: float) -> float:
-        """What is varied, from a value."""
+        """Variable from a value."""
         if self.scaling == "log":
             return np.log(self.sign * value)
         return float(value) if self.scaling == "linear" else 1.0 / value
 
     def outer(self, inner: complex) -> Any:
-        """Value, from what is varied."""
+        """Value from the variable."""
         if self.scaling == "linear":
             return inner
         if self.scaling == "log":
@@ -61,7 +61,7 @@ class Parameter:
         return 1.0 / inner if inner != 0 else np.inf
 
     def slope(self, inner: float) -> float:
-        """Size of the derivative of the value to what is varied; that of 1/value where this is absent at infinity."""
+        """Magnitude of the value's derivative with respect to the variable; that of 1/value for reciprocal scaling."""
         return float(np.exp(inner)) if self.scaling == "log" else 1.0
 
 
@@ -83,7 +83,7 @@ def _fields(component: Any, names: Sequence[str], path: Path) -> list[Parameter]
 
 
 def parameters_of(transducer: Transducer, drive_kinds: set[str]) -> list[Parameter]:
-    """Parameters of a transducer without its effects, those that the drives of a campaign let matter."""
+    """Parameters of a transducer without its effects, as far as they matter under the drives of a campaign."""
     mechanical = [*(() if transducer.quasi_static else INERT), "stiffness", "coupling"]
     found = _fields(transducer, [*mechanical, "capacitance"], ())
     for n, mode in enumerate(transducer.modes):
@@ -97,7 +97,7 @@ def parameters_of(transducer: Transducer, drive_kinds: set[str]) -> list[Paramet
 
 
 def value_at(transducer: Transducer, path: Path) -> Any:
-    """Value that stands at a path."""
+    """Value at a path."""
     value: Any = transducer
     for part in path:
         value = value[part] if isinstance(part, int) else getattr(value, part)
@@ -118,5 +118,5 @@ def put(component: Any, path: Path, value: Any) -> Any:
 
 
 def stepped(transducer: Transducer, parameter: Parameter, inner: float) -> Transducer:
-    """Transducer with a complex step of what is varied."""
+    """Transducer with a complex step of the variable."""
     return put(transducer, parameter.path, parameter.outer(inner + 1j * STEP))

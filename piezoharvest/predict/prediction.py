@@ -1,4 +1,4 @@
-"""What a transducer is predicted to do in a record, with the derivatives to its parameters."""
+"""Predicted response of a transducer in a record, with derivatives with respect to its parameters."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ import numpy as np
 
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.predict.discrete_model import MAGNIFIED, DiscreteModel, Setting
-from piezoharvest.predict.drive import FINE, RISE, divided, rising
+from piezoharvest.predict.drive import JUMP_PARTS, RISE_PARTS, divided, rise_steps
 from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.record_model import STOP, Matrices
 from piezoharvest.predict.sample_step import SampleStep, equilibria
-from piezoharvest.predict.segments import NEVER, Pace, Propagation, pace_of, padded
+from piezoharvest.predict.segments import NO_RISE, Pace, Propagation, pace_of, padded
 
-BLOCK = 1 << 16  # samples at a time: a record of millions of samples is never in memory with its derivatives
+BLOCK = 1 << 16  # samples at a time: the derivatives of a record of millions of samples do not fit into memory
 
 
 class PredictionError(ArithmeticError):
-    """The model cannot follow a record: the message says where."""
+    """The model cannot be propagated through a record: the message says where."""
 
 
 class Block(NamedTuple):
-    """Part of a prediction.
+    """Consecutive samples of a prediction.
 
     Attributes
     ----------
@@ -33,9 +33,9 @@ class Block(NamedTuple):
         First sample.
     values : (samples, channels) array
     derivatives : (samples, channels, parameters) array
-        To what is varied of the parameters, then to the record's own, as in `Prediction.own_names`.
+        With respect to the parameters' variables, then to the record's own numbers, as in `Prediction.own_names`.
     between : ((samples - 1) * parts + 1, channels) array or None
-        Values between the samples, too, if they are wanted; within steps over which a drive jumps they mean nothing.
+        Values between the samples, too, if requested; they are meaningless within steps over which the drive jumps.
     """
 
     begin: int
@@ -52,17 +52,17 @@ class Prediction:
     transducer : Transducer
     setting : Setting
     parameters : sequence of Parameter
-        What derivatives are wanted to.
+        Variables of the derivatives.
     own : (n,) array, optional
-        The record's own numbers, as `own_names` names them: by how much the states at the start are off equilibrium
-        (SI units); the value of the drive before a record that begins abruptly; the share of its threshold that every
-        stop is at, for it remembers what came before the record; by how much every jump is off the middle of its step,
-        as integral in the drive's unit times the time of a small step, and the logarithm of how long it takes over
-        `RISE` of these. `own_limits` are their largest sizes.
+        The record's own numbers, named in `own_names`: initial deviations of the states from equilibrium (SI units);
+        the value of the drive before a record that begins abruptly; the initial output of every stop as fraction of its
+        threshold, which depends on the history before the record; the delay of every jump from the middle of its step,
+        as integral in the drive's unit times the time of a small step, and the logarithm of its duration over
+        `RISE_PARTS` of these. `own_limits` are bounds of their magnitudes.
     lowered : DiscreteModel, optional
-        The equations, if they are known.
+        The equations, if already computed.
     relaxed : bool
-        Whether stops begin at zero.
+        Stops begin at zero.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Prediction:
             [matrices.states.index(name) for name in some] for some in (setting.free, setting.swift)
         )
         before = ("drive before",) * setting.abrupt
-        # Where the drive comes upon a specimen at rest, its first jump leaves little of what was before.
+        # If the drive begins on a specimen at rest, its first jump overrides the history before.
         relaxed = relaxed or setting.abrupt
         self.stops = np.flatnonzero((matrices.kinds == STOP) & (not relaxed))
         memories = () if relaxed else matrices.memories
@@ -91,19 +91,19 @@ class Prediction:
         self.own_names = (*(matrices.states[k] for k in self.free), *before, *memories, *jumps)
         self.own = np.zeros(len(self.own_names)) if own is None else own
         # A jump lies between its samples.
-        far = 0.5 * FINE * np.abs(setting.motion.coefficients[setting.motion.jumps, 1])
-        limits = np.column_stack([far, np.full(len(far), np.log(FINE / RISE))]).ravel()
+        far = 0.5 * JUMP_PARTS * np.abs(setting.motion.coefficients[setting.motion.jumps, 1])
+        limits = np.column_stack([far, np.full(len(far), np.log(JUMP_PARTS / RISE_PARTS))]).ravel()
         self.own_limits = np.concatenate(
             [np.full(len(self.free) + len(before), np.inf), np.ones(len(self.stops)), limits]
         )
         self.channels = matrices.channels
-        # Mean slopes of the elements to their inputs, (elements, 2): those of relaxed operators that slip, until a
-        # march tells.
+        # Mean slopes of the elements with respect to their inputs, (elements, 2): those of relaxed operators that slip,
+        # until they are measured in a run.
         self.local = np.zeros((len(matrices.kinds), 2))
 
     @cached_property
     def slopes(self) -> SampleStep:
-        """Derivatives of the step to the parameters, then to the record's own numbers, by a complex step."""
+        """Derivatives of the step with respect to the parameters and the record's own numbers, by a complex step."""
         return self._slopes(self.step, self._lowered.tangent_steps(1))
 
     @np.errstate(over="ignore")  # as in `step_of`
@@ -117,14 +117,14 @@ class Prediction:
         ))  # fmt: skip
 
     def steps(self, parts: int, derivatives: bool) -> tuple[SampleStep, SampleStep]:
-        """Step that is a part of a sample's, and its derivatives, of which there are none unless they are wanted."""
+        """Step over a part of a sample, and its derivatives, which are empty unless requested."""
         step = self._lowered.step_by(parts)
         if not derivatives:
             return step, SampleStep(*(np.zeros((*array.shape, 0)) for array in step))
         return step, self.slopes if parts == 1 else self._slopes(step, self._lowered.tangent_steps(parts))
 
     def _start(self, derivatives: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Scaled states at the start and their derivatives; outputs of the elements and theirs."""
+        """Initial scaled states and their derivatives; initial outputs of the elements and theirs."""
         tangents = self._lowered.tangents if derivatives else []
         several = [self.matrices, *tangents, *[self.matrices] * (len(self.own) * derivatives)]
         own = np.tile(self.own.astype(complex), (len(several), 1))
@@ -136,7 +136,7 @@ class Prediction:
         return z, dz, w, dw
 
     def _begun(self, several: Sequence[Matrices], own: np.ndarray) -> np.ndarray:
-        """Scaled states and outputs of the elements at the start, (k, n + elements), of k equations and own numbers."""
+        """Initial scaled states and outputs of the elements, (k, n + elements), for k equations and own numbers."""
         count, matrices = len(several), self.matrices
         off, w = np.zeros((count, len(matrices.states)), complex), np.zeros((count, len(matrices.kinds)), complex)
         states, rest = np.split(own, [len(self.free)], axis=1)
@@ -155,7 +155,7 @@ class Prediction:
         return np.hstack([z, w])
 
     def settle(self) -> None:
-        """March through the record, if nobody has yet, so that `local` holds the slopes of its elements."""
+        """Propagate through the record unless already done, so that `local` holds the mean slopes of its elements."""
         if not self.local.any():
             for _ in self.blocks(derivatives=False):
                 pass
@@ -163,18 +163,18 @@ class Prediction:
     def blocks(
         self, derivatives: bool = True, size: int = BLOCK, channels: Sequence[str] | None = None, parts: int = 1
     ) -> Iterator[Block]:
-        """Predict, a block of samples at a time.
+        """Predict the record, a block of samples at a time.
 
         Parameters
         ----------
         derivatives : bool
-            Whether they are wanted, too.
+            Compute derivatives, too.
         size : int
             Samples in a block.
         channels : sequence of str, optional
-            Which; default all.
+            Channels to predict; default all.
         parts : int
-            Parts of a sample at whose ends values are wanted.
+            Parts of a sample at whose ends values are computed.
 
         Raises
         ------
@@ -186,33 +186,33 @@ class Prediction:
         rows = [*range(inputs), *(inputs + self.channels.index(channel) for channel in wanted)]
         count = len(self.parameters) + len(self.own_names) if derivatives else 0
         z, dz, w, dw = self._start(derivatives)
-        march = _Propagation(self, Propagation(self.matrices, z, padded(dz), w, padded(dw)), derivatives, rows)
-        # Values between the samples have a march of their own: their derivatives would take most of the time.
+        run = _Propagation(self, Propagation(self.matrices, z, padded(dz), w, padded(dw)), derivatives, rows)
+        # Values between the samples come from a separate run: their derivatives would take most of the time.
         plain = Propagation(self.matrices, z.copy(), padded(dz[:, :0]), w.copy(), padded(dw[:, :0]))
         finer = _Propagation(self, plain, False, rows, parts) if parts > 1 else None
         for begin, end in pairwise([0, *range(size - 1, setting.count - 1, size), setting.count - 1]):
-            Y, dY = march.through(begin, end)
+            Y, dY = run.through(begin, end)
             between = None if finer is None else finer.through(begin, end)[0]
             first = 0 if begin == 0 else 1  # the sample before a block is not written again
-            self.local = march.local / end
+            self.local = run.local / end
             yield Block(
                 begin + first, Y[first:], dY[first:, :, :count], None if between is None else between[first * parts :]
             )
 
 
 class _Propagation:
-    """A run through a record and what paces it.
+    """A run through a record and its steps.
 
     Parameters
     ----------
     prediction : Prediction
     run : Propagation
     derivatives : bool
-        Whether the run has any.
+        The run has derivatives.
     rows : sequence of int
-        Of the outputs, inputs of the elements first.
+        Rows of the outputs, those of the elements' inputs first.
     written : int
-        Values that are written in a sample.
+        Values written per sample.
     """
 
     def __init__(
@@ -225,7 +225,7 @@ class _Propagation:
 
     @property
     def local(self) -> np.ndarray:
-        """Sum of the elements' slopes over samples so far, as they are on average."""
+        """Average slopes of the elements over the samples so far."""
         return self._run.local / self._fine
 
     def through(self, begin: int, end: int) -> tuple[np.ndarray, np.ndarray]:
@@ -252,7 +252,7 @@ class _Propagation:
         return Y, dY
 
     def _pace(self, parts: int) -> Pace:
-        """Pace of steps that are a part of a sample's."""
+        """Pace of steps over a part of a sample."""
         if parts not in self._paces:
             setting, (step, slopes) = self._of.setting, self._of.steps(parts, self._derivatives)
             step, slopes = (each._replace(O=each.O[self._rows]) for each in (step, slopes))
@@ -260,13 +260,13 @@ class _Propagation:
         return self._paces[parts]
 
     def _small(self, begin: int, Y: np.ndarray, dY: np.ndarray) -> int:
-        """March by small steps over one, within which the drive may jump; 0 if it failed, else -1."""
+        """Propagate over one step by small steps, within which the drive may jump; return 0 if it failed, else -1."""
         of, run = self._of, self._run
-        motion, parts, rise = of.setting.motion, of.setting.parts[begin], NEVER
+        motion, parts, rise = of.setting.motion, of.setting.parts[begin], NO_RISE
         line = motion.coefficients[begin]
         if begin in motion.jumps:
             k = len(of.own_names) - 2 * (len(motion.jumps) - int(np.searchsorted(motion.jumps, begin)))
-            coefficients, slopes = rising(line, -of.own[k] / line[1], of.own[k + 1])
+            coefficients, slopes = rise_steps(line, -of.own[k] / line[1], of.own[k + 1])
             if run.lanes:
                 rise = len(of.parameters) + k, slopes
         else:

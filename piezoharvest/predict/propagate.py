@@ -1,9 +1,9 @@
-"""The compiled march over the samples of a record, with the derivatives to all parameters beside it.
+"""Compiled propagation over the samples of a record, with derivatives with respect to all parameters.
 
-Everything between two samples is linear but for the elements, whose outputs at the end of a step depend on the state
-there: Newton on their inputs. A stop whose input turns within the step is taken to the turning point first, which the
-cubic through values and rates at both ends gives. Derivatives are propagated with the step, parameters being the
-innermost axis so that the loops over them run in vector registers.
+Between two samples all is linear except the elements, whose outputs at the end of a step depend on the state there:
+their inputs are found by Newton's method. A stop whose input reverses within the step is evaluated at the turning point
+first, which is found on the cubic through values and rates at both ends. Derivatives are propagated with the step,
+parameters being the innermost axis so that the loops over them are vectorised.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ import math
 import numpy as np
 from numba import njit
 
-from piezoharvest.engine.compilation.compiled import kept
+from piezoharvest.engine.compilation.compiled import cached
 
 _STOP, _PRODUCT, _POWER = 0, 1, 2
-_TRIES = 60
-_LEAST_SHARE = 0.01  # of a Newton step
-_CLOSE = 1e-13  # relative residual of the inputs at which Newton ends
-_ROUNDED = 0.1  # share of an input, which times that is well above its rounding
-_NEAR = 1e-8  # the same, which is still good enough where rounding stands in the way
+_MAX_ITERATIONS = 60
+_MIN_STEP_SHARE = 0.01  # of a Newton step
+_TOLERANCE = 1e-13  # relative residual of the inputs at which Newton ends
+_ROUNDING_SHARE = 0.1  # of an input: its rounding error is well below this times _TOLERANCE
+_ROUNDED_TOLERANCE = 1e-8  # the same, still accepted if rounding prevents convergence
 _fast = njit(nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 
 
 @_fast
 def _turning(a, da, b, db, h):
-    """First extreme value between two samples of values a, b and rates da, db, with its derivatives to these four.
+    """First extreme value between two samples of values a, b and rates da, db, with derivatives with respect to these.
 
     On the cubic through them; the value is NaN where there is none inside.
     """
@@ -35,8 +35,8 @@ def _turning(a, da, b, db, h):
     root = c2 * c2 - 3.0 * c3 * h * da
     if root < 0.0:
         return np.nan, 0.0, 0.0, 0.0, 0.0
-    # Both roots without cancellation. Of two inside the first one counts: it appears and leaves without a jump of the
-    # path as b and db vary, which Newton needs.
+    # Both roots without cancellation. Of two inside the first one is used: it appears and vanishes without a jump of
+    # the path as b and db vary, which Newton's method requires.
     q = -(c2 + math.copysign(math.sqrt(root), c2))
     s, other = h * da / q, q / (3.0 * c3)
     if not 0.0 < s < 1.0 or 0.0 < other < s:
@@ -44,7 +44,7 @@ def _turning(a, da, b, db, h):
     if not 0.0 < s < 1.0:
         return np.nan, 0.0, 0.0, 0.0, 0.0
     s2, s3 = s * s, s * s * s
-    # At an extreme the place does not matter to first order: the derivatives are those of the interpolation.
+    # At an extremum its place has no influence to first order: the derivatives are those of the interpolation.
     w_b, w_da, w_db = 3.0 * s2 - 2.0 * s3, h * (s - 2.0 * s2 + s3), h * (s3 - s2)
     return (1.0 - w_b) * a + w_da * da + w_b * b + w_db * db, 1.0 - w_b, w_da, w_b, w_db
 
@@ -56,9 +56,9 @@ def _clip(value, limit):
 
 @_fast
 def _element(kind, limit, before, a, da, b, db, second, h):
-    """Output of an element, and its slopes to (output before, a, da, b, db, second input, limit).
+    """Output of an element, and its derivatives with respect to (previous output, a, da, b, db, second input, limit).
 
-    a and da are input and rate at the sample before, b and db those now.
+    a and da are input and rate at the previous sample, b and db the present ones.
     """
     if kind == _STOP:
         turn, w_a, w_da, w_b, w_db = _turning(a, da, b, db, h)
@@ -88,7 +88,7 @@ def _element(kind, limit, before, a, da, b, db, second, h):
 
 @_fast
 def _dot(rows, values, out):
-    """Rows over values."""
+    """Product of a matrix with a vector, into `out`."""
     for r in range(len(out)):
         total = 0.0
         for j in range(len(values)):
@@ -97,8 +97,8 @@ def _dot(rows, values, out):
 
 
 @_fast
-def _filled(A):
-    """Which entries of each row of a matrix are not zero, and how many."""
+def _nonzeros(A):
+    """Columns of the nonzero entries in each row of a matrix, and their number."""
     columns, counts = np.zeros(A.shape, np.int64), np.zeros(len(A), np.int64)
     for r in range(A.shape[0]):
         for j in range(A.shape[1]):
@@ -110,10 +110,10 @@ def _filled(A):
 
 @_fast
 def _multiply(A, columns, counts, R, out):
-    """Add A R to out, all of them matrices; `columns` and `counts` as in `_filled` of A.
+    """Add A R to out, all of them matrices; `columns` and `counts` as in `_nonzeros` of A.
 
-    Several rows of R at a time: a loop over few parameters takes most of its time to begin. Rows are not taken out as
-    views, whose references would be counted atomically: that takes as long as the loop.
+    Several rows of R at a time: a loop over few parameters is dominated by its overhead. Rows are not taken as views,
+    whose references would be counted atomically, which takes as long as the loop.
     """
     P = out.shape[1]
     for r in range(len(A)):
@@ -139,8 +139,8 @@ def _multiply(A, columns, counts, R, out):
 
 
 @_fast
-def _weigh(tangents, values, out):
-    """Sum of derivatives of coefficients times what these multiply with, one for each entry that is not zero."""
+def _weighted_sums(tangents, values, out):
+    """Sum of derivatives of coefficients times the multiplied values, one for each nonzero entry."""
     for p in range(len(out)):
         out[p] = 0.0
     j = 0
@@ -158,7 +158,7 @@ def _weigh(tangents, values, out):
 
 @_fast
 def _assign(values, out):
-    """Overwrite the first rows of a matrix by another, which has no more."""
+    """Overwrite the first rows of a matrix by those of another."""
     for r in range(len(values)):
         for p in range(values.shape[1]):
             out[r, p] = values[r, p]
@@ -173,8 +173,8 @@ def _clear(out):
 
 
 @_fast
-def _place(values, places, begin, end, first, out):
-    """Add some of the values to the entries (row, parameter) of a matrix that stand for them.
+def _scatter(values, places, begin, end, first, out):
+    """Add values begin:end to their entries (row, parameter) of a matrix.
 
     Rows count from the first.
     """
@@ -184,7 +184,7 @@ def _place(values, places, begin, end, first, out):
 
 @_fast
 def _solve(K, slopes, places, J, right):
-    """Overwrite `right` by the solution of (1 - K f') d = right, f' being the slopes to inputs and rates now."""
+    """Overwrite `right` by the solution of (1 - K f') d = right, f' being the slopes for present inputs and rates."""
     m = len(J)
     half = m // 2
     for r in range(m):
@@ -219,14 +219,14 @@ def _solve(K, slopes, places, J, right):
 
 
 @_fast
-def _find(K, base, limits, kinds, places, before, old, h, held, w, trial, slopes, J, residual, sizes, move):
-    """Outputs `w` of the elements and their inputs `trial`, by Newton from `trial`; whether they were found.
+def _solve_outputs(K, base, limits, kinds, places, before, old, h, held, w, trial, slopes, J, residual, sizes, move):
+    """Find outputs `w` of the elements and their inputs `trial` by Newton's method from `trial`; return True if found.
 
-    base are the inputs but for what the outputs add, K w; `before` and `old` are outputs and inputs a sample ago. With
-    `held` the stops give what they did.
+    `base` are the inputs without the contribution K w of the outputs; `before` and `old` are outputs and inputs at the
+    previous sample. With `held` the stops keep their outputs.
     """
     half, worst, best, share = len(base) // 2, 0.0, np.inf, 1.0
-    for _ in range(_TRIES):
+    for _ in range(_MAX_ITERATIONS):
         for j in range(len(w)):
             a, b = places[j, 0], places[j, 1]
             if held and kinds[j] == _STOP:
@@ -243,16 +243,16 @@ def _find(K, base, limits, kinds, places, before, old, h, held, w, trial, slopes
             total, size = base[r], max(abs(base[r]), sizes[r])
             for j in range(len(w)):
                 total += K[r, j] * w[j]
-                # A stop at rest gives the difference of two inputs: it is rounded as these are.
-                size += abs(K[r, j]) * (abs(w[j]) + _ROUNDED * abs(trial[places[j, 0]]))
+                # A stop at rest gives the difference of two inputs, with the rounding errors of these.
+                size += abs(K[r, j]) * (abs(w[j]) + _ROUNDING_SHARE * abs(trial[places[j, 0]]))
             residual[r, 0] = total - trial[r]
             worst = max(worst, abs(residual[r, 0]) / (size + 1e-300))
-        if worst < _CLOSE:
+        if worst < _TOLERANCE:
             for r in range(len(base)):
                 sizes[r] = max(sizes[r], abs(trial[r]))
             return True
-        if worst >= best and share > _LEAST_SHARE:
-            # Too far, across a corner of an operator: back by half of what is left of the step.
+        if worst >= best and share > _MIN_STEP_SHARE:
+            # Too far, across a corner of an operator: halve the step.
             share *= 0.5
             for r in range(len(base)):
                 trial[r] -= share * move[r]
@@ -262,34 +262,33 @@ def _find(K, base, limits, kinds, places, before, old, h, held, w, trial, slopes
         for r in range(len(base)):
             move[r] = residual[r, 0]
             trial[r] += move[r]
-    return worst < _NEAR
+    return worst < _ROUNDED_TOLERANCE
 
 
-@kept
+@cached
 @_fast
-def march(
+def propagate_block(
     coefficients, every, lane, rise, first, share, at_start, h, M, H, O, limits, kinds, places,  # noqa: E741
     dM, dH, dO, M_at, H_at, O_at, dlimits, z, w, inputs, dz, dw, dinputs, local, sizes, Y, dY,
 ):  # fmt: skip
-    """March over a block of samples.
+    """Propagate over a block of samples.
 
     Parameters
     ----------
     coefficients : (steps, 4) array
-        Of the drive in every step.
+        Polynomial coefficients of the drive in every step.
     every : int
-        Steps from one sample that is written to the next.
+        Steps between two samples that are written.
     lane : int
         The first of two parameters that the drive depends on.
     rise : (steps, 2) array, or (0, 2)
-        Derivatives of the drive in every step to these.
+        Derivatives of the drive in every step with respect to these.
     first : float
-        Time at the first sample, as share of the record.
+        Time at the first sample, as fraction of the record.
     share : float
-        Share of the record that a step takes.
+        Step as fraction of the record.
     at_start : bool
-        Whether the record begins here: then the first sample is observed too, else it is the last one of the block
-        before.
+        The record begins here: the first sample is written too, else it is the last one of the previous block.
     h : float
         s between samples.
     M, H, O, limits
@@ -297,31 +296,31 @@ def march(
     kinds, places
         As in `Matrices`.
     dM : (n + elements + 6, entries) array
-        Derivatives of M, column by column, for those pairs of a row and a parameter alone that have any: with many
-        effects at once few have. dH and dO in the same form; dlimits (elements, parameters).
+        Derivatives of M, column by column, only for those pairs of a row and a parameter with nonzero ones: with many
+        effects these are few. dH and dO in the same form; dlimits (elements, parameters).
     M_at, H_at, O_at : (entries, 2) array
-        The row and the parameter of each.
+        Row and parameter of each entry.
     z, w, inputs, dz, dw, dinputs : arrays
         States, outputs and inputs of the elements (then their rates) at the first sample, with their derivatives;
         overwritten by those at the last.
     local : (elements, 2) array
-        The slopes of the elements to their inputs are added, step after step.
+        Sum over the steps of the elements' slopes with respect to their inputs, updated.
     sizes : (inputs,) array
-        The largest inputs and rates so far, by which rounding is judged; kept up.
+        Largest inputs and rates so far, the scale of rounding; updated.
     Y : (samples, outputs) array
     dY : (samples, outputs, parameters) array
-        Both written.
+        Both outputs.
 
     Returns
     -------
     int
-        -1, or the step in which the elements' outputs were not found.
+        -1, or the step in which Newton's method failed.
     """
     n, nw, m, P = len(z), len(w), len(inputs), dz.shape[1]
     half, size = m // 2, n + nw
     old, before, trial, base = inputs.copy(), w.copy(), np.zeros(m), np.zeros(m)
     slopes, J, residual, move = np.zeros((nw, 7)), np.zeros((m, m)), np.zeros((m, 1)), np.zeros(m)
-    # What M and O multiply with: states, outputs of the elements, drive and time; derivatives of the first two.
+    # Vectors multiplied by M and O: states, outputs of the elements, drive and time; derivatives of the first two.
     g, y, d = np.zeros(size + 6), np.zeros(size + 4), np.zeros((size, P))
     d[:n], d[n:] = dz, dw
     zl, dzl, right = z.copy(), dz.copy(), np.zeros((m, P))
@@ -331,13 +330,13 @@ def march(
         inner += 1
     O_in, O_out = O[:m].copy(), O[m:].copy()
     K = O_in[:, n:size].copy()
-    O_in[:, n:size] = 0.0  # by how much outputs move inputs is up to Newton
+    O_in[:, n:size] = 0.0  # the influence of outputs on inputs is treated by Newton's method
     M_d, in_d, out_d, H_d = M[:, :size].copy(), O[:m, :size].copy(), O_out[:, :size].copy(), np.zeros((n, size))
     H_d[:, n:] = H
-    in_M, count_M = _filled(M_d)
-    in_in, count_in = _filled(in_d)
-    in_out, count_out = _filled(out_d)
-    in_H, count_H = _filled(H_d)
+    in_M, count_M = _nonzeros(M_d)
+    in_in, count_in = _nonzeros(in_d)
+    in_out, count_out = _nonzeros(out_d)
+    in_H, count_H = _nonzeros(H_d)
     for k in range(-1 if at_start else 0, len(coefficients)):
         now = first + share * (k + 1)
         q = coefficients[max(k, 0)]
@@ -347,15 +346,15 @@ def march(
             if k == 0:
                 K += O_in[:, :n].copy() @ H
                 in_d[:, n:] = K
-                in_in, count_in = _filled(in_d)
+                in_in, count_in = _nonzeros(in_d)
             y[size], y[size + 1] = q[0] + q[1] + q[2] + q[3], (q[1] + 2 * q[2] + 3 * q[3]) / h
             g[:n], g[n:size] = z, w
             g[size : size + 4], g[size + 4], g[size + 5] = q, 1.0, now - share
             _dot(M, g, zl)
             if P:
-                _weigh(dM, g, dstates)
+                _weighted_sums(dM, g, dstates)
                 _clear(dzl)
-                _place(dstates, M_at, 0, len(dstates), 0, dzl)
+                _scatter(dstates, M_at, 0, len(dstates), 0, dzl)
                 if len(rise):
                     for r in range(n):
                         dzl[r, lane] += M[r, size] * rise[k, 0]
@@ -367,7 +366,9 @@ def march(
             trial[r] = base[r]
             for j in range(nw):
                 trial[r] += K[r, j] * w[j]
-        if not _find(K, base, limits, kinds, places, before, old, h, k < 0, w, trial, slopes, J, residual, sizes, move):
+        if not _solve_outputs(
+            K, base, limits, kinds, places, before, old, h, k < 0, w, trial, slopes, J, residual, sizes, move
+        ):
             return max(k, 0)
         inputs[:], z[:] = trial, zl
         if k >= 0:
@@ -383,14 +384,14 @@ def march(
             _dot(O_out, y, Y[sample])
         if not P:
             continue
-        # The same once more with the derivatives; first what does not go through the elements' inputs now.
-        _weigh(dO, y, drows)
+        # The same for the derivatives; first the part that does not depend on the elements' present inputs.
+        _weighted_sums(dO, y, drows)
         _clear(right)
-        _place(drows, O_at, 0, inner, 0, right)
+        _scatter(drows, O_at, 0, inner, 0, right)
         if k >= 0:
             _multiply(M_d, in_M, count_M, d, dzl)
-            _weigh(dH, w, dforced)
-            _place(dforced, H_at, 0, len(dforced), 0, dzl)
+            _weighted_sums(dH, w, dforced)
+            _scatter(dforced, H_at, 0, len(dforced), 0, dzl)
         _assign(dzl, d)
         for j in range(nw):
             a, b = places[j, 0], places[j, 0] + half
@@ -411,7 +412,7 @@ def march(
         if written:
             out = dY[sample]
             _clear(out)
-            _place(drows, O_at, inner, len(drows), m, out)
+            _scatter(drows, O_at, inner, len(drows), m, out)
             _multiply(out_d, in_out, count_out, d, out)
     dz[:], dw[:] = d[:n], d[n:]
     return -1

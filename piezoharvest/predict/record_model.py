@@ -1,8 +1,8 @@
-"""A transducer with its effects and its load, driven by a record: equations as rows, with scalar elements.
+"""Model of a transducer with its effects and its load, driven by a record: equations as rows, with scalar elements.
 
-Rows run over columns for the constant 1, time, the drive and its rate, states and their rates, algebraic signals, and
-the outputs of scalar elements (Lur'e form). Effects add their terms by the methods of `RecordModel`; what is linear is
-then solved for the rates of the states, once, and what is not linear stays in the elements.
+Rows have columns for the constant 1, time, the drive and its rate, states and their rates, algebraic signals, and the
+outputs of scalar elements (Lur'e form). Effects add their terms by the methods of `RecordModel`; the linear equations
+are then solved once for the rates of the states, and nonlinearities remain in the elements.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from piezoharvest.equations.laws import (
     strain_charge,
 )
 
-WIDTH = 96  # columns at most: a transducer of six modes with ten operators and five effects
+MAX_COLUMNS = 96  # columns at most: a transducer of six modes with ten operators and five effects
 STOP, PRODUCT, POWER, POSITIVE_POWER = range(4)
 INPUTS = ("drive", "drive_rate", "one", "time")
-# An imposed voltage, zero for a short, reaches the electrodes through leads whose time constant is this share of a
+# An imposed voltage, zero for a short, reaches the electrodes through leads whose time constant is this fraction of a
 # sample.
 LEADS = 1e-4
 
 
 class ScalarElement(NamedTuple):
-    """Scalar element of one or two rows: what kind, of which rows, and its threshold or exponent."""
+    """Scalar element of one or two rows: its kind, its rows, and its threshold or exponent."""
 
     kind: int
     first: Row
@@ -64,14 +64,14 @@ class Matrices:
     parameters : (elements,) array
         Thresholds of the stops, exponents of the powers.
     places : (elements, 2) array
-        Which inputs the elements take.
+        Inputs of each element, as indices.
     channels : tuple of str
         Outputs.
     states : tuple of str
     memories : tuple of str
-        Names of what the stops remember, after the state that each one follows.
+        Names of the stops' memories, after the state that each one follows.
     follow : (n, n) array
-        Where states begin when some of them are off equilibrium: a sensor that lags has followed what it sees.
+        Initial deviations of all states from those of the free ones: a sensor with lag has followed its input.
     """
 
     A: np.ndarray
@@ -89,12 +89,12 @@ class Matrices:
 
 
 class RecordModel:
-    """What stands on the bench, as equations that effects may add to.
+    """Specimen on the test bench, as equations to which effects may add terms.
 
     Parameters
     ----------
     transducer : Transducer
-        Its effects act in the order in which they stand.
+        Its effects act in the given order.
     shunt : Shunt or None
         A linear circuit, or None under an imposed voltage.
     drive : str
@@ -105,7 +105,7 @@ class RecordModel:
     Attributes
     ----------
     one, time, drive : Row
-        1, time as share of the record, and the drive in its unit.
+        1, time as fraction of the record, and the drive in its unit.
     x, u, q, v_t, v, i, strain_charge : Row
         Displacement (m) and velocity of the first mode, charge, voltage across the capacitance and at the electrodes,
         load current, and sum T_i x_i.
@@ -113,7 +113,7 @@ class RecordModel:
     Raises
     ------
     ParameterError
-        The shunt is not a linear circuit, or needs what a record cannot give.
+        The shunt is not a linear circuit, or requires a capacitance that a record does not determine.
     """
 
     def __init__(self, transducer: Transducer, shunt: Shunt | None, drive: str, sample_time: float) -> None:
@@ -140,7 +140,7 @@ class RecordModel:
         self._electrics(shunt)
         self._mechanics()
 
-    # What effects may use.
+    # Methods used by effects.
 
     def state(self, name: str, storage: complex) -> tuple[Row, Row]:
         """Add a state whose energy is about storage z^2/2: rows of it and of its rate; an equation has to follow."""
@@ -166,7 +166,7 @@ class RecordModel:
         return self._element(ScalarElement(PRODUCT, first, second, 0.0))
 
     def power(self, row: Row, exponent: float, *, positive: bool = False) -> Row:
-        """Whole power of a row; with `positive` any power of its positive part, zero below."""
+        """Integer power of a row; with `positive` any power of its positive part, zero below."""
         return self._element(ScalarElement(POSITIVE_POWER if positive else POWER, row, row, exponent))
 
     def charge(self, row: Row) -> None:
@@ -182,19 +182,21 @@ class RecordModel:
         self._pushes[mode].append(row)
 
     def read(self, row: Row) -> None:
-        """Add a displacement that the sensor sees beside the specimen's, m."""
+        """Add a displacement to the sensor's reading beside the specimen's, m."""
         self._read.append(row)
 
     def lag(self, time_constant: complex) -> None:
         """Put a first-order lag into the displacement sensor."""
         self._lags.append(time_constant)
 
-    # How it is made.
+    # Internal methods.
 
     def _column(self) -> Row:
-        if self._used == WIDTH:
-            raise ParameterError("transducer", f"found more than {WIDTH} rows, allowed are fewer modes or operators")
-        row = np.zeros(WIDTH)
+        if self._used == MAX_COLUMNS:
+            raise ParameterError(
+                "transducer", f"found more than {MAX_COLUMNS} rows, allowed are fewer modes or operators"
+            )
+        row = np.zeros(MAX_COLUMNS)
         row[self._used] = 1.0
         self._used += 1
         return row
@@ -231,7 +233,7 @@ class RecordModel:
         self.equation(node_law(self._dq, self.i, sum(self._drawn, none)))
         source = self.drive if self.drive_name == "voltage" else 0.0 * self.one
         if self.drive_name == "voltage" or isinstance(shunt, Short):
-            # Leads so short that they make no difference spare an algebraic loop through the operators.
+            # Leads with a negligible time constant avoid an algebraic loop through the operators.
             shunt = Resistor(resistance=LEADS * self.sample_time / device.capacitance)
         if not isinstance(shunt, LinearShunt):
             kind = getattr(shunt, "kind", None)
@@ -259,7 +261,7 @@ class RecordModel:
         for n, time_constant in enumerate(self._lags):
             behind = behind + time_constant
             if np.real(time_constant) == 0:
-                # To first order a lag takes the velocity off; a derivative asks for no more.
+                # To first order a lag subtracts the velocity; this suffices for a derivative.
                 self._reading = self._reading - time_constant * velocity
                 continue
             z, dz = self.state(f"reading{n}", modes[0].stiffness)
@@ -299,7 +301,7 @@ class RecordModel:
         if self.drive_name != "displacement":
             del outputs["force"]
         rate_of = {_content(row): rate for _, row, rate, _ in self._states}
-        # Inputs that are no states have no rate: only elements without memory take them.
+        # Inputs that are not states have no rate: only elements without memory use them.
         slopes = [rate_of.get(_content(row), 0.0 * row) for row in inputs]
         channels = tuple(name for name in outputs if name != self.drive_name)
         observed = explicit([*inputs, *slopes, *(outputs[name] for name in channels)])
@@ -324,12 +326,12 @@ class RecordModel:
 
 
 def _content(row: Row) -> bytes:
-    """What rows of the same numbers have in common: zeros without their sign, real or complex."""
+    """Key of a row's numbers, the same for real and complex rows and for zeros of either sign."""
     return (row + 0.0j).tobytes()
 
 
 def _distinct(elements: list[ScalarElement]) -> tuple[list[Row], np.ndarray]:
-    """Inputs of the elements, each once, and which of them every element takes."""
+    """Distinct inputs of the elements, and their indices for every element."""
     inputs: dict[bytes, Row] = {}
     for element in elements:
         for row in (element.first, element.second):

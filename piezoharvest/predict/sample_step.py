@@ -1,4 +1,4 @@
-"""From equations to a step of one sample: exact for the linear part under a cubic drive and straight elements."""
+"""Discretisation to a step of one sample, exact for the linear part under cubic drive and linear elements' outputs."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from scipy.linalg import expm
 from piezoharvest.predict.elements import outputs_of
 from piezoharvest.predict.record_model import STOP, Matrices
 
-REST = 50  # iterations to an equilibrium
+MAX_ITERATIONS = 50  # iterations to an equilibrium
 DEGREE = 3  # of the drive between two samples
 
 
 class SampleStep(NamedTuple):
-    """What advances a specimen by one sample.
+    """Matrices that propagate a specimen by one sample.
 
-    With g = [z, w, c0..c3, 1, time] (states, elements' outputs, the drive's coefficients in powers of the share of the
-    step):
-    z <- M g + H w and O as in `Matrices`. For derivatives every array has the parameters as its last axis.
+    With g = [z, w, c0..c3, 1, time] (states, elements' outputs, the drive's coefficients in powers of time over the
+    step): z <- M g + H w and O as in `Matrices`. For derivatives every array has the parameters as its last axis.
 
     Attributes
     ----------
@@ -38,10 +37,10 @@ class SampleStep(NamedTuple):
     limits: np.ndarray
 
 
-# A model that a fit tries may be so far off that nothing of it is finite: the march says so.
+# A trial model of a fit may be so far off that its matrices overflow: the propagation reports it.
 @np.errstate(over="ignore", invalid="ignore")
 def step_of(matrices: Matrices, sample_time: float, share: float) -> SampleStep:
-    """Discretise.
+    """Discretise the equations.
 
     Parameters
     ----------
@@ -50,7 +49,7 @@ def step_of(matrices: Matrices, sample_time: float, share: float) -> SampleStep:
     sample_time : float
         s.
     share : float
-        Of the record, that one step takes.
+        Step as fraction of the record.
     """
     A, B, W, h = matrices.A, matrices.B, matrices.W, sample_time
     A = A if np.any(np.imag(A)) else np.real(A)  # an exponential of real numbers takes a quarter of the time
@@ -70,13 +69,13 @@ def step_of(matrices: Matrices, sample_time: float, share: float) -> SampleStep:
 
 
 def inverse_of(matrices: Matrices) -> np.ndarray:
-    """Inverse of A; open electrodes keep their charge, of which the pseudo-inverse takes that with the least energy."""
+    """Inverse of A; if open electrodes conserve their charge, the pseudo-inverse, which minimises the energy."""
     return np.linalg.pinv(np.real(matrices.A), rcond=1e-13)
 
 
 @np.errstate(over="ignore", invalid="ignore")
 def equilibria(several: Sequence[Matrices], inverse: np.ndarray, first: np.ndarray, stops: np.ndarray) -> np.ndarray:
-    """States that do not move under the first value of the drive, of a specimen and of some that hardly differ from it.
+    """Equilibria under the first value of the drive, of a specimen and of others with small complex steps.
 
     Parameters
     ----------
@@ -87,7 +86,7 @@ def equilibria(several: Sequence[Matrices], inverse: np.ndarray, first: np.ndarr
     first : (k,) array
         First values of the drive.
     stops : (k, elements) array
-        Outputs of the stops; of the other elements none.
+        Outputs of the stops; zero for the other elements.
 
     Returns
     -------
@@ -99,7 +98,7 @@ def equilibria(several: Sequence[Matrices], inverse: np.ndarray, first: np.ndarr
     e = first[:, None] * (1.0, 0.0, 0.0, 0.0) + (0.0, 0.0, 1.0, 0.0)
     forced = _applied(B, e)
     w, z = stops, np.zeros(A.shape[:2], complex)
-    for _ in range(REST):
+    for _ in range(MAX_ITERATIONS):
         before, z = z, -_applied(inverses, forced + _applied(W, w))
         if np.all(kinds == STOP) or np.abs(z - before).max() <= 1e-14 * np.abs(z).max():
             break
@@ -108,5 +107,5 @@ def equilibria(several: Sequence[Matrices], inverse: np.ndarray, first: np.ndarr
 
 
 def _applied(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Every matrix (k, n, m) times its vector (k, m)."""
+    """Product of each matrix (k, n, m) with its vector (k, m)."""
     return (matrices @ vectors[:, :, None])[:, :, 0]

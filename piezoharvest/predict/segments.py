@@ -1,4 +1,4 @@
-"""A march through a record by segments of samples, or of the small steps within one: its state and what paces it."""
+"""Propagation through a record by segments of samples or of smaller steps: its state and its steps."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from piezoharvest.predict.record_model import Matrices
 from piezoharvest.predict.sample_step import SampleStep
 
 LANES = 8  # derivatives are padded to full vector registers
-NEVER = -1, np.zeros((0, 2))  # drive that depends on no parameter
+NO_RISE = -1, np.zeros((0, 2))  # for a drive that depends on no parameter
 
 
 class Pace(NamedTuple):
-    """What advances by steps of one length.
+    """Matrices for steps of one length.
 
     Attributes
     ----------
     h : float
         s.
     share : float
-        Of the record, that a step takes.
+        Step as fraction of the record.
     arrays, tangents, places : tuple of array
-        M, H and O of the step; their derivatives, and where these belong, as the march takes them.
+        M, H and O of the step; their derivatives, and the places of these, as arguments of `propagate_block`.
     limits : (elements, lanes) array
         Derivatives of the elements' limits.
     """
@@ -37,7 +37,7 @@ class Pace(NamedTuple):
 
 
 def pace_of(h: float, share: float, step: SampleStep, slopes: SampleStep) -> Pace:
-    """From a step and its derivatives, the last axis of which may be empty."""
+    """Pace from a step and its derivatives, whose last axis may be empty."""
     names = ("M", "H", "O")
     arrays = tuple(np.ascontiguousarray(getattr(step, name)) for name in names)
     places = tuple(np.ascontiguousarray(np.argwhere(np.any(getattr(slopes, name), axis=1))) for name in names)
@@ -49,22 +49,22 @@ def pace_of(h: float, share: float, step: SampleStep, slopes: SampleStep) -> Pac
 
 
 def padded(slopes: np.ndarray) -> np.ndarray:
-    """Derivatives (rows, parameters) with zeros to whole registers."""
+    """Derivatives (rows, parameters) padded with zeros to whole registers."""
     return np.pad(slopes, ((0, 0), (0, -slopes.shape[1] % LANES)))
 
 
 class Propagation:
-    """Where a march has come to.
+    """Present state of a propagation.
 
     Parameters
     ----------
     matrices : Matrices
     z : (states,) array
-        At the start.
+        Initial states.
     dz : (states, lanes) array
         Its derivatives.
     w : (elements,) array
-        Outputs of the stops at the start.
+        Initial outputs of the stops.
     dw : (elements, lanes) array
         Their derivatives.
     """
@@ -77,19 +77,19 @@ class Propagation:
         self._values = (z, w, np.zeros(inputs))
         self._slopes = (dz, dw, np.zeros((inputs, lanes)))
         self._sizes = np.zeros(inputs)
-        self.local = np.zeros((elements, 2))  # sum of the elements' slopes to their inputs
+        self.local = np.zeros((elements, 2))  # sum of the elements' slopes with respect to their inputs
 
     def go(
         self, pace: Pace, coefficients: np.ndarray, time: float, at_start: bool, Y: np.ndarray, dY: np.ndarray,
-        *, every: int = 1, rise: tuple[int, np.ndarray] = NEVER, small: bool = False,
+        *, every: int = 1, rise: tuple[int, np.ndarray] = NO_RISE, small: bool = False,
     ) -> int:  # fmt: skip
-        """March on; `march` says what the arguments are, and the failed step. Small steps are no samples of `local`."""
-        from piezoharvest.predict.propagate import march
+        """Propagate further; arguments and result as in `propagate_block`. Small steps do not count in `local`."""
+        from piezoharvest.predict.propagate import propagate_block
 
         local = np.zeros_like(self.local) if small else self.local
         (M, H, O), (dM, dH, dO), (M_at, H_at, O_at) = pace.arrays, pace.tangents, pace.places  # noqa: E741
         (z, w, inputs), (dz, dw, dinputs) = self._values, self._slopes
-        return march(
+        return propagate_block(
             coefficients, every, *rise, time, pace.share, at_start, pace.h, M, H, O, self._limits,
             self._matrices.kinds, self._matrices.places, dM, dH, dO, M_at, H_at, O_at, pace.limits,
             z, w, inputs, dz, dw, dinputs, local, self._sizes, Y, dY,

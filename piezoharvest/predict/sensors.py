@@ -1,4 +1,4 @@
-"""What sensors and wiring make of predicted channels: delay and range."""
+"""Effects of sensors and wiring on predicted channels: delay and range."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from scipy.special import ndtr
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.predict.parameters import Parameter, put
 
-FAR = 8.0  # standard deviations from the end of a range, where it is not felt
-SHORT = 8  # samples, whose ends are all that there is
-LEAST = 1e-12  # of the range, that a noise is at least
+CLIPPING_SIGMAS = 8.0  # standard deviations from the end of a range, beyond which it has no influence
+MIN_SPLINE_SAMPLES = 8  # samples: a shorter piece is dominated by its ends
+MIN_NOISE = 1e-12  # of the range: smallest noise
 
 Sensed = tuple[np.ndarray, np.ndarray | None]
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """How predicted channels go on between their samples.
+    """Course of predicted channels between their samples.
 
     Attributes
     ----------
@@ -32,10 +32,10 @@ class Course:
     jumps : sequence of int
         Samples after which the drive jumps.
     between : ((samples - 1) * parts + 1, channels) array or None
-        What a model predicts between the samples, too: where it has corners, what is delayed by parts of a sample does
-        not lie on a smooth curve through these. To the samples more may have been added.
+        Prediction of a model also between the samples: at its corners, values delayed by parts of a sample do not lie
+        on a smooth curve through these. The samples may contain further terms.
     abrupt : bool
-        Whether the drive jumps at the very beginning: then all values between the first two samples come after that.
+        The drive jumps at the very beginning: all values between the first two samples are after that.
     """
 
     sample_time: float
@@ -44,7 +44,7 @@ class Course:
     abrupt: bool = False
 
     def pieces(self, samples: int) -> list[tuple[int, int]]:
-        """First sample of each piece without a jump, and the one after its last."""
+        """First sample and end (exclusive) of each piece without a jump."""
         inner = (jump + 1 for jump in self.jumps if 0 <= jump < samples - 1)
         return list(pairwise([0, *inner, samples]))
 
@@ -53,16 +53,16 @@ def sensed(
     effects: Sequence[Effect], parameters: Sequence[Parameter], noise: Mapping[str, float], course: Course,
     values: np.ndarray, slopes: np.ndarray | None,
 ) -> Sensed:  # fmt: skip
-    """Values of channels as they are read, with the derivatives to all parameters.
+    """Readings of channels, with derivatives with respect to all parameters.
 
     Parameters
     ----------
     effects : sequence of Effect
         In the order of the transducer.
     parameters : sequence of Parameter
-        Of the derivatives, which may be more.
+        Parameters of the first derivatives; there may be more derivatives.
     noise : mapping of str to float
-        Of every channel, in their order, what scatters it before it comes to the end of its range.
+        Standard deviation of every channel, in order, before its range is limited.
     course : Course
     values : (samples, channels) array
     slopes : (samples, channels, derivatives) array or None
@@ -79,7 +79,7 @@ def sensed(
 
 
 def delays(effect: Effect, channel: str) -> bool:
-    """Whether the delay of an effect acts on a channel, be it zero now."""
+    """True if the delay of an effect acts on a channel, even if it is zero at present."""
     return type(effect).late is not Effect.late and put(effect, ("delay",), 1.0).late(channel) == 1.0
 
 
@@ -89,27 +89,27 @@ def _place(parameters: Sequence[Parameter], effect: int, field: str) -> int | No
     return next((k for k, parameter in enumerate(parameters) if parameter.path == path), None)
 
 
-def late_somewhere(effects: Sequence[Effect], channels: Sequence[str]) -> bool:
-    """Whether one of the effects makes a channel late."""
+def any_delays(effects: Sequence[Effect], channels: Sequence[str]) -> bool:
+    """True if one of the effects delays a channel."""
     return any(effect.late(channel) for effect in effects for channel in channels)
 
 
 def _delay(values, slopes, c: int, course: Course, delay: float, place: int | None) -> None:
-    """Shift a channel by a time, each piece between jumps by itself; before the record it stood still."""
+    """Delay a channel, each piece between jumps separately; it was constant before the record."""
     samples = delay / course.sample_time
     at = np.arange(len(values)) - samples
     delayed = np.empty(len(values))
-    for begin, end in reversed(course.pieces(len(values))):  # what is written is not read any more
-        # From the last sample before a jump on it is at its new value.
+    for begin, end in reversed(course.pieces(len(values))):  # values are read before they are overwritten
+        # After the last sample before a jump it has its new value.
         late = np.flatnonzero((at > begin - 1 if begin else True) & (at <= end - 1))
         where, first = np.maximum(at[late], begin), float(begin)
-        if course.between is None or end - begin < SHORT:
+        if course.between is None or end - begin < MIN_SPLINE_SAMPLES:
             delayed[late] = _spline(values[begin:end, c], begin)(where)
         else:
             parts = (len(course.between) - 1) // (len(values) - 1)
             first -= (parts - 1) / parts if course.abrupt and begin == 1 else 0.0
             places = np.maximum(at[late], first)
-            delayed[late] = _through_corners(values[begin:end, c], begin, first, course.between[:, c], parts, places)
+            delayed[late] = _between_samples(values[begin:end, c], begin, first, course.between[:, c], parts, places)
         if slopes is None:
             continue
         if samples:
@@ -120,12 +120,12 @@ def _delay(values, slopes, c: int, course: Course, delay: float, place: int | No
     values[:, c] = delayed
 
 
-def _through_corners(
+def _between_samples(
     values: np.ndarray, begin: int, first: float, between: np.ndarray, parts: int, places: np.ndarray
 ) -> np.ndarray:
-    """Values at places that are counted in samples, from values at parts of these from the first on.
+    """Values at places counted in samples, from values at parts of these from the first sample on.
 
-    What has been added to the samples, which begin later, has no corners.
+    Terms added to the samples, which begin later, are smooth.
     """
     early = round(first * parts)
     part = between[early : (begin + len(values) - 1) * parts + 1]
@@ -134,16 +134,16 @@ def _through_corners(
 
 
 def _spline(values: np.ndarray, begin: int) -> BSpline:
-    """Through samples that are counted from `begin`."""
+    """Spline through samples that are counted from `begin`."""
     return make_interp_spline(begin + np.arange(len(values)), values, k=min(3, len(values) - 1))
 
 
 def _along(values: np.ndarray, places: np.ndarray, step: int = 1) -> np.ndarray:
-    """Values (..., samples) at places `step` samples apart, of which the first ones may all be the first sample.
+    """Values (..., samples) at places `step` samples apart, the first of which may all be the first sample.
 
-    By the same cubic spline but for its ends, which are mirrored: a filter takes a tenth of the time.
+    By the same cubic spline except for its ends, which are mirrored: as a filter it takes a tenth of the time.
     """
-    if values.shape[-1] < SHORT:
+    if values.shape[-1] < MIN_SPLINE_SAMPLES:
         return _spline(values.T, 0)(places).T
     still = int(np.count_nonzero(places == 0.0))
     found = np.zeros((*values.shape[:-1], len(places)))
@@ -163,9 +163,9 @@ def _along(values: np.ndarray, places: np.ndarray, step: int = 1) -> np.ndarray:
 
 
 def _clip(values, slopes, c: int, limit: float, noise: float, place: int | None) -> None:
-    """Mean reading of a channel that ends at +-limit: noise takes it there before its mean comes so far."""
-    noise = max(noise, LEAST * limit)
-    near = np.abs(values[:, c]) > limit - FAR * noise
+    """Mean reading of a channel limited to +-limit: with noise, the limit acts before the mean reaches it."""
+    noise = max(noise, MIN_NOISE * limit)
+    near = np.abs(values[:, c]) > limit - CLIPPING_SIGMAS * noise
     x = values[near, c]
     upper, lower = (limit - x) / noise, (-limit - x) / noise
     over, under = ndtr(-upper), ndtr(lower)
@@ -173,10 +173,10 @@ def _clip(values, slopes, c: int, limit: float, noise: float, place: int | None)
     values[near, c] = x * inside + noise * (_density(lower) - _density(upper)) + limit * (over - under)
     if slopes is not None:
         slopes[near, c] *= inside[:, None]
-        if place is not None:  # varied is 1/limit
+        if place is not None:  # the variable is 1/limit
             slopes[near, c, place] = -(over - under) * limit**2
 
 
 def _density(x: np.ndarray) -> np.ndarray:
-    """Of the normal distribution."""
+    """Density of the normal distribution."""
     return np.exp(-0.5 * x**2) / np.sqrt(2 * np.pi)

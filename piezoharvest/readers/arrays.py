@@ -1,4 +1,4 @@
-"""What readers of files that hold arrays have in common: columns of matrices are named as numpy indexes them."""
+"""Base class of readers of files that hold arrays: columns of matrices are named as numpy indexes them."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ import numpy as np
 from piezoharvest.readers.base import Reader, ReadError, check_count, numbers
 
 _INDEX = re.compile(r"(.*)\[([\d\s,:-]*)\]", re.S)
-_MOST = 200  # columns of one array that are listed one by one
+_MAX_LISTED_COLUMNS = 200  # columns of one array that are listed one by one
 
 
 class Deferred:
-    """An array that is read as a whole, once it is wanted."""
+    """An array that is read as a whole, at the first access."""
 
     def __init__(self, shape: tuple[int, ...], load: Callable[[], np.ndarray]):
         self.shape, self._load = shape, load
@@ -36,14 +36,14 @@ class ArrayReader(Reader):
     """A file with named arrays.
 
     A vector is the column of its name. A column of a larger array is `name[:, 2]`, in numpy's notation, counted from 0;
-    further colons append what they stand for: of an array (samples, channels, periods), `name[:, 1, :]` is channel 1
+    further colons are concatenated: of an array (samples, channels, periods), `name[:, 1, :]` is channel 1
     through all periods.
     """
 
     arrays: Mapping[str, Any]
 
     def _found(self, arrays: Mapping[str, Any]) -> None:
-        """Take the arrays of the file: anything with a shape that can be indexed."""
+        """Set the arrays of the file: any objects with a shape that can be indexed."""
         self.arrays = arrays
         self.names = tuple(column for name, array in arrays.items() for column in _columns(name, array.shape))
 
@@ -88,13 +88,13 @@ class ArrayReader(Reader):
             values = self._values(array, index)
         except MemoryError:
             raise
-        except Exception as error:  # what a damaged file makes of its reader is not foreseeable
+        except Exception as error:  # libraries raise any exception on damaged files
             raise ReadError(f"found damaged data ({error}), allowed is a whole file", name) from None
         return numbers(np.ravel(values, order="F"), name)
 
 
 def _size(array: Any, index: tuple[Any, ...]) -> int:
-    """How many numbers have to be read for a column."""
+    """Number of values that have to be read for a column."""
     if isinstance(array, Deferred) or not index:
         return prod(array.shape)
     return prod(n for n, part in zip(array.shape, index, strict=True) if part == slice(None))
@@ -106,7 +106,7 @@ def _columns(name: str, shape: tuple[int, ...]) -> Iterator[str]:
         return
     if prod(shape) == max(shape):
         yield name or "[:]"
-    elif prod(shape) // max(shape) > _MOST:
+    elif prod(shape) // max(shape) > _MAX_LISTED_COLUMNS:
         yield f"{name}[{', '.join(f'0..{n - 1}' for n in shape)}]"
     else:
         axis = int(np.argmax(shape))

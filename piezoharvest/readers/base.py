@@ -1,4 +1,4 @@
-"""What a reader is: a data file that is open, with columns that have names."""
+"""Base class of the readers: an open data file with named columns."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ import numpy as np
 
 from piezoharvest.readers.units import Unit, stated_unit
 
-_LONGEST = 60  # characters of what stands in a file, in a message
-# What may be read of a campaign: 1 GiB as float64, 45 minutes of time and four channels at 10 kHz. A fit takes up to
-# ten times that (2 GiB have been measured for 6 million samples of four channels).
-MOST_NUMBERS = 1 << 27
+_MAX_QUOTED = 60  # characters of a file's text that a message quotes
+# Numbers that may be read for one campaign: 1 GiB as float64, 45 minutes of time and four channels at 10 kHz. A fit
+# takes up to ten times that (2 GiB have been measured for 6 million samples of four channels).
+MAX_NUMBERS = 1 << 27
 
 
 class ReadError(ValueError):
-    """What is wrong with a data file.
+    """A data file cannot be read.
 
     Attributes
     ----------
     message : str
         What was found, and what is allowed.
     column : str
-        Empty where the whole file is meant.
+        Empty if the whole file is meant.
     row : int or None
-        Row as people count, in a text file the line.
+        Row counted from 1, in a text file the line.
     """
 
     def __init__(self, message: str, column: str = "", row: int | None = None):
@@ -38,7 +38,7 @@ class ReadError(ValueError):
 
 
 class MissingColumnError(ReadError):
-    """There is no such column in the file; says which there are."""
+    """The file has no such column; the message lists those that it has."""
 
 
 class Reader(ABC):
@@ -53,17 +53,17 @@ class Reader(ABC):
     names : sequence of str
         Columns that the file has.
     first_row : int
-        Row of the first sample as people count: the line of a text file, else 1.
+        Row of the first sample, counted from 1: the line of a text file, else 1.
     numbering : int or (n,) array of int
-        Row of the first of the samples that were last read, or of each where they do not follow each other.
+        Row of the first of the samples that were last read, or of each sample if their rows are not consecutive.
     left_out : tuple of (row, text) or None
-        The first line with numbers that stands below a table and was not read.
+        The first line with numbers below the table that was not read.
     by_lines : bool
-        Whether rows are lines, of which some may be left out.
+        True if rows are lines, of which some may be skipped.
     unsafe : tuple of str
-        Libraries that may not survive a damaged file: where there are any, a process of their own reads the files.
+        Libraries that may crash on a damaged file: if there are any, the files are read in a separate process.
     most_bytes : int
-        How large a file may be.
+        Largest allowed file size.
 
     Raises
     ------
@@ -94,12 +94,12 @@ class Reader(ABC):
         """
 
     def read_rows(self, names: Sequence[str], rows: tuple[int, int]) -> dict[str, np.ndarray]:
-        """Values of columns in some rows, the first and the last of which are given; others are not looked at.
+        """Values of columns in the rows from `rows[0]` to `rows[1]`; other rows are not checked.
 
         Raises
         ------
         ReadError
-            There are no such rows; its column is then "rows".
+            There are no such rows; the error's `column` is then "rows".
         """
         values = self.read(names)
         count, (begin, end) = min(map(len, values.values())), (row - self.first_row for row in rows)
@@ -114,18 +114,18 @@ class Reader(ABC):
         return stated_unit(last_part(name))[1]
 
     def time_of(self, name: str) -> np.ndarray | None:
-        """Time in s of a column's samples, (n,), where the format itself tells it."""
+        """Time in s of a column's samples, (n,), if the format itself stores it."""
         return None
 
     def resolve(self, column: str | int) -> str:
-        """Full name of a column that is given by its name, its last part (of a path) or its number from 1.
+        """Full name of a column given by its name, the last part of its path, or its number from 1.
 
         Raises
         ------
         MissingColumnError
             There is no such column.
         ReadError
-            There are several of this name.
+            There are several columns of this name.
         """
         if isinstance(column, int):
             if column <= len(self.names):
@@ -139,7 +139,7 @@ class Reader(ABC):
                 f"found {len(found)} columns {cut(column)!r} ({shown(found)}), allowed is one (or its number)", column
             )
         if not found:
-            near = difflib.get_close_matches(column[:_LONGEST], [name[:_LONGEST] for name in self.names], n=1)
+            near = difflib.get_close_matches(column[:_MAX_QUOTED], [name[:_MAX_QUOTED] for name in self.names], n=1)
             hint = f" (did you mean {near[0]!r}?)" if near else ""
             raise MissingColumnError(f"found no column {cut(column)!r}{hint}, allowed are {shown(self.names)}", column)
         return found[0]
@@ -155,9 +155,9 @@ class Reader(ABC):
 
 
 def check_count(count: int) -> None:
-    """Raise `ReadError` where that many numbers are too many to be read."""
-    if count > MOST_NUMBERS:
-        raise ReadError(f"found {count} numbers in the columns that are used, allowed are {MOST_NUMBERS}")
+    """Raise `ReadError` if `count` numbers are too many to be read."""
+    if count > MAX_NUMBERS:
+        raise ReadError(f"found {count} numbers in the columns that are used, allowed are {MAX_NUMBERS}")
 
 
 def last_part(name: str) -> str:
@@ -166,31 +166,31 @@ def last_part(name: str) -> str:
 
 
 def _without_unit(name: str) -> str:
-    """Name without a unit in brackets or behind it."""
+    """Name without a unit in brackets or after it."""
     bare, unit = stated_unit(name)
     return bare if unit is not None and unit.firm else name
 
 
 def _plain(name: str) -> str:
-    """Name with one sign for micro, for ohm and for blanks of all kinds."""
+    """Name in Unicode normal form, with one character each for micro, ohm and blank."""
     return unicodedata.normalize("NFKC", name).strip()
 
 
 def cut(text: str) -> str:
-    """A text as a message shows it: not whole if it is long."""
+    """Text shortened for a message."""
     text = text.strip()
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+    return text if len(text) <= _MAX_QUOTED else f"{text[:_MAX_QUOTED]}..."
 
 
 def shown(names: Sequence[str], most: int = 12) -> str:
-    """Names in a message: all of them, if they are not too many."""
+    """List of names for a message, at most `most` of them."""
     kept = [cut(name) or "''" for name in names[:most]]
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return (", ".join(kept) or "none") + more
 
 
 def numbers(values: Any, name: str) -> np.ndarray:
-    """Values as an array of float or complex, without a copy where they are that already.
+    """Values as an array of float or complex, without a copy if they are one already.
 
     Raises
     ------

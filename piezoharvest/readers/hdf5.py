@@ -40,13 +40,13 @@ class Hdf5(ArrayReader):
 
 
 def holds_numbers(data: Any) -> bool:
-    """Whether a data set holds numbers; one without a shape holds nothing at all."""
+    """True if a data set holds numbers; one without a shape is empty."""
     dtype = dtype_of(data)
     return dtype is not None and data.shape is not None and (dtype.kind in "fiubc" or dtype.names == ("real", "imag"))
 
 
 def dtype_of(item: Any) -> Any:
-    """Type of what is in a data set as numpy knows it; None for types that it does not know, and for groups."""
+    """Numpy dtype of a data set; None for types that numpy does not have, and for groups."""
     try:
         return item.dtype
     except (TypeError, AttributeError):

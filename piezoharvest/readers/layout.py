@@ -1,7 +1,7 @@
-"""How a text file is laid out: where its table of numbers begins, what parts its cells, how the columns are called.
+"""Layout of a text file: first row of its table of numbers, delimiter and decimal mark, names of the columns.
 
-The table is the first run of rows of equal width that are numbers. What stands above it, an instrument's preamble, may
-be anything; the rows right above give the names and units of the columns.
+The table is the first run of rows of equal width that are numbers. The text above it, an instrument's preamble, may
+be anything; the rows right above the table give the names and units of the columns.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ COMMENT = ("#", "%")
 _MISSING = {"", "n/a", "na", "#n/a", "null", "nan", "-nan", "1.#ind", "-1.#ind", "1.#qnan", "-1.#qnan"}
 _INFINITE = {"inf", "infinity"}
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
-_CUT_NUMBER = re.compile(r"[+-]?\d*\.?\d*(?:[eE][+-]?\d*)?")  # what may be left of a number at the end of a cut file
+_CUT_NUMBER = re.compile(r"[+-]?\d*\.?\d*(?:[eE][+-]?\d*)?")  # possible rest of a number at the end of a truncated file
 _BLANKS = re.compile(r'"[^"]*"|\S+')
-_FIRM = 3  # rows of numbers that make a table: a preamble may well have one or two, as a scale for each channel
-NEAR = 3  # lines above the table that may hold names and units
+_MIN_TABLE_ROWS = 3  # rows of numbers that make a table: a preamble may have one or two, as a scale for each channel
+MAX_HEADER_LINES = 3  # lines above the table that may hold names and units
 _NO_UNITS = {"", "-", "1", "sequence"}  # in a row of units: oscilloscopes number their samples
-_REMARK = "comment"  # LabVIEW's last column, which rows have only where something was remarked
+_COMMENT_COLUMN = "comment"  # LabVIEW's last column, which only rows with a comment have
 ADVICE = "skip_rows (lines to leave out) or header_row (line of the names) says where it begins"
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """What parts the cells of a line (None: blanks), and what marks the decimals."""
+    """Delimiter of the cells of a line (None: blanks), and decimal mark."""
 
     delimiter: str | None
     decimal: str
@@ -49,7 +49,7 @@ class Dialect:
         return [cell.strip().strip('"').strip() for cell in cells]
 
     def number(self, cell: str) -> float | None:
-        """Value of a cell; NaN where it says that there is none, and None where it is no number."""
+        """Value of a cell; NaN if it is marked as missing, None if it is not a number."""
         text = cell.replace(self.decimal, ".") if self.decimal != "." else cell
         if _NUMBER.fullmatch(text) and not (self.decimal != "." and "." in cell):
             return float(text)
@@ -59,43 +59,43 @@ class Dialect:
         return float(word) if word.lstrip("+-") in _INFINITE else None
 
     def is_number(self, cell: str) -> bool:
-        """Whether a cell is a number, or says that there is none."""
+        """True if a cell is a number or is marked as missing."""
         return self.number(cell) is not None
 
     def is_cut(self, cells: Sequence[str]) -> bool:
-        """Whether cells may be the beginning of a row of numbers that was cut off."""
+        """True if the cells may be a truncated row of numbers."""
         return all(
             self.is_number(cell) or _CUT_NUMBER.fullmatch(cell.replace(self.decimal, ".")) is not None for cell in cells
         )
 
 
-# By precedence: a comma beside semicolons, tabs or blanks is a decimal mark; beside nothing else it parts the cells.
+# By precedence: a comma beside semicolons, tabs or blanks is a decimal mark; else it is the delimiter.
 _DIALECTS = [Dialect(d, m) for d in (";", "\t", ",", None) for m in (".", ",")]
 
 
 @dataclass(frozen=True)
 class TextLayout:
-    """How a text file is laid out.
+    """Layout of a text file.
 
     Attributes
     ----------
     dialect : Dialect
     names : tuple of str
-        Of the columns, "1", "2", ... where the file has none.
+        Names of the columns; "1", "2", ... if the file has none.
     units : tuple of str
-        What a row of units says of the columns, "" where it says nothing.
+        Units of the columns from a row of units; "" if none is given.
     width : int
         Cells of a row.
     numeric : tuple of int
-        Columns that are numbers in all the rows that were looked at.
+        Columns that are numbers in all rows that were examined.
     above : int
         Lines above the table.
     header : frozenset of str
-        Lines of the preamble that have text: where they come again, the table goes on below them.
+        Lines of the preamble that have text: if they are repeated, the table continues below them.
     named : bool
-        Whether the file has the names.
+        True if the names are from the file.
     remarks : bool
-        Whether a row may end in a remark, for which the header has a place beside the columns.
+        True if a row may end in a comment, for which the header has one more column.
     """
 
     dialect: Dialect
@@ -111,7 +111,7 @@ class TextLayout:
 
 @dataclass(frozen=True)
 class _NumberRows:
-    """Rows of equal width that are numbers: first and last line, from 0, and the columns that always are."""
+    """Run of rows of equal width that are numbers: first and last line, from 0, and the columns that are numeric."""
 
     dialect: Dialect
     first: int
@@ -129,9 +129,9 @@ def find_layout(lines: Sequence[str], skip_rows: int = 0, header_row: int | None
     ----------
     lines : sequence of str
     skip_rows : int
-        Lines that are not looked at.
+        Number of lines to skip.
     header_row : int, optional
-        Line, from 1, that has the names of the columns.
+        Line, from 1, with the names of the columns.
 
     Raises
     ------
@@ -150,8 +150,8 @@ def find_layout(lines: Sequence[str], skip_rows: int = 0, header_row: int | None
     words = (line for line in lines[: run.first] if not all(map(run.dialect.is_number, run.dialect.split(line))))
     header = frozenset(line.strip() for line in words)
     remarks = any(
-        _bare(line).split(run.dialect.delimiter)[-1].strip().lower() == _REMARK
-        for line in lines[max(run.first - NEAR, 0) : run.first]
+        _bare(line).split(run.dialect.delimiter)[-1].strip().lower() == _COMMENT_COLUMN
+        for line in lines[max(run.first - MAX_HEADER_LINES, 0) : run.first]
         if line.strip()
     )
     return TextLayout(
@@ -160,7 +160,7 @@ def find_layout(lines: Sequence[str], skip_rows: int = 0, header_row: int | None
 
 
 def _table(lines: Sequence[str], begin: int) -> _NumberRows | None:
-    """The table: of all dialects that with the most rows. Columns of text, such as dates, are only looked for then."""
+    """The table by the dialect that gives the most rows; columns of text, such as dates, only if there is no other."""
     found = [_first_run(lines, begin, dialect, True) for dialect in _DIALECTS]
     if not any(found):
         found = [_first_run(lines, begin, dialect, False) for dialect in _DIALECTS]
@@ -171,27 +171,27 @@ def _table(lines: Sequence[str], begin: int) -> _NumberRows | None:
 def _first_run(
     lines: Sequence[str], begin: int, dialect: Dialect, strict: bool, least_width: int = 2
 ) -> _NumberRows | None:
-    """The first run of several rows, or else the longest; of rows with text in them always the longest."""
+    """The first run of several rows, or else the longest; if rows may contain text, always the longest."""
     longest: _NumberRows | None = None
     for run in _runs(lines, begin, dialect, strict, least_width):
         if longest is None or run.count > longest.count:
             longest = run
-        if strict and run.count >= _FIRM:
+        if strict and run.count >= _MIN_TABLE_ROWS:
             break
     if longest is None or (longest.count < 2 and not longest.whole):
         return None
-    return _upward(longest, lines, begin) if strict else longest
+    return _extended_upward(longest, lines, begin) if strict else longest
 
 
 def _runs(lines: Sequence[str], begin: int, dialect: Dialect, strict: bool, least_width: int) -> Iterator[_NumberRows]:
-    """All runs of rows of equal width; blank lines and comments neither belong to one nor end it."""
+    """All runs of rows of equal width; blank lines and comments are skipped."""
     run: _NumberRows | None = None
     for n in range(begin, len(lines)):
         if not lines[n].strip() or lines[n].lstrip().startswith(COMMENT):
             continue
         cells = dialect.split(lines[n]) if (dialect.delimiter or "") in lines[n] else []
         numeric = _numbers(dialect, cells, strict) if len(cells) >= least_width else frozenset[int]()
-        if run is not None and len(cells) == run.width and _fitting(run.numeric & numeric, cells, strict):
+        if run is not None and len(cells) == run.width and _matches_run(run.numeric & numeric, cells, strict):
             run = replace(run, last=n, numeric=run.numeric & numeric, count=run.count + 1)
             continue
         if run is not None:
@@ -202,7 +202,7 @@ def _runs(lines: Sequence[str], begin: int, dialect: Dialect, strict: bool, leas
 
 
 def _numbers(dialect: Dialect, cells: Sequence[str], strict: bool) -> frozenset[int]:
-    """Columns of a row that are numbers; none where too few are: all that are not empty, or else half of them."""
+    """Columns of a row that are numbers; none if they are too few: all filled cells if `strict`, else half of them."""
     filled = [n for n, cell in enumerate(cells) if cell]
     found = frozenset(n for n in filled if dialect.is_number(cells[n]))
     enough = len(found) == len(filled) if strict else 2 * len(found) >= len(filled)
@@ -210,15 +210,15 @@ def _numbers(dialect: Dialect, cells: Sequence[str], strict: bool) -> frozenset[
     return found if enough and real else frozenset()
 
 
-def _fitting(common: frozenset[int], cells: Sequence[str], strict: bool) -> bool:
-    """Whether a row has numbers where those above it have them."""
+def _matches_run(common: frozenset[int], cells: Sequence[str], strict: bool) -> bool:
+    """True if a row has numbers in the columns in which the rows above have them."""
     return bool(common) and (strict or 2 * len(common) >= sum(1 for cell in cells if cell))
 
 
-def _upward(run: _NumberRows, lines: Sequence[str], begin: int) -> _NumberRows:
-    """The run with the rows above it whose numbers stand in the same columns, though there is text in others or behind.
+def _extended_upward(run: _NumberRows, lines: Sequence[str], begin: int) -> _NumberRows:
+    """Extend a run by the rows above it that have numbers in the same columns, and text in other or further columns.
 
-    Some oscilloscopes write their settings into columns beside the first samples, LabVIEW a remark behind the first.
+    Some oscilloscopes write their settings into columns beside the first samples, LabVIEW a comment after the first.
     """
     first = run.first
     while first > begin:
@@ -236,18 +236,18 @@ def _names(
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names, if there are any, and units of the columns from the rows above the table."""
     empty = ("",) * run.width
-    samples = [run.dialect.split(lines[n]) for n in range(run.first, min(run.last + 1, run.first + _FIRM))]
+    samples = [run.dialect.split(lines[n]) for n in range(run.first, min(run.last + 1, run.first + _MIN_TABLE_ROWS))]
     if header_row is not None:
-        names = _fitted(lines[header_row - 1], run, samples)
+        names = _column_names(lines[header_row - 1], run, samples)
         if names is None:
             count = len(run.dialect.split(_bare(lines[header_row - 1])))
             found = f"found {count} names in {cut(lines[header_row - 1])!r}, allowed are {run.width} as in the table"
             raise ReadError(f"{found} that begins in line {run.first + 1}", row=header_row)
-        below = [_fitted(line, run, samples) for line in lines[header_row : run.first] if line.strip()]
+        below = [_column_names(line, run, samples) for line in lines[header_row : run.first] if line.strip()]
         units = next((row for row in below if row is not None and _are_units(row)), None)
         return names, _units(units) if units else empty
-    near = [n for n in range(run.first - 1, -1, -1) if lines[n].strip()][:NEAR]
-    fitting = [(n, row) for n in near if (row := _fitted(lines[n], run, samples)) is not None]
+    near = [n for n in range(run.first - 1, -1, -1) if lines[n].strip()][:MAX_HEADER_LINES]
+    fitting = [(n, row) for n in near if (row := _column_names(lines[n], run, samples)) is not None]
     if not fitting:
         _refuse_header(lines, run, [n for n in near if n >= skip_rows])
         return (), empty
@@ -261,7 +261,7 @@ def _names(
 
 
 def _refuse_header(lines: Sequence[str], run: _NumberRows, near: Sequence[int]) -> None:
-    """Raise an error where the line right above the table has cells, but not as many: they may be names of others."""
+    """Raise an error if the line right above the table has another number of cells: it may name other columns."""
     if not near or near[0] != run.first - 1 or lines[near[0]].lstrip().startswith(COMMENT):
         return
     cells = run.dialect.split(lines[near[0]])
@@ -276,14 +276,14 @@ def _refuse_header(lines: Sequence[str], run: _NumberRows, near: Sequence[int]) 
 
 
 def _bare(line: str) -> str:
-    """A line without the mark of a comment."""
+    """A line without the comment character."""
     return line.strip("\r\n").lstrip().lstrip("#% ") if line.lstrip().startswith(COMMENT) else line.strip("\r\n")
 
 
-def _fitted(line: str, run: _NumberRows, samples: Sequence[Sequence[str]]) -> tuple[str, ...] | None:
-    """Cells of a line as names of the columns of a table; None where they are not as many, or numbers."""
+def _column_names(line: str, run: _NumberRows, samples: Sequence[Sequence[str]]) -> tuple[str, ...] | None:
+    """Cells of a line as names of the table's columns; None if their number differs or they are numbers."""
     cells = [_bare(line).strip().strip('"')] if run.width == 1 else run.dialect.split(_bare(line))
-    while len(cells) > run.width and (not cells[-1] or cells[-1].lower() == _REMARK):
+    while len(cells) > run.width and (not cells[-1] or cells[-1].lower() == _COMMENT_COLUMN):
         cells.pop()
     surplus = run.width - len(cells)
     if surplus > 0 and not any(any(row[len(cells) :]) for row in samples):  # a delimiter ends every row of numbers
@@ -293,7 +293,7 @@ def _fitted(line: str, run: _NumberRows, samples: Sequence[Sequence[str]]) -> tu
 
 
 def _are_units(cells: Sequence[str]) -> bool:
-    """Whether a row is one of units."""
+    """True if a row holds units."""
     inner = [cell.strip("()[]<>").strip() for cell in cells]
     bracketed = [cell[:1] in ("(", "[", "<") and cell[-1:] in (")", "]", ">") for cell in cells]
     known = [unit_of(text) is not None for text in inner]

@@ -16,7 +16,7 @@ from piezoharvest.readers.hdf5 import dtype_of, holds_numbers
 
 _NUMERIC = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 _NESTED = ("struct", "cell", "object")
-_MOST_INNER = 100_000  # references or characters of one data set that are followed: cells, names of signals
+_MAX_INNER = 100_000  # references or characters that are read of one data set: cells, names of signals
 
 
 class Matlab(ArrayReader):
@@ -46,7 +46,7 @@ class Matlab(ArrayReader):
                 arrays |= self._recording(item) if _is_recording(item) else dict(_flat(name, item))
         except MemoryError:
             raise
-        except Exception as error:  # the readers of damaged files fail in many ways
+        except Exception as error:  # libraries raise any exception on damaged files
             raise ReadError(f"found no readable MATLAB file ({error}), allowed is a whole one") from None
         self._found(arrays)
 
@@ -63,10 +63,10 @@ class Matlab(ArrayReader):
             self._file.close()
 
     def _recording(self, item: dict[str, Any]) -> dict[str, Any]:
-        """Signals of a recording by name, and note their times."""
-        signals = _listed(item["Y"])
+        """Signals of a recording by name; sets their times."""
+        signals = _as_list(item["Y"])
         count = Counter(str(signal["Name"]) for signal in signals)
-        rasters = [x["Data"] for x in _listed(item["X"])]
+        rasters = [x["Data"] for x in _as_list(item["X"])]
         found = {}
         for signal in signals:
             name = str(signal["Name"])
@@ -81,16 +81,16 @@ class Matlab(ArrayReader):
 
 
 def _is_recording(item: Any) -> bool:
-    """Whether a structure is one that ControlDesk writes."""
+    """True if a structure is a recording of ControlDesk."""
     if not isinstance(item, dict) or not {"X", "Y"} <= item.keys():
         return False
-    parts = [_listed(item["X"]), _listed(item["Y"])]
+    parts = [_as_list(item["X"]), _as_list(item["Y"])]
     return all(isinstance(part, dict) and "Data" in part for some in parts for part in some) and all(
         "Name" in signal for signal in parts[1]
     )
 
 
-def _listed(item: Any) -> Sequence[Any]:
+def _as_list(item: Any) -> Sequence[Any]:
     return item if isinstance(item, list) else [item]
 
 
@@ -107,7 +107,7 @@ def _flat(name: str, item: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _from_scipy(path: Path) -> dict[str, Any]:
-    """Variables of a file of version 4 to 7 as dicts, lists, strings and arrays, the latter only read when wanted."""
+    """Variables of a file of version 4 to 7 as dicts, lists, strings and arrays, the latter read at first access."""
     from scipy.io import whosmat
 
     found: dict[str, Any] = {}
@@ -135,7 +135,7 @@ def _plain(item: Any) -> Any:
 
 
 class _Transposed:
-    """Data set of a v7.3 file, which holds MATLAB's columns as rows, with the axes as MATLAB shows them."""
+    """Data set of a v7.3 file, which stores axes in reverse order, with the axes as MATLAB shows them."""
 
     def __init__(self, data: Any):
         self._data = data
@@ -152,29 +152,29 @@ def _from_hdf5(item: Any) -> Any:
     kind = item.attrs.get("MATLAB_class", b"")
     if isinstance(item, h5py.Group):
         fields = dict(item.items())
-        # The fields of an array of structures are references to what each of them holds, without a class of their own.
-        if fields and all(_refers(field) and "MATLAB_class" not in field.attrs for field in fields.values()):
-            columns = {name: _referred(field) for name, field in fields.items()}
+        # The fields of an array of structures are references to the values of each element, without a MATLAB class.
+        if fields and all(_is_reference(field) and "MATLAB_class" not in field.attrs for field in fields.values()):
+            columns = {name: _dereferenced(field) for name, field in fields.items()}
             return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
         return {name: _from_hdf5(field) for name, field in fields.items()}
-    if _refers(item):
-        return _referred(item)
+    if _is_reference(item):
+        return _dereferenced(item)
     if kind == b"char":
         return "" if "MATLAB_empty" in item.attrs else "".join(map(chr, np.ravel(_inner(item))))
     return _Transposed(item) if holds_numbers(item) and "MATLAB_empty" not in item.attrs else ""
 
 
-def _refers(item: Any) -> bool:
+def _is_reference(item: Any) -> bool:
     dtype = dtype_of(item)
     return dtype is not None and dtype.kind == "O"
 
 
 def _inner(item: Any) -> np.ndarray:
-    """References or characters of a data set, of which a damaged or foreign one may claim any number."""
-    if item.size is not None and item.size > _MOST_INNER:
-        raise ValueError(f"{item.name} with {item.size} elements, of which at most {_MOST_INNER} are followed")
+    """References or characters of a data set; their number is limited, for a damaged file may claim any."""
+    if item.size is not None and item.size > _MAX_INNER:
+        raise ValueError(f"{item.name} with {item.size} elements, of which at most {_MAX_INNER} are followed")
     return item[()]
 
 
-def _referred(item: Any) -> list[Any]:
+def _dereferenced(item: Any) -> list[Any]:
     return [_from_hdf5(item.file[reference]) for reference in np.ravel(_inner(item), order="F") if reference]

@@ -15,12 +15,12 @@ from piezoharvest.readers.arrays import ArrayReader, Deferred
 from piezoharvest.readers.base import ReadError
 
 _NUMBERS = "fiubc"  # kinds of dtype
-# Version 3 differs by the names of fields, which arrays of numbers have none of.
+# Version 3 differs only in the names of fields, which arrays of numbers do not have.
 _HEADERS = {(1, 0): form.read_array_header_1_0, (2, 0): form.read_array_header_2_0}
 
 
 class NumpyFile(ArrayReader):
-    """Arrays that numpy has saved; the one of a .npy file has no name: "[:, 0]", or "[:]" if it is a vector."""
+    """Arrays saved by numpy; that of a .npy file has no name: "[:, 0]", or "[:]" if it is a vector."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".npz", ".npy")
 
@@ -46,7 +46,7 @@ class NumpyFile(ArrayReader):
 
 
 def _members(file: Any) -> Iterator[tuple[str, Deferred]]:
-    """Arrays of a .npz file by their names, of which only the headers are read."""
+    """Arrays of a .npz file by name; only their headers are read."""
     for member in file.zip.namelist():
         with file.zip.open(member) as stream:
             if not member.endswith(".npy") or (version := form.read_magic(stream)) not in _HEADERS:

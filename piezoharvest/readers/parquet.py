@@ -12,7 +12,7 @@ from piezoharvest.readers.base import Reader, ReadError, check_count, numbers
 
 
 class Parquet(Reader):
-    """Parquet file; what is null in it is not a number (NaN)."""
+    """Parquet file; null values become NaN."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".parquet",)
     unsafe: ClassVar[tuple[str, ...]] = ("pyarrow.parquet",)
@@ -37,7 +37,7 @@ class Parquet(Reader):
             raise ReadError(f"found damaged data ({error}), allowed is a whole Parquet file") from None
 
     def _column(self, name: str) -> np.ndarray:
-        """One column, row group by row group: never much more than it is in memory."""
+        """One column, read row group by row group to limit memory."""
         groups = (self._file.read_row_group(n, columns=[name]) for n in range(self._file.num_row_groups))
         parts = [numbers(group.column(0).to_numpy(), name) for group in groups]
         return np.concatenate(parts) if parts else np.empty(0)

@@ -1,4 +1,4 @@
-"""Rows of a table of numbers, taken block by block: whole blocks at once where they are in order, else line by line."""
+"""Parser of a table of numbers in blocks of lines: a regular block at once, any other line by line."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ import numpy as np
 from piezoharvest.readers.base import ReadError, cut
 from piezoharvest.readers.layout import COMMENT, TextLayout
 
-_END = "END"  # of a block in the files of impedance analysers
+_END = "END"  # ends a block in files of impedance analysers
 
 
 class Table:
-    """Wanted columns of a table that grows block by block.
+    """Selected columns of a table that is read block by block.
 
-    Blank lines and comments are passed over, and so is a header that comes again. Text below the table ends it. Text
+    Blank lines, comments and repeated headers are skipped. Text below the table ends it. Text
     among its rows is an error.
 
     Parameters
     ----------
     layout : TextLayout
     where : mapping of str to int
-        Positions of the columns that are wanted.
+        Positions of the selected columns.
 
     Attributes
     ----------
     count : int
         Rows so far.
     last_row, seen : int
-        Row of the file that the last of them stands in, and the last line that was taken.
+        Line of the file with the last of these rows, and the last line that was read.
     ended : bool
-        Whether another table has begun.
+        True if another table has begun.
     left_out : tuple of (row, text) or None
-        The first line below the table that holds numbers.
+        The first line below the table with numbers.
     """
 
     def __init__(self, layout: TextLayout, where: Mapping[str, int]):
@@ -41,19 +41,19 @@ class Table:
         self.count, self.last_row, self.seen, self.ended = 0, 0, 0, False
         self.left_out: tuple[int, str] | None = None
         self._columns = {name: np.empty(0) for name in where}
-        self._pieces: list[tuple[int, int]] = []  # index and row at which the numbering starts anew
-        self._lines: list[tuple[int, list[float]]] = []  # rows that were read one by one
+        self._pieces: list[tuple[int, int]] = []  # index and row at which the numbering restarts
+        self._lines: list[tuple[int, list[float]]] = []  # rows read line by line
         self._text: tuple[int, list[str]] | None = None  # the first line of text below the last row
-        self._titled = False  # whether names of columns have come below that
-        self._empty: list[int] = []  # rows below the last one that have nothing but delimiters
+        self._titled = False  # True if names of columns followed that text
+        self._empty: list[int] = []  # rows below the last one with delimiters only
 
     def add(self, block: bytes, row: int) -> None:
-        """Take whole lines, of which the first is a certain row of the file.
+        """Read whole lines, the first of which is line `row` of the file.
 
         Raises
         ------
         ReadError
-            A line is no row of the table.
+            A line is not a row of the table.
         """
         self.seen = row + block.count(b"\n") - 1
         found = self._at_once(block) if self._text is None and not self._empty else None
@@ -68,17 +68,17 @@ class Table:
 
     @property
     def below(self) -> bool:
-        """Whether text stands below the last row."""
+        """True if there is text below the last row."""
         return self._text is not None
 
     def finish(self) -> dict[str, np.ndarray]:
-        """The columns, when all lines have been taken."""
+        """The columns, after all lines have been read."""
         for column in self._columns.values():
             column.resize(self.count, refcheck=False)
         return self._columns
 
     def numbering(self) -> int | np.ndarray:
-        """Row of the first sample, or those of all where they do not follow each other."""
+        """Row of the first sample, or the rows of all samples if they are not consecutive."""
         if len(self._pieces) == 1:
             return self._pieces[0][1]
         starts = [index for index, _ in self._pieces]
@@ -86,7 +86,7 @@ class Table:
         return np.arange(self.count) + np.repeat(offsets, np.diff([*starts, self.count]))
 
     def _at_once(self, block: bytes) -> list[np.ndarray] | None:
-        """Wanted columns of a block; None if a line of it is no row of the table, or does not begin with a number."""
+        """Selected columns of a block; None if a line is not a row of the table, or does not begin with a number."""
         import pyarrow
         from pyarrow import csv
 
@@ -101,7 +101,7 @@ class Table:
         try:
             table = csv.read_csv(
                 pyarrow.BufferReader(block),
-                # Without threads, which would gain next to nothing.
+                # Threads would save almost no time.
                 csv.ReadOptions(column_names=labels, block_size=max(len(block), 2), use_threads=False),
                 csv.ParseOptions(delimiter=dialect.delimiter or " "),
                 csv.ConvertOptions(
@@ -115,7 +115,7 @@ class Table:
         return [table.column(labels[n]).to_numpy() for n in self.where.values()]
 
     def _append(self, columns: Sequence[np.ndarray], row: int, count: int) -> None:
-        """Take rows that follow each other in the file."""
+        """Append rows that are consecutive in the file."""
         total = self.count + count
         for column, values in zip(self._columns.values(), columns, strict=True):
             if len(column) < total:
@@ -126,7 +126,7 @@ class Table:
         self.count, self.last_row = total, row + count - 1
 
     def _flush(self) -> None:
-        """Take the rows that were read one by one."""
+        """Append the rows that were read line by line."""
         rows = np.array([row for row, _ in self._lines], int)
         values = np.array([values for _, values in self._lines], float).reshape(len(rows), len(self.where))
         self._lines = []
@@ -135,7 +135,7 @@ class Table:
                 self._append(list(values[piece].T), int(rows[piece[0]]), len(piece))
 
     def _take(self, line: str, row: int) -> None:
-        """Take one line, whatever it is."""
+        """Read one line of any kind."""
         bare = line.strip()
         if not bare or bare.startswith(COMMENT) or bare == _END:
             return
@@ -148,7 +148,7 @@ class Table:
             return
         dialect, whole = self.layout.dialect, len(cells) == self.layout.width
         values = [dialect.number(cells[n]) for n in self.where.values()] if whole else []
-        # Below text, a row that begins with nothing is one of statistics.
+        # Below text, a row with an empty first cell holds statistics.
         begun = self._leads(cells) and (self._text is None or cells[self.layout.numeric[0]] != "") if whole else False
         if not begun or None in values:
             self._no_row(cells, values, row)
@@ -161,19 +161,19 @@ class Table:
         self._empty = []
 
     def _cells(self, line: str) -> list[str]:
-        """Cells of a line, without those beyond the table that are empty, or remarks where the header has a place."""
+        """Cells of a line, without empty cells, or comments if the header has a column for them, beyond the table."""
         cells = self.layout.dialect.split(line)
         while len(cells) > self.layout.width and (not cells[-1] or self.layout.remarks):
             cells.pop()
         return cells
 
     def _leads(self, cells: Sequence[str]) -> bool:
-        """Whether a line of the table's width begins as its rows do: text there is a title, or names a statistic."""
+        """True if a line of the table's width begins with a number; text there is a title or names a statistic."""
         lead = cells[self.layout.numeric[0]]
         return self.layout.dialect.is_number(lead)
 
     def _no_row(self, cells: Sequence[str], values: Sequence[float | None], row: int) -> None:
-        """Note a line that ends the table, or raise the error of one that is a damaged row."""
+        """Record a line that ends the table, or raise an error if it is a damaged row."""
         dialect, layout = self.layout.dialect, self.layout
         if self._text is None:
             if values and self._leads(cells):
@@ -191,7 +191,7 @@ class Table:
             self.ended |= self._titled and dialect.is_cut(cells)  # the rows of a table of another width
 
     def _go_on(self, row: int, line: str) -> None:
-        """Note another table, or raise the error of the text above a row."""
+        """Record the beginning of another table, or raise an error for text among the rows."""
         assert self._text is not None
         if self._titled:
             self.left_out, self.ended = self.left_out or (row, cut(line.strip())), True
@@ -205,7 +205,7 @@ class Table:
 
 
 def decoded(line: bytes) -> str:
-    """A line as text. Numbers look the same in any encoding; names are in UTF-8, or else Latin 1."""
+    """A line as text, in UTF-8 or else Latin 1; numbers are the same in both."""
     try:
         return line.decode()
     except UnicodeDecodeError:

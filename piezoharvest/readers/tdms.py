@@ -23,11 +23,11 @@ class Tdms(Reader):
         from nptdms.log import log_manager
 
         super().__init__(path)
-        log_manager.set_level(logging.ERROR)  # what it would warn of is an error below
+        log_manager.set_level(logging.ERROR)  # its warnings are errors below
         try:
             self._file = TdmsFile.open(path)
             incomplete = self._file.file_status.incomplete_final_segment
-        except Exception as error:  # nptdms raises what the bytes lead it to
+        except Exception as error:  # nptdms raises any exception on damaged files
             raise ReadError(f"found no TDMS file ({error}), allowed is a whole one") from None
         if incomplete:
             raise ReadError("found a last segment that is cut off, allowed is a whole TDMS file")
@@ -50,7 +50,7 @@ class Tdms(Reader):
         return numbers(values, name)
 
     def time_of(self, name: str) -> np.ndarray | None:
-        """Time by the channel's waveform properties, where it has them."""
+        """Time from the channel's waveform properties, if it has them."""
         channel = self._channels[name]
         step = channel.properties.get("wf_increment", 0.0)
         return channel.properties.get("wf_start_offset", 0.0) + step * np.arange(len(channel)) if step else None

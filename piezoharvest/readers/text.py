@@ -1,4 +1,4 @@
-"""Tables of numbers in text: CSV with comma, semicolon or tab, decimal point or comma; columns apart by blanks."""
+"""Tables of numbers in text: CSV with comma, semicolon or tab, decimal point or comma; or delimited by blanks."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ from typing import ClassVar
 
 import numpy as np
 
-from piezoharvest.readers.base import MOST_NUMBERS, MissingColumnError, Reader, ReadError, check_count, cut
-from piezoharvest.readers.layout import ADVICE, NEAR, find_layout
+from piezoharvest.readers.base import MAX_NUMBERS, MissingColumnError, Reader, ReadError, check_count, cut
+from piezoharvest.readers.layout import ADVICE, MAX_HEADER_LINES, find_layout
 from piezoharvest.readers.table import Table, decoded
 from piezoharvest.readers.units import Unit, stated_unit, unit_of
 
 _BLOCK = 1 << 22  # bytes read at a time
-_HEAD = 1 << 18  # bytes, and lines, that tell how the file is laid out
+_HEAD = 1 << 18  # bytes, and lines, from which the layout is determined
 _HEAD_LINES = 1000
 
 
 class Text(Reader):
-    """Text file with a table of numbers, whose columns have the names above it, or else "1", "2", ...
+    """Text file with a table of numbers; columns are named by the line above it, or else "1", "2", ...
 
     Parameters
     ----------
     path : Path
     skip_rows : int
-        Lines at the beginning that are not looked at.
+        Number of lines to skip at the beginning.
     header_row : int, optional
-        Line, from 1, that has the names; the table is the first one below it.
+        Line, from 1, with the names; the table is the first one below it.
     """
 
     suffixes: ClassVar[tuple[str, ...]] = (".csv", ".txt", ".dat", ".tsv")
     by_lines = True
-    most_bytes = 32 * MOST_NUMBERS  # a number with 17 digits has up to 25 characters
+    most_bytes = 32 * MAX_NUMBERS  # a number with 17 digits has up to 25 characters
 
     def __init__(self, path: Path, skip_rows: int = 0, header_row: int | None = None):
         super().__init__(path)
@@ -80,7 +80,7 @@ class Text(Reader):
             raise MissingColumnError(error.message + where, error.column) from None
 
     def _table(self, names: Sequence[str], first: int, last: int | None = None) -> Table:
-        """Columns of some rows, read block by block: never much more in memory than they take."""
+        """Columns of the rows from `first` to `last`, read block by block to limit memory."""
         table = Table(self.layout, {name: self._positions[name] for name in names})
         row = 1
         for block in _blocks(self.path, self._encoding):
@@ -94,7 +94,7 @@ class Text(Reader):
         return table
 
     def _key(self, position: int) -> str:
-        """What tells a column from all others: its name, or its number where there are several of that name."""
+        """Unique name of a column: its name, with its number if there are several of that name."""
         name = self.names[position]
         return name if self.names.count(name) == 1 else f"{name} ({position + 1})".strip()
 
@@ -105,13 +105,13 @@ def _encoding(path: Path) -> str | None:
     Raises
     ------
     ReadError
-        It is no text.
+        The file is not text.
     """
     with path.open("rb") as stream:
         start = stream.read(1 << 12)
     if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
-    # Of text in UTF-16, every other byte is 0, but for few letters.
+    # In UTF-16, every other byte is 0 for most letters.
     pairs = max(len(start) // 2, 1)
     for encoding, zeros, others in (("utf-16-le", start[1::2], start[::2]), ("utf-16-be", start[::2], start[1::2])):
         if zeros.count(0) > 0.9 * pairs and others.count(0) == 0:
@@ -123,7 +123,7 @@ def _encoding(path: Path) -> str | None:
 
 
 def _blocks(path: Path, encoding: str | None) -> Iterator[bytes]:
-    """Whole lines of a file, some megabytes at a time, in UTF-8 or as they are, with line ends all the same."""
+    """Whole lines of a file, some megabytes at a time, decoded to UTF-8 if needed, all ending in a line feed."""
     decoder = codecs.getincrementaldecoder(encoding or "latin-1")("replace") if encoding else None
     rest, first = b"", True
     with path.open("rb") as stream:
@@ -136,7 +136,7 @@ def _blocks(path: Path, encoding: str | None) -> Iterator[bytes]:
                 data, first = data.removeprefix(codecs.BOM_UTF8), False
             data = rest + data
             if b"\r" in data:
-                held = b"\r" if data.endswith(b"\r") and not final else b""  # its line feed may be still to come
+                held = b"\r" if data.endswith(b"\r") and not final else b""  # its line feed may be in the next block
                 data = data[: len(data) - len(held)].replace(b"\r\n", b"\n").replace(b"\r", b"\n") + held
             end = len(data) if final else data.rfind(b"\n") + 1
             if end:
@@ -150,12 +150,12 @@ def _blocks(path: Path, encoding: str | None) -> Iterator[bytes]:
 
 
 def _head(blocks: Iterator[bytes], begin: int) -> list[str]:
-    """The first lines of a file, as many as tell its layout; of those that are left out all but the last are empty."""
+    """The first lines of a file, which show its layout; skipped lines, except the last few, are returned empty."""
     head: list[str] = []
     size = 0
     for block in blocks:
         for line in block.split(b"\n")[:-1]:
-            head.append(decoded(line) if len(head) >= begin - NEAR else "")
+            head.append(decoded(line) if len(head) >= begin - MAX_HEADER_LINES else "")
             size += len(line) if len(head) > begin else 0
             if size > _HEAD or len(head) > begin + _HEAD_LINES:
                 return head

@@ -1,4 +1,4 @@
-"""Units as instruments write them into files: in brackets behind a name, in a row of their own, or as a name's end."""
+"""Units as instruments write them into files: in brackets after a name, in a separate row, or as a suffix."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 _PREFIXES = {"p": 1e-12, "n": 1e-9, "u": 1e-6, "\u03bc": 1e-6, "m": 1e-3, "k": 1e3, "M": 1e6, "G": 1e9}
 _LONG_PREFIXES = {"pico": 1e-12, "nano": 1e-9, "micro": 1e-6, "milli": 1e-3, "kilo": 1e3, "mega": 1e6}
-# Symbols that take prefixes, and words in any case with or without a plural s: SI unit and how many of it. What no
-# channel is measured in stands here as well: it must not be taken for the unit of one that it is not.
+# Symbols that take prefixes, and words in any case with or without a plural s: SI unit and factor. Units that no
+# channel is measured in are included, so that they are recognised as wrong for a channel.
 _SYMBOLS = {
     "s": ("s", 1.0), "N": ("N", 1.0), "m": ("m", 1.0), "V": ("V", 1.0), "A": ("A", 1.0), "Hz": ("Hz", 1.0),
     "ohm": ("ohm", 1.0), "Ohm": ("ohm", 1.0), "\u03a9": ("ohm", 1.0), "g": ("m/s^2", 9.80665),
@@ -37,13 +37,13 @@ class Unit(NamedTuple):
     Attributes
     ----------
     text : str
-        As it stands in the file.
+        As written in the file.
     si : str
-        SI unit of what it measures, as `records.channels` writes it.
+        SI unit of the quantity, as `records.channels` writes it.
     factor : float
-        SI units in one of it.
+        Factor from this unit to the SI unit.
     firm : bool
-        Whether it can be nothing but a unit: the end of a name such as "force_A" may be something else.
+        True if it can only be a unit: the end of a name such as "force_A" may be something else.
     """
 
     text: str
@@ -53,7 +53,7 @@ class Unit(NamedTuple):
 
 
 def unit_of(text: str) -> Unit | None:
-    """The unit that a text is, None where it is none that is known."""
+    """Unit with this text, or None if it is unknown."""
     cleaned = text.strip()
     if not 0 < len(cleaned) <= 24:
         return None
@@ -63,7 +63,7 @@ def unit_of(text: str) -> Unit | None:
 
 
 def stated_unit(name: str) -> tuple[str, Unit | None]:
-    """Name of a column without the unit that stands in it, and that unit."""
+    """Name of a column without the unit in it, and that unit."""
     if len(name) > 200:
         return name, None
     if match := _BRACKETS.fullmatch(name):
@@ -79,7 +79,7 @@ def stated_unit(name: str) -> tuple[str, Unit | None]:
 
 
 def _simple(text: str) -> tuple[str, float] | None:
-    """A symbol or a word, with or without a prefix."""
+    """SI unit and factor of a symbol or a word, with or without a prefix."""
     if text in _SYMBOLS:
         return _SYMBOLS[text]
     if text[:1] in _PREFIXES and text[1:] in _SYMBOLS and text != "min":
@@ -94,7 +94,7 @@ def _simple(text: str) -> tuple[str, float] | None:
 
 
 def _motion(text: str) -> tuple[str, float] | None:
-    """A speed or an acceleration."""
+    """SI unit and factor of a speed or an acceleration."""
     for pattern, si in ((_ACCELERATION, "m/s^2"), (_SPEED, "m/s")):
         if match := pattern.fullmatch(text):
             length = _simple(match[1])
@@ -103,7 +103,7 @@ def _motion(text: str) -> tuple[str, float] | None:
 
 
 def _ratio(text: str) -> tuple[str, float] | None:
-    """One unit over another, as of a frequency response."""
+    """SI unit and factor of a quotient of two units, as of a frequency response."""
     for slash in (n for n, mark in enumerate(text) if mark == "/"):
         parts = [part.strip().removeprefix("(").removesuffix(")") for part in (text[:slash], text[slash + 1 :])]
         found = [_simple(part) or _motion(part) for part in parts]

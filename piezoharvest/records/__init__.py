@@ -1,4 +1,4 @@
-"""Measured records: campaigns read from files of many formats, and looked at before they are believed."""
+"""Measured records: campaigns read from files of many formats, and checks of their data."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
-    # Lazy: the checks bring scipy, and a campaign brings pydantic.
+    # Lazy: the checks import scipy, and a campaign imports pydantic.
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

@@ -1,4 +1,4 @@
-"""A campaign: measured records of one specimen, read, checked, and ready to be fitted."""
+"""A campaign: measured records of one specimen, read and checked."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ class Campaign:
     path : Path
         The campaign's file.
     transducer : Transducer
-        Nominal values: start of a fit, not truth.
+        Nominal values, used as the start of a fit.
     records : tuple of Record or FrequencyRecord
         In the order of the file.
     findings : tuple of tuple of Finding
-        For each record what its checks have found; warnings only, unless the campaign comes with an error.
+        Findings of the checks, for each record; warnings only, unless the campaign belongs to an error.
     unknown : tuple of str
-        Parameters of the transducer of which the file gives no value: mass and damping of a quasi-static specimen.
+        Parameters of the transducer without a value in the file: mass and damping of a quasi-static specimen.
     """
 
     title: str
@@ -48,7 +48,7 @@ class Campaign:
 
     @property
     def drives_base(self) -> bool:
-        """Whether a base acceleration is imposed in some record, which only a mass turns into a force."""
+        """True if a base acceleration is imposed in some record, which needs a mass to become a force."""
         return any(isinstance(record, Record) and record.drive == "base_acceleration" for record in self.records)
 
     def of_role(self, role: str) -> tuple[Record | FrequencyRecord, ...]:

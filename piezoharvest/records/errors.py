@@ -1,4 +1,4 @@
-"""What is wrong with a campaign, in one sentence."""
+"""Error of a campaign, in one sentence."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from piezoharvest.study import StudyError
 
 
 class CampaignError(StudyError):
-    """What is wrong with a campaign: file, key or channel and rows, what was found, what is allowed.
+    """Error of a campaign: file, key or channel and rows, what was found, what is allowed.
 
     Attributes
     ----------
     path, key, message : str
-        As in `StudyError`: the campaign's file and a key in it, or a data file with channel and rows in words.
+        As in `StudyError`: the campaign's file and a key in it, or a data file with channel and rows as text.
     channel : str
-        Channel of a data file; empty where a key or the whole file is meant.
+        Channel of a data file; empty if a key or the whole file is meant.
     rows : tuple of (first, last)
         Rows of the data file.
     campaign : Campaign or None
-        What was read, with all findings, where the data could be read but a check found an error.
+        The campaign with all findings, if the data could be read but a check found an error.
     """
 
     def __init__(

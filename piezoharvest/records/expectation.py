@@ -1,6 +1,6 @@
-"""What the nominal model leads to expect of a record: responses to its drive, with the nominal values uncertain.
+"""Responses to a record's drive that the nominal model predicts, with its values uncertain.
 
-Nominal values are where a fit starts, not truth. A check may therefore go by them only where every variant agrees:
+Nominal values are the start of a fit and may be wrong. A check may therefore use them only if every variant agrees:
 resonances 0.7 to 1.4 times as high, damping 0.3 to 3 times as large, hysteresis sticking or slipping.
 """
 
@@ -24,7 +24,7 @@ Transfers = Mapping[str, Mapping[str, np.ndarray]]
 
 
 def variants(transducer: Transducer) -> Iterator[tuple[Transducer, str]]:
-    """Transducers that the nominal one may turn out to be, each with the operating point of its hysteresis."""
+    """Variants of the nominal transducer, each with the operating point of its hysteresis."""
     points = ("stick", "slip") if transducer.hysteresis else ("stick",)
     for mass in _MASSES:
         for damping in _DAMPINGS:
@@ -47,18 +47,18 @@ def transfers(
     ----------
     transducer : Transducer
     shunt : Shunt or None
-        With switches or diodes, only the displacement is foretold, between that with open and with shorted electrodes.
+        With switches or diodes, only the displacement is predicted, between that with open and with shorted electrodes.
     drive : str
-        The imposed channel. With an imposed voltage a force acts beside it.
+        The imposed channel. With an imposed voltage, a force is a second input.
     frequencies : (f,) array
         Hz, above 0.
     nominal : bool
-        The nominal values only.
+        Use the nominal values only.
 
     Returns
     -------
     mapping
-        By response and input, arrays (variants, f) in SI units. A channel that nothing is known of is missing.
+        By response and input, arrays (variants, f) in SI units. A channel without a prediction is missing.
     """
     linear = drive == "voltage" or isinstance(shunt, LinearShunt)
     shunts = [shunt] if linear else [Open(), Short()]
@@ -70,7 +70,7 @@ def transfers(
                     found.setdefault(response, {}).setdefault(cause, []).append(values)
         if nominal:
             break
-    # Nothing but rounding would be foretold of these.
+    # The predictions of these would be rounding errors only.
     silent = {"voltage"} if isinstance(shunt, Short) else {"current"} if isinstance(shunt, Open) else set()
     return {
         response: {cause: np.array(values) for cause, values in by.items()}
@@ -92,7 +92,7 @@ def _responses(
     found = _of(model, omega, ("displacement", "voltage", "current"), (drive,))
     if drive != "displacement":
         return found
-    # Whatever moves the structure: its displacement is known, and the others stand in proportion.
+    # Whatever moves the structure: its displacement is known, and the other channels are proportional to it.
     moved = found.pop(("displacement", drive))
     return {("force", drive): 1 / moved, **{key: values / moved for key, values in found.items()}}
 

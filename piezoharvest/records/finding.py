@@ -1,4 +1,4 @@
-"""What a check has found in a record."""
+"""Findings of the checks of a record."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Literal
 import numpy as np
 
 Rows = tuple[tuple[int, int], ...]
-_MOST = 3  # ranges of rows in a message
+_MAX_RANGES = 3  # ranges of rows in a message
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is wrong with a record, or likely so.
+    """A fault of a record, certain or likely.
 
     Attributes
     ----------
@@ -25,9 +25,9 @@ class Finding:
     file : str
         The data file, as the campaign names it.
     channel : str
-        Channel it is about; empty for all.
+        The channel concerned; empty for all.
     rows : tuple of (first, last)
-        Where, in rows as people count: lines of a text file, samples from 1 in others. Empty where rows say nothing.
+        Rows concerned, counted from 1: lines of a text file, samples in others. Empty if no rows are meant.
     message : str
         What was found, and what is allowed.
     """
@@ -44,21 +44,21 @@ class Finding:
 
     @property
     def place(self) -> str:
-        """Channel and rows in words."""
+        """Channel and rows as text."""
         return ", ".join(part for part in (self.channel, in_words(self.rows)) if part)
 
 
 def in_words(rows: Rows) -> str:
-    """Rows as a message says them: "row 7" or "rows 7-9, 12-15 and 4 more ranges"."""
+    """Text for rows in a message: "row 7" or "rows 7-9, 12-15 and 4 more ranges"."""
     if not rows:
         return ""
-    parts = [f"{first}" if first == last else f"{first}-{last}" for first, last in rows[:_MOST]]
-    more = f" and {len(rows) - _MOST} more ranges" if len(rows) > _MOST else ""
+    parts = [f"{first}" if first == last else f"{first}-{last}" for first, last in rows[:_MAX_RANGES]]
+    more = f" and {len(rows) - _MAX_RANGES} more ranges" if len(rows) > _MAX_RANGES else ""
     return ("row " if len(rows) == 1 and rows[0][0] == rows[0][1] else "rows ") + ", ".join(parts) + more
 
 
 def counted(count: int, one: str) -> str:
-    """A number of things: "1 gap", "3 gaps"."""
+    """Text for a number of items: "1 gap", "3 gaps"."""
     return f"{count} {one}{'' if count == 1 else 's'}"
 
 
@@ -72,7 +72,7 @@ def runs(mask: np.ndarray) -> np.ndarray:
 
 
 def shifted(ranges: Sequence[Sequence[int]] | np.ndarray, numbering: int | np.ndarray) -> Rows:
-    """Ranges of sample indices as rows, by the row of the first sample, or that of each."""
+    """Rows of ranges of sample indices, given the row of the first sample or of each."""
     if not isinstance(numbering, np.ndarray):
         return tuple((int(begin) + numbering, int(end) + numbering) for begin, end in ranges)
     rows = np.sort(np.concatenate([numbering[:0], *(numbering[begin : end + 1] for begin, end in ranges)]))
@@ -81,5 +81,5 @@ def shifted(ranges: Sequence[Sequence[int]] | np.ndarray, numbering: int | np.nd
 
 
 def index_of(row: int, numbering: int | np.ndarray) -> int:
-    """Index of the sample that stands in a row."""
+    """Index of the sample in a row."""
     return int(np.argmin(np.abs(numbering - row))) if isinstance(numbering, np.ndarray) else row - numbering

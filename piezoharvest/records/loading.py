@@ -1,4 +1,4 @@
-"""Reading a campaign: its file, all its records, and what checks find in them."""
+"""Reading a campaign: its file, all its records, and the findings of their checks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import INERT, Transducer
-from piezoharvest.readers.base import MOST_NUMBERS
+from piezoharvest.readers.base import MAX_NUMBERS
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.checks import check
 from piezoharvest.records.errors import CampaignError
@@ -29,8 +29,8 @@ from piezoharvest.records.record import FrequencyRecord, Record
 from piezoharvest.study import StudyError, build_transducer, read_toml
 
 _TABLES = ("title", "transducer", "channels", "records")
-UNKNOWN = "unknown"  # mass or damping of a specimen that has none to speak of
-NO_VALUE = 1.0  # that stands where a quasi-static specimen has no mass: it does nothing
+UNKNOWN = "unknown"  # mass or damping of a specimen whose inertia and damping are negligible
+PLACEHOLDER = 1.0  # placeholder for the mass and damping of a quasi-static specimen; it has no effect
 
 
 def load_campaign(path: str | Path) -> Campaign:
@@ -49,30 +49,30 @@ def load_campaign(path: str | Path) -> Campaign:
     Raises
     ------
     CampaignError
-        The file or a data file cannot be read, or a check found an error: the first of them is told, and all stand in
-        the error's `campaign`, whose records can still be drawn.
+        The file or a data file cannot be read, or a check found an error: the message is that of the first, all are in
+        the error's `campaign`, whose records can still be plotted.
 
     Notes
     -----
-    Beyond what the interface says, a file may have
+    In addition to the keys of the interface, a file may have
 
     - `[channels]`: `time` (column and unit) beside the measured channels; `column` as a number counted from 1, as an
-      index into an array such as "data[:, 2]", or as a list of columns that are averaged; `file` where a channel stands
-      in a file of its own. `sigma`, like `gain` and `offset`, is in the channel's unit.
+      index into an array such as "data[:, 2]", or as a list of columns that are averaged; `file` if a channel is
+      in a separate file. `sigma`, like `gain` and `offset`, is in the channel's unit.
       Without `unit` and `gain` the values are in the unit that the file states for the column, in brackets, in a row
       of units or at the end of the name, or else in the SI unit. A file that states another unit than the campaign is
       an error; `gain` overrules the file.
     - `[records.channels]`: the same for one record.
-    - `rows = [first, last]`: the part of a file that is a record, in rows as findings count them (lines of a text
-      file). Others are not looked at.
+    - `rows = [first, last]`: the part of a file that is the record, in rows as findings count them (lines of a text
+      file). Other rows are ignored.
     - text tables (.txt, .dat, .tsv) and single arrays (.npy) as data files. The table of a text file is the first run
       of rows of equal width that are numbers, with the names in the row above it and units below the names.
-    - `skip_rows = n`: lines of a text file that are not looked at; `header_row = n`: the line that has the names, from
+    - `skip_rows = n`: lines of a text file to skip; `header_row = n`: the line with the names, from
       1, with the table below it.
     - `kind = "frf"`: `input` (default force), `output` and a load; columns frequency_Hz, real and imaginary, or
       magnitude and phase_rad or phase_deg, or a complex response, and coherence; or others by `[records.channels]`.
-    - `quasi_static = true` in `[transducer]`, or `mass = "unknown"` or `damping = "unknown"`: of a specimen that
-      follows its drive at once, whose mass and damping may be left out.
+    - `quasi_static = true` in `[transducer]`, or `mass = "unknown"` or `damping = "unknown"`: for a specimen that
+      follows its drive without delay, whose mass and damping may be left out.
     - `kind = "impedance"`: `mechanical` ("free" or "blocked"); columns frequency_Hz, resistance_ohm and reactance_ohm,
       or impedance_ohm and phase_rad or phase_deg. Sweeps may go up or down and overlap; a line at 0 Hz is left out.
     """
@@ -90,7 +90,7 @@ def load_campaign(path: str | Path) -> Campaign:
 def _read(path: Path) -> Campaign:
     try:
         table = read_toml(path)
-        with np.errstate(all="ignore"):  # what is no number, or becomes none, is found by the checks
+        with np.errstate(all="ignore"):  # values that are or become NaN are found by the checks
             return _campaign(table, path)
     except ParameterError as error:
         raise CampaignError(path, error.key, error.message) from None
@@ -118,7 +118,7 @@ def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
         raise ParameterError("records", f"found {found}, allowed is a list of one table or more")
     read = list(_entries(entries, sources, path))
     records = tuple(record for record, _ in read)
-    # A channel may be missing in some records; one that [channels] names and none has may be misspelt.
+    # A channel may be missing in some records; one that [channels] names and no record has may be misspelt.
     measured = {channel for record in records if isinstance(record, Record) for channel in record.signals}
     absent = [[f for f in some if f.check != "missing column" or f.channel not in measured] for _, some in read]
     found = (tuple((*some, *_checked(record, transducer))) for record, some in zip(records, absent, strict=True))
@@ -129,19 +129,19 @@ def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
 
 
 def _nominal(table: Any) -> tuple[Transducer, tuple[str, ...]]:
-    """Transducer from its table, and what that does not tell of it: where no mass is known, none can be felt."""
+    """Transducer from its table, and its unknown parameters; an unknown mass is taken as negligible."""
     table = dict(table) if isinstance(table, Mapping) else table
     unknown: tuple[str, ...] = ()
     if isinstance(table, dict):
         unknown = tuple(name for name in INERT if table.get(name) == UNKNOWN)
         if unknown or table.get("quasi_static") is True:
             unknown = tuple(name for name in INERT if name in unknown or not {name, "catalogue"} & set(table))
-            table |= {"quasi_static": True, **dict.fromkeys(unknown, NO_VALUE)}
+            table |= {"quasi_static": True, **dict.fromkeys(unknown, PLACEHOLDER)}
     return build_transducer(table), unknown
 
 
 def _checked(record: Record | FrequencyRecord, transducer: Transducer) -> tuple[Finding, ...]:
-    """What the checks of a record find."""
+    """Findings of the checks of a record."""
     if transducer.quasi_static:
         rate = record.frequency.max() if isinstance(record, FrequencyRecord) else record.sample_rate
         transducer = transducer.settled(1.0 / float(rate))
@@ -149,18 +149,18 @@ def _checked(record: Record | FrequencyRecord, transducer: Transducer) -> tuple[
 
 
 def _entries(entries: list, sources: Mapping, path: Path) -> Iterator[tuple[Record | FrequencyRecord, list[Finding]]]:
-    """Read all records, which are in memory together."""
+    """Read all records; they are in memory at the same time."""
     count = 0
     for n, entry in enumerate(entries):
         record, found = _read_entry(entry, f"records.{n}", sources, path.parent)
         count += len(record) * (1 + len(record.signals) if isinstance(record, Record) else 4)
-        if count > MOST_NUMBERS:
-            raise ParameterError(f"records.{n}", f"found {count} numbers up to here, allowed are {MOST_NUMBERS} in all")
+        if count > MAX_NUMBERS:
+            raise ParameterError(f"records.{n}", f"found {count} numbers up to here, allowed are {MAX_NUMBERS} in all")
         yield record, found
 
 
 def _read_entry(table: Any, key: str, sources: Mapping, folder: Path) -> tuple[Record | FrequencyRecord, list[Finding]]:
-    """Read the record of one of [[records]]."""
+    """Read the record of one entry of [[records]]."""
     entry = build_entry(table, key)
     own = entry.channels or {}
     if isinstance(entry, TimeEntry):

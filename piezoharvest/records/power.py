@@ -1,8 +1,9 @@
-"""Power and energy from records, as section IV.A of the reference paper takes them, with the uncertainty from noise.
+"""Power and energy from records, as in section IV.A of the reference paper, with the uncertainty from noise.
 
 Velocity is the differentiated displacement; velocity and force pass the same third-order Butterworth low-pass (100 Hz),
-so that both lag alike. Energies are Simpson integrals of F x' (mechanical, taken in) and v i (electrical, given to the
-load). What goes in and comes back within a cycle is told apart from the net energy: in a stiff specimen it is far more.
+so that both have the same delay. Energies are Simpson integrals of F x' (mechanical, absorbed) and v i (electrical,
+delivered to the load). The energy that enters and returns within a cycle is kept apart from the net energy: in a stiff
+specimen it is far more.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.records.weights import gradient_transposed, simpson_weights, smooth, smooth_transposed
 
 CUTOFF = 100.0
-# Share of its range that a drive has to be off its middle on either side before a crossing counts.
+# Share of its range by which a drive has to leave its middle on either side before a crossing counts.
 _DEAD_ZONE = 0.1
 
 
@@ -33,8 +34,8 @@ class Energy:
     returned : integral of the power where it is negative, without its sign: net = supplied - returned
     peak_power : largest power, W
     net_std, returned_std, supplied_std
-        Standard uncertainties from the sensors' noise. Noise makes power swing through zero where there is none, which
-        lets `returned` and `supplied` come out too large; what it is expected to add is part of their uncertainty.
+        Standard uncertainties from the sensors' noise. Noise lets a power of zero take either sign, which
+        makes `returned` and `supplied` too large; this expected bias is part of their uncertainty.
     """
 
     net: np.ndarray
@@ -53,7 +54,7 @@ class Power:
     Attributes
     ----------
     waveform : (n,) array
-        W. The mechanical one lags by the delay of the low-pass.
+        W. The mechanical power is delayed by the low-pass.
     cycles, record : Energy
         For each cycle, and for the record as a whole (one interval).
     """
@@ -65,7 +66,7 @@ class Power:
 
 @dataclass(frozen=True, eq=False)
 class PowerAnalysis:
-    """What `analyse` finds.
+    """Result of `analyse`.
 
     Attributes
     ----------
@@ -74,7 +75,7 @@ class PowerAnalysis:
     velocity : (n,) array
         Filtered, m/s.
     mechanical, electrical : Power
-        Taken in, and given to the load.
+        Absorbed by the specimen, and delivered to the load.
     """
 
     boundaries: np.ndarray
@@ -101,12 +102,12 @@ def analyse(
     time, force, displacement, voltage, current : (n,) array
         s, equally spaced; N; m; V; A (load current).
     frequency : float, optional
-        Of the drive, Hz, for the boundaries of the cycles, the first of which begins with the record. Without it they
-        are where the force rises through its middle; a record without two such instants is one cycle (a load step).
+        Frequency of the drive, Hz, for the cycle boundaries, the first of which is the record's beginning; else these
+        are where the force rises through its middle, and a record without two such instants is one cycle (a load step).
     sigma : mapping, optional
         Standard deviation of the white noise of "force", "displacement", "voltage", "current"; 0 unless given.
     cutoff : float
-        Of the low-pass, Hz.
+        Cut-off frequency of the low-pass, Hz.
 
     Raises
     ------
@@ -138,16 +139,16 @@ def cycle_boundaries(
     time, drive : (n,) array
         s; any unit.
     frequency : float, optional
-        Hz; cycles are counted from the first sample. Without it a cycle begins where the drive rises through the middle
-        of its range; crossings that do not come from a tenth of the range below and go as far above do not count.
+        Hz; cycles are counted from the first sample. If None, a cycle begins where the drive rises through the middle
+        of its range; a crossing counts only if the drive goes from a tenth of the range below to a tenth above.
     noise : float
-        Standard deviation of the drive's noise; crossings that do not go from five of it below to five above do not
-        count either.
+        Standard deviation of the drive's noise; a crossing must also go from five times this below to five times this
+        above.
 
     Returns
     -------
     (cycles + 1,) array
-        The ends of the record, where it does not hold a whole cycle.
+        The ends of the record, if it does not contain a whole cycle.
     """
     ends = time[[0, -1]]
     if frequency is not None:
@@ -178,7 +179,7 @@ def _electrical(voltage: np.ndarray, current: np.ndarray, of_voltage: float, of_
     def std(weights: np.ndarray) -> float:
         square = weights**2
         variance = square @ ((of_voltage * current) ** 2 + (of_current * voltage) ** 2)
-        # The measured values scatter too: without this term the noise in them would count twice.
+        # The measured values contain noise themselves: without this term it would count twice.
         return float(np.sqrt(max(variance - (of_voltage * of_current) ** 2 * square.sum(), 0.0)))
 
     return _PortPower(voltage * current, np.hypot(of_voltage * current, of_current * voltage), std)
@@ -187,7 +188,7 @@ def _electrical(voltage: np.ndarray, current: np.ndarray, of_voltage: float, of_
 def _mechanical(
     force: np.ndarray, velocity: np.ndarray, of_force: float, of_displacement: float, low_pass: np.ndarray, step: float
 ) -> _PortPower:
-    """The port of a raw force and a filtered velocity; noise as that of force and displacement before the filter."""
+    """Mechanical port of a raw force and a filtered velocity; noise of force and displacement before the filter."""
     force = smooth(low_pass, force)
     pulse = np.zeros(len(force))
     pulse[len(force) // 4] = 1.0
@@ -211,7 +212,7 @@ def _energy(port: _PortPower, time: np.ndarray, boundaries: np.ndarray) -> Energ
     for weights, start, end in zip(np.diff(to, axis=0), boundaries[:-1], boundaries[1:], strict=True):
         back = np.minimum(port.power, 0.0)
         net, returned = weights @ port.power, -weights @ back
-        # What Gaussian noise is expected to make of power of either sign beside the true one.
+        # Expected power of the opposite sign that Gaussian noise causes.
         ratio = np.divide(np.abs(port.power), port.noise, out=np.full(len(time), 30.0), where=port.noise > 0)
         rectified = weights @ (port.noise * (norm.pdf(ratio) - ratio * norm.sf(ratio)))
         stds = [port.std(weights), *(np.hypot(port.std(weights * part), rectified) for part in (back == 0, back < 0))]
@@ -223,7 +224,7 @@ def _energy(port: _PortPower, time: np.ndarray, boundaries: np.ndarray) -> Energ
 def _checked(
     time: np.ndarray, signals: Mapping[str, np.ndarray], cutoff: float
 ) -> tuple[np.ndarray, dict[str, np.ndarray], float]:
-    """Time and signals as arrays of floats, and the distance of the samples."""
+    """Time and signals as arrays of floats, and the sampling interval; raises `ParameterError`."""
     arrays = {name: np.asarray(values, float) for name, values in {"time": time, **signals}.items()}
     for name, values in arrays.items():
         if values.ndim != 1 or len(values) != len(arrays["time"]) or len(values) < 4:

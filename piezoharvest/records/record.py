@@ -25,9 +25,9 @@ class Signal:
     sigma : float or None
         Known standard deviation of the noise, in the same unit.
     file, column : str
-        Where the values were read; the column is empty where they follow from the sample rate.
+        Source of the values; the column is empty if they follow from the sample rate.
     first_row : int or (n,) array of int
-        Row of the first sample in the file, as people count, or of each where they do not follow each other.
+        Row of the first sample in the file, counted from 1, or of each if their rows are not consecutive.
     """
 
     values: np.ndarray
@@ -46,16 +46,16 @@ class Record:
     name : str
         The file, as the campaign names it.
     key : str
-        Where it stands in the campaign: "records.0".
+        Key of its table in the campaign: "records.0".
     role : "fit" or "validate"
     drive : str
         The imposed channel: "force", "voltage", "displacement" or "base_acceleration".
     shunt : Shunt or None
-        What is across the electrodes; None where the voltage is imposed and nothing else is said.
+        Shunt across the electrodes; None if the voltage is imposed and no shunt is given.
     start_time : float
         s since the campaign began.
     time : Signal
-        s; raw time stamps where the file has them.
+        s; raw time stamps if the file has them.
     signals : mapping of str to Signal
         By channel; the drive is one of them, and any other may be missing.
     """
@@ -70,14 +70,14 @@ class Record:
     signals: Mapping[str, Signal]
 
     def __getitem__(self, channel: str) -> np.ndarray:
-        """Values of a channel in its SI unit, (n,); those of "time" too."""
+        """Values of a channel, or of "time", in its SI unit, (n,)."""
         return (self.time if channel == "time" else self.signals[channel]).values
 
     def __len__(self) -> int:
         return len(self.time.values)
 
     def beginning(self, count: int) -> Record:
-        """Its first samples, without copying."""
+        """Record of the first samples, without copying."""
 
         def cut(signal: Signal) -> Signal:
             return replace(signal, values=signal.values[:count])
@@ -97,7 +97,7 @@ class Record:
 
     @cached_property
     def sample_rate(self) -> float:
-        """Samples a second, Hz."""
+        """Sample rate, Hz."""
         return (len(self) - 1) / self.duration
 
 
@@ -111,17 +111,17 @@ class FrequencyRecord:
         As in `Record`; the shunt is None for an impedance.
     kind : "frf" or "impedance"
     input, output : str
-        Channels; the response is output over input. An impedance is that of voltage to the current INTO the leads.
+        Channels; the response is output over input. An impedance is the voltage over the current INTO the leads.
     mechanical : "free" or "blocked"
-        For an impedance, what holds the structure.
+        For an impedance, the mechanical boundary condition.
     frequency : (n,) array
-        Hz, in ascending order; one may stand there several times, once for each sweep.
+        Hz, in ascending order; a frequency may occur several times, once for each sweep.
     response : (n,) complex array
         SI unit of the output over that of the input; e^(jwt).
     coherence : (n,) array or None
         From 0 to 1.
     columns : mapping of str to str
-        Columns read, by what they hold: "frequency", "real", "imaginary", "magnitude", "phase", "coherence".
+        Columns read, by quantity: "frequency", "real", "imaginary", "magnitude", "phase", "coherence".
     first_row : int or (n,) array of int
         As in `Signal`.
     """

@@ -1,4 +1,4 @@
-"""Spectra of a record's channels, and the lines in which its drive has its energy."""
+"""Spectra of a record's channels, and the spectral lines with the energy of its drive."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from scipy.signal.windows import hann
 
 from piezoharvest.records.record import Record
 
-_SHARE = 0.98  # of the drive's energy that its lines hold
-_ABOVE_FLOOR = 30.0  # times the median power, where the drive is that of a few lines and the rest is noise
-_NOISE = 0.3  # of the energy: a floor that has more is the drive
-_MOST = 400  # lines that are looked at, spread over all
+_ENERGY_SHARE = 0.98  # of the drive's energy that its lines hold
+_ABOVE_FLOOR = 30.0  # times the median power, if the drive has few lines and the rest is noise
+_MAX_NOISE_SHARE = 0.3  # of the energy: a floor that has more is part of the drive
+_MAX_LINES = 400  # lines that are used, spread over all
 
 
 class Spectra:
-    """Hann-windowed spectra of the channels of a record, made when they are asked for.
+    """Hann-windowed spectra of the channels of a record, computed at first access.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class Spectra:
 
     @property
     def _padded(self) -> int:
-        """Samples that a record is padded to with zeros, for the transform to be fast."""
+        """Number of samples to which a record is zero-padded for a fast transform."""
         return next_fast_len(len(self.record), real=True) or len(self.record)
 
     def __getitem__(self, channel: str) -> np.ndarray:
@@ -46,7 +46,7 @@ class Spectra:
             values = self.record[channel]
             n = len(values)
             window = hann(n, sym=False)
-            # Without mean and trend; what is left of them is in the lowest lines, which nobody looks at.
+            # Without mean and trend; their rest is in the lowest lines, which are not used.
             ramp = np.linspace(-1.0, 1.0, n)
             trend = 3.0 * np.dot(ramp, values) / n * (n - 1) / (n + 1)
             ramp *= -trend
@@ -59,21 +59,23 @@ class Spectra:
         return self._kept[channel]
 
     def lines(self, spectrum: np.ndarray) -> np.ndarray:
-        """Indices of the lines that hold a spectrum's energy, slower than one period in the record left out."""
+        """Indices of the lines with a spectrum's energy, without those below one period in the record."""
         power = np.abs(spectrum) ** 2
         power[self.frequencies < 1 / self.record.duration] = 0
         power[-1] = 0
         floor = float(np.median(power))
-        if floor * len(power) < _NOISE * np.log(2) * power.sum():  # the median of noise is log 2 times its mean
+        if (
+            floor * len(power) < _MAX_NOISE_SHARE * np.log(2) * power.sum()
+        ):  # the median of noise is log 2 times its mean
             power[power < _ABOVE_FLOOR * floor] = 0
         order = np.argsort(power)[::-1]
         total = np.cumsum(power[order])
         if total[-1] == 0:
             return np.empty(0, int)
-        kept = np.sort(order[: int(np.searchsorted(total, _SHARE * total[-1])) + 1])
+        kept = np.sort(order[: int(np.searchsorted(total, _ENERGY_SHARE * total[-1])) + 1])
         return kept[power[kept] > 0]
 
 
-def spread(lines: np.ndarray, most: int = _MOST) -> np.ndarray:
-    """Some of many lines, evenly."""
+def spread(lines: np.ndarray, most: int = _MAX_LINES) -> np.ndarray:
+    """Selection of at most `most` lines, evenly spread."""
     return lines if len(lines) <= most else lines[np.linspace(0, len(lines) - 1, most).astype(int)]

@@ -1,4 +1,4 @@
-"""Linear operations on samples together with their transposes, by which noise is followed through them."""
+"""Linear operations on samples and their transposes, for the propagation of noise through them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ def simpson_weights(count: int, end: float) -> np.ndarray:
     """Weights of equally spaced samples for Simpson's integral from the first one to `end`, for a spacing of 1.
 
     `scipy.integrate.simpson` gives the integral and not the weights, which the uncertainty of the integral needs, and
-    ends at samples only. Where `end` is not an even number the parabola through the three samples about it is used.
+    ends at samples only. If `end` is not an even number, the parabola through the three samples about it is used.
 
     Parameters
     ----------
@@ -31,24 +31,24 @@ def simpson_weights(count: int, end: float) -> np.ndarray:
 
 
 def _parabola(s: float) -> np.ndarray:
-    """Integrals from 0 to s of the parabolas that are 1 at one of 0, 1, 2 and 0 at the others."""
+    """Integrals from 0 to s of the quadratic Lagrange polynomials at 0, 1, 2."""
     return np.array([s**3 / 6 - 0.75 * s**2 + s, s**2 - s**3 / 3, s**3 / 6 - 0.25 * s**2])
 
 
 def smooth(low_pass: np.ndarray, signal: np.ndarray) -> np.ndarray:
-    """Filter a signal that has always been as its first sample is."""
+    """Filter a signal, with its first sample as its value at all earlier times."""
     return signal[0] + np.asarray(sosfilt(low_pass, signal - signal[0]))
 
 
 def smooth_transposed(low_pass: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weights of a signal that make the same sum as `weights` of the filtered one."""
+    """Transpose of `smooth`: weights of a signal whose sum equals that of `weights` of the filtered signal."""
     found = np.asarray(sosfilt(low_pass, weights[::-1]))[::-1].copy()
     found[0] += weights.sum() - found.sum()
     return found
 
 
 def gradient_transposed(weights: np.ndarray, step: float) -> np.ndarray:
-    """Weights of a signal that make the same sum as `weights` of its `numpy.gradient`."""
+    """Transpose of `numpy.gradient`: weights of a signal whose sum equals that of `weights` of its gradient."""
     slopes = 0.5 * weights / step
     slopes[[0, -1]] *= 2.0
     found = np.zeros(len(weights))

@@ -1,4 +1,4 @@
-"""Figures and pages: the reports of a design, of an identification and of a diagnosis."""
+"""Reports (HTML pages with figures) of a design, an identification and a diagnosis."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _HOME = {"write_diagnosis": "diagnosis", "write_report": "pages", "write_identif
 
 
 def __getattr__(name: str) -> Any:
-    # Lazy: matplotlib and jinja2 come only when a report is written.
+    # Lazy: matplotlib and jinja2 are only imported when a report is written.
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

@@ -1,4 +1,4 @@
-"""The answer in one sentence, and the figures that carry it."""
+"""The result of a design in one sentence, with its main figures."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from piezoharvest.study import Study
 
 @dataclass(frozen=True)
 class Answer:
-    """What the design found.
+    """Result of a design in words and figures.
 
     Attributes
     ----------
     sentence : str
     warning : str
-        Why it is not to be relied on; empty where it can be.
+        Reason why the result is unreliable; empty where it is reliable.
     cards : list of (name, value, remark)
     """
 
@@ -31,7 +31,7 @@ class Answer:
 
 
 def answer(study: Study, subjects: Sequence[Subject], limit: Limit | None) -> Answer:
-    """Answer of a design: its best candidate."""
+    """Result of a design: its best candidate."""
     best = subjects[0]
     c, damping = best.candidate, study.design is not None and study.design.objective == "damping"
     parts = ", ".join(f"{name} = {value}" for name, value in values_of(best.shunt))
@@ -53,7 +53,7 @@ _SIGNALS = {
 
 
 def _vibration(attenuation: float) -> str:
-    """What happens to the vibration, in words."""
+    """Change of the vibration, in words."""
     text = decibel(attenuation).lstrip("+\u2212")
     if not text[0].isdigit():
         return "changes the vibration by an unknown amount"
@@ -63,7 +63,7 @@ def _vibration(attenuation: float) -> str:
 
 
 def _where(study: Study) -> str:
-    """Under which drive, in words."""
+    """The excitation, in words."""
     band, frequency, excitation = design_band(study), drive_frequency(study), study.excitation
     what = "base acceleration" if excitation.base else "force"
     unit = "m/s^2" if excitation.base else "N"
@@ -86,7 +86,7 @@ def _warning(best: Subject) -> str:
 
 
 def _cards(best: Subject, limit: Limit | None, band: bool, damping: bool) -> list[tuple[str, str, str]]:
-    """The figures that count, the objective's first."""
+    """The main figures, the objective's first."""
     c, r = best.candidate, best.response
     remark = "mean over the band" if band else ""
     if limit is not None and near_limit([best], limit):

@@ -1,4 +1,4 @@
-"""The page of a diagnosis: verdict, cause, residuals, all effects, what a missing one biases, what is left."""
+"""The page of a diagnosis: verdict, cause, residuals, all effects, biased parameters, remaining structure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import piezoharvest
 from piezoharvest.description.effects import registered
 from piezoharvest.diagnose import Diagnosis
 from piezoharvest.diagnose.residual_regression import hints
-from piezoharvest.diagnose.residual_tests import Leftover, leftovers
+from piezoharvest.diagnose.residual_tests import ResidualTest, run_tests
 from piezoharvest.diagnose.residuals import Residuals, residuals
 from piezoharvest.diagnose.summary import Scored, cosines, scored, sentence, values
 from piezoharvest.identify.fitting.problem import Problem
@@ -22,9 +22,9 @@ from piezoharvest.report.figures.pictures import Picture, place_pictures
 from piezoharvest.report.pages import NAME, page_template
 from piezoharvest.report.units import NONE, engineering, number, percent, response_unit, with_error
 
-MOST_PLACES = 12  # in the table of what is left
-ALIKE = 0.7  # cosine from which two effects look alike
-SURE = 1e-4  # p-value below which an effect's score is marked
+MAX_TEST_ROWS = 12  # rows in the table of failed residual tests
+MIN_SIMILAR_COSINE = 0.7  # cosine above which two effects are hard to distinguish
+MAX_P_VALUE = 1e-4  # p-value below which an effect's score is marked
 
 
 def write_diagnosis(found: Diagnosis, directory: str | Path) -> Path:
@@ -34,12 +34,12 @@ def write_diagnosis(found: Diagnosis, directory: str | Path) -> Path:
     ----------
     found : Diagnosis
     directory : str or Path
-        Made if it is not there.
+        Created if it does not exist.
 
     Returns
     -------
     Path
-        The HTML file. It is written last, so that where it is, everything is.
+        The HTML file. It is written last: where it exists, the report is complete.
 
     Raises
     ------
@@ -60,9 +60,9 @@ def write_diagnosis(found: Diagnosis, directory: str | Path) -> Path:
         unexplained=percent(found.unexplained),
         scores=[_score(row, found) for row in rows],
         parameters=list(_parameters(found)),
-        alike=list(_alike(rows)),
+        alike=list(_similar_effects(rows)),
         alternatives=list(_alternatives(found)),
-        left=[_place(place) for place in found.left[:MOST_PLACES]],
+        left=[_test_row(place) for place in found.left[:MAX_TEST_ROWS]],
         hints=list(_hints(found)) if found.verdict == "unexplained" else [],
         warnings=[str(finding) for finding in found.campaign.warnings],
         figures=figures,
@@ -113,7 +113,7 @@ def _pictures(found: Diagnosis, rows: Sequence[Scored]) -> Iterator[Picture]:
 
 
 def _causes(records: Sequence[Residuals], changed: bool) -> Iterator[Picture]:
-    """The channel that gains most, or is farthest from noise where nothing was found, in the record where it does."""
+    """The channel with the largest gain (without effects: farthest from noise), in the record where it is largest."""
     places = [(each, c) for each in records for c in range(len(each.data.channels))]
     squares = [each.gain(c) if changed else float((each.white_after[:, c] ** 2).sum()) for each, c in places]
     each, c = places[squares.index(max(squares))]
@@ -133,9 +133,9 @@ def _fitted(found: Diagnosis) -> Problem:
 
 def _structure(found: Diagnosis) -> Picture:
     problem = _fitted(found)
-    sides = [("without effects", leftovers(problem, found.before.found))]
+    sides = [("without effects", run_tests(problem, found.before.found))]
     if found.effects:
-        sides.append(("with them", leftovers(problem, found.search.final)))
+        sides.append(("with them", run_tests(problem, found.search.final)))
     caption = (
         "Whitened squares of the residual by band of frequency in Hz, less what noise has, in units of its scatter; "
         "each channel without what the channels before it tell. White is noise."
@@ -178,7 +178,7 @@ def _score(row: Scored, found: Diagnosis) -> dict[str, Any]:
         "name": row.name, "label": row.label, "present": any(named.effect.name == row.name for named in found.effects),
         "score": NONE if candidate is None else number(candidate.score, 3),
         "sigma": NONE if candidate is None else number(math.sqrt(max(candidate.score, 0.0)), 2),
-        "p_value": NONE if candidate is None else _p(row.p_value), "sure": row.p_value < SURE,
+        "p_value": NONE if candidate is None else _p(row.p_value), "sure": row.p_value < MAX_P_VALUE,
         "gain": NONE if row.gain is None else number(row.gain, 3), "looks": registered()[row.name].looks,
     }  # fmt: skip
 
@@ -200,9 +200,11 @@ def _parameters(found: Diagnosis) -> Iterator[dict[str, Any]]:
         }  # fmt: skip
 
 
-def _alike(rows: Sequence[Scored]) -> Iterator[str]:
+def _similar_effects(rows: Sequence[Scored]) -> Iterator[str]:
     names, table = cosines(rows)
-    pairs = [(abs(table[i, j]), i, j) for i in range(len(names)) for j in range(i) if abs(table[i, j]) > ALIKE]
+    pairs = [
+        (abs(table[i, j]), i, j) for i in range(len(names)) for j in range(i) if abs(table[i, j]) > MIN_SIMILAR_COSINE
+    ]
     for size, i, j in sorted(pairs, reverse=True):
         told = registered()[names[i]].told_by or registered()[names[j]].told_by
         yield f"{names[j].replace('_', ' ')} and {names[i].replace('_', ' ')}: {number(size, 2)}. To tell them: {told}."
@@ -213,7 +215,7 @@ def _alternatives(found: Diagnosis) -> Iterator[tuple[str, str]]:
         yield " + ".join(step.effects).replace("_", " "), number(more, 2)
 
 
-def _place(place: Leftover) -> dict[str, str]:
+def _test_row(place: ResidualTest) -> dict[str, str]:
     return {
         "where": place.where, "record": place.record, "channel": place.channel,
         "ratio": number(place.squares / place.count, 3), "p_value": _p(place.p_value),

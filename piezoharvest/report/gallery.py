@@ -1,4 +1,4 @@
-"""Which figures a report has, with what is written below them."""
+"""The figures of a design's report, with their captions."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from piezoharvest.report.sweeps import Curve, CurveTracer
 from piezoharvest.report.units import engineering, pretty_unit
 from piezoharvest.study import Study
 
-MOST_CURVES = 6  # in one figure: as many as there are colours
-_MOST_WAVEFORMS = 4
+MAX_CURVES = 6  # in one figure: the number of colours
+_MAX_WAVEFORMS = 4
 _LOADS, _FEWER_LOADS, _FREQUENCIES, _FINE = 33, 17, 121, 300
 
 
@@ -33,9 +33,9 @@ class Gallery:
     study : Study
     subjects : sequence of Subject
     limit : Limit or None
-        Power that no interface can exceed.
+        Upper limit of power of any interface.
     remarks : list of str
-        What the figures leave out.
+        Omissions in the figures.
     """
 
     study: Study
@@ -46,14 +46,14 @@ class Gallery:
     def __post_init__(self) -> None:
         self._bench = CurveTracer(self.study)
         self._ready: dict[Subject, Waveforms] = {}
-        self._drawn = [s for s in self.subjects if not isinstance(s.shunt, Open | Short)][:MOST_CURVES]
+        self._drawn = [s for s in self.subjects if not isinstance(s.shunt, Open | Short)][:MAX_CURVES]
         self._marks = {"drive": drive_frequency(self.study), "band": design_band(self.study)}
         left_out = len([s for s in self.subjects if not isinstance(s.shunt, Open | Short)]) - len(self._drawn)
         if left_out:
-            self.remarks.append(f"curves are drawn for the {MOST_CURVES} best candidates, not for the other {left_out}")
+            self.remarks.append(f"curves are drawn for the {MAX_CURVES} best candidates, not for the other {left_out}")
 
     def pictures(self) -> Iterator[Picture]:
-        """All figures that the study gives rise to, one after the other."""
+        """All figures of the study, one after the other."""
         yield from self._ledger()
         yield from self._loads()
         yield from self._frequencies()
@@ -117,7 +117,7 @@ class Gallery:
 
     def _waveforms(self) -> Iterator[Picture]:
         able = [s for s in self.subjects if s.waveforms is not None]
-        chosen = [s for s in able if s.rank == 0 or (s.switched and s.candidate.converged)][:_MOST_WAVEFORMS]
+        chosen = [s for s in able if s.rank == 0 or (s.switched and s.candidate.converged)][:_MAX_WAVEFORMS]
         for subject in chosen or able[:1]:
             assert subject.response is not None
             drawn = self._signals(subject)
@@ -133,7 +133,7 @@ class Gallery:
         return self._ready[subject]
 
     def _loops(self) -> Iterator[Picture]:
-        able = [s for s in self._drawn if s.waveforms is not None and s.candidate.converged][:_MOST_WAVEFORMS]
+        able = [s for s in self._drawn if s.waveforms is not None and s.candidate.converged][:_MAX_WAVEFORMS]
         if not hysteretic(self.study.transducer) or not able:
             return
         drawn = [(s, self._signals(s), s.response) for s in able if s.response]
@@ -161,7 +161,7 @@ class Gallery:
 
 
 def _origin(found: Sequence[Curve]) -> str:
-    """Where the curves come from."""
+    """Origin of the curves: two-port or simulation, in words."""
     exact = [curve.subject.label for curve in found if curve.exact]
     if len(exact) == len(found):
         return "Lines: exact two-port."

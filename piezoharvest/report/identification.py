@@ -1,4 +1,4 @@
-"""The page of an identification: parameters, what is not known, residuals, and every record."""
+"""The page of an identification: parameters, unknowns, residuals, and every record."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from piezoharvest.report.pages import NAME, page_template
 from piezoharvest.report.records import record_figure
 from piezoharvest.report.units import NONE, engineering, number, percent, response_unit, with_error
 
-LOUD = 1.2  # times the noise: residuals above are marked
+MAX_NOISE_RATIO = 1.2  # times the noise, above which residuals are marked
 
 
 def write_identification(found: Identification, directory: str | Path) -> Path:
@@ -28,12 +28,12 @@ def write_identification(found: Identification, directory: str | Path) -> Path:
     ----------
     found : Identification
     directory : str or Path
-        Made if it is not there.
+        Created if it does not exist.
 
     Returns
     -------
     Path
-        The HTML file. It is written last, so that where it is, everything is.
+        The HTML file. It is written last: where it exists, the report is complete.
 
     Raises
     ------
@@ -130,6 +130,6 @@ def _residuals(found: Identification) -> Iterator[dict[str, Any]]:
                 "rms": engineering(rms, unit),
                 "noise": engineering(noise, unit),
                 "ratio": number(ratio, 3),
-                # Of responses, whose noise is another for each line, the judgement is the record's own.
-                "loud": bool(record.warning) if "/" in channel else ratio > LOUD,
+                # The noise of a response depends on frequency: its quality is judged over all lines.
+                "loud": bool(record.warning) if "/" in channel else ratio > MAX_NOISE_RATIO,
             }

@@ -1,4 +1,4 @@
-"""What a transducer can do with any interface: limits of power, and the figures of its two-port."""
+"""Performance limits of a transducer with any interface: power limits, and the figures of its two-port."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from piezoharvest.linear import resonances
 
 @dataclass(frozen=True)
 class Limit:
-    """Power in W that no interface can exceed, with the formula that it comes from."""
+    """Upper limit of the power of any interface in W, with its formula."""
 
     power: float
     formula: str
 
 
 def hysteretic(transducer: Transducer) -> bool:
-    """Whether there is hysteresis that does anything."""
+    """True if there is hysteresis of any effect."""
     return transducer.hysteresis is not None and transducer.hysteresis.stiffness > 0
 
 
 def power_limit(transducer: Transducer, excitation: Excitation) -> Limit | None:
-    """Most power that any interface, linear or not, can draw from tones; None where nothing limits it or none is known.
+    """Upper limit of the power that any interface can extract from tones; None if it is unbounded or unknown.
 
     Notes
     -----
-    Of F u - b u^2, averaged, no velocity u makes more than F^2/(8 b) for a sine of peak F: the limit of REFERENCE
+    The mean of F u - b u^2 is at most F^2/(8 b) for a sine of peak F, whatever the velocity u: the limit of REFERENCE
     section 3. Every mode takes its own share of the force, and tones of different frequencies add up; the sum over
-    modes and tones is a limit although not always one that can be reached.
+    modes and tones is an upper limit, although it cannot always be reached.
     """
     square, words = _mean_square(excitation)
     if square is None:
@@ -47,7 +47,7 @@ def power_limit(transducer: Transducer, excitation: Excitation) -> Limit | None:
 
 
 def _mean_square(excitation: Excitation) -> tuple[float | None, str]:
-    """Mean square of the tones that drive, and the limit's formula for one mode; None for other signals."""
+    """Mean square of the driving tones, and the limit's formula for one mode; None for other signals."""
     signal = excitation.signal() if excitation.period is not None else None
     if not isinstance(signal, Tones):
         return None, ""
@@ -59,7 +59,7 @@ def _mean_square(excitation: Excitation) -> tuple[float | None, str]:
 
 
 def white_input(transducer: Transducer, excitation: Excitation) -> float | None:
-    """Power in W that white noise of the excitation's density brings in, whatever the shunt; None for no noise.
+    """Power in W supplied by white noise of the excitation's density, whatever the shunt; None for other excitations.
 
     A white force of one-sided density S, intensity S/2, gives S/(4 m) to every mode (REFERENCE section 3).
     """
@@ -91,12 +91,12 @@ class ModeFigures:
 
     @property
     def merit(self) -> float:
-        """k_e^2 Q_m: from 2 on a resistor, from pi on a rectifier reaches the limit of power."""
+        """k_e^2 Q_m: from 2 on a resistor reaches the limit of power, from pi on a rectifier."""
         return self.coupling_squared * self.quality
 
 
 def mode_figures(transducer: Transducer, operating_point: str = "stick") -> tuple[ModeFigures, ...]:
-    """Figures of all modes; `operating_point` says whether hysteresis sticks or slips."""
+    """Figures of all modes; `operating_point` is "stick" or "slip", the state of the hysteresis."""
     found = resonances(transducer, operating_point=operating_point)
     short, opened = found.short_circuit.undamped, found.open_circuit.undamped
     modes = sorted(transducer.all_modes, key=lambda mode: mode.stiffness / mode.mass)

@@ -1,4 +1,4 @@
-"""The page: one HTML file that stands alone, and its figures as PNG files beside it."""
+"""The page of a design: a self-contained HTML file, with its figures as PNG files beside it."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
     ----------
     study : Study
     design_result : DesignResult
-        What `piezoharvest.design.design` gave for the study.
+        Result of `piezoharvest.design.design` for the study.
     directory : str or Path
-        Made if it is not there.
+        Created if it does not exist.
 
     Returns
     -------
     Path
-        The HTML file. It is written last, so that where it is, everything is.
+        The HTML file. It is written last: where it exists, the report is complete.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
         energies=tables.energies(subjects),
         two_port=tables.two_port(study, limit),
         transducer=list(tables.transducer_tables(study.transducer)),
-        conditions=[tables.excitation_table(study), ("Asked of the design", tables.wishes(study))],
+        conditions=[tables.excitation_table(study), ("Asked of the design", tables.goal_table(study))],
         notes=[*design_result.notes, *gallery.remarks],
         colours=len(style.PALETTE),
         file=study.path.name,
@@ -81,7 +81,7 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
 
 
 def _bound(result: DesignResult) -> list[str]:
-    """What no passive linear shunt can pass, in words."""
+    """Bound of passive linear shunts, in words."""
     bound = result.bound
     found = [engineering(bound.harvested_power, "W")] if bound.harvested_power is not None else []
     return found + ([decibel(bound.attenuation_db)] if bound.attenuation_db is not None else [])
@@ -89,7 +89,7 @@ def _bound(result: DesignResult) -> list[str]:
 
 @cache
 def page_template(name: str) -> Template:
-    """Template of a page by its file's name."""
+    """Template of a page, by file name."""
     folder = resources.files("piezoharvest.report").joinpath("templates")
     loader = FunctionLoader(lambda part: folder.joinpath(part).read_text(encoding="utf-8"))
     environment = Environment(
@@ -100,5 +100,5 @@ def page_template(name: str) -> Template:
 
 
 def _subscripts(text: str) -> Markup:
-    """Text in which k_e and the like have their index below the line."""
+    """Text in which symbols such as k_e have subscripts."""
     return Markup(re.sub(r"\b([A-Za-z])_([A-Za-z]+)", r"\1<sub>\2</sub>", str(escape(text))))

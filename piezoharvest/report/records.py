@@ -1,4 +1,4 @@
-"""Measured records as they were read, with what the checks have found marked in them."""
+"""Figures of measured records, with the findings of the checks marked."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from piezoharvest.report.figures import style
 from piezoharvest.report.units import prefix_of, pretty_unit
 
 _COLOURS = {"error": style.LIMIT, "warning": style.PALETTE[4]}
-_PIXELS = 1500  # beyond twice as many samples, the least and the largest of each
+_PIXELS = 1500  # with more than two samples a pixel, their minimum and maximum is drawn
 _WIDTH = 118  # characters in a line of the list of findings
-_LISTED = 6  # findings that are written out
+_MAX_LISTED = 6  # findings that are written out
 _PANEL, _LINE = 1.3, 0.16  # inches
-_MOST_MARKS = 400
-_NARROW = 0.003  # of the width: marks are no narrower
-_ALL = ("", "time", "frequency")  # what such findings are about concerns every panel
+_MAX_MARKS = 400
+_MIN_MARK_WIDTH = 0.003  # of the width: smallest width of a mark
+_EVERY_PANEL = ("", "time", "frequency")  # channels of findings that concern every panel
 
 
 @style.styled
@@ -33,12 +33,12 @@ def record_figure(record: Record | FrequencyRecord, findings: Sequence[Finding] 
     ----------
     record : Record or FrequencyRecord
     findings : sequence of Finding
-        Of this record, as `Campaign.findings` has them.
+        Of this record, from `Campaign.findings`.
 
     Returns
     -------
     Figure
-        With the file's name as title, and below it what was found.
+        With the file's name as title, and the findings below.
     """
     lines = _listed(findings)
     panels = _frequency_panels(record) if isinstance(record, FrequencyRecord) else _time_panels(record)
@@ -47,7 +47,7 @@ def record_figure(record: Record | FrequencyRecord, findings: Sequence[Finding] 
     for one, (channel, x, y, label, first_row) in zip(axes[:, 0], panels, strict=True):
         _draw(one, x, y)
         one.set_ylabel(label)
-        of_all = [finding for finding in findings if finding.channel in _ALL]
+        of_all = [finding for finding in findings if finding.channel in _EVERY_PANEL]
         own = [finding for finding in findings if finding.channel == channel]
         for finding in (*of_all, *own):
             _shade(one, x, finding, first_row)
@@ -65,10 +65,10 @@ def _listed(findings: Sequence[Finding]) -> list[str]:
     """Findings in words, errors first."""
     ordered = sorted(findings, key=lambda finding: finding.severity)
     lines = []
-    for finding in ordered[:_LISTED]:
+    for finding in ordered[:_MAX_LISTED]:
         text = f"{finding.severity}: {finding.check}: {finding.place}: {finding.message}"
         lines += textwrap.wrap(style.plain(text), _WIDTH, subsequent_indent="    ")
-    more = len(ordered) - _LISTED
+    more = len(ordered) - _MAX_LISTED
     return [*lines, f"and {more} more"] if more > 0 else lines or ["nothing found"]
 
 
@@ -86,7 +86,7 @@ def _time_panels(record: Record) -> list[tuple]:
 
 
 def _time_axis(record: Record) -> tuple[np.ndarray, str]:
-    """Time where it runs; rows where it does not."""
+    """Time if it increases, else row numbers."""
     time = record.time.values
     if np.isfinite(time).all() and np.all(np.diff(time) > 0):
         factor, unit = prefix_of(float(time[-1] - time[0]), "s")
@@ -120,7 +120,7 @@ def _scale(values: np.ndarray, unit: str) -> tuple[float, str]:
 
 
 def _draw(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:
-    """A signal; of very many samples the least and the largest of each pixel, so that no spike is lost."""
+    """Draw a signal; of very many samples the minimum and maximum of each pixel, so that no spike is lost."""
     if len(x) > 2 * _PIXELS:
         edges = np.linspace(0, len(x), _PIXELS + 1).astype(int)[:-1]
         x, y = np.repeat(x[edges], 2), np.column_stack((np.fmin.reduceat(y, edges), np.fmax.reduceat(y, edges))).ravel()
@@ -128,9 +128,9 @@ def _draw(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:
 
 
 def _shade(axes: Axes, x: np.ndarray, finding: Finding, first_row: int | np.ndarray) -> None:
-    """Shade the rows of a finding; paler where they are all there are."""
-    least = _NARROW * abs(x[-1] - x[0])
-    step = max(1, len(finding.rows) // _MOST_MARKS)
+    """Shade the rows of a finding; paler if it covers all rows."""
+    least = _MIN_MARK_WIDTH * abs(x[-1] - x[0])
+    step = max(1, len(finding.rows) // _MAX_MARKS)
     for first, last in finding.rows[::step]:
         begin, end = _at(x, first, first_row), _at(x, last, first_row)
         pad = max(0.0, (least - (end - begin)) / 2)
@@ -140,7 +140,7 @@ def _shade(axes: Axes, x: np.ndarray, finding: Finding, first_row: int | np.ndar
 
 
 def _name(axes: Axes, x: np.ndarray, findings: Sequence[Finding], first_row: int | np.ndarray) -> None:
-    """Names of the findings above the panel, each once, where the first of its rows is."""
+    """Write the names of the findings above the panel, each once, at its first row."""
     first = {finding.check: finding for finding in reversed(findings) if finding.rows}
     for finding in first.values():
         at = _at(x, finding.rows[0][0], first_row)

@@ -1,4 +1,4 @@
-"""Waveforms as they are drawn: fine enough for what switches, closed periods, and windows that show something."""
+"""Waveforms for figures: resolved switching, closed periods, and windows of interest."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from piezoharvest.report.subjects import Subject
 from piezoharvest.report.units import engineering
 from piezoharvest.study import Study
 
-_SAMPLES = 4096  # of a period, to draw a switched current
-_IN_RESONANCE = 200  # samples in a period of the first resonance, to draw a switched voltage in a run
-_MOST_SAMPLES = 200_000
+_SAMPLES = 4096  # of a period, to resolve a switched current
+_SAMPLES_PER_RESONANCE = 200  # samples in a period of the first resonance, to resolve a switched voltage in a run
+_MAX_SAMPLES = 200_000
 _LAST_PERIODS = 4  # shown of a steady state that was not reached
 _ZOOM_PERIODS = 8.0
 _SIGNALS = ("drive", "displacement", "velocity", "voltage", "current", "charge", "hysteresis_voltage", "dc_voltage")
 
 
 class Window(NamedTuple):
-    """Part of a run to draw, in s, and what stands above it."""
+    """Part of a run to draw, in s, and its heading."""
 
     begin: float
     end: float
@@ -32,7 +32,7 @@ class Window(NamedTuple):
 
 
 def signals_of(study: Study, subject: Subject) -> Waveforms:
-    """Signals to draw of a candidate that has some; those of switched circuits are simulated again, in fine steps."""
+    """Signals of a candidate to draw; switched circuits are simulated again in fine steps."""
     response, signals = subject.response, subject.waveforms
     assert response is not None and signals is not None
     periodic = study.excitation.period is not None
@@ -48,9 +48,9 @@ def _finer(study: Study, subject: Subject, response: Response, signals: Waveform
     if excitation.period is not None:
         wanted = samples = _SAMPLES
     else:
-        wanted = int(_IN_RESONANCE * length * large_signal(study.transducer)[0].short_circuit)
-        samples = wanted // 8 + 1  # of which the engine takes eight where there is no period
-    if len(signals.time) >= wanted or wanted > _MOST_SAMPLES:
+        wanted = int(_SAMPLES_PER_RESONANCE * length * large_signal(study.transducer)[0].short_circuit)
+        samples = wanted // 8 + 1  # the engine takes eight times as many without a period
+    if len(signals.time) >= wanted or wanted > _MAX_SAMPLES:
         return signals
     if drive_frequency(study) is not None:
         excitation = dataclasses.replace(excitation, frequency=1 / response.period)
@@ -59,7 +59,7 @@ def _finer(study: Study, subject: Subject, response: Response, signals: Waveform
 
 
 def cut(signals: Waveforms, length: float) -> Waveforms:
-    """Period of `length` (s) continued on both sides by its own end and beginning; of a longer run its last part."""
+    """Signals of one period of `length` (s), padded periodically on both sides; of a longer run its last part."""
     values = {name: np.broadcast_to(getattr(signals, name), signals.time.shape) for name in _SIGNALS}
     times, end = signals.time, float(signals.time[-1])
     if end < length:
@@ -73,7 +73,7 @@ def cut(signals: Waveforms, length: float) -> Waveforms:
 
 
 def windows(study: Study, signals: Waveforms, response: Response) -> list[Window]:
-    """The whole; of a run without a period beside it some periods of the resonance where most moves."""
+    """The whole run; without a period also some periods of the resonance at the largest motion."""
     begin, end = float(signals.time[0]), float(signals.time[-1])
     if study.excitation.period is not None:
         return [Window(0.0, response.period, "") if response.converged else Window(begin, end, "")]
@@ -87,7 +87,7 @@ def windows(study: Study, signals: Waveforms, response: Response) -> list[Window
 
 
 def occasion(study: Study, response: Response) -> str:
-    """What the waveforms show, in words."""
+    """The situation that the waveforms show, in words."""
     if study.excitation.period is None:
         return "From rest."
     if not response.converged:

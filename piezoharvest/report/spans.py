@@ -1,4 +1,4 @@
-"""Where to look: frequencies and loads at which curves are drawn."""
+"""Ranges of the curves in a report: frequencies and loads."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from piezoharvest.report.subjects import Subject
 from piezoharvest.report.units import engineering
 from piezoharvest.study import Study
 
-_WIDTHS = 4.0  # half-power widths, or distances of the two resonances, to each side
+_WIDTHS = 4.0  # half-power widths, or distances of the two resonances, on each side
 _DECADE = 10.0
-_WIDEST = 1e3  # of a load against the impedance of the capacitance
+_MAX_LOAD_RATIO = 1e3  # of a load against the impedance of the capacitance
 
 
 class Span(NamedTuple):
@@ -27,18 +27,18 @@ class Span(NamedTuple):
     logarithmic: bool
 
     def points(self, count: int) -> np.ndarray:
-        """Frequencies that look evenly spaced on the axis, Hz."""
+        """Frequencies that are evenly spaced on the axis, Hz."""
         return np.geomspace(self.low, self.high, count) if self.logarithmic else np.linspace(self.low, self.high, count)
 
 
 def design_band(study: Study) -> tuple[float, float] | None:
-    """Band in Hz that the design is for; None for one excitation as it is."""
+    """Band in Hz that the design is optimised for; None for a single excitation."""
     band = study.design.band if study.design else None
     return band if band is not None and drive_frequency(study) is not None else None
 
 
 def drive_frequency(study: Study) -> float | None:
-    """Frequency in Hz of an excitation that is one sine; None for any other."""
+    """Frequency in Hz of a sinusoidal excitation; None for any other."""
     return getattr(study.excitation, "frequency", None)
 
 
@@ -48,12 +48,12 @@ def frequency_range(band: tuple[float, float]) -> str:
 
 
 def large_signal(transducer: Transducer) -> tuple[ModeFigures, ...]:
-    """Figures of all modes with the hysteresis, if there is one, slipping."""
+    """Figures of all modes, with the hysteresis, if any, slipping."""
     return mode_figures(transducer, "slip")
 
 
 def resonance_span(study: Study) -> Span:
-    """Around the mode that is driven, or the first; the design's band and the drive, where near, are within it."""
+    """Range around the driven mode, or the first; includes the design's band and a nearby drive frequency."""
     modes = large_signal(study.transducer)
     wanted = [f for f in (drive_frequency(study), *(design_band(study) or ())) if f is not None]
     at = float(np.sqrt(wanted[0] * wanted[-1])) if wanted else modes[0].short_circuit
@@ -67,7 +67,7 @@ def resonance_span(study: Study) -> Span:
 
 
 def sweep_span(study: Study) -> Span:
-    """Frequencies to sweep a sine through: around the resonance, or around a drive that is far from it."""
+    """Range for sweeping a sine: around the resonance, or around a drive that is far from it."""
     drive, around = drive_frequency(study), resonance_span(study)
     band = design_band(study)
     if drive is None or around.low <= drive <= around.high or band is not None:
@@ -76,7 +76,7 @@ def sweep_span(study: Study) -> Span:
 
 
 def wide_span(transducer: Transducer) -> Span:
-    """From the static line below the first mode to the mass line above the last."""
+    """Range from the static line below the first mode to the mass line above the last."""
     modes = large_signal(transducer)
     return Span(modes[0].short_circuit / 5, 5 * modes[-1].open_circuit, True)
 
@@ -94,9 +94,9 @@ def dense(span: Span, transducer: Transducer, count: int = 400) -> np.ndarray:
 
 
 def loads(subjects: Sequence[Subject], study: Study, count: int) -> np.ndarray:
-    """Load resistances in ohm on a logarithmic grid that holds every tuned one and the impedance of the capacitance."""
+    """Load resistances in ohm on a logarithmic grid that includes every tuned one and the capacitance's impedance."""
     frequency = drive_frequency(study) or large_signal(study.transducer)[0].short_circuit
     scale = 1 / (2 * np.pi * frequency * study.transducer.capacitance)
     tuned = [getattr(s.shunt, s.load_field) for s in subjects if s.load_field not in (None, "dc_voltage")]
-    inside = [scale, *(value for value in tuned if scale / _WIDEST <= value <= scale * _WIDEST)]
+    inside = [scale, *(value for value in tuned if scale / _MAX_LOAD_RATIO <= value <= scale * _MAX_LOAD_RATIO)]
     return np.geomspace(min(inside) / 20, max(inside) * 20, count)

@@ -1,4 +1,4 @@
-"""The candidates of a design as figures and tables show them: one name, one colour, one line style throughout."""
+"""The candidates of a design in figures and tables: one name, one colour, one line style throughout."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Subject:
     ----------
     candidate : Candidate
     label : str
-        Name by which it is told apart.
+        Unique name.
     rank : int
         From 0, best first.
     """
@@ -41,23 +41,23 @@ class Subject:
 
     @property
     def response(self) -> Response | None:
-        """Its simulation."""
+        """Response of its simulation."""
         return self.candidate.response
 
     @property
     def waveforms(self) -> Waveforms | None:
-        """Signals of its simulation, None where there are none to draw."""
+        """Waveforms of its simulation, None where there are none."""
         found = self.response.waveforms if self.response else None
         return found if found is not None and len(found.time) > 1 else None
 
     @property
     def linear(self) -> bool:
-        """Whether it has neither switches nor diodes."""
+        """True if it has neither switches nor diodes."""
         return isinstance(self.shunt, LinearShunt)
 
     @property
     def switched(self) -> bool:
-        """Whether a synchronised switch acts in it."""
+        """True if it has a synchronised switch."""
         return hasattr(self.shunt, "phase_lag")
 
     @property
@@ -67,7 +67,7 @@ class Subject:
 
     @property
     def harvests(self) -> bool:
-        """Whether power reaches a load at all."""
+        """True if power reaches a load at all."""
         return self.candidate.harvested_power > 0
 
     @property
@@ -76,13 +76,13 @@ class Subject:
         return line_style(self.rank)
 
     def with_load(self, value: float) -> Shunt:
-        """The circuit with another load, everything else as tuned."""
+        """The circuit with another load, otherwise as tuned."""
         assert self.load_field is not None
         return dataclasses.replace(self.shunt, **{self.load_field: value})
 
 
 def subjects_of(candidates: Iterable[Candidate]) -> tuple[Subject, ...]:
-    """Candidates in their order, those of one kind numbered."""
+    """Candidates in order, those of the same kind numbered."""
     candidates = tuple(candidates)
     total = Counter(candidate.shunt.kind for candidate in candidates)
     seen: Counter[str] = Counter()
@@ -96,7 +96,7 @@ def subjects_of(candidates: Iterable[Candidate]) -> tuple[Subject, ...]:
 
 
 def values_of(shunt: Shunt) -> Iterator[tuple[str, str]]:
-    """Symbol and value, with unit, of every key of a shunt that is not at its default."""
+    """Symbol and value, with unit, of every key of a shunt that differs from its default."""
     fields = {field.name: field for field in dataclasses.fields(shunt)}
     for key, value in shunt_table(shunt).items():
         if key == "netlist":

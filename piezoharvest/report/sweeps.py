@@ -1,4 +1,4 @@
-"""Curves of a report: linear circuits exactly on the two-port, everything else by simulation within a time budget."""
+"""Curves of a report: linear circuits on the exact two-port, others by simulation within a time budget."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from piezoharvest.report.spans import design_band, drive_frequency
 from piezoharvest.report.subjects import Subject
 from piezoharvest.study import Study
 
-BUDGET = 5.0  # s of simulation for one figure
-FEWEST = 5  # points that make a curve
-_FINE = 121  # loads of a curve from the two-port
-_AGREES = 1e-3  # of two-port and simulation, relative
-_MEAN_ERROR, _MOST_NODES = 1e-3, 21
+BUDGET_SECONDS = 5.0  # s of simulation for one figure
+MIN_POINTS = 5  # fewest points of a curve
+_FINE_POINTS = 121  # loads of a curve from the two-port
+_MAX_DIFFERENCE = 1e-3  # largest relative difference of two-port and simulation
+_MEAN_ERROR, _MAX_NODES = 1e-3, 21
 
 
 class Point(NamedTuple):
-    """Powers in W, displacement amplitude in m, attenuation in dB; not-a-number where there is no answer to trust."""
+    """Powers in W, displacement amplitude in m, attenuation in dB; NaN where there is no reliable answer."""
 
     harvested: float
     mechanical: float
@@ -38,12 +38,12 @@ class Point(NamedTuple):
     attenuation: float
 
 
-NOTHING = Point(*[float("nan")] * 4)
+NO_ANSWER = Point(*[float("nan")] * 4)
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A candidate along one variable.
+    """A candidate along one variable: load or frequency.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Curve:
     attenuation : (n,) array
         dB against shorted electrodes at the same frequency.
     exact : bool
-        From the two-port; else by simulation.
+        True if computed from the two-port, False if simulated.
     """
 
     subject: Subject
@@ -76,13 +76,13 @@ class Curve:
 
     @property
     def missing(self) -> int:
-        """How many points have no answer to trust."""
+        """Number of points without a reliable answer."""
         return int(np.sum(~np.isfinite(self.displacement)))
 
 
 @dataclass
 class CurveTracer:
-    """Evaluates circuits in the study's operation.
+    """Evaluates circuits in the operation of the study.
 
     Attributes
     ----------
@@ -90,11 +90,11 @@ class CurveTracer:
     budget : float
         Seconds of simulation for one set of curves.
     cut_short : bool
-        Whether some curve has fewer points than it was to have, for lack of time.
+        True if some curve has fewer points than requested, for lack of time.
     """
 
     study: Study
-    budget: float = BUDGET
+    budget: float = BUDGET_SECONDS
     cut_short: bool = field(default=False, init=False)
 
     def simulated(self, shunt: Shunt, excitation: Excitation) -> Point:
@@ -102,14 +102,14 @@ class CurveTracer:
         try:
             r = simulate(System(self.study.transducer, shunt), excitation, samples=2)
         except (ParameterError, ValueError, np.linalg.LinAlgError):
-            return NOTHING
+            return NO_ANSWER
         if not r.converged:
-            return NOTHING
+            return NO_ANSWER
         return Point(r.harvested_power, r.mechanical_power, r.displacement_amplitude, float(r.attenuation_db))
 
     @property
     def strength(self) -> float:
-        """Peak value of the study's sine; 1 where the excitation is none."""
+        """Amplitude of the study's sine; 1 for other excitations."""
         return 1.0 if drive_frequency(self.study) is None else self.study.excitation.amplitude  # pyright: ignore
 
     def two_port(self, shunt: Shunt, frequencies: np.ndarray) -> list[np.ndarray]:
@@ -124,7 +124,7 @@ class CurveTracer:
         return [square * found.harvested_power, square * found.mechanical_power, displacement, attenuation]
 
     def exact(self, subject: Subject) -> bool:
-        """Whether the two-port says the same as the simulation of a candidate, so that it can stand for it."""
+        """True if the two-port agrees with the simulation of a candidate, so that it can replace it."""
         found = subject.response
         if drive_frequency(self.study) is None or not subject.linear or found is None or not found.converged:
             return False
@@ -132,10 +132,10 @@ class CurveTracer:
             return False
         power, _, displacement, _ = (x[0] for x in self.two_port(subject.shunt, np.array([1 / found.period])))
         pairs = ((power, found.harvested_power), (displacement, found.displacement_amplitude))
-        return all(abs(one - other) <= _AGREES * abs(other) for one, other in pairs)
+        return all(abs(one - other) <= _MAX_DIFFERENCE * abs(other) for one, other in pairs)
 
     def along_loads(self, subjects: Sequence[Subject], loads: np.ndarray) -> list[Curve]:
-        """Curves of all candidates that have a load; those of a fixed dc voltage at V^2 over their power."""
+        """Curves of all candidates that have a load; with a fixed dc voltage V the load is V^2 over the power."""
         loaded = [s for s in subjects if s.load_field is not None and s.harvests]
         exact = [s for s in loaded if self.exact(s)]
         curves = [self._load_curve(s, loads) for s in exact]
@@ -154,14 +154,14 @@ class CurveTracer:
         return sorted(curves, key=lambda curve: curve.subject.rank)
 
     def linear(self, subjects: Sequence[Subject], frequencies: np.ndarray) -> list[Curve]:
-        """Curves of the linear candidates on the two-port; none where there is hysteresis."""
+        """Curves of the linear candidates on the two-port; empty with hysteresis."""
         if hysteretic(self.study.transducer):
             return []
         kept = [s for s in subjects if s.linear]
         return [Curve(s, frequencies, *self.two_port(s.shunt, frequencies), exact=True) for s in kept]
 
     def along_frequencies(self, subjects: Sequence[Subject], frequencies: np.ndarray, fine: np.ndarray) -> list[Curve]:
-        """Curves of all candidates for the study's sine at other frequencies; `fine` ones where that costs nothing."""
+        """Curves of all candidates for the study's sine at other frequencies; `fine` ones are used on the two-port."""
         exact = [s for s in subjects if self.exact(s)]
         curves = [Curve(s, fine, *self.two_port(s.shunt, fine), exact=True) for s in exact]
         jobs = {s: frequencies for s in subjects if s not in exact}
@@ -173,7 +173,7 @@ class CurveTracer:
         return sorted(curves, key=lambda curve: curve.subject.rank)
 
     def _tuned(self, subject: Subject, values: np.ndarray) -> dict[int, Point]:
-        """The tuned point of a curve along loads, by its place, without regard to the time it takes."""
+        """The tuned point of a curve along loads, by its index; it is not subject to the time budget."""
         r = subject.response
         assert subject.load_field is not None
         place = int(np.flatnonzero(values == getattr(subject.shunt, subject.load_field))[0])
@@ -184,9 +184,9 @@ class CurveTracer:
     def against_short(
         self, curves: Sequence[Curve], fine: np.ndarray
     ) -> tuple[tuple[np.ndarray, np.ndarray], list[Curve]]:
-        """Frequencies and displacement with shorted electrodes, and curves whose attenuation is against just that.
+        """Frequencies and displacement with shorted electrodes, and curves with the attenuation relative to it.
 
-        It is from the two-port where there is no hysteresis: without damping no simulation comes to rest there.
+        Computed on the two-port without hysteresis: a simulation without damping has no steady state there.
         """
         if hysteretic(self.study.transducer):
             first = curves[0]
@@ -199,13 +199,13 @@ class CurveTracer:
     def _load_curve(self, subject: Subject, loads: np.ndarray) -> Curve:
         assert subject.load_field is not None
         frequencies, weights = self._nodes()
-        fine = np.geomspace(loads[0], loads[-1], _FINE)
+        fine = np.geomspace(loads[0], loads[-1], _FINE_POINTS)
         values = np.unique(np.append(fine, getattr(subject.shunt, subject.load_field)))
         rows = [[x @ weights for x in self.two_port(subject.with_load(value), frequencies)] for value in values]
         return Curve(subject, values, *np.array(rows).T, exact=True)
 
     def _operated(self, shunt: Shunt) -> Point:
-        """One circuit in the operation: the excitation as it is, or the mean over the band."""
+        """One circuit in the operation: under the excitation itself, or averaged over the band."""
         if design_band(self.study) is None:
             return self.simulated(shunt, self.study.excitation)
         frequencies, weights = self._nodes()
@@ -217,15 +217,15 @@ class CurveTracer:
         band, drive = design_band(self.study), drive_frequency(self.study)
         if band is None:
             return np.array([drive]), np.ones(1)
-        return mean_nodes(band, self.study.transducer, _MEAN_ERROR, _MOST_NODES)
+        return mean_nodes(band, self.study.transducer, _MEAN_ERROR, _MAX_NODES)
 
     def _sine(self, frequency: float) -> Excitation:
         return dataclasses.replace(self.study.excitation, frequency=float(frequency))
 
     def _timed(self, jobs: dict[Subject, np.ndarray], evaluate: Callable[[Subject, float], Point], known=lambda *_: {}):
-        """Evaluate all jobs from coarse to fine, as long as there is time; (subject, x, points (n, 4)) of each.
+        """Evaluate all jobs from coarse to fine until the time is up; (subject, x, points (n, 4)) of each.
 
-        `known` gives, for a subject and its values, points by their place that need no simulation.
+        `known` returns, for a subject and its values, points by their index that need no simulation.
         """
         found = {subject: dict(known(subject, values)) for subject, values in jobs.items()}
         begin, slowest = time.monotonic(), dict.fromkeys(jobs, 0.0)
@@ -240,13 +240,13 @@ class CurveTracer:
                 found[subject][n] = evaluate(subject, float(values[n]))
                 slowest[subject] = max(slowest[subject], time.monotonic() - now)
         for subject, points in found.items():
-            if len(points) >= FEWEST:
+            if len(points) >= MIN_POINTS:
                 order = sorted(points)
                 yield subject, jobs[subject][order], np.array([points[n] for n in order])
 
 
 def _coarse_to_fine(count: int) -> list[float]:
-    """Places from 0 to 1 in an order in which every beginning is spread evenly: halves, quarters, eighths, ..."""
+    """Positions from 0 to 1 in an order in which every initial part is evenly spread: halves, quarters, eighths, ..."""
     shares, step = [0.5, 0.0, 1.0], 0.5
     while step * (count - 1) > 1:
         step /= 2

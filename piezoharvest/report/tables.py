@@ -25,8 +25,8 @@ _LIMITS = {
 _MERIT = "from 2 on a resistor, from π on a rectifier can reach the limit of power"
 
 _NOISE = "sum over modes of S/(4 m): what white noise of this density brings in, whatever the shunt"
-_LEAST_VOLTAGE = 1e-9  # V: below, it is what rounding leaves of none
-_NEAR = 0.01  # of the limit, from which it is worth being compared with
+_MIN_VOLTAGE = 1e-9  # V: smaller voltages are rounding errors of zero
+_MIN_LIMIT_SHARE = 0.01  # of the limit: smallest share that is compared with it
 
 
 class Row(NamedTuple):
@@ -44,7 +44,7 @@ class Row(NamedTuple):
 
 
 class QuantityRow(NamedTuple):
-    """A quantity: name, value with unit, and what it is."""
+    """A quantity: name, value with unit, and description."""
 
     name: str
     value: str
@@ -52,7 +52,7 @@ class QuantityRow(NamedTuple):
 
 
 def ranking(subjects: Sequence[Subject], limit: Limit | None) -> list[Row]:
-    """One row for each candidate; cells in the order of the table's columns."""
+    """One row for each candidate; cells in the order of the columns."""
     rows = []
     for s in subjects:
         c, r = s.candidate, s.response
@@ -63,7 +63,7 @@ def ranking(subjects: Sequence[Subject], limit: Limit | None) -> list[Row]:
             percent(r.efficiency) if r else engineering(None),
             engineering(c.displacement_amplitude, "m"),
             decibel(c.attenuation_db),
-            engineering(c.voltage_amplitude if c.voltage_amplitude > _LEAST_VOLTAGE else 0.0, "V"),
+            engineering(c.voltage_amplitude if c.voltage_amplitude > _MIN_VOLTAGE else 0.0, "V"),
             engineering(r.dc_voltage, "V") if r and r.dc_voltage else engineering(None),
         ]
         violates = [_LIMITS.get(name, name) for name in c.violates]
@@ -74,12 +74,12 @@ def ranking(subjects: Sequence[Subject], limit: Limit | None) -> list[Row]:
 
 
 def near_limit(subjects: Sequence[Subject], limit: Limit | None) -> bool:
-    """Whether any candidate comes near enough to the limit for shares of it to tell something."""
-    return limit is not None and any(s.candidate.harvested_power > _NEAR * limit.power for s in subjects)
+    """True if any candidate comes close enough to the limit for shares of it to be informative."""
+    return limit is not None and any(s.candidate.harvested_power > _MIN_LIMIT_SHARE * limit.power for s in subjects)
 
 
 def energies(subjects: Sequence[Subject]) -> tuple[list[str], list[tuple[str, list[str]]]]:
-    """Header and rows of the energy ledger, per period or run."""
+    """Header and rows of the energy balance, per period or run."""
     drawn = [(s, s.response.energy) for s in subjects if s.response is not None and any(s.response.energy.values())]
     names = dict.fromkeys(name for _, energy in drawn for name in energy if name != "closure")
     header = ["mechanical in" if name == "mechanical_in" else name_of(name) for name in names]
@@ -96,7 +96,7 @@ def entries(component: Component) -> Iterator[QuantityRow]:
 
 
 def _one_unit(component: Any, unit: str) -> str:
-    """Of "N or m/s^2" and the like the one that holds for a force or a base acceleration."""
+    """The unit of "N or m/s^2" and the like that applies to a force or to a base acceleration."""
     choices = unit.split(" or ")
     return choices[-1 if getattr(component, "base", False) else 0]
 
@@ -117,8 +117,8 @@ def excitation_table(study: Study) -> tuple[str, list[QuantityRow]]:
     return f"Excitation: {kind_name(study.excitation.kind)}", list(entries(study.excitation))
 
 
-def wishes(study: Study) -> list[QuantityRow]:
-    """What was asked of the design."""
+def goal_table(study: Study) -> list[QuantityRow]:
+    """The goal of the design."""
     if study.design is None:
         return []
     found = [QuantityRow("objective", study.design.objective.replace("_", " "), "what is made large, or small")]

@@ -1,4 +1,4 @@
-"""Numbers for people: engineering notation, units and names as they are printed."""
+"""Formatting of numbers for reports: engineering notation, units and names."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ _SYMBOLS = {
     "diode_drop": "V_D", "efficiency": "η", "phase_lag": "φ",
 }  # fmt: skip
 NONE = "–"
-SPACE = "\u202f"  # narrow, and no line break: between a number and its unit
+SPACE = "\u202f"  # narrow no-break space, between a number and its unit
 
 
 def pretty_unit(unit: str) -> str:
-    """Unit as it is printed: "N s/m" becomes "N·s/m", "ohm" the Greek letter, "m/s^2" has a raised 2."""
+    """Unit for display: "N s/m" becomes "N·s/m", "ohm" the Greek letter, "m/s^2" gets a superscript."""
     unit = unit.replace("ohm", "Ω").replace(" or ", " | ")
     unit = re.sub(r"(?<=\w) (?=\w)", "·", unit).replace(" | ", " or ")
     return re.sub(r"\^(-?\d+)", lambda found: found.group(1).translate(_SUPERSCRIPT), unit)
 
 
 def takes_prefix(unit: str) -> bool:
-    """Whether an SI prefix can stand before the unit: not before a power, a percentage or a choice of units."""
+    """True if an SI prefix can stand before the unit: no power, percentage or choice of units."""
     plain = unit[:1].isalpha() and " or " not in unit and unit not in ("dB", "rad")
     return plain and "^" not in unit.split("/")[0]
 
 
 def prefix_of(largest: float, unit: str = "W") -> tuple[float, str]:
-    """Factor and prefix that bring a number between 1 and 1000; mass is counted in grams, for kg has a prefix already.
+    """Factor and prefix that bring a number between 1 and 1000; mass is given in grams, as kg already has a prefix.
 
     Parameters
     ----------
@@ -47,24 +47,24 @@ def prefix_of(largest: float, unit: str = "W") -> tuple[float, str]:
     Returns
     -------
     float
-        What a value in the unit has to be multiplied with.
+        Factor for values in the unit.
     str
-        Prefixed unit, as it is printed.
+        Prefixed unit, for display.
     """
     base, scale = ("g" + unit[2:], 1e3) if unit.startswith("kg") else (unit, 1.0)
     size = abs(largest) * scale
     if not takes_prefix(unit) or size == 0 or not math.isfinite(size):
         return 1.0, pretty_unit(unit)
-    # Of the number as it is shown, so that 999.96 counts as 1000.
+    # Of the rounded number, so that 999.96 counts as 1000.
     power = 3 * (int(f"{size:.3e}".partition("e")[2]) // 3)
     power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
     return scale / 10.0**power, _PREFIXES[power] + pretty_unit(base)
 
 
 def number(value: float, digits: int = 3, *, exact: bool = False) -> str:
-    """Number with significant digits, with a true minus sign; a dash for what is not finite.
+    """Number with significant digits and a true minus sign; a dash if it is not finite.
 
-    An `exact` number is one that was given, not computed: it has no zeros at its end.
+    An `exact` number was given, not computed: it has no trailing zeros.
     """
     if value is None or not math.isfinite(value):
         return NONE
@@ -76,7 +76,7 @@ def number(value: float, digits: int = 3, *, exact: bool = False) -> str:
 
 
 def engineering(value: float | None, unit: str = "", digits: int = 3, *, exact: bool = False) -> str:
-    """Number with its unit and an SI prefix, such as "98.1 kΩ"; a dash for what is not finite."""
+    """Number with its unit and an SI prefix, such as "98.1 kΩ"; a dash if it is not finite."""
     if value is None or not math.isfinite(value):
         return NONE
     factor, printed = prefix_of(value, unit)
@@ -85,7 +85,7 @@ def engineering(value: float | None, unit: str = "", digits: int = 3, *, exact: 
 
 
 def listed(values: Iterable[float], unit: str = "", digits: int = 3) -> str:
-    """Numbers as they were given, of one unit, with a common prefix, such as "0.1, 0.3, 0.7 µC"."""
+    """Numbers as given, of one unit, with a common prefix, such as "0.1, 0.3, 0.7 µC"."""
     values = list(values)
     factor, printed = prefix_of(max(map(abs, values), default=0.0), unit)
     text = ", ".join(number(value * factor, digits, exact=True) for value in values)
@@ -100,7 +100,7 @@ def percent(share: float | None, digits: int = 3) -> str:
 
 
 def decibel(value: float | None) -> str:
-    """Decibels with a sign and one decimal, as such figures are read off."""
+    """Decibels with a sign and one decimal."""
     if value is None or not math.isfinite(value):
         return NONE
     text = f"{value:+.1f}".replace("-", "\u2212")
@@ -108,7 +108,7 @@ def decibel(value: float | None) -> str:
 
 
 def kind_name(kind: str) -> str:
-    """Kind of a shunt or an excitation as it is read: "parallel_sshi" becomes "parallel SSHI"."""
+    """Kind of a shunt or an excitation for display: "parallel_sshi" becomes "parallel SSHI"."""
     return " ".join(word.upper() if word in _ACRONYMS else word for word in kind.split("_"))
 
 
@@ -118,7 +118,7 @@ def symbol(name: str) -> str:
 
 
 def quantity_text(value: Any, unit: str | None, digits: int = 3) -> str:
-    """A field's value as it was given: number, list of numbers, or whatever else it is."""
+    """A field's value as given: number, list of numbers, or other."""
     if value is None:
         return NONE
     if isinstance(value, list | tuple) and value and all(isinstance(v, int | float) for v in value):

@@ -1,4 +1,4 @@
-"""Shunts as netlist elements between the electrodes, nodes `p` and 0: one function for each kind."""
+"""Shunts as netlist elements between the electrodes, nodes `p` and 0, with one function for each kind."""
 
 from __future__ import annotations
 
@@ -11,68 +11,68 @@ from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
 from piezoharvest.spice.switching import write_bridge, write_discharge, write_loop, write_series_bridge
 
 
-def write_shunt(deck: Deck, shunt: Shunt, scene: OperatingPoint) -> NetlistCircuit:
-    """Write a shunt of any kind that is known here.
+def write_shunt(deck: Deck, shunt: Shunt, point: OperatingPoint) -> NetlistCircuit:
+    """Write a shunt of any supported kind.
 
     Raises
     ------
     ParameterError
-        The kind is not known here, as one from a user's own script.
+        The kind is not supported, as one from a user's own script.
     """
     if shunt.kind not in WRITERS:
         known = ", ".join(sorted(WRITERS))
         raise ParameterError("shunt", f"found kind {shunt.kind!r} to be exported to SPICE, allowed are {known}")
     deck.section(f"shunt: {shunt.kind}")
-    return WRITERS[shunt.kind](deck, shunt, scene)
+    return WRITERS[shunt.kind](deck, shunt, point)
 
 
-def _open(deck, shunt, scene):
+def _open(deck, shunt, point):
     deck.comment("Nothing is connected.")
     return NetlistCircuit()
 
 
-def _short(deck, shunt, scene):
+def _short(deck, shunt, point):
     deck.add("Vshort p 0 0")
     return NetlistCircuit()
 
 
-def _resistor(deck, shunt, scene):
+def _resistor(deck, shunt, point):
     deck.add("Rload p 0", shunt.resistance)
-    capacitance = scene.transducer.capacitance + getattr(shunt, "capacitance", 0.0)
+    capacitance = point.transducer.capacitance + getattr(shunt, "capacitance", 0.0)
     return _load("p", shunt, 2 * shunt.resistance * capacitance)
 
 
-def _series_rl(deck, shunt, scene):
+def _series_rl(deck, shunt, point):
     deck.add("Lshunt p r", shunt.inductance, "IC=0")
     deck.add("Rload r 0", shunt.resistance)
     return _load("r", shunt, 2 * shunt.inductance / shunt.resistance)
 
 
-def _parallel_rl(deck, shunt, scene):
+def _parallel_rl(deck, shunt, point):
     deck.add("Lshunt p 0", shunt.inductance, "IC=0")
-    return _resistor(deck, shunt, scene)
+    return _resistor(deck, shunt, point)
 
 
-def _series_rlc(deck, shunt, scene):
+def _series_rlc(deck, shunt, point):
     deck.add("Lshunt p c", shunt.inductance, "IC=0")
     deck.add("Cshunt c r", shunt.capacitance, "IC=0")
     deck.add("Rload r 0", shunt.resistance)
     return _load("r", shunt, 2 * shunt.inductance / shunt.resistance)
 
 
-def _parallel_rlc(deck, shunt, scene):
+def _parallel_rlc(deck, shunt, point):
     deck.add("Cshunt p 0", shunt.capacitance, "IC=0")
-    return _parallel_rl(deck, shunt, scene)
+    return _parallel_rl(deck, shunt, point)
 
 
-def _negative_capacitance(deck, shunt, scene):
+def _negative_capacitance(deck, shunt, point):
     if shunt.topology == "parallel":
         deck.comment("A copy of V(p) charges Cmirror; as much current is sent back into the electrodes.")
         deck.add("Emirror m 0 p 0 1")
         deck.add("Vmirror m n 0")
         deck.add("Cmirror n 0", shunt.capacitance, "IC=0")
         deck.add("Fnegative 0 p Vmirror 1")
-        return _resistor(deck, shunt, scene)
+        return _resistor(deck, shunt, point)
     deck.comment("The current also charges Cmirror, whose voltage drives it on.")
     deck.add("Rload p r", shunt.resistance)
     deck.add("Vmirror r n 0")
@@ -83,7 +83,7 @@ def _negative_capacitance(deck, shunt, scene):
     return NetlistCircuit(power, slowest=shunt.resistance * shunt.capacitance)
 
 
-def _network(deck, shunt, scene):
+def _network(deck, shunt, point):
     nodes = {0: "0", 1: "p"}
     harvested = []
     for e in shunt.elements:
@@ -95,33 +95,33 @@ def _network(deck, shunt, scene):
     return NetlistCircuit(total(harvested))
 
 
-def _rectifier(deck, shunt, scene):
-    return write_bridge(deck, shunt, scene)
+def _rectifier(deck, shunt, point):
+    return write_bridge(deck, shunt, point)
 
 
-def _parallel_sshi(deck, shunt, scene):
-    loop = write_loop(deck, shunt, scene, "0")
-    return write_bridge(deck, shunt, scene)._replace(fastest=loop.on_time)
+def _parallel_sshi(deck, shunt, point):
+    loop = write_loop(deck, shunt, point, "0")
+    return write_bridge(deck, shunt, point)._replace(fastest=loop.on_time)
 
 
-def _series_sshi(deck, shunt, scene):
-    loop = write_loop(deck, shunt, scene, "b")
-    return write_series_bridge(deck, shunt, scene, "b", scene.voltage / loop.impedance)._replace(fastest=loop.on_time)
+def _series_sshi(deck, shunt, point):
+    loop = write_loop(deck, shunt, point, "b")
+    return write_series_bridge(deck, shunt, point, "b", point.voltage / loop.impedance)._replace(fastest=loop.on_time)
 
 
-def _ssdi(deck, shunt, scene):
-    return NetlistCircuit(fastest=write_loop(deck, shunt, scene, "0").on_time)
+def _ssdi(deck, shunt, point):
+    return NetlistCircuit(fastest=write_loop(deck, shunt, point, "0").on_time)
 
 
-def _ssdv(deck, shunt, scene):
-    loop = write_loop(deck, shunt, scene, "source")
+def _ssdv(deck, shunt, point):
+    loop = write_loop(deck, shunt, point, "source")
     deck.comment("The source drives the inverted voltage further: up after a maximum, down after a minimum.")
     deck.add(f"Bsource source 0 V={number(shunt.source_voltage)}*max(-1, min(1, 4*V(pulse)))")
     return NetlistCircuit(fastest=loop.on_time)
 
 
 def _load(node: str, shunt, slowest: float) -> NetlistCircuit:
-    """Power in a load between `node` and ground, and the longest time constant."""
+    """Circuit of a load between `node` and ground, with the longest time constant."""
     return NetlistCircuit(f"V({node})*V({node})/{number(shunt.resistance)}", slowest=slowest)
 
 

@@ -1,7 +1,7 @@
-"""Lines of a netlist, in the part of the language that ngspice and LTspice share.
+"""Lines of a netlist, in the subset of the language common to ngspice and LTspice.
 
-Shared are: R, C, L, T, V, E, G and H elements, and B sources written with + - * / and the functions abs, exp, max, min,
-sin and sqrt. Left out because they differ: powers (^ is an exclusive or in LTspice), the ternary operator, limit(),
+In common are R, C, L, T, V, E, G and H elements, and B sources written with + - * / and the functions abs, exp, max,
+min, sin and sqrt. Avoided because they differ: powers (^ is an exclusive or in LTspice), the ternary operator, limit(),
 expressions in .meas, parameters of an inductor.
 """
 
@@ -12,17 +12,17 @@ from collections.abc import Iterable
 
 
 def number(value: float) -> str:
-    """A number as both programs read it."""
+    """A number in a format that both programs read."""
     return f"{float(value):.12g}"
 
 
 def total(terms: Iterable[tuple[float, str]]) -> str:
-    """Expression for a sum of coefficient * expression, "0" where nothing is left."""
+    """Expression for a sum of coefficient * expression, "0" if it is empty."""
     return " + ".join(f"({number(c)})*{expression}" for c, expression in terms if c) or "0"
 
 
 class Deck:
-    """A netlist that grows from top to bottom."""
+    """A netlist, written from top to bottom."""
 
     def __init__(self, title: str):
         self._lines = ["* " + " ".join(title.split())]

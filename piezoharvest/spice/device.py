@@ -10,13 +10,13 @@ from piezoharvest.description.excitation import Ramps
 from piezoharvest.spice.deck import Deck, number, total
 from piezoharvest.spice.effects import write_effects
 from piezoharvest.spice.operating_point import OperatingPoint
-from piezoharvest.spice.stop import KNEE, write_stop
+from piezoharvest.spice.stop import SATURATION_SHARE, write_stop
 
 
-def write_drive(deck: Deck, scene: OperatingPoint) -> None:
+def write_drive(deck: Deck, point: OperatingPoint) -> None:
     """Node `drive`: force in N or base acceleration in m/s^2."""
-    deck.section("excitation: V(drive) is the " + ("base acceleration, m/s^2" if scene.excitation.base else "force, N"))
-    signal = scene.signal
+    deck.section("excitation: V(drive) is the " + ("base acceleration, m/s^2" if point.excitation.base else "force, N"))
+    signal = point.signal
     if isinstance(signal, Ramps):
         deck.add("Vdrive drive 0 PWL(", *_points(signal), ")")
     elif len(signal.frequencies) == 1:
@@ -41,60 +41,60 @@ def _points(signal: Ramps) -> list[str]:
     return [f"{time:.12g} {value:.9g}" for time, value in points]
 
 
-def gains(scene: OperatingPoint) -> list[float]:
-    """Force on each mode by unit of the drive."""
-    modes = scene.transducer.all_modes
-    return [-mode.base_mass if scene.excitation.base else mode.force_participation for mode in modes]
+def gains(point: OperatingPoint) -> list[float]:
+    """Force on each mode per unit of the drive."""
+    modes = point.transducer.all_modes
+    return [-mode.base_mass if point.excitation.base else mode.force_participation for mode in modes]
 
 
-def write_mechanics(deck: Deck, scene: OperatingPoint) -> None:
-    """Nodes `u1`, `f1`, ... of each mode, and the sums over the modes that are read out."""
+def write_mechanics(deck: Deck, point: OperatingPoint) -> None:
+    """Nodes `u1`, `f1`, ... of each mode, and the output sums over the modes."""
     deck.section("mechanics: force is current, velocity is voltage, mass is capacitance, damping is conductance")
     deck.comment(
         "Of mode n: V(un) velocity in m/s, V(fn) force of the spring in N (displacement times stiffness), into which "
         "the velocity is integrated. No inductor is used: LTspice would give it a series resistance unasked."
     )
-    for n, (mode, gain) in enumerate(zip(scene.transducer.all_modes, gains(scene), strict=True), 1):
+    for n, (mode, gain) in enumerate(zip(point.transducer.all_modes, gains(point), strict=True), 1):
         deck.add(f"Cmass{n} u{n} 0", mode.mass, "IC=0")
         if mode.damping:
             deck.add(f"Rdamping{n} u{n} 0", 1 / mode.damping)
         deck.add(f"Gdrive{n} 0 u{n} drive 0", gain)
         deck.add(f"Gspring{n} u{n} 0 f{n} 0 1")
-        deck.add(f"Cspring{n} f{n} 0", 1 / mode.stiffness, f"IC={number(mode.stiffness * scene.rest[f'x{n}'])}")
+        deck.add(f"Cspring{n} f{n} 0", 1 / mode.stiffness, f"IC={number(mode.stiffness * point.rest[f'x{n}'])}")
         deck.add(f"Grate{n} 0 f{n} u{n} 0 1")
         deck.add(f"Gcoupling{n} 0 u{n} t 0", mode.coupling)
 
 
-def displacement(scene: OperatingPoint) -> str:
-    """Expression of the displacement that is read, m."""
-    modes = enumerate(scene.transducer.all_modes, 1)
+def displacement(point: OperatingPoint) -> str:
+    """Expression of the displacement output, m."""
+    modes = enumerate(point.transducer.all_modes, 1)
     return total((mode.force_participation / mode.stiffness, f"V(f{n})") for n, mode in modes)
 
 
-def coupled_acceleration(scene: OperatingPoint) -> str:
+def coupled_acceleration(point: OperatingPoint) -> str:
     """Expression of sum T_i x_i'', A/s."""
     terms = []
-    for n, (mode, gain) in enumerate(zip(scene.transducer.all_modes, gains(scene), strict=True), 1):
+    for n, (mode, gain) in enumerate(zip(point.transducer.all_modes, gains(point), strict=True), 1):
         forces = [(gain, "V(drive)"), (mode.coupling, "V(t)"), (-mode.damping, f"V(u{n})"), (-1.0, f"V(f{n})")]
-        if scene.terms.pushes[n - 1].any():
+        if point.terms.pushes[n - 1].any():
             forces.append((1.0, f"V(push{n})"))
         terms += [(mode.coupling / mode.mass * factor, signal) for factor, signal in forces]
     return total(terms)
 
 
-def coupled_velocity(scene: OperatingPoint) -> str:
+def coupled_velocity(point: OperatingPoint) -> str:
     """Expression of sum T_i x_i', A."""
-    return total((mode.coupling, f"V(u{n})") for n, mode in enumerate(scene.transducer.all_modes, 1))
+    return total((mode.coupling, f"V(u{n})") for n, mode in enumerate(point.transducer.all_modes, 1))
 
 
-def mechanical_power(scene: OperatingPoint) -> str:
+def mechanical_power(point: OperatingPoint) -> str:
     """Expression of the power that the drive delivers, W."""
-    return f"V(drive)*({total((gain, f'V(u{n})') for n, gain in enumerate(gains(scene), 1))})"
+    return f"V(drive)*({total((gain, f'V(u{n})') for n, gain in enumerate(gains(point), 1))})"
 
 
-def write_transducer(deck: Deck, scene: OperatingPoint) -> None:
-    """Electrode node `p`, clamped node `t`, hysteresis between them, and what effects add."""
-    transducer = scene.transducer
+def write_transducer(deck: Deck, point: OperatingPoint) -> None:
+    """Electrode node `p`, clamped node `t`, hysteresis between them, and the effects."""
+    transducer = point.transducer
     deck.section("transducer: V(p) electrode voltage v_p, V(t) voltage v_t of the clamped capacitance")
     deck.comment("I(Vport) is i_p, into the transducer's positive lead.")
     inner = "h" if transducer.hysteresis else "t"
@@ -103,22 +103,22 @@ def write_transducer(deck: Deck, scene: OperatingPoint) -> None:
     for n, mode in enumerate(transducer.all_modes, 1):
         deck.add(f"Gstrain{n} t 0 u{n} 0", mode.coupling)
     if transducer.hysteresis:
-        _write_hysteresis(deck, scene)
-    write_effects(deck, scene)
+        _write_hysteresis(deck, point)
+    write_effects(deck, point)
 
 
-def _write_hysteresis(deck: Deck, scene: OperatingPoint) -> None:
+def _write_hysteresis(deck: Deck, point: OperatingPoint) -> None:
     """Stop operators, as capacitors that integrate the current while they stick."""
-    hysteresis = scene.transducer.hysteresis
+    hysteresis = point.transducer.hysteresis
     assert hysteresis is not None
     deck.section("hysteresis: V(h,t) is v_h, the sum of stop operators of the charge")
     deck.comment(
         f"V(s1), V(s2), ... are the operators over their thresholds, within -1 and 1. They follow the charge exactly "
-        f"until {KNEE:g} before the threshold, then approach it exponentially: the area of a loop is wrong by about "
-        f"{KNEE**2:.0e} of that of the square of side 2 r."
+        f"until {SATURATION_SHARE:g} before the threshold, then approach it exponentially: the area of a loop is wrong "
+        f"by about {SATURATION_SHARE**2:.0e} of that of the square of side 2 r."
     )
     voltages = []
     for n, (r, w) in enumerate(zip(hysteresis.thresholds, hysteresis.weights, strict=True), 1):
-        write_stop(deck, scene, f"s{n}", "I(Vport)", r)
+        write_stop(deck, point, f"s{n}", "I(Vport)", r)
         voltages.append((w * r, f"V(s{n})"))
     deck.add("Bhysteresis h t V=" + total(voltages))

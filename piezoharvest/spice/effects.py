@@ -1,4 +1,4 @@
-"""Effects as netlist elements: the terms that they add to the transducer's equations, written as sources."""
+"""Effects as netlist elements: their terms in the transducer's equations, written as sources."""
 
 from __future__ import annotations
 
@@ -12,46 +12,46 @@ from piezoharvest.spice.operating_point import OperatingPoint
 from piezoharvest.spice.stop import write_stop
 
 
-def write_effects(deck: Deck, scene: OperatingPoint) -> None:
-    """What the effects add: forces at nodes `push1`, ..., charge on node `t`, current from node `p`, and own states."""
-    terms = scene.terms
-    names = ", ".join(effect.name for effect in scene.transducer.effects if effect.name not in terms.unfelt)
+def write_effects(deck: Deck, point: OperatingPoint) -> None:
+    """Write the effects: forces at nodes `push1`, ..., charge on node `t`, current from node `p`, and their states."""
+    terms = point.terms
+    names = ", ".join(effect.name for effect in point.transducer.effects if effect.name not in terms.unfelt)
     if names:
         deck.section("effects")
         deck.comment(f"{names}: V(push1), ... forces on the modes in N, V(charge) what is on the electrodes beside.")
     for name in terms.unfelt:
         deck.comment(f"{name} is not in this netlist: it is what sensors make of the motion, or goes on over a record.")
-    values = _Values(scene)
+    values = _Values(point)
     for state, equation in zip(terms.states, terms.equations, strict=True):
-        _write_state(deck, scene, values, state.name, equation)
+        _write_state(deck, point, values, state.name, equation)
     for stop in terms.stops:
-        write_stop(deck, scene, stop.name, total(values.rate(stop.row)), stop.threshold)
+        write_stop(deck, point, stop.name, total(values.rate(stop.row)), stop.threshold)
     for n, push in enumerate(terms.pushes, 1):
         if push.any():
             deck.add(f"Bpush{n} push{n} 0 V=" + total(values.of(push)))
             deck.add(f"Gpush{n} 0 u{n} push{n} 0 1")
     if terms.charges.any():
-        _write_charge(deck, scene, values)
+        _write_charge(deck, point, values)
     if terms.drawn.any():
         deck.add("Bdrawn p 0 I=" + total(values.of(terms.drawn)))
 
 
-def _write_state(deck: Deck, scene: OperatingPoint, values: _Values, name: str, equation: Row) -> None:
-    """Node of a state over its size: a capacitor that integrates its rate."""
-    row, column = equation.copy(), scene.terms.columns[name + "'"]
+def _write_state(deck: Deck, point: OperatingPoint, values: _Values, name: str, equation: Row) -> None:
+    """Node of a state divided by its scale: a capacitor that integrates its rate."""
+    row, column = equation.copy(), point.terms.columns[name + "'"]
     share, row[column] = row[column], 0.0
     size = values.sizes[name]
-    rate = total((-factor / (share * size * scene.omega), what) for factor, what in values.of(row))
-    deck.add(f"C{name} {name} 0", 1 / scene.omega, f"IC={number(scene.rest[name] / size)}")
+    rate = total((-factor / (share * size * point.omega), what) for factor, what in values.of(row))
+    deck.add(f"C{name} {name} 0", 1 / point.omega, f"IC={number(point.rest[name] / size)}")
     deck.add(f"B{name} 0 {name} I={rate}")
 
 
-def _write_charge(deck: Deck, scene: OperatingPoint, values: _Values) -> None:
-    """Current into node `t` as the rate of a charge: that through a capacitor at a voltage made of the charge."""
-    size = scene.voltage * scene.transducer.capacitance
-    charge = total((factor / size, what) for factor, what in values.of(scene.terms.charges))
+def _write_charge(deck: Deck, point: OperatingPoint, values: _Values) -> None:
+    """Current into node `t` as the rate of a charge: current of a capacitor at a voltage proportional to the charge."""
+    size = point.voltage * point.transducer.capacitance
+    charge = total((factor / size, what) for factor, what in values.of(point.terms.charges))
     deck.add("Bcharge charge 0 V=" + charge)
-    deck.add("Ccharge charge sense", size, f"IC={number(values.at_rest(scene.terms.charges) / size)}")
+    deck.add("Ccharge charge sense", size, f"IC={number(values.at_rest(point.terms.charges) / size)}")
     deck.add("Vsense sense 0 0")
     deck.add("Bsense t 0 I=I(Vsense)")
 
@@ -62,16 +62,16 @@ class _Values:
     Attributes
     ----------
     sizes : dict of str to float
-        What a volt of the node of an added state stands for.
+        Value of an added state per volt of its node.
     """
 
-    def __init__(self, scene: OperatingPoint) -> None:
-        self.scene, terms, modes = scene, scene.terms, scene.transducer.all_modes
-        energy = scene.transducer.capacitance * scene.voltage**2
+    def __init__(self, point: OperatingPoint) -> None:
+        self.point, terms, modes = point, point.terms, point.transducer.all_modes
+        energy = point.transducer.capacitance * point.voltage**2
         self.sizes = {state.name: (energy / state.storage) ** 0.5 for state in terms.states}
         self._known: dict[str, tuple[float, str]] = {
             "one": (1.0, "1"), "drive": (1.0, "V(drive)"), "v_t": (1.0, "V(t)"),
-            "v_h": (1.0 if scene.transducer.hysteresis else 0.0, "V(h,t)"),
+            "v_h": (1.0 if point.transducer.hysteresis else 0.0, "V(h,t)"),
         }  # fmt: skip
         for n, mode in enumerate(modes, 1):
             self._known |= {f"x{n}": (1 / mode.stiffness, f"V(f{n})"), f"u{n}": (1.0, f"V(u{n})")}
@@ -81,35 +81,35 @@ class _Values:
             self._known[element.name] = 1.0, self._output(element)
 
     def of(self, row: Row) -> list[tuple[float, str]]:
-        """Coefficients and expressions whose sum a row is."""
+        """Coefficients and expressions of the terms of a row."""
         return self._sum(row, self._known)
 
     def rate(self, row: Row) -> list[tuple[float, str]]:
-        """Those of the rate of a row of displacements."""
-        modes = range(1, len(self.scene.transducer.all_modes) + 1)
+        """Coefficients and expressions of the rate of a row of displacements."""
+        modes = range(1, len(self.point.transducer.all_modes) + 1)
         return self._sum(row, {f"x{n}": (1.0, f"V(u{n})") for n in modes})
 
     def at_rest(self, row: Row) -> float:
-        """Value of a row where the excitation's static part leaves the system."""
-        rest = self.scene.rest
-        for element in self.scene.terms.elements:
+        """Value of a row in the equilibrium under the excitation's static part."""
+        rest = self.point.rest
+        for element in self.point.terms.elements:
             first, second = (self._numeric(part, rest) for part in (element.first, element.second))
             rest = {**rest, element.name: element.at_start(first, second)}
         return self._numeric(row, rest)
 
     def _numeric(self, row: Row, values: Mapping[str, float]) -> float:
-        return sum(float(factor[0]) * values.get(name, 0.0) for name, factor in self.scene.terms.used(row).items())
+        return sum(float(factor[0]) * values.get(name, 0.0) for name, factor in self.point.terms.used(row).items())
 
     def _output(self, element: SmoothElement) -> str:
         first, second = (f"({total(self.of(row))})" for row in (element.first, element.second))
         if element.power == PRODUCT:
             return f"{first}*{second}"
         if element.power == TIMED:
-            return f"(time*{number(1 / self.scene.length)})*{first}"
+            return f"(time*{number(1 / self.point.length)})*{first}"
         return "*".join([first] * element.power)
 
     def _sum(self, row: Row, known: Mapping[str, tuple[float, str]]) -> list[tuple[float, str]]:
-        used = self.scene.terms.used(row)
+        used = self.point.terms.used(row)
         others = ", ".join(sorted(used.keys() - known.keys()))
         if others:
             found = f"found terms of {others} in a system to be exported to SPICE"

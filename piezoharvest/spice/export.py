@@ -1,4 +1,4 @@
-"""The netlist as a whole: devices, shunt, what is measured and how it is run."""
+"""Complete netlist: devices, shunt, measurements and analysis."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from piezoharvest.equations.rows import connected
 from piezoharvest.spice.circuits import write_shunt
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.device import displacement, mechanical_power, write_drive, write_mechanics, write_transducer
-from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint, make_scene
+from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint, estimate_operating_point
 
-# Default run: this many of the longest time constant, within these numbers of periods; steps in the shortest pulse.
+# Default length in longest time constants, its bounds in periods; steps in the shortest pulse.
 SETTLING = 10.0
-FEWEST_PERIODS, MOST_PERIODS = 10, 500
+MIN_PERIODS, MAX_PERIODS = 10, 500
 STEPS_IN_PULSE = 20
-# The highest tone of several gets this many times fewer steps than the strongest.
-STEPS_FEWER = 5
+# Steps in a period of the strongest tone, relative to those of the highest of several tones.
+STEP_RATIO = 5
 MEASUREMENTS = {
     "harvested_power": "AVG V(harvested)",
     "mechanical_power": "AVG V(mechanical)",
@@ -52,43 +52,43 @@ def export_spice(
     title : str
         First line of the netlist.
     periods : int, optional
-        Periods to simulate. By default as many as the slowest time constant needs to settle, at most 500. Without
-        effect on an excitation that is not periodic, which runs through once.
+        Periods to simulate. By default as many as the slowest time constant needs to settle, at most 500. Ignored for a
+        non-periodic excitation, which runs once.
     measured_periods : int
         Periods at the end over which the .meas commands average.
     steps_per_period : int
         Time steps in a period at least; switched shunts take more, 20 in the shortest pulse.
     dc_start : float
-        Voltage of the smoothing capacitor at the beginning, V: near the final one, it shortens the run.
+        Initial voltage of the smoothing capacitor, V: a value near the final one shortens the run.
     tolerance : float
         Relative tolerance of the time steps (reltol).
 
     Returns
     -------
     str
-        Netlist in the language that ngspice and LTspice share. Its .meas commands are harvested_power and
-        mechanical_power (W, mean), displacement_pp (m) and voltage_pp (V, peak to peak: twice what the amplitudes of
-        a `Response` are) and dc_voltage (V, mean).
+        Netlist in the subset of the language common to ngspice and LTspice. Its .meas commands are harvested_power and
+        mechanical_power (W, mean), displacement_pp (m) and voltage_pp (V, peak to peak: twice what the amplitudes of a
+        `Response` are) and dc_voltage (V, mean).
 
     Raises
     ------
     ParameterError
-        A shunt is of a kind that is not known here, an effect has terms that a netlist cannot hold or acts on a shunt
-        with which it cannot be simulated, or a count of periods or steps is not positive.
+        The shunt is of an unsupported kind, an effect has terms that a netlist cannot express or acts on a shunt with
+        which it cannot be simulated, or a number of periods or steps is not positive.
     """
     shunt = connected(System(transducer, shunt)).shunt
-    scene = make_scene(transducer, excitation, dc_start)
-    scene.terms.check(shunt, shunt.switch(transducer.capacitance, excitation.period))
+    point = estimate_operating_point(transducer, excitation, dc_start)
+    point.terms.check(shunt, shunt.switch(transducer.capacitance, excitation.period))
     deck = Deck(title or f"piezoharvest: {shunt.kind}")
     _write_introduction(deck)
-    write_drive(deck, scene)
-    write_mechanics(deck, scene)
-    write_transducer(deck, scene)
-    circuit = write_shunt(deck, shunt, scene)
-    _write_readings(deck, scene, circuit)
+    write_drive(deck, point)
+    write_mechanics(deck, point)
+    write_transducer(deck, point)
+    circuit = write_shunt(deck, shunt, point)
+    _write_readings(deck, point, circuit)
     deck.section("analysis")
-    window = _write_window(deck, scene, circuit, periods, measured_periods)
-    _write_analysis(deck, scene, window, _largest_step(scene, circuit, steps_per_period), tolerance)
+    window = _write_window(deck, point, circuit, periods, measured_periods)
+    _write_analysis(deck, point, window, _largest_step(point, circuit, steps_per_period), tolerance)
     return deck.text()
 
 
@@ -106,28 +106,28 @@ def _write_introduction(deck: Deck) -> None:
     )
 
 
-def _write_readings(deck: Deck, scene: OperatingPoint, circuit: NetlistCircuit) -> None:
+def _write_readings(deck: Deck, point: OperatingPoint, circuit: NetlistCircuit) -> None:
     deck.section("readings: V(x) displacement in m, V(harvested) and V(mechanical) power in W, V(vdc) dc voltage")
-    deck.add("Bx x 0 V=" + displacement(scene))
+    deck.add("Bx x 0 V=" + displacement(point))
     deck.add("Bharvested harvested 0 V=" + circuit.harvested)
-    deck.add("Bmechanical mechanical 0 V=" + mechanical_power(scene))
+    deck.add("Bmechanical mechanical 0 V=" + mechanical_power(point))
     deck.add("Bvdc vdc 0 V=" + circuit.dc)
 
 
 def _write_window(
-    deck: Deck, scene: OperatingPoint, circuit: NetlistCircuit, periods: int | None, measured: int
+    deck: Deck, point: OperatingPoint, circuit: NetlistCircuit, periods: int | None, measured: int
 ) -> tuple[float, float]:
-    """Say how long the run is; beginning and end of what is measured, s."""
-    period, length = scene.excitation.period, scene.excitation.length
+    """Write the length of the run; return beginning and end of the measurement, s."""
+    period, length = point.excitation.period, point.excitation.length
     if period is None:
         if length is None:
             raise ParameterError("excitation", "found neither a period nor a length, allowed is one that has either")
         deck.comment("The excitation is not periodic: one run through it, measured from beginning to end.")
         return 0.0, length
-    slowest = max(circuit.slowest, *_decay_times(scene.transducer))
-    wanted = measured + math.ceil(max(FEWEST_PERIODS, min(SETTLING * slowest / period, 1e9)))
+    slowest = max(circuit.slowest, *_decay_times(point.transducer))
+    wanted = measured + math.ceil(max(MIN_PERIODS, min(SETTLING * slowest / period, 1e9)))
     if periods is None:
-        periods = max(measured + 1, min(wanted, MOST_PERIODS))
+        periods = max(measured + 1, min(wanted, MAX_PERIODS))
     for key, value, least in (("measured_periods", measured, 1), ("periods", periods, measured)):
         if value < least:
             raise ParameterError(key, f"found {value}, allowed is a whole number of at least {least}")
@@ -140,18 +140,18 @@ def _write_window(
     return (periods - measured) * period, periods * period
 
 
-def _largest_step(scene: OperatingPoint, circuit: NetlistCircuit, steps: int) -> float:
-    """Largest time step, s: a share of the period, of that of the highest tone and of the shortest pulse."""
+def _largest_step(point: OperatingPoint, circuit: NetlistCircuit, steps: int) -> float:
+    """Largest time step, s: a fraction of the period, of that of the highest tone and of the shortest pulse."""
     if steps < 1:
         raise ParameterError("steps_per_period", f"found {steps}, allowed is a whole number of at least 1")
-    share = [2 * math.pi / scene.omega / steps, circuit.fastest / STEPS_IN_PULSE]
-    if isinstance(scene.signal, Tones):
-        share.append(STEPS_FEWER / (steps * float(max(scene.signal.frequencies))))
+    share = [2 * math.pi / point.omega / steps, circuit.fastest / STEPS_IN_PULSE]
+    if isinstance(point.signal, Tones):
+        share.append(STEP_RATIO / (steps * float(max(point.signal.frequencies))))
     return min(share)
 
 
 def _write_analysis(
-    deck: Deck, scene: OperatingPoint, window: tuple[float, float], step: float, tolerance: float
+    deck: Deck, point: OperatingPoint, window: tuple[float, float], step: float, tolerance: float
 ) -> None:
     """Simulation command, tolerances and measurements."""
     begin, end = (number(time) for time in window)
@@ -160,9 +160,9 @@ def _write_analysis(
     )
     deck.add(".tran", step, end, 0, step, "uic")
     deck.comment("Gear integration damps what trapezoidal integration lets ring after a switch has opened.")
-    charge, voltage = 1e-9 * scene.current / scene.omega, 1e-7 * min(1.0, scene.voltage)
+    charge, voltage = 1e-9 * point.current / point.omega, 1e-7 * min(1.0, point.voltage)
     deck.add(
-        f".options method=gear reltol={number(tolerance)} trtol=1 plotwinsize=0 abstol={number(1e-9 * scene.current)} "
+        f".options method=gear reltol={number(tolerance)} trtol=1 plotwinsize=0 abstol={number(1e-9 * point.current)} "
         f"vntol={number(voltage)} chgtol={number(charge)}"
     )
     deck.add(".save V(drive) V(x) V(p) V(vdc) V(harvested) V(mechanical) I(Vport)")

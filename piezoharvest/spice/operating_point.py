@@ -1,4 +1,4 @@
-"""What all parts of a netlist need to know: the devices, and the sizes and times that smooth elements are set to."""
+"""Operating point of a netlist: the devices, and magnitudes and times to which smooth elements are adapted."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from piezoharvest.equations.terms import Terms
 
 
 class OperatingPoint(NamedTuple):
-    """Surroundings of the shunt in a netlist.
+    """Devices around the shunt in a netlist, with expected magnitudes.
 
     Attributes
     ----------
@@ -26,13 +26,13 @@ class OperatingPoint(NamedTuple):
     omega : float
         Angular frequency of the drive in rad/s, of the first mode where the excitation has none.
     voltage : float
-        Electrode voltage to expect, V: right within a factor of about ten.
+        Expected electrode voltage, V, within a factor of about ten.
     dc_start : float
-        Voltage of the smoothing capacitor at the beginning, V.
+        Initial voltage of the smoothing capacitor, V.
     terms : Terms
-        What the effects add.
+        Terms of the effects.
     rest : dict of str to float
-        States at the beginning, by name, SI.
+        Initial states, by name, SI.
     """
 
     transducer: Transducer
@@ -46,29 +46,29 @@ class OperatingPoint(NamedTuple):
 
     @property
     def length(self) -> float:
-        """Length of the excitation in s; there is none where it is periodic."""
+        """Length of a non-periodic excitation in s."""
         assert self.excitation.length is not None
         return self.excitation.length
 
     @property
     def current(self) -> float:
-        """Current to expect through the clamped capacitance, A."""
+        """Expected current through the clamped capacitance, A."""
         return self.omega * self.transducer.capacitance * self.voltage
 
 
 class NetlistCircuit(NamedTuple):
-    """What a shunt's part of the netlist tells the rest of it.
+    """Properties of a shunt's part of the netlist that the rest depends on.
 
     Attributes
     ----------
     harvested : str
-        Expression of the power that reaches the load, W.
+        Expression of the power into the load, W.
     dc : str
         Expression of the voltage behind the bridge, V.
     fastest : float
-        Length of the shortest pulse, s; infinite where there is none.
+        Length of the shortest pulse, s; infinite without pulses.
     slowest : float
-        Longest time constant that the shunt brings, s.
+        Longest time constant of the shunt, s.
     """
 
     harvested: str = "0"
@@ -77,8 +77,8 @@ class NetlistCircuit(NamedTuple):
     slowest: float = 0.0
 
 
-def make_scene(transducer: Transducer, excitation: Excitation, dc_start: float) -> OperatingPoint:
-    """Estimate the sizes of voltage and current in a system."""
+def estimate_operating_point(transducer: Transducer, excitation: Excitation, dc_start: float) -> OperatingPoint:
+    """Estimate the magnitudes of voltage and current in a system."""
     signal = excitation.signal()
     own = 2 * np.pi * transducer.open_circuit_frequency
     if isinstance(signal, Tones):
@@ -89,7 +89,7 @@ def make_scene(transducer: Transducer, excitation: Excitation, dc_start: float) 
         omega = 2 * np.pi * float(frequencies[np.argmax(amplitudes)])
         tones = [(2 * np.pi * f, a) for f, a in zip(frequencies, amplitudes, strict=True)]
     else:
-        # A sudden load moves a mode twice as far as a slow one.
+        # A sudden load displaces a mode twice as far as a slow one.
         omega, tones = own, [(0.0, 2 * float(np.max(np.abs(signal.starts))))]
     voltage = sum(_voltage(transducer, excitation.base, w, a) for w, a in tones)
     passes = excitation.period is None
@@ -106,7 +106,7 @@ def _rest(transducer: Transducer, excitation: Excitation) -> dict[str, float]:
 
 
 def _voltage(transducer: Transducer, base: bool, omega: float, amplitude: float) -> float:
-    """Open-circuit voltage at the displacement that is left once a matched load damps the motion, V."""
+    """Open-circuit voltage at the displacement under the damping of a matched load, V."""
     charge = 0.0
     for mode in transducer.all_modes:
         gain = mode.base_mass if base else abs(mode.force_participation)

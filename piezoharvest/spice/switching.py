@@ -14,21 +14,21 @@ from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.device import coupled_acceleration, coupled_velocity
 from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
 
-# Bridge: ratio of its resistance to 1/(w C), and of the rounding of its corner to the expected voltage.
+# Bridge: ratio of its resistance to 1/(w C), and of the smoothing of its corner to the expected voltage.
 BRIDGE = 1e-4
 CORNER = 1e-5
-# Switched loop: how much more than sqrt(L/C) the resistance is that takes up the current cut when the switch opens, and
-# how much less the switch's while closed; conductance of the open switch over 1/sqrt(L/C).
+# Switched loop: ratio to sqrt(L/C) of the resistance that absorbs the current cut when the switch opens, inverse ratio
+# of that of the closed switch, and conductance of the open switch relative to 1/sqrt(L/C).
 IDEAL, OPEN = 1e4, 1e-8
-# The pulse that closes a switch rises and falls over this share of its length to each side; logarithm of the switch's
-# conductance, per unit of the pulse.
+# The pulse that closes a switch rises and falls over this fraction of its length to each side; logarithm of the
+# switch's conductance per unit of the pulse.
 EDGE = 0.1
 STEEPNESS = 200.0
-# Instantaneous discharges take this share of a period, and end at exp(-14) of the voltage.
+# Instantaneous discharges take this fraction of a period, and end at exp(-14) of the voltage.
 DISCHARGE, DECAY = 1 / 200, 14.0
 
 
-def write_timing(deck: Deck, switch: Switch, on_time: float, scene: OperatingPoint) -> None:
+def write_timing(deck: Deck, switch: Switch, on_time: float, point: OperatingPoint) -> None:
     """Node `pulse`: +1 (after a maximum) or -1 (after a minimum of sum T_i x_i) while the switch is closed."""
     deck.section("timing of the switch: V(pulse) is 1 after a maximum and -1 after a minimum of sum T_i x_i, else 0")
     deck.comment(
@@ -36,9 +36,9 @@ def write_timing(deck: Deck, switch: Switch, on_time: float, scene: OperatingPoi
         "and delayed by ideal lines; both edges of the pulse are rounded alike, so that its length is exact. hold_off "
         "is left out: the switch acts at every extremum."
     )
-    deck.add("Brate rate 0 V=(" + coupled_velocity(scene) + f")/{number(scene.current)}")
-    width = number(EDGE * on_time / scene.current)
-    deck.add("Bwidth width 0 V=(" + coupled_acceleration(scene) + f")*{width}")
+    deck.add("Brate rate 0 V=(" + coupled_velocity(point) + f")/{number(point.current)}")
+    width = number(EDGE * on_time / point.current)
+    deck.add("Bwidth width 0 V=(" + coupled_acceleration(point) + f")*{width}")
     deck.add("Bextremum extremum 0 V=max(-1, min(1, V(rate)/sqrt(V(width)*V(width)+1e-12)))")
     begin = "extremum"
     if switch.lag > 1e-4 * on_time:
@@ -46,15 +46,15 @@ def write_timing(deck: Deck, switch: Switch, on_time: float, scene: OperatingPoi
         deck.add("Tlag extremum 0 begin 0 Z0=1 TD=" + number(switch.lag))
     deck.add(f"Ton {begin} 0 finish 0 Z0=1 TD={number(on_time)}")
     deck.add("Ron finish 0 1")
-    # Timed from the extremum before, of the other kind, the pulse has the other sign.
+    # Timed from the previous extremum, of the other kind, the pulse has the other sign.
     deck.add(f"Bpulse pulse 0 V={'(-0.5)' if switch.early else '0.5'}*(V(finish)-V({begin}))")
 
 
 def write_switch(deck: Deck, nodes: tuple[str, str], critical: float, closed: float, opened: float) -> str:
-    """Write a conductance that follows the pulse, and give its power as an expression.
+    """Write a conductance that follows the pulse, and return an expression of its power.
 
-    Its logarithm changes steeply where the pulse passes 1/2, being `critical` (S) just there: that is the conductance
-    that matters to the circuit, so that it closes and opens at the times meant.
+    Its logarithm changes steeply around the pulse's value 1/2, at which it is `critical` (S), the conductance at which
+    the circuit responds, so that it closes and opens at the intended times.
     """
     low, high = number(math.log(opened / critical)), number(math.log(closed / critical))
     deck.add(f"Bswitch switch 0 V=min({high}, max({low}, {number(STEEPNESS)}*(abs(V(pulse))-0.5)))")
@@ -71,13 +71,13 @@ class SwitchedLoop(NamedTuple):
     impedance: float
 
 
-def write_loop(deck: Deck, shunt: InductiveSwitch, scene: OperatingPoint, end: str) -> SwitchedLoop:
+def write_loop(deck: Deck, shunt: InductiveSwitch, point: OperatingPoint, end: str) -> SwitchedLoop:
     """Inductor, its resistance and switch from `p` to the node `end`."""
-    capacitance = scene.transducer.capacitance
+    capacitance = point.transducer.capacitance
     inductance, resistance = shunt.loop(capacitance)
     impedance = math.sqrt(inductance / capacitance)
-    switch = shunt.switch(capacitance, scene.excitation.period)
-    write_timing(deck, switch, switch.on_time, scene)
+    switch = shunt.switch(capacitance, point.excitation.period)
+    write_timing(deck, switch, switch.on_time, point)
     deck.section("switched inductor")
     deck.comment(
         "Rsnubber takes up the current that still flows when the switch opens; what it takes while the switch is "
@@ -87,18 +87,18 @@ def write_loop(deck: Deck, shunt: InductiveSwitch, scene: OperatingPoint, end: s
     ideal = impedance * max(IDEAL, 100 * float(shunt.quality))
     deck.add("Rsnubber p l", ideal)
     deck.add("Rloop l k", resistance - 2 * impedance**2 / ideal)
-    # The switch changes by a factor e in the time 2 EDGE on_time/STEEPNESS. A current that a resistance kappa L/time *
-    # exp(t/time) cuts loses the charge of having ended at t = -(ln kappa + Euler's gamma) time, and one that it lets
-    # begin starts at the mirror image: with kappa = exp(-gamma) both happen at t = 0.
+    # The switch changes by a factor e in the time 2 EDGE on_time/STEEPNESS. A current cut by a resistance kappa L/time
+    # * exp(t/time) carries the charge as if it ended at t = -(ln kappa + Euler's gamma) time, and one that begins
+    # through it starts at the mirror image: with kappa = exp(-gamma) both happen at t = 0.
     change = math.exp(-np.euler_gamma) * inductance * STEEPNESS / (2 * EDGE * switch.on_time)
     write_switch(deck, ("k", end), 1 / change, ideal / impedance**2, OPEN / impedance)
     return SwitchedLoop(switch.on_time, impedance)
 
 
-def write_bridge(deck: Deck, shunt: Bridge, scene: OperatingPoint) -> NetlistCircuit:
-    """Bridge across the electrodes: currents that follow from the voltage."""
-    conductance = number(0.5 * scene.omega * scene.transducer.capacitance / BRIDGE)
-    corner = number((CORNER * scene.voltage) ** 2)
+def write_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCircuit:
+    """Bridge across the electrodes, with currents that depend on the voltage."""
+    conductance = number(0.5 * point.omega * point.transducer.capacitance / BRIDGE)
+    corner = number((CORNER * point.voltage) ** 2)
     deck.section("bridge: V(dc) is the voltage behind it")
     deck.comment(
         "Each pair of diodes is a current through a small resistance above V(dc) and two drops, with a rounded corner; "
@@ -110,13 +110,13 @@ def write_bridge(deck: Deck, shunt: Bridge, scene: OperatingPoint) -> NetlistCir
         pairs.append(f"{conductance}*({excess} + sqrt({excess}*{excess}+{corner}))")
     deck.add(f"Bin p 0 I={pairs[0]} - {pairs[1]}")
     deck.add(f"Bout 0 dc I={pairs[0]} + {pairs[1]}")
-    return _write_dc_side(deck, shunt, scene)
+    return _write_dc_side(deck, shunt, point)
 
 
-def write_series_bridge(deck: Deck, shunt: Bridge, scene: OperatingPoint, node: str, current: float) -> NetlistCircuit:
-    """Bridge from `node` to ground, in line with an inductor: a voltage that follows from the current.
+def write_series_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint, node: str, current: float) -> NetlistCircuit:
+    """Bridge from `node` to ground, in series with an inductor, with a voltage that depends on the current.
 
-    `current` (A) is what flows through it at the peak.
+    `current` (A) is its peak current.
     """
     deck.section("bridge in line with the inductor: V(dc) is the voltage behind it")
     deck.comment(
@@ -128,28 +128,28 @@ def write_series_bridge(deck: Deck, shunt: Bridge, scene: OperatingPoint, node: 
     deck.add(f"Bdirection direction 0 V=V(through)/sqrt(V(through)*V(through)+{number(BRIDGE**2)})")
     deck.add(f"Bin opposed 0 V=V(direction)*(V(dc)+{number(2 * shunt.diode_drop)})")
     deck.add(f"Bout 0 dc I={number(current)}*V(through)*V(direction)")
-    return _write_dc_side(deck, shunt, scene)
+    return _write_dc_side(deck, shunt, point)
 
 
-def _write_dc_side(deck: Deck, shunt: Bridge, scene: OperatingPoint) -> NetlistCircuit:
+def _write_dc_side(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCircuit:
     """Smoothing capacitor and load, or constant voltage, at the node `dc`."""
     if shunt.dc_voltage is not None:
         deck.add("Vdc dc 0", float(shunt.dc_voltage))
         return NetlistCircuit("V(dc)*I(Vdc)", "V(dc)")
     assert shunt.smoothing_capacitance is not None and shunt.load_resistance is not None
-    deck.add("Csmoothing dc 0", shunt.smoothing_capacitance, f"IC={number(scene.dc_start)}")
+    deck.add("Csmoothing dc 0", shunt.smoothing_capacitance, f"IC={number(point.dc_start)}")
     deck.add("Rload dc 0", shunt.load_resistance)
     slowest = shunt.smoothing_capacitance * shunt.load_resistance
     return NetlistCircuit(f"V(dc)*V(dc)/{number(shunt.load_resistance)}", "V(dc)", slowest=slowest)
 
 
-def write_discharge(deck: Deck, shunt: SynchronisedShunt, scene: OperatingPoint) -> NetlistCircuit:
-    """Short pulse that takes the electrode voltage to zero through a resistance; a share of its energy is harvested."""
-    capacitance = scene.transducer.capacitance
-    switch = shunt.switch(capacitance, scene.excitation.period)
-    on_time = DISCHARGE * 2 * math.pi / scene.omega
-    write_timing(deck, switch, on_time, scene)
+def write_discharge(deck: Deck, shunt: SynchronisedShunt, point: OperatingPoint) -> NetlistCircuit:
+    """Short pulse that takes the electrode voltage to zero through a resistance; part of the energy is harvested."""
+    capacitance = point.transducer.capacitance
+    switch = shunt.switch(capacitance, point.excitation.period)
+    on_time = DISCHARGE * 2 * math.pi / point.omega
+    write_timing(deck, switch, on_time, point)
     deck.section("discharge: takes V(p) to zero within the pulse; its energy is what is harvested or lost")
     closed = DECAY * capacitance / on_time
-    power = write_switch(deck, ("p", "0"), closed, closed, 1e-7 * scene.omega * capacitance)
+    power = write_switch(deck, ("p", "0"), closed, closed, 1e-7 * point.omega * capacitance)
     return NetlistCircuit(f"{number(switch.efficiency)}*{power}" if switch.efficiency else "0", fastest=on_time)

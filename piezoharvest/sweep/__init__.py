@@ -1,4 +1,4 @@
-"""Sweeps: the same study at many values of its parameters, kept in one table."""
+"""Parameter sweeps: the same study at many values of its parameters, collected in one table."""
 
 from piezoharvest.callable_package import make_callable
 from piezoharvest.sweep.processes import start_early

@@ -1,4 +1,4 @@
-"""What can be wrong with a sweep, found before anything is simulated."""
+"""Checks of a sweep before anything is simulated."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from piezoharvest.sweep.place import parameters, place
 from piezoharvest.sweep.plan import Plan
 from piezoharvest.sweep.table import known_outputs, paths
 
-_TRIED = 64  # designs
+_DESIGNS_TRIED = 64  # designs
 
 
 def check(study: Study, plan: Plan) -> None:
-    """Make sure that a study can be swept.
+    """Check that a study can be swept.
 
     Raises
     ------
@@ -33,7 +33,7 @@ def check(study: Study, plan: Plan) -> None:
 
 
 def _check_names(study: Study) -> None:
-    """Raise `ParameterError` for a path, an end of a range or an output that the study does not have."""
+    """Raise `ParameterError` for a path, an end of a range or an output that does not exist in the study."""
     assert study.sweep is not None
     known = parameters(study)
     for n, parameter in enumerate(study.sweep.parameters):
@@ -51,11 +51,11 @@ def _check_names(study: Study) -> None:
 
 
 def _check_designs(study: Study, plan: Plan) -> None:
-    """Raise `ParameterError` where all of some designs are refused with a shunt.
+    """Raise `ParameterError` if all of some designs are invalid with a shunt.
 
-    A design that physics does not allow has no answer in the table; a sweep of such designs alone has no sense.
+    A design that is not physical has a null answer in the table; a sweep of such designs alone is an error.
     """
-    tried = sorted({0, *np.random.default_rng(0).integers(plan.designs, size=_TRIED).tolist()})
+    tried = sorted({0, *np.random.default_rng(0).integers(plan.designs, size=_DESIGNS_TRIED).tolist()})
     for shunt in range(len(study.shunts)):
         refusals = (_refusal(study, plan, shunt, n) for n in tried)
         first = next(refusals)
@@ -64,7 +64,7 @@ def _check_designs(study: Study, plan: Plan) -> None:
 
 
 def _refusal(study: Study, plan: Plan, shunt: int, design: int) -> ParameterError | None:
-    """Why a design is not allowed, if it is not."""
+    """Error that a design raises, or None."""
     values = plan.points(range(design, design + 1))[0].tolist()
     try:
         system, excitation = place(study, shunt, paths(study), values)

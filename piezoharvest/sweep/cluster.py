@@ -1,4 +1,4 @@
-"""Chunks over the workers of a Dask cluster."""
+"""Evaluation of chunks on the workers of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ if TYPE_CHECKING:
     from distributed import Client
 
 _KEY = "--scheduler"
-_PATIENCE = 8.0  # s, for a scheduler to answer, or to begin to listen where it was started a moment ago
-_AHEAD = 4  # chunks for each thread of the cluster
-_LEAST = 64  # chunks under way, so that a cluster that grows with its work does
+_TIMEOUT = 8.0  # s, to wait for a scheduler to answer, or to start listening
+_CHUNKS_PER_THREAD = 4  # chunks for each thread of the cluster
+_MIN_CHUNKS = 64  # chunks in progress at least, so that a cluster that scales with its load does
 
 
-def on_cluster(study: Study, chunks: Iterable[Chunk], address: str, tell: Callable[[str], object]) -> Done:
-    """Evaluate chunks of a sweep on a running Dask cluster, which takes up again what a lost worker had.
+def on_cluster(study: Study, chunks: Iterable[Chunk], address: str, notify: Callable[[str], object]) -> Done:
+    """Evaluate chunks of a sweep on a running Dask cluster, which reassigns those of a lost worker.
 
     Raises
     ------
     ParameterError
-        There is no scheduler at the address, or its workers have not this version of the package.
+        There is no scheduler at the address, or its workers do not have this version of the package.
     OSError
         The cluster was lost.
     """
@@ -45,15 +45,17 @@ def on_cluster(study: Study, chunks: Iterable[Chunk], address: str, tell: Callab
     with _connected(address) as client:
         threads = sum(client.nthreads().values())  # pyright: ignore[reportAttributeAccessIssue]
         if not threads:
-            tell(f"waiting for workers to join {address}")
+            notify(f"waiting for workers to join {address}")
         executor = client.get_executor(pure=False)
         job = partial(_evaluate, __version__, pickle.dumps(study))
         try:
-            for chunk, (version, answers) in stream(executor, job, chunks, max(_LEAST, _AHEAD * threads)):
+            for chunk, (version, answers) in stream(
+                executor, job, chunks, max(_MIN_CHUNKS, _CHUNKS_PER_THREAD * threads)
+            ):
                 if answers is None:
                     raise _refused(f"piezoharvest {version} on a worker")
                 yield chunk, answers
-        except (ImportError, AttributeError) as error:  # a package that is not there or too old to know this module
+        except (ImportError, AttributeError) as error:  # a package that is missing or too old to have this module
             raise _refused(f"a worker that cannot load this package ({error})") from None
         except (CancelledError, KilledWorker, OSError) as error:
             lost = f"the cluster at {address} was lost ({type(error).__name__})"
@@ -63,7 +65,7 @@ def on_cluster(study: Study, chunks: Iterable[Chunk], address: str, tell: Callab
 
 
 def _evaluate(version: str, study: bytes, values: np.ndarray) -> tuple[str, Answers | None]:
-    """On a worker: its version of the package, and the answers if it is the same as where the sweep runs."""
+    """Run on a worker: its version of the package, and the answers if that is the version of the sweep."""
     return __version__, evaluate(pickle.loads(study), values) if version == __version__ else None
 
 
@@ -78,14 +80,14 @@ def _connected(address: str) -> Iterator[Client]:
 
     log = logging.getLogger("distributed.client")
     level = log.level
-    log.setLevel(logging.CRITICAL + 1)  # what it tells of a lost scheduler is told here, in one sentence
+    log.setLevel(logging.CRITICAL + 1)  # its messages on a lost scheduler are replaced by one sentence
     try:
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of a way to connect that is no more
+                warnings.simplefilter("ignore")  # of an outdated way to connect
                 resolved = _answering(address)
-            client = Client(resolved, timeout=_PATIENCE, set_as_default=False)
-        except Exception:  # whatever an address that is none leads to, in Dask and below it
+            client = Client(resolved, timeout=_TIMEOUT, set_as_default=False)
+        except Exception:  # a wrong address may raise anything, in Dask and below it
             found = f"found no scheduler that answers at {address!r}"
             allowed = "allowed is the address of a running one, such as tcp://127.0.0.1:8786"
             raise ParameterError(_KEY, f"{found}, {allowed}") from None
@@ -96,10 +98,10 @@ def _connected(address: str) -> Iterator[Client]:
 
 
 def _answering(address: str) -> str:
-    """Whole address of a scheduler that has answered.
+    """Complete address of a scheduler that has answered.
 
-    `Client` itself waits for minutes for one that takes a connection and is silent, as it does while it ends. So it is
-    asked in a thread first that nothing waits for.
+    `Client` itself waits for minutes for a scheduler that accepts a connection and is silent, as it is while it ends.
+    It is therefore asked in a thread first that is not waited for.
     """
     from distributed.comm.addressing import resolve_address
     from distributed.security import Security
@@ -117,16 +119,16 @@ def _answering(address: str) -> str:
             kind.set_exception(error)
 
     threading.Thread(target=ask, daemon=True).start()
-    if kind.result(_PATIENCE) != "Scheduler":
+    if kind.result(_TIMEOUT) != "Scheduler":
         raise ValueError("a worker, say")
     return resolved
 
 
 async def _kind(address: str, arguments: dict) -> str:
-    """What answers at the address, by its own word."""
+    """Kind of the server at the address, as it identifies itself."""
     from distributed.comm.core import connect
 
-    comm = await connect(address, timeout=_PATIENCE, **arguments)
+    comm = await connect(address, timeout=_TIMEOUT, **arguments)
     try:
         await comm.write({"op": "identity", "reply": True})
         return (await comm.read())["type"]

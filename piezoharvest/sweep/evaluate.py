@@ -1,4 +1,4 @@
-"""From the values of a chunk of designs to their answers."""
+"""Evaluation of a chunk of designs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def evaluate(study: Study, values: np.ndarray) -> Answers:
     Returns
     -------
     dict of (n, shunts) array
-        "converged" (bool) and the outputs that the study wants; NaN where there is no answer.
+        "converged" (bool) and the outputs of the study; NaN where there is no answer.
     """
     found = [_answers(study, shunt, values) for shunt in range(len(study.shunts))]
     return {name: np.column_stack([answers[name] for answers in found]) for name in found[0]}
@@ -35,10 +35,10 @@ def evaluate(study: Study, values: np.ndarray) -> Answers:
 def _answers(study: Study, shunt: int, values: np.ndarray) -> Answers:
     """Answers with one shunt.
 
-    A batch that cannot be made is halved down to single designs: those that physics does not allow have no answer, and
-    some components can only be made one at a time.
+    A batch that cannot be built is halved down to single designs: those that are not physical have no answer, and some
+    components can only be built one at a time.
     """
-    from piezoharvest.engine import simulate_many  # numba: only where designs are worked on
+    from piezoharvest.engine import simulate_many  # numba: only where designs are simulated
 
     designs, wanted = len(values), wanted_outputs(study)
     parts = [*values.T[:, :, np.newaxis]] if designs > 1 else values[0].tolist()
@@ -57,7 +57,7 @@ def _answers(study: Study, shunt: int, values: np.ndarray) -> Answers:
 
 
 def _output(found: Mapping[str, np.ndarray], name: str) -> np.ndarray:
-    """An output; an energy that does not occur is zero wherever there is an answer."""
+    """An output; an energy that is not in the ledger is zero wherever there is an answer."""
     if name in found:
         return np.asarray(found[name], float)
     answered = np.isfinite(found.get("energy.mechanical_in", np.full(len(found["converged"]), np.nan)))

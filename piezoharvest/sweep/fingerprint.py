@@ -1,4 +1,4 @@
-"""What tells the partial results of one sweep from those of another."""
+"""Identification of the partial results of a sweep."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from piezoharvest.study import Study
 
 
 def fingerprint(study: Study) -> str:
-    """Hash of all that the answers of a sweep depend on: the components, [sweep], records read, the version."""
+    """Hash of all that the results of a sweep depend on: the components, [sweep], records read, the version."""
     content = [__version__, study.transducer, study.excitation, study.shunts, study.sweep]
     return hashlib.sha256(json.dumps(_plain(content), sort_keys=True).encode()).hexdigest()
 

@@ -18,9 +18,9 @@ _ROOTS = ("transducer", "excitation", "shunts")
 
 
 def parameters(study: Study) -> dict[str, dataclasses.Field]:
-    """Every path of a study at which a number may be placed, with the field that says its unit and bounds.
+    """Every path of a study that holds a number, with the field that gives its unit and bounds.
 
-    An optional number that the study leaves out has a path as well; whole numbers (a seed) have none.
+    An optional number that the study omits has a path as well; integers (a seed) have none.
     """
     return dict(item for root in _ROOTS for item in _paths(getattr(study, root), root))
 
@@ -42,18 +42,18 @@ def _paths(part: Any, path: str) -> Iterator[tuple[str, dataclasses.Field]]:
 
 
 def _named(parts: tuple) -> list[tuple[str, Any]]:
-    """Members of a tuple with their words in a path: effects go by name, all others by position."""
+    """Members of a tuple with their keys in a path: effects by name, all others by position."""
     return [(part.name if isinstance(part, Effect) else str(n), part) for n, part in enumerate(parts)]
 
 
 def place(study: Study, shunt: int, paths: Sequence[str], values: Sequence[Any]) -> tuple[System, Excitation]:
-    """Put values at paths of a study.
+    """Replace the values at paths of a study.
 
     Parameters
     ----------
     study : Study
     shunt : int
-        Which shunt the system is to have; values for the others are left out.
+        Index of the system's shunt; values for the others are ignored.
     paths : sequence of str
         As `parameters` gives them.
     values : sequence of float or (designs, 1) array
@@ -62,7 +62,7 @@ def place(study: Study, shunt: int, paths: Sequence[str], values: Sequence[Any])
     Raises
     ------
     ParameterError
-        A component refuses its values; its key is the path.
+        A component rejects its values; the key is the path.
     """
     tree: dict[str, Any] = {}
     for path, value in zip(paths, values, strict=True):
@@ -78,7 +78,7 @@ def place(study: Study, shunt: int, paths: Sequence[str], values: Sequence[Any])
 
 
 def _placed(part: Any, tree: Any, path: str) -> Any:
-    """The part with the values of the tree in it; all of a component at once, for they may depend on each other."""
+    """The part with the values of the tree in it, set together for each component, as they may depend on each other."""
     if not isinstance(tree, Mapping):
         return tree
     if not tree:

@@ -1,4 +1,4 @@
-"""The points of a sweep, for any range of its designs, without holding all of them."""
+"""The points of a sweep, for any range of its designs, without storing all of them."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 
 from piezoharvest.study import SweepOptions, SweepParameter
 
-# Designs that are evaluated at a time and kept together: enough for compiled code to run at full speed, few enough for
-# a small sweep to be spread over the cores and for little to be lost when it is killed.
-_LARGEST_CHUNK, _SMALLEST_CHUNK, _CHUNKS = 1024, 64, 16
+# Designs that are evaluated and stored together: enough for compiled code to run at full speed, few enough for
+# a small sweep to use all cores and for little to be lost when it is killed.
+_MAX_CHUNK, _MIN_CHUNK, _CHUNKS = 1024, 64, 16
 
 
 class Plan:
@@ -29,23 +29,23 @@ class Plan:
     designs : int
         Number of designs.
     chunk : int
-        Designs in a chunk (the last one may have fewer). Depends on the plan alone, not on who evaluates it.
+        Designs in a chunk (the last one may have fewer). Depends on the plan alone, not on the workers.
     chunks : int
         Number of chunks.
 
     Notes
     -----
-    The sequence of Sobol is scrambled (Owen, J. Complexity 14(4), 466-489, 1998) and balanced at powers of two.
+    The Sobol sequence is scrambled (Owen, J. Complexity 14(4), 466-489, 1998) and balanced at powers of two.
     """
 
     def __init__(self, options: SweepOptions):
         self._options = options
         self.designs = options.designs
-        self.chunk = min(max(-(-self.designs // _CHUNKS), _SMALLEST_CHUNK), _LARGEST_CHUNK)
+        self.chunk = min(max(-(-self.designs // _CHUNKS), _MIN_CHUNK), _MAX_CHUNK)
         self.chunks = -(-self.designs // self.chunk)
 
     def range(self, chunk: int) -> range:
-        """Numbers of the designs in a chunk."""
+        """Indices of the designs in a chunk."""
         return range(chunk * self.chunk, min((chunk + 1) * self.chunk, self.designs))
 
     def points(self, designs: range) -> np.ndarray:
@@ -66,7 +66,7 @@ class Plan:
         return np.column_stack([step / max(count - 1, 1) for step, count in zip(steps, counts, strict=True)])
 
     def _random(self, designs: range) -> np.ndarray:
-        """Part of the numbers that numpy's default generator gives for this seed: one step of it for each number."""
+        """The numbers of these designs from numpy's default generator with this seed: one step for each number."""
         width = len(self._options.parameters)
         bits = np.random.PCG64(self._options.seed)
         bits.advance(designs.start * width)
@@ -84,14 +84,14 @@ class Plan:
 
     @cached_property
     def _sequence(self) -> Any:
-        """The sequence, which remembers where it stands: to go on is cheap, to go back is not."""
-        from scipy.stats import qmc  # takes its time to import
+        """The sequence at its present position: advancing it is cheap, returning is not."""
+        from scipy.stats import qmc  # slow to import
 
         return qmc.Sobol(len(self._options.parameters), rng=self._options.seed)
 
 
 def _between(parameter: SweepParameter, share: np.ndarray) -> np.ndarray:
-    """Values that lie a share of the way from the first to the last one; exact at both ends."""
+    """Values at a share of the way from the first to the last one; exact at both ends."""
     ends = np.array([parameter.from_, parameter.to])
     if parameter.scale == "log":
         first, last = np.log10(ends)

@@ -1,4 +1,4 @@
-"""Chunks over processes of this machine."""
+"""Evaluation of chunks in processes of this machine."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from piezoharvest.study import Study
 from piezoharvest.sweep.evaluate import evaluate
 from piezoharvest.sweep.stream import Chunk, Done, stream
 
-# Each process has one core to itself; threads within it would only be in each other's way.
+# Each process has one core to itself; several threads in it would only compete.
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-_AHEAD = 2  # chunks for each process, so that none waits for the next one
+_CHUNKS_PER_PROCESS = 2  # chunks for each process, so that none waits for the next one
 
 
 def start_early() -> None:
-    """Let a server import what worker processes need, which are then forked from it, while the study is read."""
+    """Let a server import the modules of the worker processes, which are forked from it, while the study is read."""
     if _method() == "forkserver":
         from multiprocessing import forkserver
 
@@ -32,7 +32,7 @@ def start_early() -> None:
 
 
 def in_processes(study: Study, chunks: Iterable[Chunk], workers: int) -> Done:
-    """Evaluate chunks of a sweep in so many processes, each on one core.
+    """Evaluate chunks of a sweep in a number of processes, each on one core.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def in_processes(study: Study, chunks: Iterable[Chunk], workers: int) -> Done:
     with _single_threaded():
         pool = ProcessPoolExecutor(workers, context, begin_worker, (lifeline,))
         try:
-            yield from stream(pool, partial(evaluate, study), chunks, _AHEAD * workers)
+            yield from stream(pool, partial(evaluate, study), chunks, _CHUNKS_PER_PROCESS * workers)
         except BrokenExecutor:
             raise OSError("a worker process died (too little memory?); the same command resumes") from None
         finally:
@@ -57,12 +57,12 @@ def _method() -> str:
 
 
 def begin_worker(lifeline: Connection) -> None:
-    """Begin a worker process: it leaves interrupts to its parent, and ends when that lets go of the pipe or is killed.
+    """Start a worker process: it ignores interrupts, and ends when its parent closes the pipe or is killed.
 
     Parameters
     ----------
     lifeline : Connection
-        The end that receives, of a pipe whose other end only the parent holds.
+        The receiving end of a pipe whose other end only the parent holds.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
@@ -77,7 +77,7 @@ def _end_with(lifeline: Connection) -> None:
 
 @contextmanager
 def _single_threaded() -> Iterator[None]:
-    """Environment for processes that start meanwhile; what the user has set stays."""
+    """Environment for processes started within the block: one thread each; variables set by the user are kept."""
     own = [name for name in _ONE_THREAD if name not in os.environ]
     os.environ.update(dict.fromkeys(own, "1"))
     try:

@@ -1,4 +1,4 @@
-"""The sweep itself: plan, evaluate chunk by chunk, keep, put together."""
+"""The sweep procedure: plan, evaluate chunk by chunk, store, assemble."""
 
 from __future__ import annotations
 
@@ -31,25 +31,25 @@ def sweep(
     workers: int = 1,
     scheduler: str | None = None,
     progress: Progress | None = None,
-    tell: Tell | None = None,
+    notify: Tell | None = None,
 ) -> SweepResult:
     """Simulate a study at many values of its parameters and write one table.
 
     Parameters
     ----------
     study : Study
-        `study.sweep` says which; every shunt is swept.
+        With the table [sweep]; every shunt is swept.
     out : str or Path
         .parquet or .csv, with a row for each design and shunt: columns design, the parameters by their paths, shunt,
         kind, converged, the outputs. An output without an answer is null.
     workers : int
-        Processes; one is this process itself. More import the calling script anew, as `multiprocessing` does.
+        Number of processes; one is this process itself. More import the calling script anew, as `multiprocessing` does.
     scheduler : str, optional
         Address of a running Dask cluster that does the work instead.
     progress : callable, optional
-        Called with the number of designs done and of all designs.
-    tell : callable, optional
-        Called with what there is to know on the way, in a sentence.
+        Called with the number of designs done and the number of all designs.
+    notify : callable, optional
+        Called with remarks during the run, in sentences.
 
     Returns
     -------
@@ -58,9 +58,9 @@ def sweep(
     Raises
     ------
     StudyError
-        The study has no [sweep], no shunts, or asks for what cannot be swept.
+        The study has no [sweep], no shunts, or parameters that cannot be swept.
     OutputError
-        The file cannot be written, or another sweep is at work on it.
+        The file cannot be written, or another process is running this sweep.
     ParameterError
         There is no such scheduler.
     OSError
@@ -68,11 +68,11 @@ def sweep(
 
     Notes
     -----
-    Chunks are kept in the folder FILE.partial. A sweep that was killed goes on with them and ends with the same bytes
-    as one that ran through, on however many workers.
+    Chunks are kept in the folder FILE.partial. A sweep that was killed resumes from them and ends with the same bytes
+    as one that was not interrupted, on any number of workers.
     """
     begun = perf_counter()
-    progress, tell = progress or _ignore, tell or _ignore
+    progress, notify = progress or _ignore, notify or _ignore
     out = check_file(out, SUFFIXES)
     plan = _plan(study)
     summary = Summary(study)
@@ -80,13 +80,13 @@ def sweep(
     store = Store(out, form, fingerprint(study))
     with store.opened() as (found, foreign):
         if foreign:
-            tell(f"{store.folder} held partial results of another study or version: starts afresh")
+            notify(f"{store.folder} held partial results of another study or version: starts afresh")
         resumed = done = sum(len(plan.range(number)) for number in found)
         if resumed:
-            tell(f"goes on from {store.folder}: {resumed} of {plan.designs} designs are done")
+            notify(f"goes on from {store.folder}: {resumed} of {plan.designs} designs are done")
         progress(done, plan.designs)
         chunks = (Chunk(n, plan.points(plan.range(n))) for n in range(plan.chunks) if n not in found)
-        with closing(_evaluated(study, chunks, workers, scheduler, tell)) as results:
+        with closing(_evaluated(study, chunks, workers, scheduler, notify)) as results:
             for chunk, answers in results:
                 designs = plan.range(chunk.number)
                 store.put(chunk.number, tabulate(form, kinds, designs, chunk.values, answers))
@@ -105,7 +105,7 @@ def _ignore(*what: object) -> None:
 
 
 def _plan(study: Study) -> Plan:
-    """Plan of a study that can be swept."""
+    """Plan of a study, checked."""
     if study.sweep is None:
         raise StudyError(study.path, "sweep", "found no such key, allowed is a table")
     if not study.shunts:
@@ -115,10 +115,10 @@ def _plan(study: Study) -> Plan:
     return plan
 
 
-def _evaluated(study: Study, chunks: Iterable[Chunk], workers: int, scheduler: str | None, tell: Tell) -> Done:
-    """Chunks with their answers, wherever they are evaluated."""
+def _evaluated(study: Study, chunks: Iterable[Chunk], workers: int, scheduler: str | None, notify: Tell) -> Done:
+    """Chunks with their answers, evaluated in this process, in others or on a cluster."""
     if scheduler is not None:
-        yield from on_cluster(study, chunks, scheduler, tell)
+        yield from on_cluster(study, chunks, scheduler, notify)
     elif workers > 1:
         yield from in_processes(study, chunks, workers)
     else:

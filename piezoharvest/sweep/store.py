@@ -1,4 +1,4 @@
-"""Where a sweep is kept: chunk by chunk beside its file while it runs, in one file once it is complete."""
+"""Storage of a sweep: chunk by chunk beside its file while it runs, in one file once it is complete."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     import pyarrow
 
 SUFFIXES = (".parquet", ".csv")
-_ROWS = 2**16  # at least, of a row group: what readers of Parquet work with at a time
+_ROWS = 2**16  # rows of a row group, at least
 
 
 class Store:
-    """Parts of a table in a folder beside the file that they are going to make.
+    """Parts of a table in a folder beside the final file.
 
-    Every part is written atomically and carries the fingerprint of its sweep: whatever is in the folder after a kill
-    at any moment is a whole part of this sweep, or is of no use.
+    Every part is written atomically and carries the fingerprint of its sweep: after a kill at any moment the folder
+    only holds complete parts, which are used if they belong to this sweep.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class Store:
     schema : pyarrow.Schema
         Columns of the table.
     fingerprint : str
-        What the table depends on.
+        Hash of all that the table depends on.
 
     Attributes
     ----------
@@ -46,19 +46,19 @@ class Store:
 
     @contextmanager
     def opened(self) -> Iterator[tuple[set[int], bool]]:
-        """Make the folder, or go on with what is in it, and keep others out of it.
+        """Make the folder, or resume with its parts, and lock it against other processes.
 
         Yields
         ------
         found : set of int
-            Numbers of the parts that are there.
+            Indices of the parts that are there.
         foreign : bool
-            Whether there were parts of another sweep, which are gone now.
+            True if there were parts of another sweep, which have been removed.
 
         Raises
         ------
         OutputError
-            The folder cannot be written to, or another process is at work in it.
+            The folder cannot be written to, or another process is using it.
         """
         check_directory(self.folder, create=True)
         with _locked(self.folder / "lock"):
@@ -73,7 +73,7 @@ class Store:
                 self._leave()
 
     def put(self, part: int, table: pyarrow.Table) -> None:
-        """Keep a part."""
+        """Store a part."""
         import pyarrow as pa
 
         with (
@@ -85,14 +85,14 @@ class Store:
             writer.write_table(table)
 
     def finish(self, parts: int, look: Callable[[pyarrow.Table], object]) -> None:
-        """Make the final file of all parts in their order, and remove them.
+        """Write the final file from all parts in order, and remove them.
 
         Parameters
         ----------
         parts : int
             Number of parts.
         look : callable
-            Is shown the rows of the final file, in order, some ten thousand at a time.
+            Called with the rows of the final file, in order, some ten thousand at a time.
         """
         write_to = _WRITERS[self._target.suffix.lower()]
         whole = self.folder / f"whole{self._target.suffix.lower()}"
@@ -114,10 +114,10 @@ class Store:
         return sorted(self.folder.glob("[0-9]*.arrow"))
 
     def _leave(self) -> None:
-        """Remove the folder where there is nothing in it to go on with."""
+        """Remove the folder unless it holds something to resume from."""
         if not self._parts():
             (self.folder / "lock").unlink(missing_ok=True)
-            with suppress(OSError):  # something of the user's in it
+            with suppress(OSError):  # user files in it
                 self.folder.rmdir()
 
     def _groups(self, parts: int) -> Iterator[pyarrow.Table]:
@@ -134,7 +134,7 @@ class Store:
 
 
 def _schema_of(path: Path) -> pyarrow.Schema | None:
-    """Columns and marks of a part, or None where the file is none."""
+    """Schema and metadata of a part, or None if the file is none."""
     import pyarrow as pa
 
     try:
@@ -146,7 +146,7 @@ def _schema_of(path: Path) -> pyarrow.Schema | None:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Lock on a file, which the system gives back even when the process is killed; none where it has no such locks."""
+    """Lock on a file, released by the system even if the process is killed; no lock on systems without them."""
     try:
         import fcntl
     except ImportError:

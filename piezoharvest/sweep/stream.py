@@ -1,4 +1,4 @@
-"""Chunks through an executor, a bounded number of them at a time."""
+"""Evaluation of chunks by an executor, a bounded number of them at a time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 
 class Chunk(NamedTuple):
-    """A chunk of a plan: its number and its (n, p) values."""
+    """A chunk of a plan: its index and its (n, p) values."""
 
     number: int
     values: np.ndarray
@@ -20,7 +20,7 @@ Done = Generator[tuple[Chunk, Any], None, None]
 
 
 def stream(executor: Executor, evaluate: Callable[[np.ndarray], Any], chunks: Iterable[Chunk], most: int) -> Done:
-    """Evaluate chunks; each comes back once with its answers, in the order in which they are done.
+    """Evaluate chunks; each is returned once with its answers, in order of completion.
 
     Parameters
     ----------
@@ -28,10 +28,10 @@ def stream(executor: Executor, evaluate: Callable[[np.ndarray], Any], chunks: It
         Local processes, or those of a cluster.
     evaluate : callable
         From the values of a chunk to its answers.
-    chunks : iterable of Chunk
+    Consumed as chunks are completed.
         Taken as there is room for them.
     most : int
-        Chunks that are under way or waiting at a time.
+        Number of chunks in progress or waiting at a time.
     """
     under_way: dict[Future, Chunk] = {}
     for chunk in chunks:

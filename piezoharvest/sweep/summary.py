@@ -1,4 +1,4 @@
-"""What there is to say of a sweep as a whole."""
+"""Summary of a sweep."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from piezoharvest.sweep.table import wanted_outputs
 if TYPE_CHECKING:
     import pyarrow
 
-# What the best row is chosen by: the first of them that the sweep keeps, and whether it should be large.
+# Criteria for the best row, the first available one; True if it should be large.
 _MERITS = {"harvested_power": True, "attenuation_db": False}
 
 
 @dataclass(frozen=True)
 class SweepResult:
-    """Outcome of a sweep; the table itself is in the file.
+    """Result of a sweep; the table itself is in the file.
 
     Attributes
     ----------
     title : str
     out : Path
     designs, resumed : int
-        Designs in the file, and how many of them an earlier run had left.
+        Designs in the file, and the number of them that an earlier run had left.
     rows, converged, incomplete : int
-        Rows (one for each design and shunt), those that converged, and of these those in which an output is null.
+        Rows (one for each design and shunt), those that converged, and of these the ones with a null output.
     seconds : float
         Duration of this run.
     units : tuple of dict
@@ -61,14 +61,14 @@ class SweepResult:
         return (self.designs - self.resumed) / self.seconds
 
     def as_json(self) -> dict[str, Any]:
-        """The result in types that JSON knows."""
+        """The result in JSON types."""
         names = ("title", "designs", "resumed", "rows", "converged", "failed", "incomplete", "seconds")
         found = {name: getattr(self, name) for name in names}
         return {**found, "designs_per_second": self.designs_per_second, "out": str(self.out), "best": self.best}
 
 
 class Summary:
-    """Counts and the best row of a table that is seen piece by piece."""
+    """Counts and the best row of a table that is read piece by piece."""
 
     def __init__(self, study: Study):
         self._outputs = wanted_outputs(study)
@@ -77,7 +77,7 @@ class Summary:
         self.best: dict[str, Any] | None = None
 
     def look(self, table: pyarrow.Table) -> None:
-        """Take the next rows in."""
+        """Update with the next rows."""
         converged = table["converged"].to_numpy()
         null = np.any([np.isnan(table[name].to_numpy()) for name in self._outputs], axis=0)
         self.rows += len(converged)

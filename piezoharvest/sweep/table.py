@@ -1,4 +1,4 @@
-"""The table that a sweep fills: a row for each design and shunt."""
+"""The result table of a sweep: a row for each design and shunt."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ _ENERGY = ("mechanical_in", "harvested", "damping", "hysteresis", "shunt_loss", 
 
 
 def known_outputs(study: Study) -> dict[str, str]:
-    """Units of all outputs that a study has, by name; energies are per period and stand as in "energy.damping"."""
+    """Units of all outputs of a study, by name; energies are per period and named as in "energy.damping"."""
     losses = [effect.name for effect in study.transducer.effects]
     return {**_FIGURES, **dict.fromkeys(_COUNTS, ""), **{f"energy.{name}": "J" for name in (*_ENERGY, *losses)}}
 
 
 def wanted_outputs(study: Study) -> tuple[str, ...]:
-    """Outputs that a study asks for; unless it says which, the averages of `simulate` and the closure of energy."""
+    """Outputs of a sweep; unless the study names them, the averages of `simulate` and the energy balance error."""
     return tuple(_FIGURES) if study.sweep is None or study.sweep.outputs is None else study.sweep.outputs
 
 
@@ -71,7 +71,7 @@ def tabulate(
 
     Parameters
     ----------
-    form : Schema
+    Schema from `schema`.
         As `schema` gives it.
     kinds : sequence of str
         Of the shunts.
@@ -80,7 +80,7 @@ def tabulate(
     values : (n, p) array
         Values of the parameters.
     answers : mapping
-        As `evaluate` gives them: (n, shunts) arrays by name; what is not finite is null in the table.
+        From `evaluate`: (n, shunts) arrays by name; values that are not finite are null in the table.
     """
     import pyarrow as pa
 
@@ -96,7 +96,7 @@ def tabulate(
 
 
 def _known(values: np.ndarray, name: str) -> np.ma.MaskedArray:
-    """Values of an answer, those that are not finite masked."""
+    """Values of an answer with those that are not finite masked."""
     masked = np.ma.masked_invalid(values)
     if name in _COUNTS:
         return np.ma.array(masked.filled(0).astype(np.int64), mask=np.ma.getmaskarray(masked))

@@ -203,7 +203,7 @@ def reached(found: Diagnosis, names: Sequence[str]) -> float | None:
     A sigma of one effect that was fitted is what its strength scatters by, with what rounded sensors add.
     """
     mine = [made for made in found.search.fits if sorted(made.names.split(" + ")) == sorted(names)]
-    gains = [-made.change / (made.inflated if len(names) == 1 else 1.0) for made in mine]
+    gains = [-made.change / (made.variance_inflation if len(names) == 1 else 1.0) for made in mine]
     if len(names) == 1 and not gains:
         gains = [candidate.score for candidate in found.search.first if candidate.name == names[0]]
     return float(np.sqrt(max(0.0, *gains))) if gains else None

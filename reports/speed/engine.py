@@ -7,7 +7,7 @@ import numpy as np
 from piezoharvest.engine.lowering.lower import lower
 from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.run import Machine
-from piezoharvest.engine.work_limit import MOST_WORK
+from piezoharvest.engine.work_limit import MAX_WORK
 from reports.speed.studies import Case, energy_coordinates
 from reports.speed.timing import Seconds, once, repeat
 
@@ -33,7 +33,7 @@ class Simulation:
     def restart(self) -> None:
         """Go back to rest, with all the work to spend that one simulation may take."""
         self.state = self.machine.state()
-        self.lowered.budget.left = MOST_WORK
+        self.lowered.budget.left = MAX_WORK
 
     def run(self, t_end: float) -> None:
         """Run on to t_end (s)."""

@@ -80,7 +80,7 @@ def test_region(host, cls):
     reactance = 2 * np.pi * 50 * 10.0
     quality = reactance / inside["resistance"] if cls is SeriesRL else inside["resistance"] / reactance
     assert quality == pytest.approx(COIL_QUALITY, rel=1e-9)
-    assert any("coil" in text for text in region.told(region.logs(inside)))
+    assert any("coil" in text for text in region.remarks(region.logs(inside)))
     assert all(min(start.values.values()) > 0 for start in starts(draft, Host.of(view)))
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from piezoharvest.bench import measure, write_campaign
-from piezoharvest.diagnose.start_values import scene_of
+from piezoharvest.diagnose.start_values import campaign_scales
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import fit
@@ -76,4 +76,4 @@ def fitted(records, transducer, effects=(), seed=0, scale=1.0):
     kept = [p for p in parameters_of(transducer, {"force"}) if p.path[0] not in ("mass", "damping")]
     model = Model(transducer, tuple(kept), ("displacement",))
     found = fit(problem, model, noise=Noise(SIGMA), estimate_noise=False)
-    return problem, found, scene_of(problem.data, found)
+    return problem, found, campaign_scales(problem.data, found)

@@ -7,7 +7,7 @@ from diagnose_runs import RECORDS, campaign
 
 from piezoharvest.description.effects import Clipping, Leakage
 from piezoharvest.diagnose import diagnose, diagnosis
-from piezoharvest.diagnose.drive_saturation import cut_off
+from piezoharvest.diagnose.drive_saturation import find_saturated_drive
 from piezoharvest.diagnose.summary import sentence
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.finding import Finding
@@ -39,7 +39,7 @@ def test_a_drive_that_is_cut_off_is_named_beside_what_else_is_missing(tmp_path, 
 
 def test_records_end_where_their_drive_is_cut_off(tmp_path):
     measured = campaign(tmp_path, CLIPPED, WITH_SMALL)
-    cut = cut_off(measured)
+    cut = find_saturated_drive(measured)
     assert [record.name for record in measured.records if record.name in cut.records] == list(cut.records)
     for record in cut.campaign.records:
         assert record["force"].max() < LIMIT - 1.0
@@ -48,14 +48,14 @@ def test_records_end_where_their_drive_is_cut_off(tmp_path):
 
 
 def test_where_too_little_is_left_for_a_fit_whole_records_are_diagnosed(tmp_path, monkeypatch):
-    measured, told, rest = campaign(tmp_path, CLIPPED, WITH_SMALL), [], diagnosis._whole
+    measured, told, rest = campaign(tmp_path, CLIPPED, WITH_SMALL), [], diagnosis._diagnose_all
 
     def fails(some, tell, library):
         if some is not measured:
             raise PredictionError("no solution at sample 59")
         return rest(some, tell, library)
 
-    monkeypatch.setattr(diagnosis, "_whole", fails)
+    monkeypatch.setattr(diagnosis, "_diagnose_all", fails)
     found = diagnose(measured, told.append, library=[Clipping, Leakage])
     assert "what is left cannot be fitted: no solution at sample 59" in told
     assert (found.verdict, found.cut) == ("unexplained", ())
@@ -63,12 +63,12 @@ def test_where_too_little_is_left_for_a_fit_whole_records_are_diagnosed(tmp_path
 
 def test_what_looks_cut_off_but_is_predicted_is_none(tmp_path):
     healthy = campaign(tmp_path)
-    assert cut_off(healthy) is None
+    assert find_saturated_drive(healthy) is None
     first = healthy.records[0]
     where = ((first.signals["force"].first_row + 300, first.signals["force"].first_row + 500),)
     finding = Finding("warning", "clipped", first.name, "force", where, "found a plateau")
     suspected = replace(healthy, findings=((finding,), *healthy.findings[1:]))
-    cut = cut_off(suspected)
+    cut = find_saturated_drive(suspected)
     assert cut is not None
     assert len(cut.campaign.records[0]) == 300
     found = diagnose(suspected, library=[Clipping, Leakage])

@@ -7,7 +7,7 @@ from piezoharvest.description.effects import CouplingDrift, Friction, Leakage, N
 from piezoharvest.diagnose import diagnose
 from piezoharvest.diagnose.score_tests import extended
 from piezoharvest.identify.fitting.model import Model
-from piezoharvest.identify.fitting.problem import Problem, carried
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.identify.identification import prepared
 from piezoharvest.records import load_campaign
 
@@ -38,6 +38,8 @@ def test_the_stop_of_a_new_effect_begins_where_the_last_known_one_does(tmp_path,
     after = extended(before, [Friction(stiffness=1e6, threshold=1e-6)], [])
     names = problem.own_names(before, problem.data[0])
     own = [[share if name == "history q2" else 0.0 for name in names] for share in (0.8, -0.3)]
-    for data, mine, last in zip(problem.data, carried(problem, before, own, after), (0.8, -0.3), strict=True):
+    for data, mine, last in zip(
+        problem.data, nuisance_for_model(problem, before, own, after), (0.8, -0.3), strict=True
+    ):
         values = dict(zip(problem.own_names(after, data), mine, strict=True))
         assert (values["history x10"], values["history q2"], values["history q1"]) == (last, last, 0.0)

@@ -8,7 +8,7 @@ from piezoharvest.description.effects import Leakage, MainsHum
 from piezoharvest.diagnose import diagnose
 from piezoharvest.diagnose.score_tests import effect_parameters, extended
 from piezoharvest.identify.fitting.output_error import covariance, fit
-from piezoharvest.identify.fitting.problem import Problem, carried
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.identify.identification import prepared
 
 FREQUENCY, AMPLITUDE = 50.013, 2e-3  # Hz, V
@@ -26,7 +26,7 @@ def test_the_frequency_is_told_as_well_as_it_can_be(tmp_path):
     problem = Problem(humming, problem.nominal, problem.offset_channels)
     start = MainsHum(amplitude=0.0, frequency=50.1, channel="voltage")
     model = extended(found.model, [start], effect_parameters([start], 0))
-    own = carried(problem, found.model, found.own, model)
+    own = nuisance_for_model(problem, found.model, found.own, model)
     line = fit(problem, model, own, found.noise, estimate_noise=False)
     assert line.converged
     (k,) = (k for k, parameter in enumerate(model.parameters) if parameter.path[0] == "effects")

@@ -12,13 +12,13 @@ from piezoharvest.description.effects import ChannelSkew
 from piezoharvest.diagnose import diagnose, drive_noise
 from piezoharvest.diagnose.residual_regression import hints
 from piezoharvest.diagnose.score_tests import effect_parameters, extended
-from piezoharvest.diagnose.start_values import scene_of
+from piezoharvest.diagnose.start_values import campaign_scales
 from piezoharvest.identify.fitting.data import data_of
 from piezoharvest.identify.fitting.evaluation import whiteners
 from piezoharvest.identify.fitting.likelihood import Whitener, spectra_of
 from piezoharvest.identify.fitting.model import Model, residual_blocks, unexplained_blocks
 from piezoharvest.identify.fitting.output_error import covariance, fit, inflation
-from piezoharvest.identify.fitting.problem import Problem, carried
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.identify.identification import prepared
 from piezoharvest.identify.noise.noise_model import Noise
 from piezoharvest.predict.parameters import parameters_of
@@ -94,7 +94,7 @@ def test_what_operators_make_of_noise_that_a_drive_keeps_is_as_large_as_it_is_to
 
     The specimen follows a multisine of slow tones, along which the noise of the load cell cannot be taken off.
     """
-    monkeypatch.setattr(drive_noise, "DRAWS", 12)
+    monkeypatch.setattr(drive_noise, "REALISATIONS", 12)
     model, noise = Model(slow.nominal, (), ()), sigma(slow)
     record = next(data.record for data in slow.data if "step" not in data.name)
     time = record["time"]
@@ -111,7 +111,7 @@ def test_what_operators_make_of_noise_that_a_drive_keeps_is_as_large_as_it_is_to
         own = np.zeros(len(model.prediction(data).own_names))
         white = Whitener(model.prediction(data, own), noise, data)
         if told is None:
-            told = drive_noise.drive_scatter(data, white, model, own, noise.sigma["force"], edges)
+            told = drive_noise.drive_noise_variance(data, white, model, own, noise.sigma["force"], edges)
         _, _, spectrum = next(white.left(model, own))
         lines = np.searchsorted(np.fft.rfftfreq(len(time), data.setting.sample_time), edges)
         squares.append([0.5 * np.mean(np.abs(spectrum[a:b]) ** 2, axis=0) for a, b in pairwise(lines)])
@@ -135,7 +135,7 @@ def healthy(slow):
 
 
 def test_no_channel_seems_to_end_where_the_noise_of_the_drive_would_have_taken_it(slow, healthy):
-    peaks = scene_of(slow.data, healthy).peaks
+    peaks = campaign_scales(slow.data, healthy).peaks
     assert peaks["voltage"] == peaks["current"] == ()
 
 
@@ -150,7 +150,7 @@ def test_an_effect_that_is_not_there_gains_no_more_than_chance_whatever_it_does_
     before = fit(slow, model, healthy.own, healthy.noise, white=healthy.white, estimate_noise=False)
     skew = ChannelSkew(delay=3e-4)
     model = extended(before.model, [skew], effect_parameters([skew]))
-    own = carried(slow, before.model, before.own, model)
+    own = nuisance_for_model(slow, before.model, before.own, model)
     found = fit(slow, model, own, before.noise, white=before.white, estimate_noise=False)
     assert before.converged
     assert found.converged

@@ -17,13 +17,13 @@ from piezoharvest.description.effects import (
     Stiffening,
     registered,
 )
-from piezoharvest.diagnose.residual_tests import ResidualBlock, _bursts, blocks_of, leftovers, structure
-from piezoharvest.diagnose.score_tests import _tried, cosine, effect_parameters, extended, scores
+from piezoharvest.diagnose.residual_tests import ResidualBlock, _burst_tests, blocks_of, failed_tests, run_tests
+from piezoharvest.diagnose.score_tests import _one_step_scores, cosine, effect_parameters, extended, scores
 from piezoharvest.diagnose.validation import spoils
 from piezoharvest.identify.fitting.likelihood import spectra_of
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import fit
-from piezoharvest.identify.fitting.problem import Problem, carried
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.identify.identification import prepared
 from piezoharvest.identify.noise.noise_model import Noise
 from piezoharvest.predict.prediction import Prediction
@@ -38,7 +38,7 @@ def records(tmp_path_factory):
 def likelihood_ratio(problem, found, start):
     """By how much -2 ln L falls in a full fit with an effect."""
     model = extended(found.model, [start], effect_parameters([start]))
-    own = carried(problem, found.model, found.own, model)
+    own = nuisance_for_model(problem, found.model, found.own, model)
     return found.cost - fit(problem, model, own, found.noise, estimate_noise=False).cost
 
 
@@ -48,8 +48,8 @@ def likelihood_ratio(problem, found, start):
     ids=lambda e: e.name,
 )
 def test_score_is_the_likelihood_ratio_of_a_small_effect(records, effect):
-    problem, found, scene = fitted(*records, [effect], seed=1)
-    best = scores(problem, found, scene, [type(effect)])[0]
+    problem, found, scales = fitted(*records, [effect], seed=1)
+    best = scores(problem, found, scales, [type(effect)])[0]
     assert best.score > 20.0
     assert best.score == pytest.approx(likelihood_ratio(problem, found, best.effect), rel=0.05)
     strength = type(effect).strength().name
@@ -59,8 +59,8 @@ def test_score_is_the_likelihood_ratio_of_a_small_effect(records, effect):
 def test_score_grows_with_the_square_of_the_effect(records):
     sizes = []
     for current in (4e-9, 8e-9):
-        problem, found, scene = fitted(*records, [BiasCurrent(current=current)], seed=2, scale=1e-3)
-        sizes.append(scores(problem, found, scene, [BiasCurrent])[0].score)
+        problem, found, scales = fitted(*records, [BiasCurrent(current=current)], seed=2, scale=1e-3)
+        sizes.append(scores(problem, found, scales, [BiasCurrent])[0].score)
     assert sizes[1] / sizes[0] == pytest.approx(4.0, rel=0.01)
 
 
@@ -68,15 +68,15 @@ def test_scores_of_a_healthy_specimen_are_chi_squared(records):
     """One start, no bound: the p-values are uniform."""
     p_values = []
     for seed in range(30):
-        problem, found, scene = fitted(*records, seed=100 + seed)
-        p_values.append(scores(problem, found, scene, [BiasCurrent])[0].p_value)
+        problem, found, scales = fitted(*records, seed=100 + seed)
+        p_values.append(scores(problem, found, scales, [BiasCurrent])[0].p_value)
     assert kstest(p_values, "uniform").pvalue > 1e-3
 
 
 def test_a_start_of_the_wrong_sign_is_no_candidate(records):
     """The response of a leakage with the opposite sign: a load that is larger than its label."""
-    problem, found, scene = fitted(*records, [LoadError(relative_error=5e-3)], seed=3)
-    names = {candidate.name: candidate for candidate in scores(problem, found, scene, [Leakage, LoadError])}
+    problem, found, scales = fitted(*records, [LoadError(relative_error=5e-3)], seed=3)
+    names = {candidate.name: candidate for candidate in scores(problem, found, scales, [Leakage, LoadError])}
     assert names["load_error"].effect.relative_error > 0
     for candidate in names.values():
         value = getattr(candidate.effect, type(candidate.effect).strength().name)
@@ -84,8 +84,8 @@ def test_a_start_of_the_wrong_sign_is_no_candidate(records):
 
 
 def test_cosine(records):
-    problem, found, scene = fitted(*records, [DielectricRelaxation(capacitance=5e-8, time_constant=0.2)], seed=4)
-    candidates = scores(problem, found, scene, [DielectricRelaxation, BiasCurrent])
+    problem, found, scales = fitted(*records, [DielectricRelaxation(capacitance=5e-8, time_constant=0.2)], seed=4)
+    candidates = scores(problem, found, scales, [DielectricRelaxation, BiasCurrent])
     for one in candidates:
         assert cosine(one, one) == pytest.approx(1.0)
         for other in candidates:
@@ -99,17 +99,17 @@ def test_leftovers_of_white_noise_are_uniform(records):
     p_values = []
     for seed in range(6):
         problem, found, _ = fitted(*records, seed=200 + seed)
-        places = leftovers(problem, found)
+        places = run_tests(problem, found)
         # Bands of many lines: few lose a share that counts to the fitted parameters.
         p_values += [place.p_value for place in places if place.count > 40 and place.record != "all"]
-        assert not structure(problem, found)
+        assert not failed_tests(problem, found)
     assert len(p_values) > 100
     assert kstest(p_values, "uniform").pvalue > 1e-3
 
 
 def test_leftovers_find_what_is_not_in_the_model(records):
     problem, found, _ = fitted(*records, [Stiffening(cubic_stiffness=3e18)], seed=5)
-    left = structure(problem, found)
+    left = failed_tests(problem, found)
     assert left
     assert left[0].p_value < 1e-12
 
@@ -127,16 +127,16 @@ def disturbed(records, seed, wave):
 
 
 def test_leftovers_find_a_line_at_any_frequency(records):
-    left = structure(*disturbed(records, 7, lambda time: 0.4 * np.sin(2 * np.pi * 181.3 * time)))
+    left = failed_tests(*disturbed(records, 7, lambda time: 0.4 * np.sin(2 * np.pi * 181.3 * time)))
     assert left[0].where in ("181 Hz", "181.5 Hz")
     assert left[0].record == "all"
     assert np.isfinite(left[0].squares)
 
 
 def test_leftovers_find_a_few_samples_but_not_a_spike(records):
-    few = structure(*disturbed(records, 8, lambda time: 9.0 * ((time > 0.7) & (time < 0.7045))))
+    few = failed_tests(*disturbed(records, 8, lambda time: 9.0 * ((time > 0.7) & (time < 0.7045))))
     assert few[0].where.startswith("for 8 samples at 0.69") or few[0].where.startswith("for 8 samples at 0.7")
-    assert not structure(*disturbed(records, 8, lambda time: 9.0 * (np.arange(len(time)) == 700)))
+    assert not failed_tests(*disturbed(records, 8, lambda time: 9.0 * (np.arange(len(time)) == 700)))
 
 
 def test_a_burst_is_told_at_its_time_in_a_record_of_several_blocks():
@@ -145,7 +145,7 @@ def test_a_burst_is_told_at_its_time_in_a_record_of_several_blocks():
     parts = [rng.standard_normal((1000, 1)) for _ in range(2)] + [rng.standard_normal((9, 1))]
     parts[1][300:306] += 9.0
     blocks = [ResidualBlock(data, None, 1000 * n, part, spectra_of(part)) for n, part in enumerate(parts)]
-    places = sorted(_bursts(blocks), key=lambda place: place.p_value)
+    places = sorted(_burst_tests(blocks), key=lambda place: place.p_value)
     assert len(places) == 2  # nine samples are too few to tell
     assert places[0].p_value < 1e-20 < places[1].p_value
     assert 1.297 <= float(places[0].where.split()[-2]) <= 1.301
@@ -166,20 +166,20 @@ def test_rounded_sensors_scatter_the_harmonics_of_a_drive_that_comes_back_to_the
         model = Model(found.transducer, (), ("displacement",))
         (block,) = blocks_of(problem, fit(problem, model, noise=Noise(SIGMA), estimate_noise=False))
         for k in range(2, 9):
-            squares.append(0.5 * np.abs(block.levelled[32 * k, at]) ** 2)
-            expected.append(1.0 + block.rounded(32 * k)[at])
+            squares.append(0.5 * np.abs(block.normalised[32 * k, at]) ** 2)
+            expected.append(1.0 + block.rounding_variance(32 * k)[at])
     assert np.mean(squares) == pytest.approx(np.mean(expected), rel=0.12)
     assert np.mean(expected) > 1.3
 
 
 def test_a_range_that_no_value_comes_to_leaves_the_other_scores_as_they_are(records):
     """It is a parameter without any information."""
-    problem, found, scene = fitted(*records, [BiasCurrent(current=2e-9)], seed=1)
+    problem, found, scales = fitted(*records, [BiasCurrent(current=2e-9)], seed=1)
     clip = Clipping(limit=1e3, channel="voltage")
     model = extended(found.model, [clip], effect_parameters([clip]))
-    own = carried(problem, found.model, found.own, model)
+    own = nuisance_for_model(problem, found.model, found.own, model)
     idle = fit(problem, model, own, found.noise, estimate_noise=False)
-    scored = [scores(problem, each, scene, [BiasCurrent, Leakage])[0] for each in (found, idle)]
+    scored = [scores(problem, each, scales, [BiasCurrent, Leakage])[0] for each in (found, idle)]
     assert scored[1].name == scored[0].name
     assert scored[1].score == pytest.approx(scored[0].score, rel=1e-3)
 
@@ -192,7 +192,7 @@ def test_parameters_that_stand_in_for_clipping_do_not_hide_it(records):
     cut = [reading(data, "voltage", lambda x: np.clip(x, -clip.limit, clip.limit)) for data in problem.data]
     problem = Problem(cut, problem.nominal, problem.offset_channels)
     found = fit(problem, found.model, found.own, found.noise, estimate_noise=False)
-    score = _tried(problem, found, [clip])[0].score
+    score = _one_step_scores(problem, found, [clip])[0].score
     assert score > 20.0
     assert score == pytest.approx(likelihood_ratio(problem, found, clip), rel=0.3)
 
@@ -207,12 +207,12 @@ def test_what_an_effect_costs_unseen_records_is_weighed_against_its_gain():
 @pytest.mark.parametrize("name", registered())
 def test_every_effect_says_how_it_looks_and_where_to_start(name, records):
     cls = registered()[name]
-    _, _, scene = fitted(*records, seed=6)
+    _, _, scales = fitted(*records, seed=6)
     assert len(cls.looks) > 20
     assert len(cls.told_by) > 10
     assert len(cls.source) > 5
     assert cls.strength().metadata["null"] is not None
-    starts = list(cls.starts(dataclasses.replace(scene, peaks={c: (1.0,) for c in scene.channels})))
+    starts = list(cls.starts(dataclasses.replace(scales, peaks={c: (1.0,) for c in scales.channels})))
     assert starts
     assert all(isinstance(start, cls) for start in starts)
 
@@ -221,10 +221,10 @@ def test_every_effect_says_how_it_looks_and_where_to_start(name, records):
 def test_an_effect_at_its_null_changes_nothing(name, records):
     data, transducer = records
     cls = registered()[name]
-    _, _, scene = fitted(*records, seed=6)
-    scene = dataclasses.replace(scene, peaks={c: (1e9,) for c in scene.channels})
+    _, _, scales = fitted(*records, seed=6)
+    scales = dataclasses.replace(scales, peaks={c: (1e9,) for c in scales.channels})
     bare = values(transducer, data[0], ())
-    for start in cls.starts(scene):
+    for start in cls.starts(scales):
         strength = cls.strength()
         null = strength.metadata["null"]
         near = getattr(start, strength.name) * 1e-6 if null == 0 else max(getattr(start, strength.name), 1e15)

@@ -16,9 +16,9 @@ from piezoharvest.description.effects import (
     registered,
 )
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.candidate_fits import EffectChange, Trials
+from piezoharvest.diagnose.candidate_fits import CandidateFits, EffectChange
 from piezoharvest.diagnose.score_tests import extended
-from piezoharvest.diagnose.stepwise_selection import DOUBTED, MOST, Searcher
+from piezoharvest.diagnose.stepwise_selection import MAX_EFFECTS, MIN_UNDOUBTED_GAIN, Searcher
 from piezoharvest.identify.fitting import levenberg_marquardt as descent
 from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.identification import prepared
@@ -32,7 +32,7 @@ def searched(tmp_path_factory):
     """Search through records with two effects, and the full fit with both."""
     found = campaign(tmp_path_factory.mktemp("search"))
     problem, base, _ = fitted(prepared(found, "fit"), found.transducer, PRESENT, seed=7)
-    trials = Trials(problem, base, [type(effect) for effect in PRESENT], lambda text: None)
+    trials = CandidateFits(problem, base, [type(effect) for effect in PRESENT], lambda text: None)
     return trials, EffectChange(Searcher(trials).run().final)
 
 
@@ -43,7 +43,7 @@ def test_a_descent_too_slow_for_its_aim_is_given_up(searched, monkeypatch):
     def again(aim):
         return fit(trials.problem, away, now.found.own, now.found.noise, estimate_noise=False, aim=aim)
 
-    monkeypatch.setattr(descent, "PACE", 1)
+    monkeypatch.setattr(descent, "RATE_ITERATIONS", 1)
     hopeless, reached = again(-1e12), again(now.cost + 1.0)
     assert not hopeless.converged
     assert hopeless.message.startswith("given up")
@@ -55,14 +55,14 @@ def test_a_descent_too_slow_for_its_aim_is_given_up(searched, monkeypatch):
 def test_sets_of_effects_are_fitted_once_and_the_best_fit_is_kept(searched):
     trials, now = searched
     assert sorted(now.effects) == ["bias_current", "leakage"]
-    before = len(trials.made)
-    less = trials.without(now, 1)
-    assert len(trials.made) == before  # that one was found on the way
+    before = len(trials.fit_records)
+    less = trials.best_without(now, 1)
+    assert len(trials.fit_records) == before  # that one was found on the way
     assert less is not None
     assert less.effects == now.effects[:1]
     worse = replace(less, found=replace(less.found, cost=less.cost + 10.0))
     trials.remember(worse)
-    assert trials.without(now, 1) is less
+    assert trials.best_without(now, 1) is less
 
 
 def test_a_search_comes_back_from_a_false_minimum(searched):
@@ -77,7 +77,7 @@ def test_a_search_comes_back_from_a_false_minimum(searched):
     false = fit(trials.problem, held, now.found.own, now.found.noise, estimate_noise=False)
     assert false.cost > now.cost + 1e3
     strayed = replace(false, model=replace(false.model, parameters=model.parameters))
-    back, held = Searcher(trials)._surveyed(EffectChange(strayed))
+    back, held = Searcher(trials)._with_nominal_values(EffectChange(strayed))
     assert back.cost == pytest.approx(now.cost, abs=1.0)
     assert held is None
 
@@ -123,14 +123,14 @@ def test_a_search_ends_where_nothing_in_the_library_is_the_cause(tmp_path, effec
     ends = "what stands out is as it was: no effect of the library explains it"
     for library in ([cls for cls in registered().values() if cls is not type(effect)], list(registered().values())):
         told = []
-        found = Searcher(Trials(problem, base, library, told.append)).run()
+        found = Searcher(CandidateFits(problem, base, library, told.append)).run()
         if type(effect) in library:
             assert [each.name for each in found.order] == [effect.name]
             assert not found.left
             assert ends not in told
         else:
             assert told[-1] == ends
-            assert 0 < len(found.order) < MOST
+            assert 0 < len(found.order) < MAX_EFFECTS
             assert found.left
 
 
@@ -150,6 +150,6 @@ def test_a_model_that_was_caught_is_taken_from_where_a_small_effect_has_led(monk
     trials = SimpleNamespace(drop=lambda now, n: made.append((now.effects, n)), without=lambda now, n: less)
     before = SimpleNamespace(cost=1000.0)
     now = SimpleNamespace(cost=1000.0 - gain, effects=("clipping", "load_error"), found=None)
-    found = Searcher(trials)._led_to(before, now)
+    found = Searcher(trials)._restarted_without(before, now)
     assert found is (less if taken else None)
-    assert made == ([(("clipping", "load_error"), 1)] if min(gain, wald) <= DOUBTED else [])
+    assert made == ([(("clipping", "load_error"), 1)] if min(gain, wald) <= MIN_UNDOUBTED_GAIN else [])

@@ -14,7 +14,7 @@ from piezoharvest.description.effects import (
 from piezoharvest.diagnose.start_values import CampaignScales
 
 SCENE = CampaignScales(
-    drives=("force",), channels=("voltage",), loaded=True, pulled=False, displacement=1e-6, capacitance=1e-9,
+    drives=("force",), channels=("voltage",), loaded=True, has_tension=False, displacement=1e-6, capacitance=1e-9,
     sample_time=1e-3, times=(), loads=(), peaks={}, mains={}, longest=0.5, jitter=1e-8, ends={"voltage": (1.1, 1.3)},
     harmonics={"voltage": ((10.0, 2.0),), "force": ((20.0, 2.0),)},
 )  # fmt: skip

@@ -8,7 +8,7 @@ from diagnose_runs import RECORDS, STACK, campaign
 
 from piezoharvest.description.effects import Leakage
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.candidate_fits import CLOSE
+from piezoharvest.diagnose.candidate_fits import CLOSE_COST
 from piezoharvest.diagnose.stepwise_selection import Searcher
 from piezoharvest.diagnose.summary import sentence
 
@@ -19,7 +19,7 @@ def test_what_is_far_from_its_nominal_value_is_said(tmp_path):
         replace(measured, transducer=replace(measured.transducer, stiffness=0.5 * STACK["stiffness"])),
         library=[Leakage],
     )
-    (far,) = told.strayed
+    (far,) = told.deviating
     assert far.parameter.name == "stiffness"
     assert "The fit wants stiffness at 2 times its nominal value, which may stand in" in sentence(told)
 
@@ -33,14 +33,14 @@ def test_no_verdict_rests_on_a_parameter_beyond_belief(times, verdict, tmp_path)
     told = diagnose(replace(measured, transducer=nominal), library=[Leakage])
     assert [named.effect.name for named in told.effects] == ["leakage"]
     assert told.verdict == verdict
-    (far,) = told.strayed
+    (far,) = told.deviating
     assert far.value / far.nominal == pytest.approx(times, rel=0.2)
     assert "times its nominal value, which may stand in" in sentence(told)
 
 
 def test_nothing_is_said_of_what_is_near(tmp_path):
     near = diagnose(campaign(tmp_path), library=[Leakage])
-    assert near.strayed == ()
+    assert near.deviating == ()
     assert "nominal" not in sentence(near)
 
 
@@ -51,22 +51,22 @@ class Fits:
         self.held_fit = SimpleNamespace(cost=cost_when_held)
         self.freed_fit = SimpleNamespace(cost=cost_when_held, effects=("leakage",))
 
-    def held(self, now):
+    def at_nominal(self, now):
         return None if now is self.freed_fit else self.held_fit
 
-    def freed(self, held, now):
+    def with_freed_parameters(self, held, now):
         return self.freed_fit
 
-    def redetermined(self, now):
+    def redetermine(self, now):
         return now
 
-    def strayed(self, now):
+    def deviating(self, now):
         return [] if now is self.freed_fit else ["mass"]
 
 
-@pytest.mark.parametrize("more, back", [(-2 * CLOSE, True), (0.5 * CLOSE, True), (2 * CLOSE, False)])
+@pytest.mark.parametrize("more, back", [(-2 * CLOSE_COST, True), (0.5 * CLOSE_COST, True), (2 * CLOSE_COST, False)])
 def test_what_has_strayed_for_nothing_comes_back(more, back):
     """A mass of seven times its nominal value once had a standard error of half a percent, and the same likelihood."""
     now, fits = SimpleNamespace(cost=1000.0, effects=("leakage",)), Fits(1000.0 + more)
-    found, held = Searcher(fits)._surveyed(now)
+    found, held = Searcher(fits)._with_nominal_values(now)
     assert (found, held) == ((fits.freed_fit, None) if back else (now, fits.held_fit))

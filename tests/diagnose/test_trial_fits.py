@@ -7,11 +7,17 @@ import pytest
 from diagnose_runs import SIGMA, STEP, campaign, fitted, reading, synthetic
 
 from piezoharvest.description.effects import Clipping, Leakage, Stiffening
-from piezoharvest.diagnose.candidate_fits import ROUGHLY, EffectChange, Trials, inflated, significance
+from piezoharvest.diagnose.candidate_fits import (
+    FIT_TOLERANCE,
+    CandidateFits,
+    EffectChange,
+    significance,
+    variance_inflation,
+)
 from piezoharvest.diagnose.score_tests import effect_parameters, extended
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import fit
-from piezoharvest.identify.fitting.problem import Problem, carried
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.identify.identification import prepared
 from piezoharvest.identify.noise.noise_model import Noise
 from piezoharvest.predict.parameters import parameters_of
@@ -25,7 +31,7 @@ def records(tmp_path_factory):
 
 def with_effect(problem, found, start, enough):
     model = extended(found.model, [start], effect_parameters([start]))
-    own = carried(problem, found.model, found.own, model)
+    own = nuisance_for_model(problem, found.model, found.own, model)
     return fit(problem, model, own, found.noise, estimate_noise=False, enough=enough)
 
 
@@ -39,10 +45,10 @@ def with_effect(problem, found, start, enough):
 )
 def test_they_end_where_thorough_fits_do(records, present, start):
     problem, found, _ = fitted(*records, [present], seed=1)
-    quick = with_effect(problem, found, start, ROUGHLY)
+    quick = with_effect(problem, found, start, FIT_TOLERANCE)
     thorough = with_effect(problem, found, start, 1e-4)
     assert quick.converged and thorough.converged
-    assert quick.cost - thorough.cost < ROUGHLY
+    assert quick.cost - thorough.cost < FIT_TOLERANCE
     np.testing.assert_allclose(np.diag(quick.information), np.diag(thorough.information), rtol=0.05)
     assert quick.sums[0].count.tolist() == thorough.sums[0].count.tolist()
 
@@ -56,14 +62,14 @@ def test_what_the_data_determines_is_asked_again_beside_an_effect(records):
     model = extended(replace(found.model, transducer=nominal, parameters=varied), [Leakage(resistance=3e7)], [])
     model = replace(model, parameters=(*varied, *effect_parameters([Leakage(resistance=3e7)])))
     poor = EffectChange(fit(problem, model, noise=found.noise, estimate_noise=False))
-    trials = Trials(problem, found, None, lambda text: None)
-    better = trials.redetermined(poor)
+    trials = CandidateFits(problem, found, None, lambda text: None)
+    better = trials.redetermine(poor)
     names = [parameter.path[-1] for parameter in better.found.model.parameters]
     assert names == ["damping", "stiffness", "coupling", "capacitance", "resistance"]
     assert better.found.model.transducer.mass == nominal.mass
     assert better.found.model.transducer.capacitance == pytest.approx(records[1].capacitance, rel=1e-3)
     assert better.cost < poor.cost - 100.0
-    assert trials.redetermined(better) is better
+    assert trials.redetermine(better) is better
 
 
 @pytest.mark.parametrize("resistance", [3e7, 3e8])
@@ -92,10 +98,10 @@ def ended(records, transducer, scatter, change, start):
     model = Model(transducer, tuple(varied), ("displacement",))
     plain = fit(problem, model, noise=Noise(SIGMA), estimate_noise=False)
     top = max(np.abs(each.values[:, each.channels.index("displacement")]).max() for each in made)
-    found = with_effect(problem, plain, Clipping(limit=top - start, channel="displacement"), ROUGHLY)
+    found = with_effect(problem, plain, Clipping(limit=top - start, channel="displacement"), FIT_TOLERANCE)
     assert found.converged
     gain = plain.cost - found.cost
-    return gain, gain / inflated(found, -1)
+    return gain, gain / variance_inflation(found, -1)
 
 
 def test_rounding_of_a_held_load_does_not_count_as_the_end_of_a_range(tmp_path):

@@ -12,7 +12,7 @@ from studies import DRIVE, LOOP, SECOND, STOPS, bench, objects, solve
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.engine import simulate
 from piezoharvest.engine.lowering.lower import lower
-from piezoharvest.engine.memory.tables import MOST_NUMBERS
+from piezoharvest.engine.memory.tables import MAX_NUMBERS
 from piezoharvest.engine.run import Machine
 from piezoharvest.engine.simulation import search
 from piezoharvest.engine.steady_search import EngineError, check
@@ -109,13 +109,13 @@ def test_as_much_as_is_allowed_is_simulated_in_bounded_memory(excitation, transd
     response = simulate(system, drive)
     assert response.converged, response.message
     machine = Machine(lower(system, drive), ledger=True)
-    assert machine.P.nbytes < 1.1 * 8 * MOST_NUMBERS
+    assert machine.P.nbytes < 1.1 * 8 * MAX_NUMBERS
 
 
 def test_tables_of_one_mode_at_a_time_give_the_same(monkeypatch):
     study = bench({**RECTIFIER, **LOOP, "kind": "parallel_sshi"}, hysteresis=STOPS)
     wanted = solve(study)
-    monkeypatch.setattr("piezoharvest.engine.memory.tables.MOST_NUMBERS", 1)
+    monkeypatch.setattr("piezoharvest.engine.memory.tables.MAX_NUMBERS", 1)
     found = solve(study)
     assert found.events_per_period == wanted.events_per_period
     assert found.harvested_power == pytest.approx(wanted.harvested_power, rel=1e-9)

@@ -228,8 +228,8 @@ def test_bound_of_the_deviation_within_a_step(load, tmp_path):
     state = machine.state()
     check(machine.run(state, 13 / RATE))
     rng, a = np.random.default_rng(1), machine.L[pg.A]
-    assert machine.L[tb.HELD] > 2
-    for slot in range(machine.L[tb.HELD]):
+    assert machine.L[tb.CLAMPED] > 2
+    for slot in range(machine.L[tb.CLAMPED]):
         matrix, values, deviation, step = tables_of(machine, slot)
         shares = np.linspace(0, 1, 401)
         flow = expm(matrix * step / 400)
@@ -252,13 +252,13 @@ def test_tables_of_digits(tmp_path):
     check(machine.run(machine.state(), 13 / RATE))
     L, P = machine.L, machine.P
     rows, columns = L[pg.ROWS], L[pg.COLUMNS]
-    for slot in range(L[tb.HELD]):
+    for slot in range(L[tb.CLAMPED]):
         block, finest = L[tb.TABLES] + slot * L[tb.BLOCK], L[L[tb.SLOTS] + slot * L[tb.SLOT] + tb.FINEST_LEVEL]
         matrix, short = tables_of(machine, slot)[0], P[block + L[tb.STEPS] + finest]
-        assert finest > 2 * tb.BITS
+        assert finest > 2 * tb.DIGIT_BITS
         for count in range(1, 2**finest + 1):
-            place = 0 if count <= tb.LARGEST else (count.bit_length() - 1) // tb.BITS
-            digit, rest = divmod(count, 2 ** (tb.BITS * place))
+            place = 0 if count <= tb.LARGEST else (count.bit_length() - 1) // tb.DIGIT_BITS
+            digit, rest = divmod(count, 2 ** (tb.DIGIT_BITS * place))
             if rest:
                 continue
             at = block + L[tb.DIGITS] + (tb.LARGEST * place + digit - 1) * rows * columns

@@ -6,7 +6,15 @@ import pytest
 from piezoharvest import SineForce, System, Transducer
 from piezoharvest.description.shunts import Resistor
 from piezoharvest.engine.lowering.lower import lower
-from piezoharvest.engine.plausibility import NO_BOUNDS, Bounds, bounds, cleaned, closure, faults, uncertain
+from piezoharvest.engine.plausibility import (
+    NO_BOUNDS,
+    Bounds,
+    bounds,
+    closure,
+    faults,
+    uncertainty_message,
+    without_rounding,
+)
 
 RIGHT = {"mechanical_in": 1.0, "damping": 0.7, "hysteresis": 0.0, "harvested": 0.25, "shunt_loss": 0.05}
 MOST = Bounds(supplied=2.0, rounding=0.0)
@@ -63,15 +71,15 @@ def test_what_is_stored_makes_no_power_certain():
 
 def test_a_device_without_losses_has_no_power():
     rounding = {"mechanical_in": -2e-22, "damping": 0.0, "hysteresis": 0.0, "harvested": 3e-30, "shunt_loss": 6e-30}
-    assert set(cleaned(rounding, before=1.4e-7).values()) == {0.0}
-    assert cleaned(RIGHT, before=1e13) == RIGHT
-    assert cleaned(rounding, before=0.0) == rounding
+    assert set(without_rounding(rounding, before=1.4e-7).values()) == {0.0}
+    assert without_rounding(RIGHT, before=1e13) == RIGHT
+    assert without_rounding(rounding, before=0.0) == rounding
 
 
 def test_no_less_than_nothing_is_harvested():
-    assert cleaned({**RIGHT, "harvested": -1e-12}, 0.0)["harvested"] == 0.0
-    assert cleaned({**RIGHT, "harvested": -3e-7}, 0.0)["harvested"] == 0.0
-    assert cleaned({**RIGHT, "harvested": -1e-5}, 0.0)["harvested"] == -1e-5
+    assert without_rounding({**RIGHT, "harvested": -1e-12}, 0.0)["harvested"] == 0.0
+    assert without_rounding({**RIGHT, "harvested": -3e-7}, 0.0)["harvested"] == 0.0
+    assert without_rounding({**RIGHT, "harvested": -1e-5}, 0.0)["harvested"] == -1e-5
 
 
 def test_a_loss_that_gives():
@@ -96,8 +104,8 @@ def test_many_designs_at_once():
 
 
 def test_digits_of_a_small_share_are_said():
-    assert uncertain(1e-9, off=1e-12).endswith("confirms no more than 3 of its digits")
-    assert uncertain(1e-9, off=1e-8).endswith("confirms none of its digits")
-    assert uncertain(-1e-8, off=1e-9).endswith("confirms none of its digits")
-    assert uncertain(0.25, off=1e-12) == ""
-    assert uncertain(0.0, off=1e-12) == ""
+    assert uncertainty_message(1e-9, off=1e-12).endswith("confirms no more than 3 of its digits")
+    assert uncertainty_message(1e-9, off=1e-8).endswith("confirms none of its digits")
+    assert uncertainty_message(-1e-8, off=1e-9).endswith("confirms none of its digits")
+    assert uncertainty_message(0.25, off=1e-12) == ""
+    assert uncertainty_message(0.0, off=1e-12) == ""

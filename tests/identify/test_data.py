@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from piezoharvest.identify.fitting.data import FAINT, bend_of
+from piezoharvest.identify.fitting.data import MIN_RELATIVE_NOISE, curvature_of
 
 TIME = np.arange(10_000) / 1000.0
 NONE = np.zeros(0, int)
@@ -17,16 +17,16 @@ NONE = np.zeros(0, int)
 def test_a_sine_bends_by_the_square_of_what_it_turns_in_a_sample(frequency, sigma):
     turn, size = 2 * np.pi * frequency * 1e-3, np.sqrt(0.5)
     noise = sigma * np.random.default_rng(1).standard_normal(len(TIME))
-    found = bend_of(np.sin(2 * np.pi * frequency * TIME) + noise, sigma, NONE)
-    bend = 2.0 * (1.0 - np.cos(turn)) * size / max(sigma, FAINT * size)
+    found = curvature_of(np.sin(2 * np.pi * frequency * TIME) + noise, sigma, NONE)
+    bend = 2.0 * (1.0 - np.cos(turn)) * size / max(sigma, MIN_RELATIVE_NOISE * size)
     assert found == pytest.approx(bend, rel=0.2 if frequency == 1.0 else 0.01)
 
 
 def test_noise_alone_does_not_bend():
-    assert bend_of(1e-3 * np.random.default_rng(2).standard_normal(len(TIME)), 1e-3, NONE) == 0.0
+    assert curvature_of(1e-3 * np.random.default_rng(2).standard_normal(len(TIME)), 1e-3, NONE) == 0.0
 
 
 def test_a_step_that_small_steps_follow_does_not_bend():
     values = np.where(TIME < 5.0, 0.0, 1.0 - 0.3 * np.exp(-np.maximum(TIME - 5.0, 0.0) / 1e-3))
-    assert bend_of(values, 0.0, NONE) > 1e-2 / FAINT
-    assert bend_of(values, 0.0, np.array([4999])) < 1e-6 / FAINT
+    assert curvature_of(values, 0.0, NONE) > 1e-2 / MIN_RELATIVE_NOISE
+    assert curvature_of(values, 0.0, np.array([4999])) < 1e-6 / MIN_RELATIVE_NOISE

@@ -16,8 +16,8 @@ from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.start_values import initial_estimates as module
-from piezoharvest.identify.start_values.initial_estimates import first_values, free_capacitance, steps_of
-from piezoharvest.identify.start_values.multistart import _nearest
+from piezoharvest.identify.start_values.initial_estimates import drive_steps, estimate_initial_values, free_capacitance
+from piezoharvest.identify.start_values.multistart import _nearest_model
 from piezoharvest.records import load_campaign
 from piezoharvest.records.record import FrequencyRecord, Record, Signal
 from piezoharvest.study import build_transducer
@@ -52,14 +52,14 @@ FREE = TRUTH.capacitance + TRUTH.coupling**2 / TRUTH.stiffness
 
 
 def test_the_decay_after_a_step_has_the_time_constant_of_load_and_free_capacitance():
-    (step,) = steps_of(stepped(TRUTH, 51.43e3))
+    (step,) = drive_steps(stepped(TRUTH, 51.43e3))
     assert 1.0 / step.decay_rate == pytest.approx(51.43e3 * FREE, rel=1e-3)
     assert step.force == pytest.approx(-900.0)
 
 
 def test_the_decays_of_several_loads_tell_a_leakage_from_the_capacitance():
     loads = (51.43e3, 97.78e3, 143.8e3)
-    steps = [step for load in loads for step in steps_of(stepped(TRUTH, load, leakage=3e5))]
+    steps = [step for load in loads for step in drive_steps(stepped(TRUTH, load, leakage=3e5))]
     assert free_capacitance(steps) == pytest.approx(FREE, rel=2e-3)
     # One load alone cannot tell them apart.
     assert free_capacitance(steps[:1]) == pytest.approx(FREE / (1 + 51.43e3 / 3e5), rel=2e-3)
@@ -67,7 +67,7 @@ def test_the_decays_of_several_loads_tell_a_leakage_from_the_capacitance():
 
 def test_the_peak_of_the_voltage_has_the_ratio_of_coupling_to_capacitance(monkeypatch):
     monkeypatch.setattr(module, "with_charge_loops", lambda records, found: found)
-    found = first_values([stepped(TRUTH, 97.78e3)], NOMINAL)
+    found = estimate_initial_values([stepped(TRUTH, 97.78e3)], NOMINAL)
     for name in ("stiffness", "coupling", "capacitance"):
         assert getattr(found, name) == pytest.approx(getattr(TRUTH, name), rel=0.01)
 
@@ -75,7 +75,7 @@ def test_the_peak_of_the_voltage_has_the_ratio_of_coupling_to_capacitance(monkey
 def test_without_displacement_the_peak_is_that_over_the_nominal_stiffness(monkeypatch):
     monkeypatch.setattr(module, "with_charge_loops", lambda records, found: found)
     nominal = replace(NOMINAL, stiffness=TRUTH.stiffness)
-    found = first_values([stepped(TRUTH, 97.78e3, channels=("voltage",))], nominal)
+    found = estimate_initial_values([stepped(TRUTH, 97.78e3, channels=("voltage",))], nominal)
     assert found.coupling == pytest.approx(TRUTH.coupling, rel=0.01)
     assert found.capacitance == pytest.approx(TRUTH.capacitance, rel=0.01)
     assert found.stiffness == nominal.stiffness
@@ -89,7 +89,7 @@ def test_an_impedance_below_the_resonance_has_the_capacitance(mechanical):
     response = 1.0 / (s * (TRUTH.capacitance + moving * (mechanical == "free")))
     record = FrequencyRecord("z.csv", "records.0", "fit", "impedance", "current", "voltage", None, mechanical, 0.0,
                              frequency, response, None, {}, 2)  # fmt: skip
-    found = first_values([FrequencyData(record)], replace(TRUTH, capacitance=1.25 * TRUTH.capacitance))
+    found = estimate_initial_values([FrequencyData(record)], replace(TRUTH, capacitance=1.25 * TRUTH.capacitance))
     assert found.capacitance == pytest.approx(TRUTH.capacitance, rel=1e-2)
     assert found.coupling == TRUTH.coupling
 
@@ -99,7 +99,7 @@ def test_bench_records_tell_values_that_are_30_percent_off(tmp_path, seed):
     """The smallest threshold, which hardly shows, is left to the fit."""
     path, truth = campaign_file(tmp_path, seed)
     records = [data_of(record, build_transducer(STACK)) for record in load_campaign(path).of_role("fit")]
-    found = first_values(records, build_transducer(STACK))
+    found = estimate_initial_values(records, build_transducer(STACK))
     for name, within in (("stiffness", 0.01), ("capacitance", 0.03), ("coupling", 0.03)):
         assert getattr(found, name) == pytest.approx(getattr(truth, name), rel=within)
     assert found.hysteresis.thresholds[2] == pytest.approx(truth.hysteresis.thresholds[2], rel=0.1)
@@ -111,10 +111,10 @@ def test_what_records_do_not_show_stays_nominal(tmp_path):
     record = load_campaign(path).of_role("fit")[0]
     alone = replace(record, signals={name: record.signals[name] for name in ("force", "displacement")})
     nominal = build_transducer(STACK)
-    found = first_values([data_of(alone, nominal)], nominal)
+    found = estimate_initial_values([data_of(alone, nominal)], nominal)
     assert replace(found, stiffness=nominal.stiffness) == nominal
     assert found.stiffness != nominal.stiffness
-    assert first_values([], nominal) == nominal
+    assert estimate_initial_values([], nominal) == nominal
 
 
 def test_thresholds_that_loops_tell_wrongly_are_not_started_from(tmp_path):
@@ -124,7 +124,7 @@ def test_thresholds_that_loops_tell_wrongly_are_not_started_from(tmp_path):
     problem = Problem([data_of(each, nominal) for each in load_campaign(path).of_role("fit")], nominal, ())
     wrong = Hysteresis(thresholds=(7e-8, 3.2e-7, 5.7e-6), weights=(5.5e5, 1.87e6, 2.7e4))
     told = Model(replace(truth, hysteresis=wrong), (), ())
-    found = _nearest(problem, replace(told, transducer=nominal), told)
+    found = _nearest_model(problem, replace(told, transducer=nominal), told)
     assert found.transducer == replace(truth, hysteresis=nominal.hysteresis)
     right = replace(told, transducer=truth)
-    assert _nearest(problem, replace(told, transducer=nominal), right) is right
+    assert _nearest_model(problem, replace(told, transducer=nominal), right) is right

@@ -9,12 +9,12 @@ import pytest
 from identify.identify_runs import campaign_file
 
 from piezoharvest.identify.fitting import model as models
-from piezoharvest.identify.fitting.data import begins_abruptly, scatter_of
-from piezoharvest.identify.fitting.levenberg_marquardt import _bent, _pace
+from piezoharvest.identify.fitting.data import begins_abruptly, unclipped_noise
+from piezoharvest.identify.fitting.levenberg_marquardt import _expected_decrease, _updated_correction
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.identification import prepared
 from piezoharvest.identify.noise.noise_gain import _solved
-from piezoharvest.identify.noise.noise_model import Noise, estimate, first_guess
+from piezoharvest.identify.noise.noise_model import Noise, estimate, initial_noise
 from piezoharvest.identify.noise.spectra import gram, whitened
 from piezoharvest.predict.parameters import parameters_of
 from piezoharvest.records import load_campaign
@@ -25,11 +25,11 @@ def test_a_secant_has_the_curvature_along_its_step_and_stays_that_of_a_minimum()
     root, step = rng.standard_normal((5, 5)), rng.standard_normal(5)
     curvature = root @ root.T
     information = 0.6 * curvature
-    bend = _bent(np.zeros((5, 5)), information, step, curvature @ step)
+    bend = _updated_correction(np.zeros((5, 5)), information, step, curvature @ step)
     np.testing.assert_allclose((information + bend) @ step, curvature @ step)
     assert np.linalg.eigvalsh(bend).min() > -1e-12
     # Where the information already is too much, it is left alone.
-    assert not np.any(_bent(np.zeros((5, 5)), 2.0 * curvature, step, curvature @ step))
+    assert not np.any(_updated_correction(np.zeros((5, 5)), 2.0 * curvature, step, curvature @ step))
 
 
 @pytest.mark.parametrize("n", [1, 3, 8])
@@ -58,10 +58,10 @@ def test_noise_is_guessed_where_a_channel_is_not_at_the_end_of_its_range():
     rng, time = np.random.default_rng(5), np.arange(10_000) / 1000.0
     values = 4.0 * (time < 5.0) + 0.02 * rng.standard_normal(len(time))
     clipped = np.minimum(values, 3.99)
-    assert scatter_of(clipped) == pytest.approx(0.02, rel=0.03)
-    assert scatter_of(clipped) > 1.2 * first_guess(clipped)
-    assert scatter_of(values) == pytest.approx(first_guess(values), rel=1e-3)
-    assert scatter_of(np.zeros(20)) == scatter_of(np.arange(3.0)) == 0.0
+    assert unclipped_noise(clipped) == pytest.approx(0.02, rel=0.03)
+    assert unclipped_noise(clipped) > 1.2 * initial_noise(clipped)
+    assert unclipped_noise(values) == pytest.approx(initial_noise(values), rel=1e-3)
+    assert unclipped_noise(np.zeros(20)) == unclipped_noise(np.arange(3.0)) == 0.0
 
 
 def test_a_record_begins_abruptly_where_its_first_sample_alone_is_of_another_state():
@@ -144,10 +144,12 @@ def test_noise_of_one_channel_alone_cannot_be_told_from_that_of_its_drive(known)
 
 
 def test_a_descent_is_expected_to_gain_what_it_has_gained_or_what_its_steps_still_promise():
-    assert _pace([100.0, 50.0], [40.0, 30.0]) == np.inf  # too early to tell
-    assert _pace([100.0, 50.0, 40.0, 38.0], [60.0, 10.0, 2.0, 1.0]) == 10.0  # the largest of the last three
+    assert _expected_decrease([100.0, 50.0], [40.0, 30.0]) == np.inf  # too early to tell
+    assert (
+        _expected_decrease([100.0, 50.0, 40.0, 38.0], [60.0, 10.0, 2.0, 1.0]) == 10.0
+    )  # the largest of the last three
     crawling = list(np.linspace(90.0, 10.0, 11))
-    assert _pace(crawling, [20.0] * 10) == pytest.approx(8.0)
+    assert _expected_decrease(crawling, [20.0] * 10) == pytest.approx(8.0)
 
 
 def test_a_record_is_evaluated_once_for_a_model_and_anew_for_any_other(tmp_path, monkeypatch):
@@ -173,6 +175,6 @@ def test_a_record_is_evaluated_once_for_a_model_and_anew_for_any_other(tmp_path,
     assert evaluated(model, own + 1e-9) == 3
     assert evaluated(replace(model, parameters=model.parameters[:-1]), own) == 4
     assert evaluated(model, own) == 5  # not kept any more
-    monkeypatch.setattr(models, "KEPT", 1000)
+    monkeypatch.setattr(models, "CACHE_BYTES", 1000)
     assert evaluated(stiffer, own) == 6
     assert evaluated(stiffer, own) == 7  # too large

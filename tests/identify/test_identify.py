@@ -10,7 +10,7 @@ from identify.identify_runs import STACK, campaign_file
 
 from piezoharvest.identify import identify
 from piezoharvest.identify.fitting.likelihood import by_code, spectra_of
-from piezoharvest.identify.noise.drive_denoising import denoised, noise_floor
+from piezoharvest.identify.noise.drive_denoising import denoised, high_frequency_noise
 from piezoharvest.identify.noise.noise_model import rounding
 from piezoharvest.output import write_table
 from piezoharvest.predict.parameters import value_at
@@ -195,16 +195,16 @@ def test_a_moving_drive_loses_the_noise_of_frequencies_at_which_it_does_not_move
 
 def test_the_noise_of_a_slow_drive_is_read_off_its_highest_frequencies():
     rng, time = np.random.default_rng(2), np.arange(10000) / 1000.0
-    sigma, count = noise_floor(450.0 * np.sin(2 * np.pi * 2 * time) + 0.5 * rng.standard_normal(10000))
+    sigma, count = high_frequency_noise(450.0 * np.sin(2 * np.pi * 2 * time) + 0.5 * rng.standard_normal(10000))
     assert count > 8000
     assert abs(sigma / 0.5 - 1.0) < 4.0 / np.sqrt(2.0 * count)
 
 
 def test_a_drive_that_fills_the_band_or_jumps_shows_no_noise():
     rng, time = np.random.default_rng(1), np.arange(10000) / 1000.0
-    assert noise_floor(np.cumsum(rng.standard_normal(10000))) is None
-    assert noise_floor(np.where(time < 5, 0.0, 100.0) + 0.5 * rng.standard_normal(10000)) is None
-    assert noise_floor(np.sin(2 * np.pi * 2.0 * time)) is None
+    assert high_frequency_noise(np.cumsum(rng.standard_normal(10000))) is None
+    assert high_frequency_noise(np.where(time < 5, 0.0, 100.0) + 0.5 * rng.standard_normal(10000)) is None
+    assert high_frequency_noise(np.sin(2 * np.pi * 2.0 * time)) is None
     broad = 30.0 * rng.standard_normal(10000)
     assert np.abs(denoised(broad, 0.5) - broad).max() == 0.0
 

@@ -21,7 +21,7 @@ from piezoharvest.records import load_campaign
 def test_a_spline_in_pieces_is_the_spline_of_the_whole(count, seed):
     values = np.cumsum(np.random.default_rng(seed).normal(size=count))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(drive, "PIECE", 64)
+        patch.setattr(drive, "SPLINE_PIECE", 64)
         found = drive.drive_of(values)
     wanted = drive.drive_of(values).coefficients
     assert np.abs(found.coefficients - wanted).max() <= 1e-12 * np.abs(wanted).max()
@@ -45,7 +45,7 @@ def test_records_whose_beginning_is_fitted_first_give_the_same(tmp_path, monkeyp
     path, truth = campaign_file(tmp_path, 2)
     whole = identify(load_campaign(path))
     told: list[str] = []
-    monkeypatch.setattr(identification, "LONG", 6000)
+    monkeypatch.setattr(identification, "INITIAL_SAMPLES", 6000)
     parts = identify(load_campaign(path), told.append)
     assert parts.converged
     within(parts, truth, 3.5)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from piezoharvest.identify.noise.noise_model import Noise, ceiling, estimate
+from piezoharvest.identify.noise.noise_model import Noise, estimate, noise_upper_bound
 
 SIGMA = 0.01
 
@@ -14,8 +14,8 @@ def slow(count=4000):
 
 def test_the_highest_frequencies_bound_the_noise():
     noisy = slow() + SIGMA * np.random.default_rng(0).standard_normal(4000)
-    assert SIGMA < ceiling(noisy) < 1.5 * SIGMA
-    assert ceiling(slow()) < 1e-4 * SIGMA  # a drive that is known exactly
+    assert SIGMA < noise_upper_bound(noisy) < 1.5 * SIGMA
+    assert noise_upper_bound(slow()) < 1e-4 * SIGMA  # a drive that is known exactly
 
 
 @pytest.mark.parametrize("drive", [0.0, 0.5])

@@ -17,7 +17,7 @@ from piezoharvest.description.effects.sensing.channel_skew import ChannelSkew
 from piezoharvest.description.effects.sensing.displacement_lag import DisplacementLag
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.predict.discrete_model import setting_of
-from piezoharvest.predict.drive import FINE, RISE, corners_of, divided, drive_of, rising
+from piezoharvest.predict.drive import JUMP_PARTS, RISE_PARTS, corners_of, divided, drive_of, rise_steps
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
 from piezoharvest.predict.prediction import Prediction
 from piezoharvest.predict.sensors import Course, sensed
@@ -282,22 +282,22 @@ def test_a_jump_of_the_drive_does_not_ring():
 @pytest.mark.parametrize("late", [-0.49, -0.2, 0.0, 0.3, 0.49])
 @pytest.mark.parametrize("rise", [-4.0, 0.0, 0.2])
 def test_a_jump_between_samples_keeps_its_mean(late, rise):
-    small, slopes = rising(np.array([2.0, 3.0, 0.0, 0.0]), late * FINE, rise)
+    small, slopes = rise_steps(np.array([2.0, 3.0, 0.0, 0.0]), late * JUMP_PARTS, rise)
     means = small @ [1.0, 1 / 2, 1 / 3, 1 / 4]
     assert means.mean() == pytest.approx(2.0 + 3.0 * (0.5 - late))
     assert means.min() >= 2.0
     assert means.max() <= 5.0
     between = ~np.isclose(means, 2.0) & ~np.isclose(means, 5.0)
-    assert between.sum() <= np.ceil(RISE * np.exp(rise)) + 1
+    assert between.sum() <= np.ceil(RISE_PARTS * np.exp(rise)) + 1
     assert slopes[:, 0].sum() == pytest.approx(1.0)
     assert slopes[:, 1].sum() == pytest.approx(0.0, abs=1e-6)
-    away = np.abs(np.arange(FINE) + 0.5 - FINE * (0.5 + late)) > 0.5 * RISE * np.exp(rise) + 1.0
+    away = np.abs(np.arange(JUMP_PARTS) + 0.5 - JUMP_PARTS * (0.5 + late)) > 0.5 * RISE_PARTS * np.exp(rise) + 1.0
     assert np.abs(slopes[away]).max() < 1e-9
 
 
 def test_a_jump_that_takes_a_whole_sample_goes_straight():
-    small, _ = rising(np.array([2.0, 3.0, 0.0, 0.0]), 0.0, np.log(FINE / RISE))
-    np.testing.assert_allclose(small[:, 0], 2.0 + 3.0 * (np.arange(FINE) + 0.5) / FINE, rtol=1e-12)
+    small, _ = rise_steps(np.array([2.0, 3.0, 0.0, 0.0]), 0.0, np.log(JUMP_PARTS / RISE_PARTS))
+    np.testing.assert_allclose(small[:, 0], 2.0 + 3.0 * (np.arange(JUMP_PARTS) + 0.5) / JUMP_PARTS, rtol=1e-12)
 
 
 def test_small_steps_follow_the_drive():
@@ -385,7 +385,7 @@ def stepped(transducer, duration, effects=(), parameters=(), rise=-4.0):
     fall, jump = setting.motion.coefficients[setting.motion.jumps[0], 1], setting.motion.jumps[0]
     history = [name for name in Prediction(transducer, setting).own_names if name.startswith("history")]
     own = {"q": 0.0, "drive before": STEP["offset"], **dict.fromkeys(history, 0.0)}
-    own |= {f"jump{jump}": -fall * FINE * (instant - 0.5), f"rise{jump}": rise}
+    own |= {f"jump{jump}": -fall * JUMP_PARTS * (instant - 0.5), f"rise{jump}": rise}
     prediction = Prediction(transducer, setting, parameters, np.array([*own.values()]))
     assert prediction.own_names == tuple(own)
     (block,) = prediction.blocks(True)
@@ -506,7 +506,7 @@ def test_a_rise_within_a_sample_is_that_of_a_record_that_shows_it(share):
     assert len(fine.motion.jumps) == 0
     wanted = next(Prediction(device, fine).blocks(False, size=len(shown))).values[::parts]
     setting, off = setting_of("force", build_shunt(LOAD), 1e-3, shown[::parts], device), []
-    for rise in (np.log(share * FINE / RISE), -4.0):
+    for rise in (np.log(share * JUMP_PARTS / RISE_PARTS), -4.0):
         (block,) = Prediction(device, setting, (), np.array([0.0] * 6 + [rise])).blocks(False)
         off.append(np.abs(block.values - wanted)[101:].max(axis=0) / np.abs(wanted).max(axis=0))
     assert off[0].max() < 1e-5

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from piezoharvest.identify.noise.tones import MOST, tones
+from piezoharvest.identify.noise.tones import MAX_TONES, tones
 
 COUNT, SIGMA = 10_000, 1.0
 TIME = np.arange(COUNT)
@@ -17,7 +17,7 @@ def drawn(rng, count):
     return np.sort(angles), rng.uniform(2.0, 200.0, count), rng.uniform(0.0, 2 * np.pi, count)
 
 
-@pytest.mark.parametrize("count", [1, 2, 12, MOST])
+@pytest.mark.parametrize("count", [1, 2, 12, MAX_TONES])
 def test_frequencies_are_found_to_their_bound(count):
     """Standard deviation of a frequency: sqrt(24 / n^3) sigma / size (Rife & Boorstyn, IEEE T-IT 20(5), 1974)."""
     rng = np.random.default_rng(count)
@@ -44,5 +44,5 @@ def test_they_are_known_before_the_samples_too():
 def test_noise_and_more_than_so_many_are_none():
     rng = np.random.default_rng(3)
     assert tones(rng.standard_normal(COUNT)) is None
-    angles, sizes, phases = drawn(rng, MOST + 5)
+    angles, sizes, phases = drawn(rng, MAX_TONES + 5)
     assert tones(np.cos(TIME[:, None] * angles + phases) @ (sizes + 20.0)) is None

@@ -15,7 +15,7 @@ from scipy.io import savemat
 from test_readers import WRITERS, mat_73, numeric
 
 from piezoharvest.readers import ReadError, apart, open_reader
-from piezoharvest.readers.base import MOST_NUMBERS
+from piezoharvest.readers.base import MAX_NUMBERS
 
 HUGE = 2**40
 FORCE = np.arange(200.0)
@@ -66,7 +66,7 @@ class TestApart:
         with h5py.File(tmp_path / "run.h5", "w") as file:
             file.create_dataset("x", (200,), "f8", external=[(str(tmp_path / "pipe"), 0, h5py.h5f.UNLIMITED)])
             file["force_N"] = FORCE
-        monkeypatch.setattr(apart, "_PATIENCE", 0.5)
+        monkeypatch.setattr(apart, "_BASE_TIMEOUT", 0.5)
         assert "reading took more than 1 s" in failure(tmp_path / "run.h5", "x")
         good(tmp_path / "run.h5")
 
@@ -128,9 +128,9 @@ class TestHuge:
         failure(tmp_path / "run.npz", "x")
 
     def test_parquet(self, tmp_path):
-        table = pyarrow.table({"force_N": pyarrow.nulls(MOST_NUMBERS + 1)})
+        table = pyarrow.table({"force_N": pyarrow.nulls(MAX_NUMBERS + 1)})
         parquet.write_table(table, tmp_path / "run.parquet")
-        assert f"found {MOST_NUMBERS + 1} numbers" in failure(tmp_path / "run.parquet", "force_N")
+        assert f"found {MAX_NUMBERS + 1} numbers" in failure(tmp_path / "run.parquet", "force_N")
 
     def test_a_variable_of_matlab_that_is_longer_than_its_file(self, tmp_path):
         savemat(tmp_path / "run.mat", {"force_N": FORCE})
@@ -141,7 +141,7 @@ class TestHuge:
 
     def test_text(self, tmp_path):
         with (tmp_path / "run.csv").open("wb") as stream:
-            stream.truncate(33 * MOST_NUMBERS)
+            stream.truncate(33 * MAX_NUMBERS)
         assert "found a file of 4.125 GiB" in failure(tmp_path / "run.csv", "force_N")
 
 

@@ -57,7 +57,7 @@ def quick(tmp_path, monkeypatch):
         counted.clear()
         told = []
         try:
-            sweep(study_of(tmp_path, text), tmp_path / name, tell=told.append, **options)
+            sweep(study_of(tmp_path, text), tmp_path / name, notify=told.append, **options)
         except KeyboardInterrupt:
             told.append("interrupted")
         return sum(counted), told

@@ -1,4 +1,4 @@
-"""The effects that the bench can switch on, by name; every module of this package is found by scanning it."""
+"""Effects of the bench by name, found in the modules of this package."""
 
 import importlib
 import pkgutil

@@ -1,7 +1,7 @@
-"""What the bench may have that its labels do not tell: the vocabulary of INTERFACE section 5, written for the bench.
+"""Base class of the bench's effects: deviations from its labels, in the vocabulary of INTERFACE section 5.
 
-These are not the effects that models are extended by (`piezoharvest.description.effects`): they share names and
-parameters with them and nothing else, so that what a diagnosis finds was put there by other equations.
+They are independent of the effects of models (`piezoharvest.description.effects`): they have the same names and
+parameters but separate equations, so that a diagnosis is tested against other code than its own.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from piezoharvest.description.shunts import Shunt
 
 @dataclass(frozen=True, kw_only=True)
 class BenchEffect(Component):
-    """One effect; subclasses give `name` and override the places where it acts."""
+    """One effect; subclasses set `name` and override the methods of the places where it acts."""
 
     name: ClassVar[str]
 
@@ -26,17 +26,17 @@ class BenchEffect(Component):
         """Change the specimen's equations for a record of `duration` (s)."""
 
     def connect(self, shunt: Shunt) -> Shunt:
-        """What is really connected where a label says `shunt`."""
+        """Circuit that is actually connected for the label `shunt`."""
         return shunt
 
     def lateness(self, channel: str) -> float:
-        """Seconds by which a channel comes late."""
+        """Delay of a channel, s."""
         return 0.0
 
     def disturbance(self, channel: str, time: np.ndarray, rng: np.random.Generator) -> np.ndarray | float:
-        """What is added to a channel, in its SI unit."""
+        """Disturbance of a channel, in its SI unit."""
         return 0.0
 
     def span(self, channel: str) -> float:
-        """Largest value that a channel passes, in its SI unit."""
+        """Largest value that a channel transmits, in its SI unit."""
         return np.inf

@@ -25,7 +25,7 @@ class Leakage(BenchEffect):
 
 @dataclass(frozen=True, kw_only=True)
 class BiasCurrent(BenchEffect):
-    """A constant current into the positive lead, as an amplifier's input has it."""
+    """A constant current into the positive lead, as from an amplifier's input."""
 
     name: ClassVar[str] = "bias_current"
 
@@ -88,7 +88,7 @@ class NonlinearCoupling(BenchEffect):
 
 @dataclass(frozen=True, kw_only=True)
 class CouplingDrift(BenchEffect):
-    """T(t) = T (1 + d t/duration): by the end of the record the coupling has changed by the share d."""
+    """T(t) = T (1 + d t/duration): by the end of the record the coupling has changed by the fraction d."""
 
     name: ClassVar[str] = "coupling_drift"
 

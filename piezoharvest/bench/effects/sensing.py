@@ -16,9 +16,9 @@ Channel = Literal["force", "base_acceleration", "displacement", "voltage", "curr
 
 @dataclass(frozen=True, kw_only=True)
 class ContactCompliance(BenchEffect):
-    """Hertzian joint between specimen and target: the sensor reads c F^(2/3) more, for compression (F > 0).
+    """Hertzian contact between specimen and target: the sensor reads c F^(2/3) more, for compression (F > 0).
 
-    Closed under tension, it reads as much less there.
+    Under tension it reads as much less.
     """
 
     name: ClassVar[str] = "contact_compliance"
@@ -63,7 +63,7 @@ class DisplacementLag(BenchEffect):
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelSkew(BenchEffect):
-    """Voltage and current are those of `delay` ago."""
+    """Delay of voltage and current by `delay`."""
 
     name: ClassVar[str] = "channel_skew"
 
@@ -75,7 +75,7 @@ class ChannelSkew(BenchEffect):
 
 @dataclass(frozen=True, kw_only=True)
 class Clipping(BenchEffect):
-    """A channel ends at +-limit."""
+    """Limit of a channel's range to +-limit."""
 
     name: ClassVar[str] = "clipping"
 
@@ -88,7 +88,7 @@ class Clipping(BenchEffect):
 
 @dataclass(frozen=True, kw_only=True)
 class MainsHum(BenchEffect):
-    """A line on a channel, at a phase that is another one in each record."""
+    """Sinusoidal interference on a channel, with a random phase in each record."""
 
     name: ClassVar[str] = "mains_hum"
 
@@ -104,7 +104,7 @@ class MainsHum(BenchEffect):
 
 @dataclass(frozen=True, kw_only=True)
 class LoadError(BenchEffect):
-    """The load resistor is R (1 + e): every one, or those whose label is `resistance`."""
+    """Relative error e of all load resistors, or of those whose label is `resistance`."""
 
     name: ClassVar[str] = "load_error"
 

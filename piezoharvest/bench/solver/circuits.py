@@ -1,8 +1,8 @@
-"""Loads as the solver connects them: the current that each takes, given what the electrodes would do without it.
+"""Loads for the solver: the current of each, given the electrodes' behaviour without load current.
 
-Without load current the electrode voltage would change at the rate `free` (V/s), and a load current i takes
-`elastance` i (V/s) off it. A circuit that ties the voltage finds its current from that, for its constraint then holds
-in the derivative and was met when the tie began.
+Without load current the electrode voltage would change at the rate `free` (V/s), and a load current i reduces this by
+`elastance` i (V/s). A circuit that constrains the voltage finds its current from that: its constraint holds in the
+derivative, and held when it began.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Flow = tuple[np.ndarray, Sequence[np.ndarray]]
 
 
 class Circuit:
-    """A load; this one is open electrodes, and the base of the others.
+    """Open electrodes, and base class of all loads.
 
     Attributes
     ----------
@@ -34,27 +34,27 @@ class Circuit:
     branch = 0
 
     def __init__(self, shunt: Shunt) -> None:
-        # Every key of the shunt's table under its own name.
+        # Every key of the shunt's table as an attribute of that name.
         self.__dict__.update(vars(shunt))
 
     def flow(self, z: np.ndarray, v: np.ndarray, free: np.ndarray, elastance: np.ndarray) -> Flow:
-        """Load current (A) and the rates of the own states."""
+        """Load current (A) and the rates of the circuit's states."""
         return 0.0 * v, ()
 
     def guards(self, z: np.ndarray, v: np.ndarray, i: np.ndarray) -> list[np.ndarray]:
-        """Values below zero while the branch holds; what is passed first decides the next branch."""
+        """Values below zero while the branch holds; the first to cross zero determines the next branch."""
         return []
 
     def fire(self, guard: int) -> None:
-        """Change the branch for the guard that was passed."""
+        """Change the branch after a guard has crossed zero."""
 
     def tied(self, z: np.ndarray) -> np.ndarray | None:
-        """Voltage that the present branch imposes, where it does."""
+        """Voltage that the present branch imposes, or None."""
         return None
 
 
 class Short(Circuit):
-    """No voltage."""
+    """Short circuit."""
 
     def flow(self, z, v, free, elastance):
         return free / elastance, ()

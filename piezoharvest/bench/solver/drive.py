@@ -1,4 +1,4 @@
-"""The drive between the instants at which the solver has to stop."""
+"""Drive of the solver, smooth between the instants at which steps have to end."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ import numpy as np
 
 from piezoharvest.description.excitation import Excitation, Tones
 
-# Instants closer than this share of the samples' distance are one.
-SAME = 1e-6
+# Instants closer than this fraction of the sample interval are merged.
+MERGE_SHARE = 1e-6
 
 
 def merged(times: np.ndarray, more: np.ndarray) -> np.ndarray:
-    """Instants of both, increasing, the later one where rounding alone keeps two of them apart.
+    """Union of instants, increasing; of two that differ by rounding only, the later one.
 
     Parameters
     ----------
     times : (n,) array
-        Samples in s, increasing; their smallest distance is what the others are compared with.
+        Samples in s, increasing; their smallest distance is the scale of rounding.
     more : (m,) array
     """
     both = np.union1d(times, more)
-    return both[np.append(np.diff(both) > SAME * np.diff(times).min(), True)]
+    return both[np.append(np.diff(both) > MERGE_SHARE * np.diff(times).min(), True)]
 
 
 class Drive:
@@ -30,14 +30,14 @@ class Drive:
     ----------
     excitation : Excitation
     times : (n,) array
-        Instants (s, from 0 on, increasing) at which waveforms are wanted.
+        Instants (s, from 0 on, increasing) of the waveforms.
 
     Attributes
     ----------
     rest : float
         Value before the start, at which the specimen is in equilibrium.
     nodes : (m,) array
-        The wanted instants, with those between them at which the drive has a corner or a jump.
+        The instants of the waveforms, and those between them at which the drive has a corner or a jump.
     """
 
     def __init__(self, excitation: Excitation, times: np.ndarray) -> None:
@@ -47,7 +47,7 @@ class Drive:
             return
         corners = signal.times
         self.nodes = merged(times, corners[(corners > times[0]) & (corners < times[-1])])
-        # One straight line for each interval, found from its middle: at its ends there may be a jump.
+        # One linear piece for each interval, evaluated at its middle: at its ends there may be a jump.
         middle = 0.5 * (self.nodes[:-1] + self.nodes[1:])
         piece = np.clip(np.searchsorted(corners, middle, side="right") - 1, 0, len(signal.starts) - 1)
         held = middle > corners[-1]
@@ -62,5 +62,5 @@ class Drive:
         return self._level[interval] + self._slope[interval] * (times - self.nodes[interval])
 
     def at(self, times: np.ndarray) -> np.ndarray:
-        """Value as it is at the given times; at a jump, the one after it."""
+        """Value at the given times; at a jump, the one after it."""
         return self._signal.at(times)

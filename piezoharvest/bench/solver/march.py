@@ -1,4 +1,4 @@
-"""Integration of a model from rest: steps from node to node, with every change of branch located."""
+"""Integration of a model from rest: steps between nodes, with location of every change of branch."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from piezoharvest.bench.solver.radau import NODES
 from piezoharvest.bench.solver.rest import rest
 from piezoharvest.bench.solver.stepper import Stepper, Trial
 
-# Of the estimated local error, relative to the size of each state. The estimate is of third order and the method of
-# fifth: waveforms are better than this by far, which tests/records_bench measures.
+# Tolerance of the estimated local error, relative to the size of each state. The estimate is of third order and the
+# method of fifth: waveforms are far more accurate, which tests/records_bench measures.
 TOLERANCE = 1e-7
-# No state counts as smaller than this share of what it would be if it held all the energy.
-FLOOR = 1e-3
-# A guard counts as passed beyond this share of its size, so that rounding alone does not pass it.
+# Smallest size of a state, relative to its value if it held all the energy.
+MIN_SIZE = 1e-3
+# A guard counts as crossed beyond this fraction of its size, which is above rounding.
 SLACK = 1e-10
-# Steps tried in a run, and for each interval between its nodes: most records take one to three an interval, one under a
-# preload that five operators remember 24 (measured; twice that is allowed). A hundred thousand take about a second.
-MAX_TRIALS, TRIALS_EACH = 50_000, 50
+# Limits of trial steps in a run, and per interval between nodes: most records take one to three per interval, one with
+# a preload and five operators 24 (measured; twice that is allowed). A hundred thousand take about a second.
+MAX_TRIALS, TRIALS_PER_INTERVAL = 50_000, 50
 
 _STAGES = np.append(0.0, NODES)
 # Coefficients of the cubic through values at the start and the stages.
@@ -35,14 +35,14 @@ def _zero(function: Callable[[float], float], low: float, high: float, resolutio
 
 
 def _root(values: np.ndarray) -> tuple[float, float]:
-    """Where the cubic through `values` at the start and the stages first rises through zero, and its slope there."""
+    """First upward zero crossing of the cubic through `values` at the start and the stages, and its slope there."""
     cubic = _CUBIC @ values
     above = int(np.argmax(values > 0.0))
     root = _zero(lambda s: float(np.polyval(cubic, s)), _STAGES[above - 1], _STAGES[above], 1e-12)
     return root, float(np.polyval(np.polyder(cubic), root))
 
 
-class March:
+class Integrator:
     """One run of a model from rest.
 
     Parameters
@@ -55,9 +55,9 @@ class March:
     states : (nodes, states) array
         At the nodes of the drive.
     branches : list of (int, tuple)
-        From which node on which branches of the model hold; of two for one node the later counts.
+        First node at which branches of the model hold, and these; of two for one node the later is valid.
     steps, events : int
-        How many it took.
+        Numbers of steps and events.
     """
 
     def __init__(self, model: Model, drive: Drive) -> None:
@@ -67,15 +67,15 @@ class March:
         self.force = float(self.drives[0, 0])
         self.t, self.y, self.h = float(nodes[0]), rest(model, drive.rest), float(lengths.max())
         typical = np.abs(self.drives).max() * float(np.abs(model.gain / model.stiffness**0.5).max())
-        self.sizes = np.maximum(np.abs(self.y), FLOOR * typical / model.scale + 1e-300)
-        # Largest values at changes of branch so far: of voltage, current, and the rate of each stop's coordinate.
+        self.sizes = np.maximum(np.abs(self.y), MIN_SIZE * typical / model.scale + 1e-300)
+        # Largest values at changes of branch so far of voltage, current, and the rate of each stop's coordinate.
         self.peaks: dict[str | int, float] = {"V": typical / math.sqrt(model.transducer.capacitance)}
         self.least, self.resolution = 1e-12 * float(lengths.min()), 1e-9 * float(lengths.min())
         self.stepper = Stepper(model, self.sizes, 1e-10 * float(lengths.min()))
         self.states = np.empty((len(nodes), len(self.y)))
         self.branches: list[tuple[int, tuple]] = []
         self.steps = self.events = 0
-        self.trials = MAX_TRIALS + TRIALS_EACH * len(self.drives)
+        self.trials = MAX_TRIALS + TRIALS_PER_INTERVAL * len(self.drives)
 
     def run(self) -> None:
         """Integrate from the first node to the last.
@@ -98,19 +98,19 @@ class March:
         self.force = float(self.drives[interval, 0])
         while end - self.t > self.least:
             if self.trials <= 0:
-                most = MAX_TRIALS + TRIALS_EACH * len(self.drives)
+                most = MAX_TRIALS + TRIALS_PER_INTERVAL * len(self.drives)
                 raise SolverError(f"more than {most} steps, on the way to {end:.9g} s: too many events, or too fast")
             self._advance(interval, end, self._length(interval, end - self.t))
         self.t = end
 
     def _length(self, interval: int, left: float) -> float:
-        """Length of the next step: an even fraction of the interval, or of what an event has left of it."""
+        """Length of the next step: an integer fraction of the interval, or of its rest after an event."""
         whole = float(self.drive.nodes[interval + 1] - self.drive.nodes[interval]) if self.even else left
         fits = min(left, self.h) * (1.0 + 1e-6)
         return whole if whole <= fits else whole / 2 ** math.ceil(math.log2(whole / fits))
 
     def _advance(self, interval: int, end: float, h: float) -> None:
-        """Try one step; take it whole, up to the first event in it, or not at all."""
+        """Try one step; accept it as a whole, up to its first event, or reject it."""
         trial = self._try(interval, h)
         error = float((np.abs(trial[1]) / self.sizes).max()) / TOLERANCE
         if not error <= 1.0:
@@ -141,7 +141,7 @@ class March:
         return self.stepper.step(self.t, h, self.y, drives, keep=self.even)
 
     def _shorten(self, h: float, error: float) -> None:
-        """Draw a worn tangent anew, or else make the step shorter, by what an error of fourth order asks for."""
+        """Recompute an outdated tangent, or else shorten the step according to an error of fourth order."""
         if self.stepper.stale and self.stepper.drawn_at != self.t:
             self.stepper.draw_line(self.t, self.force, self.y)
             return
@@ -150,7 +150,7 @@ class March:
             raise SolverError(f"no step is short enough at {self.t:.9g} s: the equations have no solution there")
 
     def _locate(self, interval: int, h: float, trial: Trial) -> tuple[float, Trial, bool]:
-        """Length of the step that ends at the first event, that step, and whether there is an event after all."""
+        """Length of the step that ends at the first event, that step, and True if there is indeed an event."""
         before = self.stepper.guards(self.t, self.force, self.y) / self.guard_sizes
         stay = 0.0, (np.tile(self.y, (3, 1)), trial[1], np.tile(before * self.guard_sizes, (3, 1))), True
         if before.max() >= 0.0:
@@ -172,7 +172,7 @@ class March:
             return float((guards / self.guard_sizes).max())
 
         far = h * float(NODES[int(np.argmax((seen[1:] > 0.0).any(axis=1)))])
-        # What a stage says may differ from what a step to there says: then the event is beyond.
+        # A stage may differ from the end of a step to its instant: then the event is later.
         while excess(far) <= 0.0 and far < h:
             far = h
         if excess(far) <= 0.0:
@@ -181,7 +181,7 @@ class March:
         return (length, self._try(interval, length), True) if length else stay
 
     def _fire(self, guard: int) -> None:
-        """Change the branch whose guard was passed; stops of one coordinate turn back together."""
+        """Change the branch of the crossed guard; stops of the same coordinate reverse together."""
         self.events += 1
         own = self.model.circuit.guard_count
         if guard < own:
@@ -194,7 +194,7 @@ class March:
             other.fire((guard - own) % 2, self.y)
 
     def _enter(self, node: int) -> None:
-        """Take up the model's present branches, which hold from the given node on."""
+        """Adopt the model's present branches, which hold from the given node on."""
         model = self.model
         self.branches.append((node, model.branches))
         self.stepper.enter(self.t, self.force, self.y)

@@ -1,10 +1,10 @@
-"""The specimen's equations, written afresh from INTERFACE section 1: nothing here comes from what fits or simulates.
+"""The specimen's equations, written from INTERFACE section 1 independently of the engine and of identification.
 
     m x'' + b x' + k x = F + F_t        F_t = (dq_t/dx) v_t        q_p = q_c(v_t) + q_t        v_p = v_t + v_h(q_p)
     q_t = T x (+ T2 x^2)                q_p' = -(load current + what else is drawn)
 
-They are evaluated for many instants at once. Where they are linear between events the solver takes their matrices by
-evaluating them on unit vectors; where an effect makes them nonlinear it iterates on them.
+They are evaluated for many instants at once. If they are linear between events the solver finds their matrices from
+unit vectors; if an effect makes them nonlinear it iterates.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from piezoharvest.bench.solver.circuits import Circuit
 from piezoharvest.bench.solver.stops import Stop
 from piezoharvest.description.transducer import Transducer
 
-# A quantity at some instants, from all that is known there; see `Model.moment`.
+# A quantity at some instants, as a function of all quantities there; see `Model.moment`.
 Term = Callable[[SimpleNamespace], np.ndarray]
 
 
 class SolverError(RuntimeError):
-    """The equations could not be solved: the message says when and why."""
+    """The equations could not be solved; the message states when and why."""
 
 
 def _line(weights: Sequence[float], stops: Sequence[Stop]) -> tuple[float, float]:
@@ -33,14 +33,14 @@ def _line(weights: Sequence[float], stops: Sequence[Stop]) -> tuple[float, float
 
 
 class Model:
-    """Transducer, load and whatever effects add to them.
+    """Equations of transducer, load and effects.
 
-    States are x_1.., u_1.., q, those that effects add, and the circuit's. Effects change the attributes below.
+    States are x_1.., u_1.., q, those of effects, and the circuit's. Effects modify the attributes below.
 
     Parameters
     ----------
     transducer : Transducer
-        Its effects are not looked at.
+        Its effects are ignored.
     circuit : Circuit
     base : bool
         The drive is base acceleration (m/s^2), not force (N).
@@ -48,7 +48,7 @@ class Model:
     Attributes
     ----------
     forces : list of Term
-        Further forces on the first mode, N.
+        Additional forces on the first mode, N.
     drawn : list of Term
         Currents in A that leave the node beside the load.
     slow_charges : list of int
@@ -60,11 +60,11 @@ class Model:
     quadratic_coupling : float
         T2 in N/(V m).
     sensed : Term
-        What stands before the displacement sensor, m.
+        Displacement at the sensor's input, m.
     reading : int or None
-        State that is what the sensor says, where that is something else.
+        State that is the sensor's reading, if different.
     smooth : bool
-        Some equation is nonlinear between events, or changes with time.
+        An equation is nonlinear between events, or changes with time.
     """
 
     def __init__(self, transducer: Transducer, circuit: Circuit, *, base: bool) -> None:
@@ -98,7 +98,7 @@ class Model:
         self.smooth = False
 
     def add_state(self, storage: float, rate: Term, at_rest: Term) -> int:
-        """Add a state whose energy is about storage z^2/2; its row."""
+        """Add a state whose energy is about storage z^2/2; return its row."""
         self.sizes.append(storage**0.5)
         self.own_rates.append(rate)
         self.at_rest.append(at_rest)
@@ -106,23 +106,23 @@ class Model:
         return len(self.sizes) - 1
 
     def add_friction(self, stiffness: float, threshold: float) -> None:
-        """Put a stop operator of the first displacement beside the spring."""
+        """Add a stop operator of the first displacement, parallel to the spring."""
         self.friction.append(Stop(0, threshold))
         self.friction_stiffness.append(stiffness)
 
     @property
     def all_stops(self) -> list[Stop]:
-        """Electrical ones, then mechanical ones."""
+        """All stops, electrical ones, then mechanical ones."""
         return [*self.stops, *self.friction]
 
     @property
     def scale(self) -> np.ndarray:
-        """What each state is to be multiplied by to be of the size of sqrt(J)."""
+        """Factor of each state that scales it to sqrt(J)."""
         return np.array([*self.sizes, *(value**0.5 for value in self.circuit.storage)])
 
     @property
     def branches(self) -> tuple:
-        """On which branch each stop and the circuit are."""
+        """Branches of all stops and of the circuit."""
         return (self.circuit.branch, *(stop.branch for stop in self.all_stops))
 
     @branches.setter
@@ -134,7 +134,7 @@ class Model:
     def moment(self, t: np.ndarray, drive: np.ndarray, y: np.ndarray, rates: np.ndarray) -> SimpleNamespace:
         """All quantities at instants `t`, of shape (instants,), with the states `y`, of shape (states, instants).
 
-        The rates of the states are put into `rates`, of the shape of `y`.
+        The rates of the states are written into `rates`, of the shape of `y`.
         """
         n, own, T2 = self.count, self.own_rows, self.quadratic_coupling
         m = SimpleNamespace(t=t, drive=drive, y=y, x=y[:n], u=y[n : 2 * n], q=y[self.q_row], rates=rates)
@@ -184,7 +184,7 @@ class Model:
         return out
 
     def signals(self, t: np.ndarray, drive: np.ndarray, y: np.ndarray) -> dict[str, np.ndarray]:
-        """What can be measured, by name, in SI units."""
+        """Measurable signals, by name, in SI units."""
         m = self.moment(t, drive, y, np.empty_like(y))
         return {
             "displacement": self.displacement(m),
@@ -195,7 +195,7 @@ class Model:
         }
 
     def tie(self, t: float, y: np.ndarray) -> None:
-        """Put the charge of the state `y` exactly where a tie that has just begun wants it."""
+        """Set the charge of the state `y` so that a constraint that has just begun holds exactly."""
         m = self.moment(np.array([t]), np.zeros(1), y[:, None], np.empty((len(y), 1)))
         voltage = self.circuit.tied(m.y[self.own_rows.stop :])
         if voltage is not None:

@@ -38,7 +38,7 @@ class Step(NamedTuple):
         From [y, drive at the start and at the three stages, c] to [states at the stages, error estimate, guards at the
         stages], stage after stage.
     correct : (3 states, 3 states) array
-        From what the rates at the stages exceed the line by to a correction of the states there.
+        From the excess of the rates at the stages over the line to a correction of the states there.
     filter : (states, states) array
         From rate defect to error estimate.
     """
@@ -55,7 +55,7 @@ def _outer(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def make_step(line: Line, h: float, scale: np.ndarray) -> Step:
-    """Matrices of a step of length h; `scale` makes the states alike in size, for the sake of rounding."""
+    """Matrices of a step of length h; `scale` equalises the sizes of the states to reduce rounding."""
     J, b = line.J, line.b
     n, g = len(scale), len(J) - len(scale)
     A = J[:n] * scale[:, None] / scale

@@ -1,4 +1,4 @@
-"""Where a record starts: the specimen at rest under the drive's static value."""
+"""Initial state of a record: the specimen at rest under the drive's static value."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.optimize import newton
 
 from piezoharvest.bench.solver.model import Model, SolverError
 
-FAINT = 1e-200  # N: a force below it moves the linear spring alone, and a share of it may not be a number any more
+MIN_FORCE = 1e-200  # N: for a smaller force the spring is linear; fractions of it might underflow
 
 
 def rest(model: Model, drive: float) -> np.ndarray:
@@ -18,7 +18,7 @@ def rest(model: Model, drive: float) -> np.ndarray:
     Raises
     ------
     SolverError
-        There is none.
+        There is no equilibrium.
 
     Returns
     -------
@@ -27,8 +27,8 @@ def rest(model: Model, drive: float) -> np.ndarray:
     n, y = model.count, np.zeros((len(model.scale), 1))
     y[:n] = model.gain * drive / model.stiffness
     start, force = float(y[0, 0]), float(model.gain[0, 0] * drive)
-    if abs(force) > FAINT:
-        try:  # in shares of what the linear spring would do
+    if abs(force) > MIN_FORCE:
+        try:  # relative to the displacement of the linear spring
             y[0] = start * newton(lambda share: _unbalanced(model, drive, y, share * start) / force, 1.0, tol=1e-14)
         except RuntimeError:
             raise SolverError(f"no equilibrium was found under the static drive of {drive:g}") from None
@@ -40,7 +40,7 @@ def rest(model: Model, drive: float) -> np.ndarray:
 
 
 def _unbalanced(model: Model, drive: float, y: np.ndarray, x: float) -> float:
-    """Force on the first mode at the displacement `x`, all that follows from it at rest put into `y`."""
+    """Force on the first mode at the displacement `x`; the other states at rest are written into `y`."""
     y[0] = x
     m = SimpleNamespace(t=np.zeros(1), drive=np.array([drive]), y=y, x=y[: model.count])
     for row, value in enumerate(model.at_rest, model.own_rows.start):

@@ -1,4 +1,4 @@
-"""One Radau step of a model: a matrix product where its equations are linear, an iteration where they are not."""
+"""One Radau step of a model: a matrix product if its equations are linear, an iteration otherwise."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import numpy as np
 from piezoharvest.bench.solver.model import Model
 from piezoharvest.bench.solver.radau import NODES, Line, Step, make_step, nonlinear_error
 
-# Change of the last iteration on nonlinear equations, relative to the size of each state.
-ITERATION = 1e-10
+# Change at which the iteration of nonlinear equations ends, relative to the size of each state.
+ITERATION_TOLERANCE = 1e-10
 MAX_ITERATIONS = 12
-# So many iterations and the line that they start from is drawn anew.
+# Iterations after which the linearisation is recomputed.
 MANY_ITERATIONS = 4
 MAX_TABLES = 256
 
@@ -29,7 +29,7 @@ class Stepper:
     sizes : (states,) array
         Size of each state, below which errors do not count; may be changed in place.
     unit : float
-        Length in s below which two steps count as equally long.
+        Tolerance in s within which two steps are equally long.
     """
 
     def __init__(self, model: Model, sizes: np.ndarray, unit: float) -> None:
@@ -37,23 +37,23 @@ class Stepper:
         self.scale, self.n = model.scale, len(sizes)
         self.tables: dict[tuple, Step] = {}
         self.stale = False
-        # Of nonlinear equations: excess and length of the last step made and of the last one tried.
+        # For nonlinear equations: excess and length of the last accepted and of the last tried step.
         self.behind = self.tried = None
         self.ratio = 0.1
 
     def enter(self, t: float, drive: float, y: np.ndarray) -> None:
-        """Take up new branches of the model, with no slack on its guards."""
+        """Adopt new branches of the model, without slack on its guards."""
         self.key = tuple(branch if isinstance(branch, int) else branch[0] for branch in self.model.branches)
         self.slack = np.zeros(0)
         self.draw_line(t, drive, y)
 
     def allow(self, slack: np.ndarray) -> None:
-        """Count guards as passed only above these values."""
+        """Count guards as crossed only above these values."""
         self.slack = slack
         self.known[2 * self.n + 4 :] = self.line.c[self.n :] - slack
 
     def draw_line(self, t: float, drive: float, y: np.ndarray) -> None:
-        """Find the matrices of rates and guards: exact ones of linear equations, a tangent of others."""
+        """Compute the matrices of rates and guards: exact for linear equations, else a tangent."""
         n, smooth = self.n, self.model.smooth
         origin, level, steps = (y, drive, 1e-5 * self.sizes) if smooth else (0.0 * y, 0.0, np.ones(n))
         columns = np.tile(origin[:, None], n + 2)
@@ -84,7 +84,7 @@ class Stepper:
         drives : (4,) array
             Drive at the start and at the stages.
         keep : bool
-            Steps of this length are likely to come again.
+            Steps of this length are likely to be repeated.
 
         Returns
         -------
@@ -115,11 +115,11 @@ class Stepper:
         return table
 
     def accept(self) -> None:
-        """Take the last step as made: the next one starts from what it has learnt."""
+        """Accept the last step: the next one extrapolates its excess."""
         self.behind = self.tried
 
     def _iterate(self, table: Step, t: float, h: float, y: np.ndarray, drives: np.ndarray, linear: np.ndarray) -> Trial:
-        """Iterate on what the equations exceed their line by, which is foreseen from the step before."""
+        """Iterate on the excess of the equations over their linearisation, predicted from the previous step."""
         n, (J, b, c) = self.n, self.line
         times, known = t + h * _STAGES, b[:n, None] * drives[1:] + c[:n, None]
         stages = linear.T + (table.correct @ self._foreseen(h).T.ravel()).reshape(3, n).T
@@ -127,23 +127,23 @@ class Stepper:
         columns[:, 0] = y
         change = before = rest = np.inf
         count = 0
-        while rest > ITERATION and count < MAX_ITERATIONS:
+        while rest > ITERATION_TOLERANCE and count < MAX_ITERATIONS:
             columns[:, 1:] = stages
             values = self.model.values(times, drives, columns)
             excess = values[:n, 1:] - J[:n] @ stages - known
             stages = linear.T + (table.correct @ excess.T.ravel()).reshape(3, n).T
             before, change, count = change, float((np.abs(stages - columns[:, 1:]) / size).max()), count + 1
-            # Changes shrink by a ratio that differs little from step to step; the rest is a geometric series.
+            # Changes shrink by a ratio that hardly differs between steps; the remainder is a geometric series.
             self.ratio = change / before if before < np.inf else self.ratio
             rest = change * self.ratio / (1.0 - self.ratio) if self.ratio < 1.0 else np.inf
         self.stale = count > MANY_ITERATIONS
         self.tried = excess, h
         error = nonlinear_error(table, h, values[:n, 0], y, stages.T)
         guards = values[n:, 1:] + J[n:] @ (stages - columns[:, 1:])
-        return stages.T, error if rest <= ITERATION else error + np.inf, guards.T - self.slack
+        return stages.T, error if rest <= ITERATION_TOLERANCE else error + np.inf, guards.T - self.slack
 
     def _foreseen(self, h: float) -> np.ndarray:
-        """Excess at the stages of the coming step by the parabola through those of the last one."""
+        """Excess at the stages of the next step, extrapolated by the parabola through those of the last one."""
         if self.behind is None:
             return np.zeros((self.n, 3))
         excess, length = self.behind

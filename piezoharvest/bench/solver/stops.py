@@ -1,4 +1,4 @@
-"""Stop operators as the solver holds them: straight lines between the instants at which they begin to slip or stick."""
+"""Stop operators of the solver: linear between the instants at which they begin to slip or stick."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Stop:
     Parameters
     ----------
     row : int
-        Which state is its coordinate: the charge (C), or a displacement (m).
+        State that is its coordinate: the charge (C), or a displacement (m).
     threshold : float
         In the unit of the coordinate.
     """
@@ -33,14 +33,14 @@ class Stop:
         return (0.0, self.side * self.threshold) if self.side else (1.0, -self.origin)
 
     def guards(self, coordinate: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray | float, np.ndarray | float]:
-        """Two values that are below zero while the branch holds: distances to the thresholds, or the motion's sense."""
+        """Two values below zero while the branch holds: distances to the thresholds, or the direction of motion."""
         if self.side:
             return -self.side * rate, -1.0
         output = coordinate - self.origin
         return output - self.threshold, -output - self.threshold
 
     def fire(self, guard: int, y: np.ndarray) -> None:
-        """Change the branch for the guard that was passed, at the state `y`."""
+        """Change the branch after a guard has crossed zero, at the state `y`."""
         if self.side:
             self.side, self.origin = 0, float(y[self.row]) - self.side * self.threshold
         else:
@@ -48,7 +48,7 @@ class Stop:
 
     @property
     def branch(self) -> tuple[int, float]:
-        """Side (0 while sticking) and origin, to be put back later."""
+        """Side (0 while sticking) and origin, for a later reset."""
         return self.side, self.origin
 
     @branch.setter

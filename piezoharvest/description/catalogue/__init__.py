@@ -1,7 +1,7 @@
-"""Transducers with their data-sheet or paper source: one TOML file each, called by the file's name.
+"""Catalogue of transducers from data sheets and papers: one TOML file each, named by the file.
 
-A file holds `name`, `source` and `note` (what was read, what was derived and how) and a [transducer] table with the
-keys that a study's has.
+A file holds `name`, `source` and `note` (values read, values derived and how) and a [transducer] table with the
+same keys as in a study.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def entry(name: str) -> dict[str, Any]:
     Raises
     ------
     KeyError
-        There is no entry of this name.
+        There is no such entry.
     """
     if name not in names():
         raise KeyError(name)
@@ -34,12 +34,12 @@ def entry(name: str) -> dict[str, Any]:
 
 
 def transducer_table(name: str, over: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Table [transducer] of an entry, with its full name, overridden by the keys of `over`: tables key by key.
+    """Table [transducer] of an entry, with its full name, overridden by the keys of `over`, table by table.
 
     Raises
     ------
     KeyError
-        There is no entry of this name.
+        There is no such entry.
     """
     found = entry(name)
     return _merged({"name": found["name"], **found["transducer"]}, over or {})

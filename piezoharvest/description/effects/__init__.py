@@ -1,4 +1,4 @@
-"""Physical effects beside the lumped model; every module of this package is found by scanning it."""
+"""Physical effects beyond the lumped model; every module of this package is found by scanning it."""
 
 import importlib
 import pkgutil
@@ -14,7 +14,7 @@ for _module in pkgutil.walk_packages(__path__, f"{__name__}."):
 
 
 def registered() -> dict[str, type[Effect]]:
-    """All effects by name, those that a user's own script defines included."""
+    """All effects by name, including those that a user's script defines."""
     return subclasses_by("name", Effect)
 
 

@@ -14,7 +14,7 @@ for _module in pkgutil.walk_packages(__path__, f"{__name__}."):
 
 
 def registered() -> dict[str, type[Shunt]]:
-    """All shunts by kind, those that a user's own script defines included."""
+    """All shunts by kind, including those that a user's script defines."""
     return subclasses_by("kind", Shunt)
 
 

@@ -1,4 +1,4 @@
-"""What a shunt is: configurations of a circuit, each linear, and the events that lead from one to another."""
+"""Base class of shunts: linear configurations of a circuit, and the events that switch between them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _MIRROR = str.maketrans("+-", "-+")
 class Shunt(Component):
     """A circuit across the electrodes.
 
-    Subclasses give `kind` (the name in study files) and `source`, and override what follows. A circuit without
+    Subclasses define `kind` (the name in study files) and `source`, and override the methods below. A circuit without
     switches or diodes has the single configuration "linear".
     """
 
@@ -29,26 +29,26 @@ class Shunt(Component):
         return ()
 
     def configurations(self) -> tuple[str, ...]:
-        """Names of the configurations, the first one holding at rest; + and - mark those that mirror each other."""
+        """Names of the configurations, the initial one first; + and - mark pairs that mirror each other."""
         return ("linear",)
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
-        """Residuals, zero in this configuration: one for the port and one for each state.
+        """Residuals that are zero in this configuration: one for the port and one for each state.
 
-        A constraint on the port's voltage is given by its derivative; it holds on entry by the guard that leads here.
+        A constraint on the port's voltage is given as its derivative; the guard that leads here ensures it on entry.
         """
         raise NotImplementedError
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        """Power by where it goes: "harvested", "shunt_loss", or "source" for what an active part delivers."""
+        """Power by destination: "harvested", "shunt_loss", or "source" for the power of an active part."""
         return {}
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
-        """Events of the circuit itself (diodes that begin or cease to conduct)."""
+        """Events of the circuit itself (diodes that start or stop conducting)."""
         return ()
 
     def switch(self, capacitance: float, period: float | None) -> Switch | None:
-        """The synchronised switch, if there is one; `period` of the excitation in s, or None where it has none.
+        """The synchronised switch, or None; `period` of the excitation in s, or None if it has none.
 
         Raises
         ------
@@ -62,11 +62,11 @@ class Shunt(Component):
         return configuration
 
     def opened(self, configuration: str) -> str:
-        """Configuration after the switch opens; a state named "current" is cut then."""
+        """Configuration after the switch opens; a state named "current" is set to zero then."""
         return configuration
 
     def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
-        """Voltage of the dc side, V; zero where there is none."""
+        """Voltage of the dc side, V; zero if there is none."""
         return 0.0 * port.one
 
     @staticmethod
@@ -77,4 +77,4 @@ class Shunt(Component):
 
 @dataclass(frozen=True, kw_only=True)
 class LinearShunt(Shunt):
-    """A circuit of linear parts: one configuration, so that its admittance is a rational function."""
+    """A circuit of linear parts: one configuration with a rational admittance."""

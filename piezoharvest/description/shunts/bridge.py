@@ -1,4 +1,4 @@
-"""Full-wave diode bridge with a smoothing capacitor or a constant voltage behind it: what rectifying shunts share."""
+"""Full-wave diode bridge with a smoothing capacitor or a constant voltage behind it: base of rectifying shunts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from piezoharvest.description.shunts.base import Shunt
 class Bridge(Shunt):
     """Diodes with a constant drop, two of them conducting, into a capacitor with a load or into a constant voltage.
 
-    A configuration that conducts ends in the sign of the electrode voltage, as in "open+".
+    The name of a conducting configuration ends in the sign of the electrode voltage, as in "open+".
 
     Raises
     ------
@@ -39,7 +39,7 @@ class Bridge(Shunt):
             )
 
     def bridge_states(self) -> tuple[State, ...]:
-        """The smoothing capacitor's voltage, where there is one."""
+        """The smoothing capacitor's voltage, if there is one."""
         return () if self.smoothing_capacitance is None else (State("dc", self.smoothing_capacitance, odd=False),)
 
     def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
@@ -47,17 +47,17 @@ class Bridge(Shunt):
         return z.dc if self.dc_voltage is None else self.dc_voltage * port.one
 
     def dc_equations(self, rectified: Row, z: SimpleNamespace, dz: SimpleNamespace) -> list[Row]:
-        """Charge balance of the smoothing capacitor that receives the `rectified` current."""
+        """Current balance of the smoothing capacitor, charged by the `rectified` current."""
         if self.smoothing_capacitance is None or self.load_resistance is None:
             return []
         return [self.smoothing_capacitance * dz.dc + z.dc / self.load_resistance - rectified]
 
     def clamp(self, sign: int, port: Port, dz: SimpleNamespace) -> Row:
-        """The conducting bridge ties the electrodes to the dc side: the derivative of v - sign (v_dc + 2 drops)."""
+        """Constraint of a conducting bridge: the derivative of v - sign (v_dc + 2 drops)."""
         return port.dv - sign * dz.dc if self.dc_voltage is None else port.dv
 
     def excess(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
-        """How far the electrode voltage is above what opens the diodes of one sign."""
+        """Electrode voltage in excess of the threshold at which the diodes of one sign conduct."""
         return sign * port.v - self.dc_side(port, z) - 2.0 * self.diode_drop * port.one
 
     def bridge_powers(self, rectified: Row, port: Port, z: SimpleNamespace) -> dict[str, list[Product]]:
@@ -70,14 +70,14 @@ class Bridge(Shunt):
 
 
 def sign_of(configuration: str) -> int:
-    """+1 or -1 for a configuration that conducts, 0 for one that blocks."""
+    """+1 or -1 for a conducting configuration, 0 for a blocking one."""
     return {"+": 1, "-": -1}.get(configuration[-1], 0)
 
 
 def diode_guards(
     shunt: Bridge, configuration: str, rectified: Row, port: Port, z: SimpleNamespace, cut: str | None = None
 ) -> list[Guard]:
-    """Begin to conduct where the voltage exceeds the dc side's, cease where the rectified current ends."""
+    """Guards: conduction starts where the voltage exceeds the dc side's, and stops where the rectified current ends."""
     sign = sign_of(configuration)
     if sign:
         return [Guard(-rectified, configuration[:-1], cut)]

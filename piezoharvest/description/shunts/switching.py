@@ -1,4 +1,4 @@
-"""Timing of a switch synchronised with the extrema of the transducer's displacement: shared by the switched shunts."""
+"""Switches synchronised with the extrema of the transducer's displacement: base of the switched shunts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from piezoharvest.description.shunts.base import Shunt
 
 @dataclass(frozen=True, kw_only=True)
 class SynchronisedShunt(Shunt):
-    """A shunt whose switch acts at the extremum of sum T_i x_i, late or early by a lag."""
+    """A shunt whose switch acts at the extrema of sum T_i x_i, late or early by a lag."""
 
     phase_lag: float = quantity(
         "rad", "angle of the drive, extremum to action; negative is early", default=0.0, above=-np.pi, below=np.pi
@@ -28,11 +28,11 @@ class SynchronisedShunt(Shunt):
         return 0.0
 
     def harvested_share(self) -> float:
-        """Share of the energy taken at once that is harvested."""
+        """Share of the extracted energy that is harvested."""
         return 0.0
 
     def switch(self, capacitance: float, period: float | None) -> Switch:
-        """Resolve the timing for an excitation of this period (s), or None."""
+        """Timing for an excitation of this period (s), or of none."""
         lag: Any = self.time_lag
         if period is None and np.any(self.phase_lag != 0):
             raise ParameterError(
@@ -46,14 +46,14 @@ class SynchronisedShunt(Shunt):
             if period is None or np.any(lag <= -0.5 * period):
                 allowed = "an early action only for a periodic excitation, and by less than half its period"
                 raise ParameterError("time_lag", f"found {np.min(lag):g} s, allowed is {allowed}")
-            # The coming extremum is half a period after the last one, of the other kind.
+            # The next extremum is half a period after the last one, of the other kind.
             lag = cast(Any, np.where(early, 0.5 * period + lag, lag))
         return Switch(lag, self.on_time(capacitance), hold_off, early, self.harvested_share())
 
 
 @dataclass(frozen=True, kw_only=True)
 class InductiveSwitch(SynchronisedShunt):
-    """A switched inductance that swings the electrode voltage through, with the losses of its loop.
+    """A switched inductance that inverts the electrode voltage, with the losses of its loop.
 
     Raises
     ------
@@ -91,11 +91,11 @@ class InductiveSwitch(SynchronisedShunt):
         return (1 + self.on_time_error) * self.nominal_flip_time(capacitance)
 
     def loop_current(self, closed: bool, port: Port, z: SimpleNamespace):
-        """Current in the loop: the state while closed, plainly zero while open."""
+        """Current in the loop: the state while closed, zero while open."""
         return z.current if closed else 0.0 * port.one
 
     def loop_equation(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace, dz: SimpleNamespace):
-        """L di/dt + R i = drive while closed; the current stays where it is (at zero) while open."""
+        """L di/dt + R i = drive while closed; the current stays zero while open."""
         if not closed:
             return dz.current
         inductance, resistance = self.loop(port.capacitance)

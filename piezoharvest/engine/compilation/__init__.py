@@ -1,1 +1,1 @@
-"""How the engine is compiled by numba, and how compiled code is kept on disk."""
+"""Compilation of the engine by numba, and the cache of compiled code on disk."""

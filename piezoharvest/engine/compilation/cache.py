@@ -1,10 +1,10 @@
-"""Compiled code on disk: never stale, safe when several processes write at once, and never in the way of a run.
+"""Disk cache of compiled code: never stale, safe when several processes write at once, and no reason for a run to fail.
 
-Numba keeps a function under the stamp of its own file, although what it calls from other files is compiled into it, and
-it writes the index before the code that the index tells of. Here a file of code carries in its name the contents of all
-that it was made from; so whoever finds a file by its name has the right one, and no index is needed.
+Numba stores a function under the stamp of its own file, although functions of other files are compiled into it, and it
+writes the index before the code. Here the name of a cached file contains a digest of all its sources, so that a file
+found by its name is the right one and no index is needed.
 
-Uses what numba does not promise to keep: see `compiled.TESTED`.
+Uses internals of numba that may change between versions: see `compiled.TESTED`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Any
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 
-from piezoharvest.engine.compilation.uncached_warning import say_once
+from piezoharvest.engine.compilation.uncached_warning import warn_once
 
 _PACKAGE = str(Path(__file__).parents[2])
 _IMPORT = re.compile(r"^[ \t]*(?:from|import)[ \t]+([\w.]+)(?:[ \t]+import[ \t]*(\([^)]*\)|.*))?", re.MULTILINE)
@@ -30,7 +30,7 @@ _DIGEST = 32  # bytes
 
 
 def sources(file: str) -> list[str]:
-    """Files that can change what is compiled of the functions in a file.
+    """Files that the compiled code of the functions in a file depends on.
 
     They are the file itself and those of this package that it imports, directly or not: functions that are called, and
     constants, which numba compiles in.
@@ -40,12 +40,12 @@ def sources(file: str) -> list[str]:
     file : str
         Of a module, of this package or not.
     """
-    return sorted(_texts(file))
+    return sorted(_contents(file))
 
 
 @cache
-def _texts(file: str) -> dict[str, bytes]:
-    """The same files with what they hold."""
+def _contents(file: str) -> dict[str, bytes]:
+    """Contents of the files of `sources`, by path."""
     found: dict[str, bytes] = {}
     todo = [file]
     while todo:
@@ -74,15 +74,15 @@ def _modules() -> set[str]:
 
 
 def stamp(file: str) -> str:
-    """What tells code compiled of the functions in a file from code made of other sources or by another numba."""
+    """Digest that identifies the sources of the functions in a file and the version of numba."""
     content = hashlib.sha256(numba.__version__.encode())
-    for _, text in sorted(_texts(file).items()):
+    for _, text in sorted(_contents(file).items()):
         content.update(_digest(text))
     return content.hexdigest()[:16]
 
 
 class _CodeFiles(IndexDataCacheFile):
-    """Files of code of one function: one for each signature and processor, under the stamp of its sources."""
+    """Cached code files of one function: one per signature and processor, named by the stamp of its sources."""
 
     def __init__(self, folder: str, function: str, mark: str):
         super().__init__(folder, function, mark)
@@ -92,7 +92,7 @@ class _CodeFiles(IndexDataCacheFile):
         return self._data_path(f"{self._function}.{self._mark}.{_digest(repr(key).encode()).hex()[:16]}.nbc")
 
     def load(self, key: tuple) -> Any:
-        """Code as it was saved; None where it has to be compiled: it is not there, not to be read, or damaged."""
+        """Return the saved code, or None if it is missing, unreadable or damaged and has to be compiled."""
         try:
             content = Path(self._path(key)).read_bytes()
             return pickle.loads(content[_DIGEST:]) if _digest(content[_DIGEST:]) == content[:_DIGEST] else None
@@ -100,7 +100,7 @@ class _CodeFiles(IndexDataCacheFile):
             return None
 
     def save(self, key: tuple, data: Any) -> None:
-        """Write the whole file or none, and remove those of other sources."""
+        """Write the file atomically, and remove files made from other sources."""
         content = self._dump(data)
         with self._open_for_write(self._path(key)) as file:
             file.write(_digest(content) + content)
@@ -113,15 +113,15 @@ def _digest(content: bytes) -> bytes:
     return hashlib.sha256(content).digest()
 
 
-class _Places(CompileResultCacheImpl):
-    """Where code may be kept: NUMBA_CACHE_DIR, beside the source, or the user's cache."""
+class _CacheLocator(CompileResultCacheImpl):
+    """Locator of the cache folder: NUMBA_CACHE_DIR, beside the source, or the user's cache."""
 
     if os.path.expanduser("~") == "~":  # a user without a home, for whom numba would make a folder of that name
         _locator_classes = [each for each in CompileResultCacheImpl._locator_classes if "UserWide" not in each.__name__]
 
 
 class _Cache(FunctionCache):
-    _impl_class = _Places
+    _impl_class = _CacheLocator
 
     def __init__(self, function: Callable):
         super().__init__(function)
@@ -133,19 +133,19 @@ class _Cache(FunctionCache):
         try:
             super().save_overload(sig, data)
         except OSError as error:
-            _say_unkept(str(error))
+            _warn_uncached(str(error))
 
 
-def keep(dispatcher: Any) -> None:
-    """Keep on disk what numba makes of a function; where that is not possible, compile it in memory and say so."""
+def cache_on_disk(dispatcher: Any) -> None:
+    """Cache the compiled function on disk; if that is not possible, compile it in memory and warn."""
     try:
         dispatcher._cache = _Cache(dispatcher.py_func)
     except (RuntimeError, OSError):  # numba found no place, or the sources cannot be read
-        _say_unkept("neither the package's folder nor the user's cache may be written to")
+        _warn_uncached("neither the package's folder nor the user's cache may be written to")
 
 
-def _say_unkept(why: str) -> None:
-    say_once(
+def _warn_uncached(why: str) -> None:
+    warn_once(
         f"compiled code cannot be kept on disk ({why}), so that each run compiles anew for about half a minute: set "
         "the environment variable NUMBA_CACHE_DIR to a folder that may be written to"
     )

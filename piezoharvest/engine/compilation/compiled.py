@@ -1,4 +1,4 @@
-"""How the engine is compiled: kept on disk, never stale, and without reference counting.
+"""Decorators that compile the engine: cached on disk, never stale, without reference counting.
 
 Compiled functions work on a few flat arrays that Python owns. Counting references to them would cost more than the
 arithmetic, so it is switched off (`_nrt=False`): nothing compiled allocates, and a function may return an array only
@@ -15,9 +15,9 @@ from typing import Any
 import numba
 from numba import njit
 
-from piezoharvest.engine.compilation.uncached_warning import say_once
+from piezoharvest.engine.compilation.uncached_warning import warn_once
 
-# Versions of numba of which `pipeline` and `cache` use what numba does not promise to keep; pyproject says so, too.
+# Versions of numba whose internals `pipeline` and `cache` are tested with; stated in pyproject, too.
 TESTED = (0, 61), (0, 68)
 _VERSION = tuple(map(int, re.findall(r"\d+", numba.__version__)[:2]))
 
@@ -25,21 +25,21 @@ _VERSION = tuple(map(int, re.findall(r"\d+", numba.__version__)[:2]))
 _plain: Any = partial(njit, error_model="numpy", fastmath={"contract"})
 
 if TESTED[0] <= _VERSION <= TESTED[1]:
-    from piezoharvest.engine.compilation.cache import keep
-    from piezoharvest.engine.compilation.pipeline import EntryCompiler, PartCompiler, numbers_alone
+    from piezoharvest.engine.compilation.cache import cache_on_disk
+    from piezoharvest.engine.compilation.pipeline import EntryCompiler, PartCompiler, ignore_literal_types
 
     _part, _entry = (partial(_plain, pipeline_class=each, _nrt=False) for each in (PartCompiler, EntryCompiler))
 else:
-    # As numba does it by itself: right, but slow, and kept nowhere, for its own cache does not see other files change.
+    # Numba's documented behaviour: right, but slow, and not cached, for its own cache does not see other files change.
     _part = _entry = _plain
 
-    def numbers_alone(dispatcher: Any) -> None:
-        """Leave numba's way as it is."""
+    def ignore_literal_types(dispatcher: Any) -> None:
+        """Leave numba's typing of constants unchanged."""
 
-    def keep(dispatcher: Any) -> None:
-        """Say that nothing is kept."""
+    def cache_on_disk(dispatcher: Any) -> None:
+        """Warn that compiled code is not cached."""
         first, last = (".".join(map(str, version)) for version in TESTED)
-        say_once(
+        warn_once(
             f"this version of piezoharvest does not know numba {numba.__version__} and compiles plainly, anew in each "
             f"run, which takes minutes: install one of the versions {first} to {last}"
         )
@@ -48,23 +48,23 @@ else:
 def compiled(function: Callable) -> Any:
     """Compile a function that only compiled code calls: it becomes part of every entry that uses it."""
     dispatcher = _part()(function)
-    numbers_alone(dispatcher)
+    ignore_literal_types(dispatcher)
     return dispatcher
 
 
 def inlined(function: Callable) -> Any:
-    """Compile a function of a line or two, a part whose callers are bound to take it in."""
+    """Compile a function of a line or two that is always inlined into its callers."""
     dispatcher = _part(forceinline=True)(function)
-    numbers_alone(dispatcher)
+    ignore_literal_types(dispatcher)
     return dispatcher
 
 
 def entry(function: Callable) -> Any:
-    """Compile a function that Python calls; it is kept on disk with all that it calls."""
-    return kept(_entry()(function))
+    """Compile a function that Python calls; it is cached on disk with all functions that it calls."""
+    return cached(_entry()(function))
 
 
-def kept(dispatcher: Any) -> Any:
-    """Keep on disk what numba makes of a function that Python calls, with all that it calls."""
-    keep(dispatcher)
+def cached(dispatcher: Any) -> Any:
+    """Cache on disk the compiled code of a function that Python calls, with all functions that it calls."""
+    cache_on_disk(dispatcher)
     return dispatcher

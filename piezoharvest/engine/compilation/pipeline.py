@@ -1,6 +1,6 @@
-"""How numba is led through the engine: its front end once for each part, its optimiser once for each entry.
+"""Compiler pipelines for the engine: numba's front end runs once for each part, its optimiser once for each entry.
 
-Uses what numba does not promise to keep: see `compiled.TESTED`.
+Uses internals of numba that may change between versions: see `compiled.TESTED`.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from numba.core.untyped_passes import FixupArgs, GenericRewrites, ReconstructSSA
 
 
 class _PartLibrary(JITCodeLibrary):
-    """Code of a part as it comes from the front end: it is optimised, and made machine code of, within an entry.
+    """Unoptimised code of a part from the front end; it is optimised and compiled to machine code within an entry.
 
-    Each part keeps to itself, with a list of all that it calls, directly or not: only the entry links them.
+    Each part is a library of its own with a list of all that it calls, directly or not; only the entry links them.
     """
 
     def _optimize_functions(self, ll_module: Any) -> None:
@@ -37,7 +37,7 @@ class _PartLibrary(JITCodeLibrary):
 
 
 class _EntryLibrary(JITCodeLibrary):
-    """Code of an entry, optimised once; Numba would do so three times, for the sake of reference counts."""
+    """Code of an entry, optimised once; numba would do so three times because of reference counts."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
         pass
@@ -55,8 +55,8 @@ class _EntryLibrary(JITCodeLibrary):
         builder.getModulePassManager().run(self._final_module, builder)
 
 
-class _Begin(AnalysisPass):
-    """Gives a function its library."""
+class _CreateLibrary(AnalysisPass):
+    """Compiler pass that creates the library of a function."""
 
     _name, _library = "begin", _PartLibrary
 
@@ -69,12 +69,12 @@ class _Begin(AnalysisPass):
 
 
 @register_pass(mutates_CFG=False, analysis_only=True)
-class _BeginPart(_Begin):
+class _CreatePartLibrary(_CreateLibrary):
     _name = "begin_part"
 
 
 @register_pass(mutates_CFG=False, analysis_only=True)
-class _BeginEntry(_Begin):
+class _CreateEntryLibrary(_CreateLibrary):
     _name, _library = "begin_entry", _EntryLibrary
 
     def run_pass(self, state: Any) -> bool:
@@ -84,8 +84,8 @@ class _BeginEntry(_Begin):
 
 
 @register_pass(mutates_CFG=False, analysis_only=True)
-class _End(AnalysisPass):
-    """Makes a part known to other functions, under something that Python could call although nobody does."""
+class _RegisterPart(AnalysisPass):
+    """Compiler pass that registers a part for its callers, under a Python-callable object that is never called."""
 
     _name = "end_part"
 
@@ -101,7 +101,7 @@ class _End(AnalysisPass):
 
 
 class PartCompiler(Compiler):
-    """Compiles a function that only compiled code calls.
+    """Compiler of functions that only compiled code calls.
 
     Numba optimises every function, with all that it calls, for itself and again within each of its callers: in a chain
     of calls the innermost is compiled once for every link. Here only entries are. And of Numba's passes only those are
@@ -119,7 +119,7 @@ class PartCompiler(Compiler):
         passes._ENFORCING = False
         for each in (
             TranslateByteCode, FixupArgs, GenericRewrites, ReconstructSSA, NopythonTypeInference,
-            _BeginPart, PreLowerStripPhis, NativeLowering, _End, NoPythonBackend,
+            _CreatePartLibrary, PreLowerStripPhis, NativeLowering, _RegisterPart, NoPythonBackend,
         ):  # fmt: skip
             passes.add_pass(each, each.__name__)
         passes.finalize()
@@ -127,8 +127,8 @@ class PartCompiler(Compiler):
 
 
 @contextmanager
-def _types_remembered() -> Iterator[None]:
-    """Look up once what an operation on given types results in: there are few, and each is met thousands of times."""
+def _memoised_types() -> Iterator[None]:
+    """Memoise the result types of operations: there are few, and each is looked up thousands of times."""
     find, known = types.Function.get_call_type, {}
 
     def call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
@@ -145,30 +145,30 @@ def _types_remembered() -> Iterator[None]:
 
 
 class EntryCompiler(Compiler):
-    """Compiles a function that Python calls, with all its parts."""
+    """Compiler of functions that Python calls, with all their parts."""
 
     def compile_extra(self, func: Callable) -> Any:
-        """Compile; the garbage collector, which would go through millions of objects all in use, waits meanwhile."""
+        """Compile with the garbage collector off, which would go through millions of objects that are all in use."""
         collecting = gc.isenabled()
         gc.disable()
         try:
-            with _types_remembered():
+            with _memoised_types():
                 return super().compile_extra(func)
         finally:
             if collecting:
                 gc.enable()
 
     def define_pipelines(self) -> Any:
-        """Numba's own passes, with the library that is optimised once."""
+        """Numba's default passes, with the library that is optimised once."""
         pipelines = super().define_pipelines()
         for pipeline in pipelines:
-            pipeline.add_pass_after(_BeginEntry, NopythonTypeInference)
+            pipeline.add_pass_after(_CreateEntryLibrary, NopythonTypeInference)
             pipeline.finalize()
         return pipelines
 
 
-def numbers_alone(dispatcher: Any) -> None:
-    """Compile a part once for whole numbers, and not again for every constant that a caller gives it."""
+def ignore_literal_types(dispatcher: Any) -> None:
+    """Compile a part once for integers instead of once for every constant argument."""
     find, known = dispatcher.get_call_template, {}
 
     def template(args: tuple, kws: dict) -> Any:

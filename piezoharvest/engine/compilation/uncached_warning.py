@@ -1,4 +1,4 @@
-"""The sentence for a run whose compiled code is not kept for the next one."""
+"""Warning for a run whose compiled code is not cached for the next one."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ _LOG = logging.getLogger("piezoharvest")
 _said: list[str] = []
 
 
-def say_once(text: str) -> None:
-    """Warn (on stderr, unless `logging` is told otherwise), once in a process, however many functions it is true of."""
+def warn_once(text: str) -> None:
+    """Warn once per process (on stderr, unless `logging` is configured otherwise), for any number of functions."""
     if not _said:
         _said.append(text)
         _LOG.warning("warning: %s", text)

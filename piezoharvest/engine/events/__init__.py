@@ -1,1 +1,1 @@
-"""Events: when a guard rises, and what then happens to diodes, switches and stop operators."""
+"""Events: location of a guard's zero crossing, and its effect on diodes, switches and stop operators."""

@@ -1,4 +1,4 @@
-"""Charge taken from the electrodes at once, until these are without voltage."""
+"""Instantaneous extraction of the charge on the electrodes, until their voltage is zero."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory.program import NONE
 from piezoharvest.engine.memory.state import dot_column
 from piezoharvest.engine.memory.vector import copy
-from piezoharvest.engine.motion.charge_transfer import along, of_charge, shift
+from piezoharvest.engine.motion.charge_transfer import charge_slope, follows_charge, move_charge
 from piezoharvest.engine.motion.element_outputs import (
     MATRIX,
     START,
@@ -29,29 +29,29 @@ from piezoharvest.engine.motion.energy_forms import NODES, WEIGHTS
 
 
 @compiled
-def extract(P, L, S, D):
-    """Take the electrode voltage to zero: charge moves, stops with it, piece by piece as they saturate."""
+def extract_charge(P, L, S, D):
+    """Take the electrode voltage to zero by moving charge, and the stops with it, from saturation to saturation."""
     delivered, row, slip = 0.0, L[pg.VOLTAGE_ROW], D[st.SLIP]
     for _ in range(2 * L[pg.H] + 2):
         voltage = dot_column(P, row, 1, S, 0, L[pg.A])
         if voltage == 0.0:
             break
         sign = -1 if voltage > 0.0 else 1
-        _turn(P, L, D, sign)
-        slope = along(P, L, D, row)
-        reach, first = _nearest(P, L, S, D, sign)
+        _stick_reversed(P, L, D, sign)
+        slope = charge_slope(P, L, D, row)
+        reach, first = _next_saturation(P, L, S, D, sign)
         if L[pg.ELEMENTS]:
-            move, first = _bent(P, L, S, D, row, slope, reach, first)
-            delivered -= P[L[pg.SCALE] + L[pg.CHARGE]] * _work(P, L, S, D, row, slope, move)
+            move, first = _extract_nonlinear(P, L, S, D, row, slope, reach, first)
+            delivered -= P[L[pg.SCALE] + L[pg.CHARGE]] * _extraction_work(P, L, S, D, row, slope, move)
         else:
             move = -voltage / slope
             if abs(reach) < abs(move):
                 move = reach
             else:
                 first = NONE
-            shift(P, L, S, D, 0, move)
+            move_charge(P, L, S, D, 0, move)
             delivered -= P[L[pg.SCALE] + L[pg.CHARGE]] * move * (voltage + 0.5 * slope * move)
-        _carry(P, L, S, D, row, slope, first)
+        _update_sensitivities(P, L, S, D, row, slope, first)
         if D[st.ENERGIES]:
             for j in range(L[pg.H]):
                 if D[slip + j] != 0:
@@ -66,19 +66,19 @@ def extract(P, L, S, D):
 
 
 @compiled
-def _turn(P, L, D, sign):
-    """Let stops that slipped the other way stick, as they do as soon as the charge turns."""
+def _stick_reversed(P, L, D, sign):
+    """Let stops that slipped in the other direction stick, as they do when the charge reverses."""
     for j in range(L[pg.H]):
-        if of_charge(P, L, j) and D[D[st.SLIP] + j] == -sign:
+        if follows_charge(P, L, j) and D[D[st.SLIP] + j] == -sign:
             D[D[st.SLIP] + j] = 0
 
 
 @compiled
-def _nearest(P, L, S, D, sign):
-    """How far the charge may move until the next stop slips, and which."""
+def _next_saturation(P, L, S, D, sign):
+    """Charge that may move until the next stop slips, and the number of that stop."""
     nearest, first = np.inf, NONE
     for j in range(L[pg.H]):
-        if D[D[st.SLIP] + j] == 0 and of_charge(P, L, j):
+        if D[D[st.SLIP] + j] == 0 and follows_charge(P, L, j):
             reach = sign * P[L[pg.STOP_LIMIT] + j] - S[L[L[pg.STOP_STATE] + j]]
             if abs(reach) < abs(nearest):
                 nearest, first = reach, j
@@ -86,28 +86,28 @@ def _nearest(P, L, S, D, sign):
 
 
 @compiled
-def _carry(P, L, S, D, row, slope, first):
-    """Move the sensitivities on: with the stop that is about to slip, or so that the voltage stays zero."""
+def _update_sensitivities(P, L, S, D, row, slope, first):
+    """Update the sensitivities for the moved charge: until the next stop slips, or with the voltage kept at zero."""
     for s in range(D[st.SENSITIVITIES]):
         phi = D[st.PHI] + s * L[pg.ROWS]
         if first != NONE:
             move = -S[phi + L[L[pg.STOP_STATE] + first]]
         elif L[pg.ELEMENTS]:
-            move = _response(P, L, S, D, row, slope, phi)
+            move = _charge_response(P, L, S, D, row, slope, phi)
         else:
             move = -dot_column(P, row, 1, S, phi, L[pg.A]) / slope
-        shift(P, L, S, D, phi, move)
+        move_charge(P, L, S, D, phi, move)
 
 
-# With smooth elements the voltage is no straight line of the charge. For given outputs of theirs it is, so that these
-# are what is solved for, the charge being moved along.
+# With smooth elements the voltage is not linear in the charge. For given outputs it is, so these are the unknowns that
+# are solved for, and the charge follows.
 
 
 @compiled
-def _bent(P, L, S, D, row, slope, reach, first):
-    """Move the charge until the voltage is zero, or the next stop slips; by how much, and whether a stop does.
+def _extract_nonlinear(P, L, S, D, row, slope, reach, first):
+    """Move the charge until the voltage is zero or the next stop slips; return the charge, and True if a stop slips.
 
-    Where this began stays at START.
+    The initial state is left at START.
     """
     rows, start, now = L[pg.ROWS], scratch(L, D, START), S[D[st.CLOCK]]
     copy(S, 0, start, rows)
@@ -116,23 +116,23 @@ def _bent(P, L, S, D, row, slope, reach, first):
     if not abs(reach) < abs(move):
         return move, NONE
     copy(S, start, 0, rows)
-    shift(P, L, S, D, 0, reach)
+    move_charge(P, L, S, D, 0, reach)
     outputs(P, L, S, D, 0, now)
     return reach, first
 
 
 @compiled
-def ground(P, L, S, D):
-    """Move the charge to where the electrodes have no voltage, and the sensitivities with it, without an account."""
+def zero_voltage(P, L, S, D):
+    """Move the charge so that the electrode voltage is zero, with its sensitivities, without recording energies."""
     row = L[pg.VOLTAGE_ROW]
-    slope = along(P, L, D, row)
-    _bent(P, L, S, D, row, slope, np.inf, NONE)
-    _carry(P, L, S, D, row, slope, NONE)
+    slope = charge_slope(P, L, D, row)
+    _extract_nonlinear(P, L, S, D, row, slope, np.inf, NONE)
+    _update_sensitivities(P, L, S, D, row, slope, NONE)
 
 
 @compiled
-def _response(P, L, S, D, row, slope, phi):
-    """Charge that keeps the voltage at zero when the states change by phi."""
+def _charge_response(P, L, S, D, row, slope, phi):
+    """Change of charge that keeps the voltage at zero when the states change by phi."""
     count, now = L[pg.ELEMENTS], S[D[st.CLOCK]]
     right = scratch(L, D, MATRIX) + count * count
     voltage = dot_column(P, row, 1, S, phi, L[pg.N])
@@ -140,7 +140,7 @@ def _response(P, L, S, D, row, slope, phi):
         first, second, total = input_of(P, L, S, 0, k, 0), input_of(P, L, S, 0, k, 1), 0.0
         for which in range(2):
             form = L[pg.ELEMENT_Z] + (2 * k + which) * L[pg.A]
-            change = dot_column(P, form, 1, S, phi, L[pg.N]) - along(P, L, D, form) * voltage / slope
+            change = dot_column(P, form, 1, S, phi, L[pg.N]) - charge_slope(P, L, D, form) * voltage / slope
             total += slope_of(P, L, k, first, second, now, which) * change
         S[right + k] = total / scale_of(P, L, element_of(L, k))
     equations(P, L, S, D, 0, now, row, slope)
@@ -152,18 +152,18 @@ def _response(P, L, S, D, row, slope, phi):
 
 
 @compiled
-def _work(P, L, S, D, row, slope, move):
-    """Integral of the voltage over the charge from START to the present state; what elements take is accounted for.
+def _extraction_work(P, L, S, D, row, slope, move):
+    """Integral of the voltage over the charge from START to the present state; the energies of elements are recorded.
 
-    The inputs of the elements go straight from where they were to where they are, which is a path of polynomials; the
-    charge follows from one of them.
+    The inputs of the elements go linearly from their initial to their present values, so that all quantities are
+    polynomials along the path; the charge follows from one of the inputs.
     """
     start, count, now = scratch(L, D, START), L[pg.ELEMENTS], S[D[st.CLOCK]]
     more = scratch(L, D, MATRIX) + count * count
     rates = more + count
     lead = NONE
     for e in range(2 * count):
-        if along(P, L, D, L[pg.ELEMENT_Z] + e * L[pg.A]) != 0.0:
+        if charge_slope(P, L, D, L[pg.ELEMENT_Z] + e * L[pg.A]) != 0.0:
             lead = L[pg.ELEMENT_Z] + e * L[pg.A]
     voltage, work = dot_column(P, row, 1, S, start, L[pg.A]), 0.0
     for q in range(len(NODES)):
@@ -184,16 +184,16 @@ def _work(P, L, S, D, row, slope, move):
             for k in range(count):
                 charge -= P[lead + element_of(L, k)] * S[more + k]
                 rate -= P[lead + element_of(L, k)] * S[rates + k]
-            charge, rate = charge / along(P, L, D, lead), rate / along(P, L, D, lead)
+            charge, rate = charge / charge_slope(P, L, D, lead), rate / charge_slope(P, L, D, lead)
         work += WEIGHTS[q] * (here + slope * charge) * rate
         if D[st.ENERGIES]:
-            _account(P, L, S, D, charge, WEIGHTS[q])
+            _add_element_energies(P, L, S, D, charge, WEIGHTS[q])
     return work
 
 
 @compiled
-def _account(P, L, S, D, charge, weight):
-    """Add what charge of smooth elements takes where the charge has moved so far: their outputs change with it."""
+def _add_element_energies(P, L, S, D, charge, weight):
+    """Add the energy taken by charge of smooth elements at a point of the path, where their outputs change with it."""
     count, start = L[pg.ELEMENTS], scratch(L, D, START)
     more = scratch(L, D, MATRIX) + count * count
     for p in range(L[pg.PRODUCTS]):
@@ -203,7 +203,7 @@ def _account(P, L, S, D, charge, weight):
             place = element_of(L, m)
             rate += P[second + place + 1] * S[more + count + m] * scale_of(P, L, place) / scale_of(P, L, place + 1)
         if rate != 0.0 and L[L[pg.PRODUCT_CATEGORY] + k] >= 0:
-            value = dot_column(P, first, 1, S, start, L[pg.A]) + charge * along(P, L, D, first)
+            value = dot_column(P, first, 1, S, start, L[pg.A]) + charge * charge_slope(P, L, D, first)
             for m in range(count):
                 value += P[first + element_of(L, m)] * S[more + m]
             S[D[st.ENERGY] + L[L[pg.PRODUCT_CATEGORY] + k]] += weight * P[L[pg.PRODUCT_COEFFICIENT] + k] * value * rate

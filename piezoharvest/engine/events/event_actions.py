@@ -1,11 +1,11 @@
-"""What happens at an instant: diodes, the switch and its clocks, stops that slip and stick."""
+"""Actions of events: diodes, the switch and its clocks, stops that slip and stick."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from piezoharvest.engine.compilation.compiled import compiled
-from piezoharvest.engine.events.charge_extraction import extract
+from piezoharvest.engine.events.charge_extraction import extract_charge
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory.program import NONE
@@ -13,8 +13,8 @@ from piezoharvest.engine.memory.state import QUEUE_LENGTH, stored
 
 
 @compiled
-def log(S, D, code):
-    """Write an event down."""
+def log_event(S, D, code):
+    """Record an event in the log."""
     if D[st.LOGGED] < D[st.LOG_ROOM]:
         S[D[st.LOG_TIME] + D[st.LOGGED]] = S[D[st.CLOCK] + st.NOW]
         D[D[st.LOG_CODE] + D[st.LOGGED]] = code
@@ -22,8 +22,8 @@ def log(S, D, code):
 
 
 @compiled
-def cut(P, L, S, D, state):
-    """Set a current to zero; its energy is lost in the shunt."""
+def cut_current(P, L, S, D, state):
+    """Set a current to zero; its energy counts as loss of the shunt."""
     before = stored(P, L, S) if D[st.ENERGIES] else 0.0
     S[state] = 0.0
     for s in range(D[st.SENSITIVITIES]):
@@ -33,11 +33,11 @@ def cut(P, L, S, D, state):
 
 
 @compiled
-def act(P, L, S, D, polarity):
-    """The switch acts, at a maximum (polarity +1) or a minimum of sum T_i x_i."""
+def operate_switch(P, L, S, D, polarity):
+    """Operate the switch, at a maximum (polarity +1) or a minimum of sum T_i x_i."""
     if L[pg.SWITCHED] == 2:
-        extract(P, L, S, D)
-        log(S, D, pg.EXTRACT)
+        extract_charge(P, L, S, D)
+        log_event(S, D, pg.EXTRACT)
         return
     if D[st.CLOSED]:
         return
@@ -46,22 +46,22 @@ def act(P, L, S, D, polarity):
     S[D[st.CLOCK] + st.OPENS] = S[D[st.CLOCK] + st.NOW] + P[L[pg.ON_TIME]]
     for s in range(D[st.SENSITIVITIES]):
         S[D[st.OPENS_PHI] + s] = S[D[st.EVENT_PHI] + s]
-    log(S, D, pg.CLOSE)
+    log_event(S, D, pg.CLOSE)
 
 
 @compiled
-def release(P, L, S, D):
-    """The switch opens; current that still flows is cut."""
+def open_switch(P, L, S, D):
+    """Open the switch and cut the remaining current."""
     D[st.CLOSED] = 0
     D[st.CONFIGURATION] = L[L[pg.OPENED] + D[st.CONFIGURATION]]
     S[D[st.CLOCK] + st.OPENS] = np.inf
-    cut(P, L, S, D, L[pg.CUT])
-    log(S, D, pg.OPEN)
+    cut_current(P, L, S, D, L[pg.CUT])
+    log_event(S, D, pg.OPEN)
 
 
 @compiled
-def extremum(P, L, S, D):
-    """Sum T_i x_i is at an extremum: an action is due after the lag, unless the last one was too short ago."""
+def schedule_action(P, L, S, D):
+    """Schedule an action after an extremum of sum T_i x_i, with the lag, unless the last one was too recent."""
     polarity = D[st.DIRECTION]
     D[st.DIRECTION] = -polarity
     if L[pg.SWITCHED] == 0:
@@ -74,7 +74,7 @@ def extremum(P, L, S, D):
     if P[L[pg.EARLY]] != 0.0:
         polarity = -polarity
     if lag == 0.0:
-        act(P, L, S, D, polarity)
+        operate_switch(P, L, S, D, polarity)
         return
     place, count = D[st.WAITING], D[st.SENSITIVITIES]
     S[D[st.QUEUE] + place] = due
@@ -85,32 +85,32 @@ def extremum(P, L, S, D):
 
 
 @compiled
-def happen(P, L, S, D, what):
-    """Carry out what a guard stands for."""
+def trigger_event(P, L, S, D, what):
+    """Carry out the event of a guard."""
     own, configuration = L[pg.G], D[st.CONFIGURATION]
     if what < own:
         k = configuration * own + what
         if L[L[pg.GUARD_CUT] + k] >= 0:
-            cut(P, L, S, D, L[L[pg.GUARD_CUT] + k])
-        log(S, D, L[L[pg.GUARD_CODE] + k])
+            cut_current(P, L, S, D, L[L[pg.GUARD_CUT] + k])
+        log_event(S, D, L[L[pg.GUARD_CODE] + k])
         D[st.CONFIGURATION] = L[L[pg.GUARD_TARGET] + k]
     elif what == own:
-        extremum(P, L, S, D)
+        schedule_action(P, L, S, D)
     else:
         j, side = (what - own - 1) // 2, (what - own - 1) % 2
         slip = D[st.SLIP] + j
         if D[slip] != 0:
             D[slip] = 0
-            log(S, D, pg.STICK)
+            log_event(S, D, pg.STICK)
         else:
             D[slip] = 1 if side == 0 else -1
             S[L[L[pg.STOP_STATE] + j]] = D[slip] * P[L[pg.STOP_LIMIT] + j]
-            log(S, D, pg.SLIP)
+            log_event(S, D, pg.SLIP)
 
 
 @compiled
-def clock_event(S, D):
-    """The next scheduled event: its time, and whether the switch opens (1) or acts (0), or NONE."""
+def next_scheduled(S, D):
+    """Return the time of the next scheduled event and its kind: the switch opens (1) or acts (0), or NONE."""
     due = S[D[st.CLOCK] + st.OPENS]
     kind = 1 if due < np.inf else NONE
     if D[st.WAITING] and S[D[st.QUEUE]] < due:
@@ -119,10 +119,10 @@ def clock_event(S, D):
 
 
 @compiled
-def clock_happens(P, L, S, D, kind):
+def trigger_scheduled(P, L, S, D, kind):
     """Carry out a scheduled event."""
     if kind == 1:
-        release(P, L, S, D)
+        open_switch(P, L, S, D)
         return
     queue, polarities, phi, count = D[st.QUEUE], D[st.POLARITY], D[st.QUEUE_PHI], D[st.SENSITIVITIES]
     polarity = D[polarities]
@@ -131,4 +131,4 @@ def clock_happens(P, L, S, D, kind):
         for s in range(count):
             S[phi + (k - 1) * count + s] = S[phi + k * count + s]
     D[st.WAITING] -= 1
-    act(P, L, S, D, polarity)
+    operate_switch(P, L, S, D, polarity)

@@ -1,15 +1,16 @@
-"""Guards between the ends of a step: Hermite interpolation, whether and where one rises, how far it can be believed."""
+"""Hermite interpolation of guards between the ends of a step: its error, and estimates of zero crossings."""
 
 from __future__ import annotations
 
 from piezoharvest.engine.compilation.compiled import compiled
 
-NEAR = 1e-3  # part of a step's rise and fall that a top may be wrong: as far as a step may go, it is right to 1e-4
+# Error of a maximum, relative to the rise and fall in a step; the longest steps keep it below 1e-4.
+MAXIMUM_ERROR = 1e-3
 
 
 @compiled
 def quintic(f0, d0, s0, f1, d1, s1, h):
-    """Coefficients over a step of length h of a function with value, rate and second rate given at both ends."""
+    """Coefficients of the quintic over a step of length h with given value, rate and second rate at both ends."""
     d0, d1, s0, s1 = d0 * h, d1 * h, 0.5 * s0 * h * h, 0.5 * s1 * h * h
     rise = f1 - f0
     c3 = 10 * rise - 6 * d0 - 4 * d1 - 3 * s0 + s1
@@ -31,8 +32,8 @@ def slope(c, x):
 
 
 @compiled
-def doubt(f0, d0, s0, f1, d1, s1, h):
-    """How much cubic and quintic interpolation differ within a step.
+def interpolation_error(f0, d0, s0, f1, d1, s1, h):
+    """Difference of cubic and quintic interpolation within a step, a measure of the error.
 
     The even part of the difference is taken in the middle, the odd part by its slope there.
     """
@@ -43,62 +44,63 @@ def doubt(f0, d0, s0, f1, d1, s1, h):
 
 @compiled
 def crossing(c, noise, rising, falls):
-    """Fractions (low, high) of a step between which a guard first rises through zero, and an estimate of where.
+    """Fractions (low, high) of a step between which a guard first crosses zero upwards, and an estimate.
 
-    low > high if it does not rise. What does not exceed `noise` is no rise. `rising` tells that the guard ends above
-    zero and rises at both ends, so that it crosses once; `falls` that it may be above zero in between (`peaks`). Where
-    its top is too near to zero to tell, low is -1 and high is where the top is.
+    low > high if it does not cross. A rise that does not exceed `noise` does not count. `rising`: the guard ends above
+    zero and rises at both ends, so that it crosses once; `falls`: it may be above zero in between (`may_peak`). If its
+    maximum is too near to zero to decide, low is -1 and high is the place of the maximum.
     """
     if c[0] < -noise and rising:
-        return 0.0, 1.0, root(c, 0.0, 1.0, inverse(c))
+        return 0.0, 1.0, bracketed_zero(c, 0.0, 1.0, inverse_zero(c))
     low, before = 0.0, c[0]
     end = c[0] + c[1] + c[2] + c[3] + c[4] + c[5]
     if falls and before < -noise and end <= noise:
-        return _beneath(c, noise, end)
+        return _crossing_at_maximum(c, noise, end)
     for k in range(1, 9):
         x = 0.125 * k
         value = at(c, x) if k < 8 else end
         if value > noise:
             if k == 1 and before > -noise:
-                # It starts at zero: either it rises at once, or it first dips below, be it by less than the noise.
+                # It starts at zero: either it rises immediately, or it first falls below zero, perhaps by less than the
+                # noise.
                 deep = 0.0 if c[1] < 0.0 else -noise
                 for _ in range(20):
                     inner = 0.5 * x
                     if at(c, inner) < deep:
-                        return inner, x, root(c, inner, x, secant(c, inner, x))
+                        return inner, x, bracketed_zero(c, inner, x, secant_zero(c, inner, x))
                     x = inner
                 return 0.0, 0.0, 0.0
-            return low, x, root(c, low, x, secant(c, low, x))
+            return low, x, bracketed_zero(c, low, x, secant_zero(c, low, x))
         low, before = x, value
-    return _beneath(c, noise, end) if falls else (1.0, 0.0, 0.0)
+    return _crossing_at_maximum(c, noise, end) if falls else (1.0, 0.0, 0.0)
 
 
 @compiled
-def _beneath(c, noise, end):
-    """As `crossing`, of a guard below zero at both ends that rises, then falls: above zero at its top, or nowhere."""
-    x = top(c)
+def _crossing_at_maximum(c, noise, end):
+    """As `crossing`, for a guard below zero at both ends that rises, then falls."""
+    x = maximum(c)
     highest = at(c, x)
     if highest > noise:
-        return 0.0, x, root(c, 0.0, x, secant(c, 0.0, x))
-    if highest > -NEAR * (abs(c[0]) + abs(end)):
+        return 0.0, x, bracketed_zero(c, 0.0, x, secant_zero(c, 0.0, x))
+    if highest > -MAXIMUM_ERROR * (abs(c[0]) + abs(end)):
         return -1.0, x, x
     return 1.0, 0.0, 0.0
 
 
 @compiled
-def peaks(f0, d0, s0, f1, d1, s1, h, noise):
-    """Whether a function that rises at the beginning of a step and falls at its end may be above zero between.
+def may_peak(f0, d0, s0, f1, d1, s1, h, noise):
+    """True if a function that rises at the beginning of a step and falls at its end may be above zero between.
 
-    A function that bends down throughout stays below its tangents, which meet between the ends. There is no branch, so
-    that vectors are made of it.
+    A concave function stays below its tangents, which meet between the ends. Without branches, so that the compiler can
+    vectorise it.
     """
     meet = (f0 - noise) * (d0 - d1) + d0 * (f1 - f0 - h * d1)
     return (d0 > 0.0) & (d1 < 0.0) & ((meet > 0.0) | (s0 > 0.0) | (s1 > 0.0))
 
 
 @compiled
-def turns_twice(f0, d0, f1, d1, h, highest, noise):
-    """Whether a function with rates of one sign at both ends of a step has a top and a bottom between them, near zero.
+def may_have_two_extrema(f0, d0, f1, d1, h, highest, noise):
+    """True if a function with rates of one sign at both ends of a step may have two extrema between them, near zero.
 
     A cubic that begins and ends with such rates is monotone where none is above three times the mean one (Fritsch &
     Carlson, SIAM J. Numer. Anal. 17, 238-246, 1980), and rises above its ends by 4/27 of a rate times the step at most;
@@ -111,8 +113,8 @@ def turns_twice(f0, d0, f1, d1, h, highest, noise):
 
 
 @compiled
-def top(c):
-    """Where the interpolation has its top: its derivative falls through zero, found by safeguarded Newton."""
+def maximum(c):
+    """Place of the interpolation's maximum, the downward zero crossing of its derivative, by safeguarded Newton."""
     low, high, x = 0.0, 1.0, c[1] / (c[1] - slope(c, 1.0))
     for _ in range(20):
         rate = slope(c, x)
@@ -131,15 +133,15 @@ def top(c):
 
 
 @compiled
-def secant(c, low, high):
-    """Where the straight line between two points of the interpolation rises through zero."""
+def secant_zero(c, low, high):
+    """Zero of the straight line between two points of the interpolation."""
     below, above = at(c, low), at(c, high)
     return low + (high - low) * below / (below - above) if below < 0.0 < above else 0.5 * (low + high)
 
 
 @compiled
-def inverse(c):
-    """Where a function that rises throughout the step is zero, by cubic interpolation of its inverse."""
+def inverse_zero(c):
+    """Zero of a function that increases over the whole step, by cubic interpolation of its inverse."""
     end, rate = at(c, 1.0), slope(c, 1.0)
     rise = end - c[0]
     y = -c[0] / rise
@@ -148,8 +150,8 @@ def inverse(c):
 
 
 @compiled
-def root(c, low, high, x):
-    """Where the interpolation rises through zero between low and high: safeguarded Newton from x."""
+def bracketed_zero(c, low, high, x):
+    """Upward zero crossing of the interpolation between low and high, by safeguarded Newton from x."""
     for _ in range(12):
         value = at(c, x)
         if value > 0.0:

@@ -1,1 +1,1 @@
-"""From a system and an excitation to the matrices of its linear modes."""
+"""Lowering: matrices of the linear modes of a system under an excitation."""

@@ -1,4 +1,4 @@
-"""Equilibrium of a system under the static part of its excitation, where a simulation begins."""
+"""Equilibrium of a system under the static part of its excitation, the initial state of a simulation."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from piezoharvest.engine.lowering.layout import Layout, Physics, rows_of, stack
 from piezoharvest.equations.rows import gains
 from piezoharvest.equations.terms import SmoothElement
 
-ROUNDING = 1e-12  # of its terms, that a sum which ought to be zero may be
+ROUNDING_SHARE = 1e-12  # of its terms: a sum below this counts as zero
 
 
 def equilibrium(layout: Layout, physics: Physics, excitation: Excitation, scale: np.ndarray) -> np.ndarray:
@@ -30,7 +30,7 @@ def equilibrium(layout: Layout, physics: Physics, excitation: Excitation, scale:
         smooth = [np.argmax(row) for row in layout.smooth.values()]
         inputs = inputs_of(layout, physics)
         follows = np.linalg.solve(rows / size, -forms[..., smooth] / size)
-        found = _bent(
+        found = _nonlinear_equilibrium(
             layout.terms.elements, found, follows, inputs[..., own] * scale[..., None, own], inputs[..., smooth]
         )
     rest = np.zeros((*found.shape[:-1], layout.n), found.dtype)
@@ -44,21 +44,21 @@ def inputs_of(layout: Layout, physics: Physics) -> np.ndarray:
     return rows_of([place(row) for e in layout.terms.elements for row in (e.first, e.second)], layout.width)
 
 
-def _bent(elements: list[SmoothElement], rest, follows, by_state, by_output) -> np.ndarray:
+def _nonlinear_equilibrium(elements: list[SmoothElement], rest, follows, by_state, by_output) -> np.ndarray:
     """Equilibrium z = rest + follows w of every design, w being the outputs of smooth elements with these inputs."""
     batch, found = np.broadcast_shapes(rest.shape[:-1], follows.shape[:-2], by_state.shape[:-2]), []
     terms = by_state * rest[..., None, :]
     at_rest = terms.sum(axis=-1)
-    # The voltage behind a resistor, say: what rounding leaves of it would be taken for a size.
-    at_rest.real[np.abs(at_rest.real) < ROUNDING * np.abs(terms).sum(axis=-1)] = 0.0
+    # Without this the rounding error of a zero, as of the voltage behind a resistor, would be taken for its size.
+    at_rest.real[np.abs(at_rest.real) < ROUNDING_SHARE * np.abs(terms).sum(axis=-1)] = 0.0
     parts = ((rest, 1), (follows, 2), (by_state @ follows + by_output, 2), (at_rest, 1))
     spread = (np.broadcast_to(part, batch + part.shape[-rank:]) for part, rank in parts)
     for z, bend, inputs, at_rest in zip(*(part.reshape(-1, *part.shape[len(batch) :]) for part in spread), strict=True):
-        found.append(z + bend @ _balance(elements, inputs, at_rest))
+        found.append(z + bend @ _element_outputs(elements, inputs, at_rest))
     return np.reshape(found, batch + rest.shape[-1:])
 
 
-def _balance(elements: list[SmoothElement], inputs: np.ndarray, at_rest: np.ndarray) -> np.ndarray:
+def _element_outputs(elements: list[SmoothElement], inputs: np.ndarray, at_rest: np.ndarray) -> np.ndarray:
     """Outputs w of smooth elements whose inputs are inputs w + at_rest; time, which some of them take, is zero."""
     from scipy.optimize import root
 

@@ -1,4 +1,4 @@
-"""The transducer's equations as rows, and the layout of what the rows run over."""
+"""The transducer's equations as rows, and the layout of their columns."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from piezoharvest.equations.terms import Rows, Terms, state_names
 
 
 def scalar(value) -> np.ndarray:
-    """A coefficient without the trailing axis that batches carry for the sake of rows."""
+    """Coefficient without the trailing axis of length one that batches have."""
     value = np.asarray(value)
     return value[..., 0] if value.ndim else value
 
@@ -25,9 +25,9 @@ def stack(values) -> np.ndarray:
 
 
 def joined(parts, axis: int) -> np.ndarray:
-    """Arrays along a new axis, counted from the end; those that do not carry the axes of a batch serve all designs.
+    """Arrays stacked along a new axis, counted from the end; those without the axes of a batch hold for all designs.
 
-    As `numpy.stack` of `numpy.broadcast_arrays`, in a third of the time, for lowering is little else.
+    As `numpy.stack` of `numpy.broadcast_arrays`, in a third of the time, which dominates lowering.
     """
     shapes = {part.shape for part in parts}
     shape = shapes.pop() if len(shapes) == 1 else np.broadcast_shapes(*shapes)
@@ -82,13 +82,13 @@ class Layout:
 
     @property
     def stop_inputs(self) -> list[np.ndarray]:
-        """Inputs of the stops over the states: the charge for the hysteresis, what effects say for theirs."""
+        """Inputs of the stops as rows over the states: the charge for the hysteresis, the effects' rows for theirs."""
         inputs = [self.z["q"]] * len(self.operators)
         return [*inputs, *(self.terms.over(stop.row, self.z) for stop in self.terms.stops)]
 
 
 class Physics:
-    """The transducer's rows: what every configuration of the shunt has in common."""
+    """Rows of the transducer, common to all configurations of the shunt."""
 
     def __init__(self, system: System, excitation: Excitation, layout: Layout, signal: Tones | Ramps):
         self.transducer, self.layout = system.transducer, layout
@@ -121,7 +121,7 @@ class Physics:
         return powers
 
     def storage(self) -> tuple[np.ndarray, np.ndarray]:
-        """Stored energy as a matrix over states and elements (J = z storage z / 2), and the scale of every state."""
+        """Matrix of the stored energy z' storage z / 2 (J) over states and elements, and the scale of every state."""
         lay, capacitance = self.layout, self.transducer.capacitance
         diagonal, scale = [], []
         for mode in lay.modes:

@@ -1,4 +1,4 @@
-"""System and excitation to linear modes: the components' equations, evaluated on unit vectors."""
+"""Linear modes of a system under an excitation: the components' equations, evaluated on unit vectors."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from piezoharvest.engine.work_limit import Budget
 from piezoharvest.equations.rows import connected, own_rows
 from piezoharvest.equations.terms import Terms
 
-IDLE = 1e30  # scale of a smooth element that moves nothing
+IDLE_SCALE = 1e30  # scale of a smooth element without influence
 
 
 class Lowered(NamedTuple):
-    """A program with the names its indices stand for, the signal, the effects that change nothing, the work allowed."""
+    """A program with the names of its indices, the signal, the effects without influence, and the work limit."""
 
     program: pg.Program
     states: tuple[str, ...]
@@ -46,7 +46,7 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     system : System
     excitation : Excitation
     record : float, optional
-        Length in s of what is run, for effects that go on through a record; without it they stay where they begin.
+        Length of the run in s, for effects that change during a record; without it they keep their initial values.
 
     Raises
     ------
@@ -79,8 +79,10 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     switch = shunt.switch(capacitance, excitation.period)
     terms.check(shunt, switch)
     try:
-        with np.errstate(all="ignore"):  # what is not finite is found where it is inverted, or by the engine
-            program = _lean(_assemble(layout, physics, tables, names, shunt, switch, signal, excitation, record))
+        with np.errstate(all="ignore"):  # non-finite values are detected by the inversion or by the engine
+            program = _without_unused_constant(
+                _assemble(layout, physics, tables, names, shunt, switch, signal, excitation, record)
+            )
     except np.linalg.LinAlgError:
         found = "found values so far apart that its equations have no solution"
         raise ParameterError("transducer", f"{found}, allowed is a real device") from None
@@ -89,7 +91,7 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
 
 
 def symmetric(lowered: Lowered, excitation: Excitation) -> bool:
-    """Whether the system mirrors itself in half a period: the signal, and every configuration and its mirror."""
+    """True if the system has half-wave symmetry: the signal, and every configuration with its mirror image."""
     program = lowered.program
     if not excitation.antisymmetric:
         return False
@@ -103,7 +105,7 @@ def symmetric(lowered: Lowered, excitation: Excitation) -> bool:
 
 
 def _join(*parts: np.ndarray) -> np.ndarray:
-    """Arrays side by side along the last axis, whichever of them carry the batch axis."""
+    """Arrays concatenated along the last axis, with or without a batch axis."""
     batch = np.broadcast_shapes(*(p.shape[:-1] for p in parts))
     return np.concatenate([np.broadcast_to(p, batch + p.shape[-1:]) for p in parts], axis=-1)
 
@@ -127,7 +129,7 @@ class _Columns:
         self.n, self.factors = n, _join(scale, scale, exo_scale)
 
     def split(self, rows: np.ndarray, between: int) -> tuple[np.ndarray, np.ndarray]:
-        """Scaled parts of rows, which have so many axes between those of the batch and the columns."""
+        """Scaled parts of rows that have `between` axes between those of the batch and the columns."""
         n, factors = self.n, self.factors
         rows = rows * factors.reshape(factors.shape[:-1] + (1,) * between + factors.shape[-1:])
         return np.concatenate([rows[..., :n], rows[..., 2 * n :]], axis=-1), rows[..., n : 2 * n]
@@ -167,11 +169,11 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation,
         "step": _largest_step(excitation, signal),
         **_elements(layout, physics, columns, record),
     }
-    return pg.Program(**{name: _plain(value) for name, value in fields.items()})
+    return pg.Program(**{name: _plain_types(value) for name, value in fields.items()})
 
 
-def _lean(program: pg.Program) -> pg.Program:
-    """Leave the constant out where nothing is: it may be what fills one more register in every row.
+def _without_unused_constant(program: pg.Program) -> pg.Program:
+    """Leave the constant out if nothing is constant: it may need one more register in every row.
 
     A power counts if neither of its factors vanishes.
     """
@@ -187,8 +189,8 @@ def _lean(program: pg.Program) -> pg.Program:
     return program._replace(**changes, exosystem=np.ascontiguousarray(program.exosystem[..., :-1, :-1]))
 
 
-def _plain(value: Any) -> Any:
-    """Plain numbers and contiguous arrays, so that every system has the same types and one compilation serves all."""
+def _plain_types(value: Any) -> Any:
+    """Plain numbers and contiguous arrays, so that all systems have the same types and share one compilation."""
     value = np.asarray(value)
     kind = {"i": np.int64, "u": np.int64, "c": np.complex128}.get(value.dtype.kind, np.float64)
     return kind(value) if value.ndim == 0 else np.ascontiguousarray(value, kind)
@@ -200,12 +202,12 @@ def _motion(layout: Layout, equations) -> dict[str, Any]:
     size = np.max(np.abs(np.real(mass)), axis=-1, keepdims=True)
     size = np.where(size > 0, size, 1.0)
     inverse, stops = np.linalg.inv(mass / size), layout.stop_states
-    own = (mass / size)[..., stops, stops]  # 1, but for the complex step of a scale
+    own = (mass / size)[..., stops, stops]  # 1, except for the complex step of a scale
     return {"rate": inverse @ (-rate / size), "stop_response": inverse[..., stops] * own[..., None, :]}
 
 
 def _stops(layout: Layout, scale: np.ndarray) -> dict[str, Any]:
-    """The stop operators; those of effects keep their own account of energy, as their weight is within a force."""
+    """Tables of the stop operators; those of effects record their own energy, as their weight is part of a force."""
     count, own, added = len(layout.stop_states), scale[..., layout.stop_states], layout.terms.stops
     inputs = rows_of([into[..., : layout.n] for into in layout.stop_inputs], layout.n)
     thresholds = [*(r for r, _ in layout.operators), *(stop.threshold for stop in added)]
@@ -235,7 +237,7 @@ def _guards(layout: Layout, guards: list[list[Guard]], index: dict[str, int], co
 
 
 def _switching(shunt: Shunt, switch: Switch | None, index: dict[str, int], layout: Layout) -> dict[str, Any]:
-    """The synchronised switch: its timing, and where it leads from every configuration."""
+    """Tables of the synchronised switch: its timing, and the configuration it leads to from each."""
     timing = switch or Switch(0.0, 0.0, 0.0)
     return {
         "switched": 0 if switch is None else 1 if np.all(timing.on_time > 0) else 2,
@@ -270,7 +272,7 @@ def _products(layout: Layout, products, columns: _Columns) -> dict[str, Any]:
 
 
 def _elements(layout: Layout, physics: Physics, columns: _Columns, record: float | None) -> dict[str, Any]:
-    """The smooth elements: their inputs over the state, and what each makes of them."""
+    """Tables of the smooth elements: their inputs as rows over the state, and their kinds."""
     powers = [element.power for element in layout.terms.elements]
     over_state, over_rate = columns.split(inputs_of(layout, physics), 1)
     if np.any(over_rate):
@@ -290,7 +292,7 @@ def _integers(guards: list[list[Guard]], count: int, read) -> np.ndarray:
 
 
 def _parity(layout: Layout) -> np.ndarray:
-    """Sign that mirroring gives each state: most change theirs."""
+    """Sign of each state under mirroring: -1 for most."""
     signs = np.full(layout.n, -1.0)
     for k, state in enumerate(layout.added_states, layout.n - len(layout.added_states)):
         signs[k] = -1.0 if state.odd else 1.0
@@ -313,9 +315,9 @@ def _exosystem(layout: Layout, omega: np.ndarray, exo_scale: np.ndarray) -> np.n
 
 
 def _exo_scale(layout, equations, scale, signal, tr) -> np.ndarray:
-    """Scales that give every exogenous column entries of the size of the resonance frequency.
+    """Scales with which every exogenous column has entries of the size of the resonance frequency.
 
-    Real numbers always: a complex step of a quantity must not move the exogenous states.
+    Always real: a complex step of a quantity must not change the exogenous states.
     """
     n = layout.n
     mass = np.max(np.abs(np.real(equations[..., n : 2 * n] * scale[..., None, None, :])), axis=-1)
@@ -329,20 +331,20 @@ def _exo_scale(layout, equations, scale, signal, tr) -> np.ndarray:
             found[..., k + 1] = found[..., k]
     else:
         found[..., at + 1] = found[..., at] * resonance[..., 0]
-    # The constant also stands for diode drops and limits: no smaller than the drive, or a tiny offset of it would blow
-    # these up, and no larger where it acts on nothing, or rounding would be judged by it.
+    # The constant also represents diode drops and limits. If it were scaled smaller than the drive, a tiny offset of
+    # the drive would enlarge these; where it acts on nothing it is not scaled larger, as rounding is judged by it.
     drive = np.max(found[..., at:-1:2], axis=-1)
     found[..., -1] = np.where(size[..., -1] > 0, np.minimum(found[..., -1], drive), drive)
     for k in range(0, at, pg.DERIVATIVES):
-        # An element may act by its rate alone; one that does not act in this design must not hide what does.
+        # An element may act by its rate alone; one that does not act in this design must not mask those that do.
         largest = np.maximum(size[..., k], size[..., k + 1] * resonance[..., 0])
-        value = np.where(largest > 0, resonance[..., 0] / np.where(largest > 0, largest, 1.0), IDLE)
+        value = np.where(largest > 0, resonance[..., 0] / np.where(largest > 0, largest, 1.0), IDLE_SCALE)
         found[..., k : k + pg.DERIVATIVES] = value[..., None] * resonance ** np.arange(pg.DERIVATIVES)
     return found
 
 
 def _largest_step(excitation: Excitation, signal: Tones | Ramps) -> np.ndarray | float:
-    """An eighth of the shortest period of the drive, or its longest straight piece."""
+    """Largest step: an eighth of the shortest period of the drive, or its longest linear piece."""
     if isinstance(signal, Tones):
         return 0.125 / np.max(signal.frequencies, axis=-1)
     return float(np.max(np.diff(signal.times)))

@@ -1,1 +1,1 @@
-"""Flat memory of the compiled engine: where each array stands, and linear algebra on it."""
+"""Flat memory of the compiled engine: the layout of its arrays, and linear algebra on them."""

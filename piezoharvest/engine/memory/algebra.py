@@ -6,17 +6,17 @@ import numpy as np
 
 from piezoharvest.engine.compilation.compiled import compiled
 
-ZERO = 1e-10  # a pivot this small, against the largest, is none
-DOUBLINGS, SETTLED = 26, 8  # of the power whose root is the radius: at most, and at least
-ROOT_ERROR = 1e-9  # relative, of the radius
+PIVOT_TOLERANCE = 1e-10  # relative to the largest: a smaller pivot counts as zero
+MAX_DOUBLINGS, MIN_DOUBLINGS = 26, 8  # of the power whose root is the spectral radius: most, and fewest
+RADIUS_TOLERANCE = 1e-9  # relative, of the radius
 
 
 @compiled
 def eliminate(W, V, a, b, n, columns, order):
-    """Gaussian elimination of the matrix at a with the right sides at b, complete pivoting, in place; gives the rank.
+    """Gaussian elimination of the matrix at a with the right sides at b, complete pivoting, in place; returns the rank.
 
     `order` in V receives the columns in the order in which they were taken. A pivot below 1e-10 of the largest counts
-    as zero: a motion whose memory of a period is shorter than that of 1e10 periods is not mistaken for a conserved one.
+    as zero: a motion that decays over fewer than 1e10 periods is not mistaken for a conserved one.
     """
     for j in range(n):
         V[order + j] = j
@@ -28,7 +28,7 @@ def eliminate(W, V, a, b, n, columns, order):
                 if abs(W[a + i * n + j]) > best:
                     best, row, column = abs(W[a + i * n + j]), i, j
         largest = max(largest, best)
-        if best <= ZERO * largest:
+        if best <= PIVOT_TOLERANCE * largest:
             return step
         for j in range(n):
             W[a + step * n + j], W[a + row * n + j] = W[a + row * n + j], W[a + step * n + j]
@@ -50,7 +50,7 @@ def eliminate(W, V, a, b, n, columns, order):
 
 @compiled
 def back_substitute(W, V, a, b, n, columns, order, rank, out):
-    """Solve the triangle that `eliminate` left; unknowns beyond the rank stay as they are in `out` (n, columns)."""
+    """Solve the triangular system of `eliminate`; unknowns beyond the rank keep their values in `out` (n, columns)."""
     for c in range(columns):
         for step in range(rank - 1, -1, -1):
             total = W[b + step * columns + c]
@@ -63,8 +63,8 @@ def back_substitute(W, V, a, b, n, columns, order, rank, out):
 def solve_conserving(W, V, matrix, right, n, order, work, out):
     """Solve matrix x = right; what the matrix conserves (its left null vectors) is left unchanged by the solution.
 
-    With c' matrix = 0 the equation says nothing of c' x: among all solutions the one with c' x = 0 is returned.
-    `work` has room for 3 n^2 numbers; the matrix is lost.
+    With c' matrix = 0 the equation does not determine c' x: among all solutions the one with c' x = 0 is returned.
+    `work` has room for 3 n^2 numbers; the matrix is overwritten.
     """
     transposed, free, nothing = work, work + n * n, work + 2 * n * n
     for i in range(n):
@@ -93,11 +93,11 @@ def solve_conserving(W, V, matrix, right, n, order, work, out):
 
 @compiled
 def radius(W, matrix, n, work):
-    """Spectral radius of a matrix, by squaring it over and over: to about 1e-6. `work` has room for 2 n^2 numbers."""
+    """Spectral radius of a matrix by repeated squaring, to about 1e-6. `work` has room for 2 n^2 numbers."""
     here, there, logarithm = work, work + n * n, 0.0
     for k in range(n * n):
         W[here + k] = W[matrix + k]
-    for doubling in range(DOUBLINGS + 1):
+    for doubling in range(MAX_DOUBLINGS + 1):
         size = 0.0
         for k in range(n * n):
             size = max(size, abs(W[here + k]))
@@ -107,10 +107,10 @@ def radius(W, matrix, n, work):
             return np.inf
         for k in range(n * n):
             W[here + k] /= size
-        # Size is that of the power 2^doubling, of which it takes the root.
+        # `size` belongs to the power 2^doubling, of which the root is taken.
         growth = np.log(size) * 0.5**doubling
         logarithm += growth
-        if doubling > SETTLED and abs(growth) < ROOT_ERROR:
+        if doubling > MIN_DOUBLINGS and abs(growth) < RADIUS_TOLERANCE:
             break
         for i in range(n):
             for j in range(n):

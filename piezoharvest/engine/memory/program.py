@@ -1,9 +1,9 @@
-"""A lowered system: what the compiled engine runs on, and where in flat memory each of its arrays stands.
+"""Lowered system as the compiled engine uses it, and the places of its arrays in flat memory.
 
 Everything is in energy-scaled coordinates (1/2 z^2 is an energy for every state that stores one), so that the matrices
-of nF and uF, of Hz and kHz, have entries of the size of the system's frequencies, and one tolerance serves all.
-The augmented state is [states | exogenous states]: those of the smooth elements, those of the signal, and last the
-constant 1, if anything is constant.
+of nF and uF, of Hz and kHz, have entries of the size of the system's frequencies, and one tolerance holds for all. The
+augmented state is [states | exogenous states]: those of the smooth elements, those of the signal, and last the constant
+1, if anything is constant.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from piezoharvest.engine.memory.vector import COLUMNS as COLUMNS_AT_ONCE
 from piezoharvest.engine.memory.vector import padded
 
 TONES, RAMPS = 0, 1
-NONE = -1  # where the number of a guard, a configuration or a table stands for none
+NONE = -1  # number of a guard, a configuration or a table that does not exist
 
 # The output of a smooth element is a cubic of time: so many exogenous states, its value and three derivatives.
 DERIVATIVES = 4
@@ -33,25 +33,25 @@ EVENT_NAMES = (
     "hysteresis sticks",
 )
 
-# Rows that every configuration reads out.
+# Output rows of every configuration.
 OUTPUTS = (
     "drive", "displacement", "velocity", "voltage", "current", "charge", "hysteresis_voltage", "dc_voltage",
 )  # fmt: skip
 DISPLACEMENT, VOLTAGE = 1, 3
-WATCHED = 2  # outputs whose extremes are wanted: their rates stand behind the guards, so that steps follow them too
+WATCHED = 2  # outputs whose extremes are recorded: their rates stand behind the guards, so that steps resolve them too
 
-# Where energy goes; the effects' own losses follow.
+# Categories of energy; the effects' own losses follow.
 CATEGORIES = ("mechanical_in", "damping", "hysteresis", "harvested", "shunt_loss", "source")
-MEAN_DC = "mean_dc"  # not an energy: the dc voltage over the time, for its mean
+MEAN_DC = "mean_dc"  # not an energy: time integral of the dc voltage, for its mean
 MECHANICAL_IN, DAMPING, HYSTERESIS, HARVESTED, SHUNT_LOSS, SOURCE = range(6)
 
 
 class Program(NamedTuple):
     """One design.
 
-    n states, w exogenous states, a = n + w, c configurations, h stops, g guards, p products, k tones, e elements.
-    A linear form has a part over the augmented state (`*_z`, length a) and one over the derivative (`*_d`, length n).
-    A batch of designs has them as leading axis of the arrays of numbers, as far as these differ.
+    n states, w exogenous states, a = n + w, c configurations, h stops, g guards, p products, k tones, e elements. A
+    linear form has a part over the augmented state (`*_z`, length a) and one over the derivative (`*_d`, length n). A
+    batch has the designs as the leading axis of those arrays of numbers that differ.
     """
 
     rate: np.ndarray  # (c, n, a): z' = rate [z | exogenous] with every stop slipping
@@ -74,22 +74,22 @@ class Program(NamedTuple):
     product_d: np.ndarray  # (c, p, 2, n)
     output_z: np.ndarray  # (c, outputs, a)
     output_d: np.ndarray  # (c, outputs, n)
-    equilibrium: np.ndarray  # (n,) where the static part of the excitation leaves the structure, electrodes relaxed
+    equilibrium: np.ndarray  # (n,) under the static part of the excitation, electrodes relaxed
     element_z: np.ndarray  # (e, 2, a) inputs of the smooth elements
     lag: float
     on_time: float
     hold_off: float
     efficiency: float
-    early: float  # 1 where the lag is counted from the extremum before
+    early: float  # 1 if the lag is counted from the previous extremum
     step: float  # largest step, s
     drift: float  # 1/s: time as share of a record is drift * t
-    period: float  # of the excitation, s; infinite where there is none
+    period: float  # of the excitation, s; infinite if it has none
 
     signal_kind: int  # TONES or RAMPS
     charge: int  # index of q
     switched: int  # 0 none, 1 closes and opens, 2 extracts at once
-    cut: int  # state that opening sets to zero, or -1
-    shorted: int  # whether the electrodes have no voltage, whatever moves
+    cut: int  # state set to zero when the switch opens, or -1
+    shorted: int  # 1 if the electrodes are always at zero voltage
     categories: int
     odd: np.ndarray  # (n,) sign that mirroring gives each state
     stop_state: np.ndarray  # (h,)
@@ -119,11 +119,11 @@ NUMBERS = Program._fields[: PERIOD - _SIZES + 1]
 PLAIN = Program._fields[SIGNAL_KIND - _SIZES : CATEGORY_COUNT - _SIZES + 1]
 LISTS = Program._fields[ODD - _SIZES :]
 CONTENTS = _SIZES + len(Program._fields)  # entries; those of the tables follow
-ROOM = 31  # entries of the table of contents that those of the tables take
+ROOM = 31  # entries of the table of contents for the tables of modes
 
 
 def integers(program: Program) -> np.ndarray:
-    """The table of contents of a program, with its integers behind it."""
+    """Table of contents of a program, followed by its integers."""
     c, n, a = program.rate.shape[-3:]
     header = np.zeros(CONTENTS + ROOM, np.int64)
     guards, products = program.guard_target.shape[1], program.product_category.shape[1]
@@ -150,7 +150,7 @@ def integers(program: Program) -> np.ndarray:
 
 
 def numbers(program: Program) -> np.ndarray:
-    """The numbers of a program one after the other, or a row of them for every design of a batch."""
+    """The real numbers of a program in one array, or one row of them for every design of a batch."""
     shapes, blocks = _shapes(program), []
     for name, shape in shapes.items():
         value = np.asarray(getattr(program, name))

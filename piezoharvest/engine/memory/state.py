@@ -1,6 +1,6 @@
-"""What moves while the engine runs: state, clocks, sensitivities, energies and the log, in two flat arrays S and D.
+"""State of a run: states, clocks, sensitivities, energies and the log, in two flat arrays S and D.
 
-D holds the discrete state and says where in S everything else stands; the augmented state itself stands first in S.
+D holds the discrete state and the places of everything else in S, which begins with the augmented state.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import tables as tb
 from piezoharvest.engine.memory.vector import lined_up, whole_lines
 
-QUEUE_LENGTH = 4  # actions of the switch that may be waiting at one time
+QUEUE_LENGTH = 4  # scheduled actions of the switch at one time, at most
 VECTORS = 16  # of scratch
 
-# Places in D: the discrete state; BETWEEN marks an event half done, MODE is the slot of the mode last moved in
-# (-1: none, or another state's),
+# Places in D: the discrete state; BETWEEN is set while an event is incomplete, MODE is the slot of the mode of the last
+# step (-1: none, or the last step was another state's),
 (
-    CONFIGURATION, DIRECTION, WAITING, CLOSED, LOGGED, SAMPLED, BETWEEN, HAPPENED, MODE,
-    # what is recorded,
+    CONFIGURATION, DIRECTION, WAITING, CLOSED, LOGGED, SAMPLED, INCOMPLETE, HAPPENED, MODE,
+    # recorded quantities,
     SENSITIVITIES, ENERGIES, TRACKED, LOG_ROOM, SAMPLES_WANTED, TAPE_ROOM, TAPED,
-    # where lists begin in D,
+    # places of lists in D,
     SLIP, POLARITY, CANDIDATE, LOG_CODE, TAPE_KIND, PIVOTS,
-    # and where in S.
+    # and in S.
     CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, SIZE, LOW, HIGH, GUESS, THERE_GUARDS, TAYLOR, LOWER, UPPER,
-    GLIDED, CURVE, CURVE_PHI, WORK, EXTREMES, ENERGY, PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME,
+    FREE_STEP, CURVE, CURVE_PHI, WORK, EXTREMES, ENERGY, PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME,
     SAMPLES, TAPE, QUADRATURE, END,
 ) = range(52)  # fmt: skip
 # Places from CLOCK on in S: time now, when the switch opens, when it last acted, all in s.
@@ -33,22 +33,22 @@ NOW, OPENS, ACTED = range(3)
 
 
 class EngineState:
-    """The hybrid state and what is recorded of it.
+    """Hybrid state of a simulation and its recorded quantities.
 
     Parameters
     ----------
     contents : (i,) int array
         Table of contents of the machine.
     sensitivities : int
-        Number of derivatives that are carried along.
+        Number of derivatives that are propagated.
     ledger, track : bool
-        Whether energies, and the extremes of displacement and voltage, are kept.
+        Record energies; record the extremes of displacement and voltage.
     log : int
         Events to keep.
     sample_time : (t,) array, optional
         Times in s at which the outputs are sampled.
     tape : int
-        Motions from one event to the next to keep.
+        Motions between two events to keep.
     """
 
     def __init__(self, contents, *, sensitivities=0, ledger=False, track=False, log=0, sample_time=None, tape=0):
@@ -62,7 +62,7 @@ class EngineState:
             THEN_GUARDS: contents[tb.GUARD_ROWS], LOW: guards, HIGH: guards, GUESS: guards,
             SIZE: 1, LOWER: contents[tb.FORMS], UPPER: contents[tb.FORMS],
             THERE_GUARDS: contents[tb.FORMS], TAYLOR: tb.TAYLOR_ROWS,
-            GLIDED: contents[tb.GLIDE_ROWS], CURVE: curve, CURVE_PHI: sensitivities * rows if elements else 0,
+            FREE_STEP: contents[tb.FREE_STEP_ROWS], CURVE: curve, CURVE_PHI: sensitivities * rows if elements else 0,
             WORK: VECTORS * rows,
             EXTREMES: 4, ENERGY: energies, PHI: sensitivities * rows, QUEUE_PHI: QUEUE_LENGTH * sensitivities,
             OPENS_PHI: sensitivities, EVENT_PHI: sensitivities, LOG_TIME: log, SAMPLE_TIME: len(times),
@@ -97,8 +97,8 @@ class EngineState:
         return self.S[begin : begin + self._place[place]]
 
     def follow(self, other: EngineState) -> None:
-        """Continue where another state of the same machine is."""
-        for k in (CONFIGURATION, DIRECTION, WAITING, CLOSED, BETWEEN):
+        """Copy the hybrid state of another state of the same machine."""
+        for k in (CONFIGURATION, DIRECTION, WAITING, CLOSED, INCOMPLETE):
             self.D[k] = other.D[k]
         for place in (SLIP, POLARITY, CLOCK, QUEUE):
             self[place][:] = other[place]
@@ -107,19 +107,19 @@ class EngineState:
 
 
 def _offsets(sizes: dict[int, int], begin: int) -> np.ndarray:
-    """Where blocks of these sizes begin, one after the other from whole cache lines, and where the last ends."""
+    """Offsets of consecutive blocks of these sizes, each aligned to a cache line, and the end of the last."""
     return np.cumsum([whole_lines(begin), *map(whole_lines, sizes.values())])
 
 
 @inlined
 def vector(L, D, k):
-    """Where the k-th scratch vector stands in S."""
+    """Place of the k-th scratch vector in S."""
     return D[WORK] + k * L[pg.ROWS]
 
 
 @compiled
 def dot_column(P, at, stride, S, z, count):
-    """Linear form, which stands in P with a stride, of a vector in S."""
+    """Value of a linear form, which stands in P with a stride, for a vector in S."""
     total = 0.0
     for j in range(count):
         total += P[at + j * stride] * S[z + j]
@@ -138,7 +138,7 @@ def stored(P, L, S):
 
 @inlined
 def set_one(P, L, S):
-    """The constant, if the model has one, behind all other exogenous states."""
+    """Set the constant, if the model has one, the last of the exogenous states."""
     last = L[pg.A] - 1
     if last == L[pg.SIGNAL] + 2 * max(L[pg.TONE_COUNT], 1):
         S[last] = 1.0 / P[L[pg.EXO_SCALE] + last - L[pg.N]]
@@ -146,7 +146,7 @@ def set_one(P, L, S):
 
 @compiled
 def set_tones(P, L, S, t):
-    """Exogenous states of a sum of tones, from the phase itself so that nothing drifts."""
+    """Set the exogenous states of a sum of tones from their phases, so that errors do not accumulate."""
     at = L[pg.SIGNAL]
     scale = L[pg.EXO_SCALE] + at - L[pg.N]
     for k in range(L[pg.TONE_COUNT]):
@@ -158,7 +158,7 @@ def set_tones(P, L, S, t):
 
 @compiled
 def set_ramp(P, L, S, value, slope):
-    """Exogenous states of a straight piece of signal."""
+    """Set the exogenous states of a linear piece of signal."""
     at = L[pg.SIGNAL]
     scale = L[pg.EXO_SCALE] + at - L[pg.N]
     S[at] = value / P[scale]

@@ -1,10 +1,10 @@
 """Matrix times vector on flat memory, in vector registers: the innermost operation of the engine.
 
 A matrix stands in memory column by column, its columns padded with zeros to a whole number of registers. A result
-element then stays in its register while the columns are added up: no sum across a register, no store until the end.
-Up to three registers of the result are formed side by side, so that a number of the vector is spread once for all of
-them and their sums do not wait for each other. For the 8 x 8 of a usual model this is several times as fast as what the
-compiler makes of loops, whose length it does not know.
+element then stays in its register while the columns are added up: no sum across a register, no store until the end. Up
+to three registers of the result are computed side by side, so that a number of the vector is broadcast once for all of
+them and their sums are independent. For the 8 x 8 of a usual model this is several times as fast as compiled loops,
+whose length the compiler does not know.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic as _intrinsic
 
-LANES = 4  # numbers in a register. Longer ones are no faster on most machines, and pad matrices with more zeros
+LANES = 4  # numbers in a register. Longer registers are no faster on most machines, and pad matrices with more zeros
 LINE = 8  # numbers in a cache line
 COLUMNS = 4  # columns that are added up side by side
-BLOCKS = 3  # registers of the result that are formed side by side, at most
+BLOCKS = 3  # registers of the result that are computed side by side, at most
 
-intrinsic: Any = _intrinsic  # its callers leave the context out, which type checkers do not know
+intrinsic: Any = _intrinsic  # callers omit the context argument, which type checkers do not know
 
 _DOUBLE = ir.DoubleType()
 _VECTOR = ir.VectorType(_DOUBLE, LANES)
@@ -42,7 +42,7 @@ def whole_lines(length: int) -> int:
 
 
 def lined_up(length: int) -> np.ndarray:
-    """Zeros that begin at a cache line: a register that lies across two takes twice as long to load."""
+    """Zeros aligned to a cache line: a register across two lines takes twice as long to load."""
     room = np.zeros(length + LINE)
     begin = -(room.ctypes.data // room.itemsize) % LINE
     return room[begin : begin + length]
@@ -74,7 +74,7 @@ class _Memory:
 
 
 class _Sizes(_Memory):
-    """Of numbers their sizes."""
+    """As `_Memory`, but loads absolute values."""
 
     def load(self, offset):
         return self._size(super().load(offset))
@@ -89,7 +89,7 @@ class _Sizes(_Memory):
 
 
 def _of_both(builder, relation, first, second):
-    """The larger (">") or the smaller ("<") numbers of two vectors."""
+    """Elementwise larger (">") or smaller ("<") numbers of two vectors."""
     return builder.select(builder.fcmp_ordered(relation, first, second), first, second)
 
 
@@ -101,7 +101,7 @@ def spread(builder, number):
 
 
 def _columns_summed(builder, matrix, at, stride, columns, vector, x, starts):
-    """Registers of matrix times vector added to `starts`, the matrix from `at`, some columns at a time."""
+    """Registers of `starts` + matrix times vector, the matrix from `at`, some columns at a time."""
     zero, at_once = (ir.Constant(_INDEX, k) for k in (0, COLUMNS))
     sums = [[cgutils.alloca_once(builder, _VECTOR) for _ in range(COLUMNS)] for _ in starts]
     for start, totals in zip(starts, sums, strict=True):
@@ -126,7 +126,7 @@ def _sum(builder, terms):
 
 @contextmanager
 def _while_left(builder, done, rows, length):
-    """A loop for as long as `length` rows are left of those not done; gives how many are."""
+    """Loop while at least `length` rows are left; yields the number done."""
     test, body, end = (builder.append_basic_block(name) for name in ("test", "body", "end"))
     builder.branch(test)
     builder.position_at_end(test)
@@ -141,7 +141,7 @@ def _while_left(builder, done, rows, length):
 
 
 def _product(builder, matrix, at, stride, rows, columns, vector, x, start, finish):
-    """Matrix times vector, a few registers at a time: `start(i)` is what element i... begins with, `finish` has it."""
+    """Matrix times vector, a few registers at a time, added to register `start(i)` and passed to `finish`."""
     done = cgutils.alloca_once_value(builder, ir.Constant(_INDEX, 0))
     for blocks in range(BLOCKS, 0, -1):
         length = ir.Constant(_INDEX, blocks * LANES)
@@ -159,7 +159,7 @@ def _blocks(builder, rows):
 
 @intrinsic
 def pointer(typing_context: Any, array):
-    """Where an array's numbers stand in memory; indexed like the array, without looks at its length or sign."""
+    """Pointer to an array's numbers; indexed like the array, without checks of bounds or negative indices."""
     signature = types.CPointer(array.dtype)(array)
 
     def generate(context, builder, signature, arguments):
@@ -201,7 +201,7 @@ def accumulate(typing_context: Any, v, x, factor, y, rows):
 
 
 def _total(builder, rows, term):
-    """Sum of all numbers of `term(i)`, a register of them from row i on, for a padded number of rows."""
+    """Sum of all numbers of `term(i)`, the register from row i on, for a padded number of rows."""
     total = cgutils.alloca_once_value(builder, ir.Constant(_VECTOR, [0.0] * LANES))
     with _blocks(builder, rows) as (i, _):
         builder.store(builder.fadd(builder.load(total), term(i), flags=_FUSED), total)
@@ -233,7 +233,7 @@ def dot(typing_context: Any, m, at, v, x, rows):
 
 @intrinsic
 def total_size(typing_context: Any, v, x, rows):
-    """Sum of the sizes of V[x:], for a padded number of rows."""
+    """Sum of the absolute values of V[x:], for a padded number of rows."""
     signature = types.float64(v, types.intp, types.intp)
 
     def generate(context, builder, signature, arguments):
@@ -326,7 +326,7 @@ def combine(typing_context: Any, v, x, rows, factors, y):
 
 @intrinsic
 def add_product(typing_context: Any, m, at, stride, rows, columns, v, x, y):
-    """V[y:] = V[y:] + the first rows of M V[x:], of a matrix that has `stride` of them; as in `multiply`."""
+    """V[y:] = V[y:] + the first rows of M V[x:], M having `stride` rows; otherwise as `multiply`."""
     signature = types.void(m, types.intp, types.intp, types.intp, types.intp, v, types.intp, types.intp)
 
     def generate(context, builder, signature, arguments):
@@ -344,7 +344,7 @@ def add_product(typing_context: Any, m, at, stride, rows, columns, v, x, y):
 
 @intrinsic
 def multiply_top(typing_context: Any, m, at, stride, rows, columns, v, x, y):
-    """V[y:] = the first rows of M V[x:], of a matrix that has `stride` of them; as in `multiply`."""
+    """V[y:] = the first rows of M V[x:], M having `stride` rows; otherwise as `multiply`."""
     signature = types.void(m, types.intp, types.intp, types.intp, types.intp, v, types.intp, types.intp)
 
     def generate(context, builder, signature, arguments):
@@ -362,9 +362,9 @@ def multiply_top(typing_context: Any, m, at, stride, rows, columns, v, x, y):
 
 @intrinsic
 def inside(typing_context: Any, m, at, stride, rows, columns, v, bends, pairs, lower, upper):
-    """Whether the first rows of two vectors stay between two limits by more than M |V[bends:]|; as in `multiply_top`.
+    """True if the first rows of two vectors are inside two limits by more than M |V[bends:]|; M as in `multiply_top`.
 
-    Of the two vectors a register of the first and one of the second stand from V[pairs:] in turn.
+    Registers of the two vectors alternate from V[pairs:] on.
     """
     signature = types.boolean(m, *[types.intp] * 4, v, *[types.intp] * 4)
 
@@ -375,7 +375,7 @@ def inside(typing_context: Any, m, at, stride, rows, columns, v, bends, pairs, l
         nothing = ir.Constant(_VECTOR, [0.0] * LANES)
 
         def compare(i, margin):
-            # The margin, which is known last, is compared once; where it is not a number, nothing is inside.
+            # The margin, which is known last, is compared once; if it is NaN, nothing is inside.
             place = builder.add(pairs, builder.add(i, i))
             first, second = (vector.load(builder.add(place, ir.Constant(_INDEX, k * LANES))) for k in range(2))
             above = builder.fsub(vector.load(builder.add(upper, i)), _of_both(builder, ">", first, second))

@@ -1,11 +1,11 @@
-"""What conducting diodes hold: an electrode voltage that stays at that of the dc side.
+"""Constraint of conducting diodes: the electrode voltage equals that of the dc side.
 
-A mode conserves this difference, but doubling exp(A h) - 1 doubles what rounding makes of it, too: beside mechanics
-that are 1e5 times as fast as the drive the voltage drifts by 1e-12 of itself within a step, and when the diodes block
-they would be found to conduct again at once, for ever. The conserved form is therefore held on every level.
+A mode conserves this difference, but doubling exp(A h) - 1 also doubles its rounding error: with mechanics 1e5 times as
+fast as the drive the voltage drifts by 1e-12 of itself within a step, and diodes that block would be found to conduct
+again immediately, endlessly. The conserved form is therefore enforced on every level.
 
-What rounding leaves of the difference where the diodes begin to conduct stays, too. Times the current it is energy that
-no entry accounts for: a share of 1e-6, where the voltage is 1e-6 of the open one. It is therefore set to zero there.
+The rounding error of the difference at the time when the diodes begin to conduct would stay, too. Times the current it
+is energy without an entry: a share of 1e-6 if the voltage is 1e-6 of the open one. It is therefore set to zero there.
 """
 
 from __future__ import annotations
@@ -18,17 +18,18 @@ from piezoharvest.engine.memory.program import NONE
 from piezoharvest.engine.memory.state import dot_column
 from piezoharvest.engine.memory.tables import block_of
 from piezoharvest.engine.memory.vector import dot, total_size
-from piezoharvest.engine.motion.charge_transfer import along, shift
+from piezoharvest.engine.motion.charge_transfer import charge_slope, move_charge
 
-CONSERVED = 1e-13  # part of a form's rate that rounding may leave of nothing
-ROUNDING = 1e-9  # part of the state's size that a form which is zero may be off by where events are found to 1e-12
+CONSERVED_SHARE = 1e-13  # of a form's terms: a rate below this is rounding of zero
+ROUNDING_SHARE = 1e-9  # of the state's size: error of a form that is zero, as events are located to 1e-12
 
 
 @compiled
-def held_form(P, L, slot, configuration, out):
-    """Leave at `out` the form that diodes conducting in a configuration hold at zero; returns its place in P, or NONE.
+def clamped_form(P, L, slot, configuration, out):
+    """Write to `out` the form that diodes conducting in a configuration keep at zero; return its place in P, or NONE.
 
-    It is what opened the diodes, if the mode conserves it: a bridge behind an inductance does not.
+    It is the guard at which they began to conduct, if the mode conserves it: with a bridge behind an inductance it does
+    not.
     """
     guard, a = _opened_by(L, configuration), L[pg.A]
     if guard == NONE:
@@ -44,12 +45,12 @@ def held_form(P, L, slot, configuration, out):
             rate += term
             terms += abs(term)
         largest = max(largest, abs(rate))
-    return form if P[out + L[pg.CHARGE]] != 0.0 and largest <= CONSERVED * terms else NONE
+    return form if P[out + L[pg.CHARGE]] != 0.0 and largest <= CONSERVED_SHARE * terms else NONE
 
 
 @compiled
 def _opened_by(L, configuration):
-    """Number of a guard that makes diodes conduct and leads to a configuration, or NONE."""
+    """Number of the guard that makes diodes conduct and leads to a configuration, or NONE."""
     for k in range(L[pg.C] * L[pg.G]):
         if L[L[pg.GUARD_TARGET] + k] == configuration and L[L[pg.GUARD_CODE] + k] == pg.CONDUCT:
             return k
@@ -57,23 +58,23 @@ def _opened_by(L, configuration):
 
 
 @compiled
-def begin_to_hold(P, L, S, D, form):
-    """Move as much charge as makes a form zero that diodes hold from now on, if it is zero to rounding.
+def begin_clamp(P, L, S, D, form):
+    """Move charge so that a form that diodes keep at zero from now on is exactly zero, if it is zero to rounding.
 
-    Where a run begins, its sensitivities follow; those after an event have their own account (`saltation`).
+    At the beginning of a run the sensitivities follow; after an event they are set by `saltation`.
     """
-    value, slope = dot_column(P, form, 1, S, 0, L[pg.A]), along(P, L, D, form)
-    if slope == 0.0 or abs(value) > ROUNDING * total_size(S, 0, L[pg.ROWS]):
+    value, slope = dot_column(P, form, 1, S, 0, L[pg.A]), charge_slope(P, L, D, form)
+    if slope == 0.0 or abs(value) > ROUNDING_SHARE * total_size(S, 0, L[pg.ROWS]):
         return
-    shift(P, L, S, D, 0, -value / slope)
-    for s in range(0 if D[st.BETWEEN] else D[st.SENSITIVITIES]):
+    move_charge(P, L, S, D, 0, -value / slope)
+    for s in range(0 if D[st.INCOMPLETE] else D[st.SENSITIVITIES]):
         phi = D[st.PHI] + s * L[pg.ROWS]
-        shift(P, L, S, D, phi, -dot_column(P, form, 1, S, phi, L[pg.A]) / slope)
+        move_charge(P, L, S, D, phi, -dot_column(P, form, 1, S, phi, L[pg.A]) / slope)
 
 
 @compiled
-def hold(P, L, growth, form):
-    """Take from the charge's row of a growth matrix what rounding made of a form that is conserved."""
+def enforce_clamp(P, L, growth, form):
+    """Remove from the charge's row of a growth matrix the rounding error of a form that is conserved."""
     rows, charge = L[pg.ROWS], L[pg.CHARGE]
     for j in range(L[pg.A]):
         column = growth + j * rows

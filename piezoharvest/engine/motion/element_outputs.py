@@ -1,4 +1,4 @@
-"""Smooth nonlinear elements at a state: what their outputs and the slopes of these are, the rest of it being given."""
+"""Outputs of smooth nonlinear elements, and the rates of these, from the rest of the state."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from piezoharvest.engine.memory.program import NONE
 from piezoharvest.engine.memory.state import dot_column
 from piezoharvest.engine.memory.tables import block_of
 from piezoharvest.engine.memory.vector import multiply
-from piezoharvest.engine.motion.charge_transfer import along, shift
+from piezoharvest.engine.motion.charge_transfer import charge_slope, move_charge
 from piezoharvest.equations.terms import PRODUCT, TIMED
 
-NEWTONS = 40
-SOLVED = 1e-9  # of outputs or state: a last step of Newton's method that is larger has found nothing
+MAX_ITERATIONS = 40
+STEP_TOLERANCE = 1e-9  # of outputs or state: largest last step of Newton's method that counts as converged
 # Scratch behind CURVE: length of the next step and of the last one, vectors, the matrix of the outputs and its sides.
 START, FLOW, MOVED, END, MATRIX = range(5)
 
 
 @inlined
 def scratch(L, D, k):
-    """Where a scratch vector stands in S."""
+    """Place of a scratch vector in S."""
     return D[st.CURVE] + 2 + k * L[pg.ROWS]
 
 
 @inlined
 def element_of(L, k):
-    """Where the output of an element stands in the augmented state, its derivatives behind it."""
+    """Place of an element's output in the augmented state; its derivatives follow."""
     return L[pg.N] + pg.DERIVATIVES * k
 
 
 @inlined
 def scale_of(P, L, place):
-    """What an exogenous state is to be multiplied by to be in its unit."""
+    """Factor from an exogenous state to its SI value."""
     return P[L[pg.EXO_SCALE] + place - L[pg.N]]
 
 
@@ -79,7 +79,7 @@ def slope_of(P, L, k, first, second, time, which):
 
 @compiled
 def solve(L, S, D):
-    """Solve the equations of the outputs; the solution takes the place of the right side."""
+    """Solve the equations of the outputs; the solution overwrites the right side."""
     count = L[pg.ELEMENTS]
     matrix = scratch(L, D, MATRIX)
     right = matrix + count * count
@@ -94,7 +94,7 @@ def solve(L, S, D):
 
 @compiled
 def equations(P, L, S, D, z, time, row, slope):
-    """Set the matrix of the equations that `outputs_at` solves: one less what an output makes of every other."""
+    """Set the Jacobian of the equations of `outputs_at`: the unit matrix less the outputs' mutual derivatives."""
     count, matrix = L[pg.ELEMENTS], scratch(L, D, MATRIX)
     for k in range(count):
         first, second = input_of(P, L, S, z, k, 0), input_of(P, L, S, z, k, 1)
@@ -104,23 +104,23 @@ def equations(P, L, S, D, z, time, row, slope):
                 form = L[pg.ELEMENT_Z] + (2 * k + which) * L[pg.A]
                 by_output = P[form + place]
                 if row != NONE:
-                    by_output -= along(P, L, D, form) * P[row + place] / slope
+                    by_output -= charge_slope(P, L, D, form) * P[row + place] / slope
                 total += slope_of(P, L, k, first, second, time, which) * by_output
             S[matrix + k * count + m] = (1.0 if k == m else 0.0) - total / scale_of(P, L, element_of(L, k))
 
 
 @compiled
 def outputs_at(P, L, S, D, z, time, row, slope):
-    """Set the outputs to what the rest of a state makes of them, by Newton's method: their inputs depend on them.
+    """Set the outputs so that they agree with the rest of a state, by Newton's method: their inputs depend on them.
 
-    With the row of a linear form the charge moves as well, so that the form is zero; slope is what a unit of charge
-    adds to it. Where there is no solution the state is no number.
+    With the row of a linear form the charge is moved as well, so that the form is zero; `slope` is its derivative with
+    respect to the charge. If there is no solution the state is NaN.
     """
     count, right = L[pg.ELEMENTS], scratch(L, D, MATRIX) + L[pg.ELEMENTS] * L[pg.ELEMENTS]
     largest = change = last = np.inf
-    for _ in range(NEWTONS):
+    for _ in range(MAX_ITERATIONS):
         if row != NONE:
-            shift(P, L, S, D, z, -dot_column(P, row, 1, S, z, L[pg.A]) / slope)
+            move_charge(P, L, S, D, z, -dot_column(P, row, 1, S, z, L[pg.A]) / slope)
         for k in range(count):
             place, first, second = element_of(L, k), input_of(P, L, S, z, k, 0), input_of(P, L, S, z, k, 1)
             S[right + k] = output_of(P, L, k, first, second, time) / scale_of(P, L, place) - S[z + place]
@@ -130,25 +130,25 @@ def outputs_at(P, L, S, D, z, time, row, slope):
         for k in range(count):
             S[z + element_of(L, k)] += S[right + k]
             change, largest = max(change, abs(S[right + k])), max(largest, abs(S[z + element_of(L, k)]))
-        # At the level of rounding it no longer gets better.
+        # At the level of rounding the step no longer decreases.
         if change <= 1e-15 * largest or (change <= 1e-12 * largest and not change < 0.5 * last):
             break
         last = change
     if row != NONE:
-        shift(P, L, S, D, z, -dot_column(P, row, 1, S, z, L[pg.A]) / slope)
-    if not change <= SOLVED * max(largest, size_of(L, S, z)):
+        move_charge(P, L, S, D, z, -dot_column(P, row, 1, S, z, L[pg.A]) / slope)
+    if not change <= STEP_TOLERANCE * max(largest, size_of(L, S, z)):
         S[z] = np.nan
 
 
 @compiled
 def outputs(P, L, S, D, z, time):
-    """Set the outputs to what the rest of a state makes of them."""
+    """Set the outputs so that they agree with the rest of a state."""
     outputs_at(P, L, S, D, z, time, NONE, 1.0)
 
 
 @compiled
 def _rates(P, L, S, D, slot, z, time, right):
-    """What the rates of a state, with the slopes of the outputs that it holds, make of these slopes."""
+    """Rates of the outputs that follow from the rates of a state, which depend on the rates it contains."""
     flow = scratch(L, D, FLOW)
     multiply(P, block_of(L, slot) + L[tb.MATRIX], L[pg.ROWS], L[pg.COLUMNS], S, z, flow)
     for k in range(L[pg.ELEMENTS]):
@@ -161,10 +161,10 @@ def _rates(P, L, S, D, slot, z, time, right):
 
 
 @compiled
-def lift(P, L, S, D, slot, z, time):
-    """Set the outputs and their slopes to what the rest of a state makes of them.
+def set_outputs_and_rates(P, L, S, D, slot, z, time):
+    """Set the outputs and their rates so that they agree with the rest of a state.
 
-    The equations of the slopes are linear; their columns are what a slope of one makes of all others.
+    The equations of the rates are linear; each column is the effect of a unit rate on all others.
     """
     outputs(P, L, S, D, z, time)
     count, matrix = L[pg.ELEMENTS], scratch(L, D, MATRIX)

@@ -9,7 +9,7 @@ from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import tables as tb
 from piezoharvest.engine.memory.tables import block_of, slot_of
 from piezoharvest.engine.memory.vector import accumulate, copy, dot, grow, multiply, polynomial
-from piezoharvest.engine.work_limit import products
+from piezoharvest.engine.work_limit import spend_products
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 NODES, WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
@@ -19,13 +19,13 @@ NODES, WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 def energies_of_steps(P, L, slot, configuration):
     """Energies of a step as quadratic forms of the state at its beginning, on every level.
 
-    On the finest level by Gauss-Legendre quadrature of polynomials, exact to rounding; then doubled:
-    the form of a double step is Q + (1 + G)' Q (1 + G). Made when first asked for: a search meets modes without.
+    On the finest level by Gauss-Legendre quadrature of polynomials, exact to rounding; then doubled: the form of a
+    double step is Q + (1 + G)' Q (1 + G). Computed when first needed: a search also uses modes without energies.
     """
     a, rows, columns, block = L[pg.A], L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     finest, square, powers = L[slot_of(L, slot) + tb.FINEST_LEVEL], rows * columns, L[tb.SCRATCH]
     energies, own = L[tb.LEDGER], L[pg.PRODUCTS]
-    products(L, 2 * energies * finest * a)
+    spend_products(L, 2 * energies * finest * a)
     gramian = block + L[tb.GRAMIAN] + finest * energies * square
     transposed = powers + (tb.TERMS + 1) * square
     first = transposed + square

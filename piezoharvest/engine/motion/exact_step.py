@@ -13,37 +13,37 @@ from piezoharvest.engine.memory import tables as tb
 from piezoharvest.engine.memory.state import vector
 from piezoharvest.engine.memory.tables import block_of, slot_of
 from piezoharvest.engine.memory.vector import add_product, combine, copy, grow, multiply, multiply_top
-from piezoharvest.engine.work_limit import products
+from piezoharvest.engine.work_limit import spend_products
 
-trailing_zeros: Any = numbers.trailing_zeros  # its callers leave the context out, which type checkers do not know
+trailing_zeros: Any = numbers.trailing_zeros  # callers omit the context argument, which type checkers do not know
 
-# Scratch vectors, by who uses them; the terms of a series stand one after the other.
-ARRIVED, FOUND, TRIAL, SAMPLE, KEPT, FLOW, SWAP, SERIES = range(8)
+# Scratch vectors, by use; the terms of a series stand one after the other.
+ARRIVED, FOUND, TRIAL, SAMPLE, SAVED, FLOW, SWAP, SERIES = range(8)
 
-NEAR = 5 / 8  # finest steps
+MAX_FRACTION = 5 / 8  # finest steps
 
 
 @compiled
-def reach(P, L, S, D, slot, x, tau):
-    """The finest steps that make up tau, to the nearest: state there, as the first of SERIES; returns what is left.
+def propagate_finest_steps(P, L, S, D, slot, x, tau):
+    """Propagate over tau rounded to finest steps: the state becomes the first of SERIES; returns the remaining time.
 
-    Taken as digits of their number, each a product with a table: binary ones, or longer ones where there are tables of
-    these, as each product waits for the one before.
+    The number of steps is written in digits, each a product with a table: binary ones, or longer ones if their tables
+    exist, as the products are sequential.
     """
     rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     finest, out, square = L[slot_of(L, slot) + tb.FINEST_LEVEL], vector(L, D, SERIES), rows * columns
     growth, tables = block + L[tb.GROWTH] + finest * square, block + L[tb.DIGITS]
     short = P[block + L[tb.STEPS] + finest]
     source, here, there = x, out, vector(L, D, SWAP)
-    # By rounding a time may lie before the step, and digits of a negative number are beyond the tables.
+    # By rounding a time may lie before the step; digits of a negative number would be outside the tables.
     count = min(max(int(tau / short + 0.5), 0), (2 << finest) - 1) if abs(tau) < np.inf else 0
     rest = tau - count * short
-    products(L, 4)
+    spend_products(L, 4)
     while count:
         if L[pg.SIGNAL_KIND] == pg.RAMPS:
-            place = trailing_zeros(count) // tb.BITS
-            digit = (count >> tb.BITS * place) & tb.LARGEST
-            table, count = tables + (tb.LARGEST * place + digit - 1) * square, count - (digit << tb.BITS * place)
+            place = trailing_zeros(count) // tb.DIGIT_BITS
+            digit = (count >> tb.DIGIT_BITS * place) & tb.LARGEST
+            table, count = tables + (tb.LARGEST * place + digit - 1) * square, count - (digit << tb.DIGIT_BITS * place)
         else:
             table, count = growth - trailing_zeros(count) * square, count & (count - 1)
         grow(P, table, rows, columns, S, source, here)
@@ -55,21 +55,21 @@ def reach(P, L, S, D, slot, x, tau):
 
 
 @compiled
-def expand(P, L, S, D, slot):
-    """Terms of the Taylor series of the motion from the first of SERIES on, for time in finest steps.
+def taylor_terms(P, L, S, D, slot):
+    """Taylor terms of the motion from the first of SERIES, for time in finest steps.
 
-    One product with all powers of the mode's matrix, so that no term waits for the one before.
+    One product with all powers of the mode's matrix, so that the terms are independent.
     """
     z, rows = vector(L, D, SERIES), L[pg.ROWS]
     multiply(P, block_of(L, slot) + L[tb.POWERS], tb.TERMS * rows, L[pg.COLUMNS], S, z, z + rows)
 
 
 @compiled
-def drift(P, L, S, D, slot, share, out):
-    """Out = the first of SERIES moved on by a share of the finest step, up to NEAR of it forwards or back.
+def propagate_fraction(P, L, S, D, slot, share, out):
+    """Out = the first of SERIES propagated by a fraction of the finest step, up to NEAR forwards or backwards.
 
     The Taylor series to the order 7: four terms and, behind the fourth power of the mode's matrix, four more. Half as
-    many products as in `expand`, and what is left out is below 1e-16.
+    many products as in `taylor_terms`, and the remainder is below 1e-16.
     """
     z, rows, columns = vector(L, D, SERIES), L[pg.ROWS], L[pg.COLUMNS]
     powers, stride, second, behind = block_of(L, slot) + L[tb.POWERS], tb.TERMS * rows, share * share, z + 4 * rows
@@ -83,7 +83,7 @@ def drift(P, L, S, D, slot, share, out):
 
 
 @compiled
-def exact(P, L, S, D, slot, x, tau, out):
-    """Out = exp(A tau) x for any 0 <= tau <= longest step: to the nearest finest step, and forwards or back from it."""
+def propagate_exactly(P, L, S, D, slot, x, tau, out):
+    """Out = exp(A tau) x for any 0 <= tau <= longest step: to the nearest finest step, then forwards or backwards."""
     short = P[block_of(L, slot) + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
-    drift(P, L, S, D, slot, reach(P, L, S, D, slot, x, tau) / short, out)
+    propagate_fraction(P, L, S, D, slot, propagate_finest_steps(P, L, S, D, slot, x, tau) / short, out)

@@ -1,4 +1,4 @@
-"""Matrix exponentials of a mode on dyadic steps, and what a step means for its guards."""
+"""Matrix exponentials of a mode on dyadic steps, and the tables that give its guards over a step."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from piezoharvest.engine.compilation.compiled import compiled
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory.program import NONE
 from piezoharvest.engine.memory.tables import (
-    BITS,
+    CLAMPED_FORM,
     DEVIATION,
+    DIGIT_BITS,
     DIGITS,
     FINEST_LEVEL,
     FORMS,
-    GLIDE,
-    GLIDE_ROWS,
+    FREE_STEP,
+    FREE_STEP_ROWS,
     GROWTH,
-    HELD_FORM,
     LARGEST,
     LEVELS,
     MATRIX,
@@ -32,16 +32,17 @@ from piezoharvest.engine.memory.tables import (
     slot_of,
 )
 from piezoharvest.engine.memory.vector import LANES, accumulate, copy, grow, multiply
-from piezoharvest.engine.motion.diode_clamp import held_form, hold
+from piezoharvest.engine.motion.diode_clamp import clamped_form, enforce_clamp
 
 # |A| h on the finest level: a Taylor series over half of that is short.
 FINEST = 1.0 / 16.0
-BOLD = 5  # levels above the finest on which a motion begins: |A| h is 2, and every motion of the mode is followed
+# Levels above the finest of a first step: |A| h is 2, so that every motion of the mode is resolved.
+FIRST_STEP_LEVEL = 5
 
 
 @compiled
 def _norms(P, matrix, a, rows):
-    """Two norms of a matrix: the largest sum of sizes over a row, and over a column."""
+    """Infinity norm and 1-norm of a matrix: the largest absolute sum of a row, and of a column."""
     by_row, by_column = 0.0, 0.0
     for i in range(a):
         row, column = 0.0, 0.0
@@ -58,7 +59,7 @@ def exponentials(P, L, slot, configuration, longest):
     a, rows, columns, block = L[pg.A], L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     matrix, square, powers = block + L[MATRIX], rows * columns, L[SCRATCH]
     by_row, by_column = _norms(P, matrix, a, rows)
-    # The series holds in either norm; through samples the motion goes by digits, of which the smaller one may save one.
+    # The series converges in either norm; the smaller one may save a digit in the steps through samples.
     norm = min(by_row, by_column) if L[pg.SIGNAL_KIND] == pg.RAMPS else by_row
     finest, h = 0, longest
     P[block + L[STEPS]] = h
@@ -88,8 +89,8 @@ def exponentials(P, L, slot, configuration, longest):
     for k in range(ORDER - 1, 0, -1):
         accumulate(P, powers + k * square, 1.0, growth, square)
     held = powers + (ORDER + 2) * square
-    holds = held_form(P, L, slot, configuration, held)
-    L[slot_of(L, slot) + HELD_FORM] = holds
+    holds = clamped_form(P, L, slot, configuration, held)
+    L[slot_of(L, slot) + CLAMPED_FORM] = holds
     for _ in range(finest):
         coarser = growth - square
         for j in range(a):
@@ -99,13 +100,13 @@ def exponentials(P, L, slot, configuration, longest):
             P[coarser + j] = 0.0
         accumulate(P, growth, 1.0, coarser, square)
         if holds != NONE:
-            hold(P, L, coarser, held)
+            enforce_clamp(P, L, coarser, held)
         growth = coarser
 
 
 @compiled
 def _taylor(P, L, slot):
-    """Taylor series of every guard within a finest step, as forms of the state where it begins."""
+    """Taylor series of every guard within a finest step, as forms of the initial state."""
     rows, columns, forms, block, powers = L[pg.ROWS], L[pg.COLUMNS], L[FORMS], block_of(L, slot), L[SCRATCH]
     out, found = block + L[TAYLOR], powers + (ORDER + 1) * rows * columns
     for j in range(columns):
@@ -118,13 +119,13 @@ def _taylor(P, L, slot):
 
 @compiled
 def digits(P, L, slot):
-    """exp(A h) - 1 for every digit of a number of finest steps, from the last place on.
+    """Tables of exp(A h) - 1 for every digit of a number of finest steps, from the lowest on.
 
-    For a digit of one bit it is that of a level, for others that of their highest bit and that of the rest together.
+    For a digit of one bit it is that of a level, for others the product of those of the highest bit and of the rest.
     """
     rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     square, finest, here = rows * columns, L[slot_of(L, slot) + FINEST_LEVEL], block + L[DIGITS]
-    for level in range(finest, -1, -BITS):
+    for level in range(finest, -1, -DIGIT_BITS):
         bit = 0
         for digit in range(1, LARGEST + 1):
             bit += 1 if digit >> bit > 1 else 0
@@ -141,12 +142,13 @@ def digits(P, L, slot):
 
 
 @compiled
-def deviations(P, L, slot):
-    """How far within a longest step a guard may be from the straight line between its ends, for a unit of each bend.
+def line_deviations(P, L, slot):
+    """Largest deviation of a guard from the straight line over a longest step, for a unit of each second derivative.
 
-    The bends are z'' = A^2 z: within a step h, z leaves the line by (B(t) - t/h B(h)) A^2 z, where B(t) is
-    t^2/2 + A t^3/6 + ... So what moves along a line is known to, be it a displacement beside a large force that holds
-    it there. Looked at the ends of all dyadic steps, and taken twice: a transient may be higher between two of them.
+    The second derivatives are z'' = A^2 z: within a step h, z leaves the line by (B(t) - t/h B(h)) A^2 z, where B(t) is
+    t^2/2 + A t^3/6 + ... Motion along a line is thereby recognised, even of a displacement beside a large force that
+    keeps it constant. Evaluated at the ends of all dyadic steps and doubled: a transient may be higher between two of
+    them.
     """
     forms, rows, columns, block = L[FORMS], L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     square, size, finest = rows * columns, forms * columns, L[slot_of(L, slot) + FINEST_LEVEL]
@@ -180,16 +182,16 @@ def deviations(P, L, slot):
 
 
 @compiled
-def glides(P, L, slot):
-    """What a longest step leads to, as one matrix: growth, bends before, guards before and after, outputs after.
+def free_step_matrix(P, L, slot):
+    """One matrix for a longest step: growth, second derivatives before, guards before and after, outputs after.
 
-    Of the guards a register before and one after stand in turn, so that those behind, if only watched, may be left out.
+    Registers of guards before and after alternate, so that the last ones, of watched outputs only, may be left out.
     """
     a, rows, columns, forms, block = L[pg.A], L[pg.ROWS], L[pg.COLUMNS], L[FORMS], block_of(L, slot)
-    growth, values, outputs, height = block + L[GROWTH], block + L[VALUES], block + L[OUTPUTS], L[GLIDE_ROWS]
+    growth, values, outputs, height = block + L[GROWTH], block + L[VALUES], block + L[OUTPUTS], L[FREE_STEP_ROWS]
     matrix = block + L[MATRIX]
     for j in range(columns):
-        here, column = block + L[GLIDE] + j * height, growth + j * rows
+        here, column = block + L[FREE_STEP] + j * height, growth + j * rows
         copy(P, column, here, rows)
         multiply(P, matrix, rows, columns, P, matrix + j * rows, here + rows)
         pairs, after = here + 2 * rows, here + 2 * rows + 2 * forms

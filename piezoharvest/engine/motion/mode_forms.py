@@ -5,6 +5,7 @@ from __future__ import annotations
 from piezoharvest.engine.compilation.compiled import compiled
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory.tables import (
+    DELAYED,
     EVENT_ROWS,
     FINEST_LEVEL,
     FIRST_GUARD,
@@ -18,7 +19,6 @@ from piezoharvest.engine.memory.tables import (
     OUTPUTS,
     PRODUCTS,
     SCRATCH,
-    SETTLED,
     SIZES,
     VALUES,
     block_of,
@@ -27,17 +27,17 @@ from piezoharvest.engine.memory.tables import (
 )
 from piezoharvest.engine.memory.vector import LANES, copy
 
-# A motion as fast as the norm of the mode's matrix has died out after 2^10 finest steps, each 1/16 of that time; to a
-# step 2^6 times as long, now and then are the same.
-DIES_OUT, STIFF = 10, 16
+# A motion as fast as the norm of the mode's matrix has decayed after 2^10 finest steps, each 1/16 of its time constant;
+# in a step 2^6 times as long this delay is negligible.
+DECAY_LEVEL, STIFF_LEVELS = 10, 16
 
 
 @compiled
 def forms_of_mode(P, L, D, slot, configuration, slip):
-    """Guards, outputs and products over the whole state.
+    """Forms of guards, outputs and products over the augmented state.
 
-    Guards are numbered: the circuit's, the extremum, two for each stop (its upper and its lower limit; a slipping one
-    has the first alone), and behind them the watched outputs, which are no events.
+    Order of the guards: the circuit's, the extremum, two for each stop (its upper and its lower limit; a slipping one
+    has the first only), and last the watched outputs, which are no events.
     """
     n, a, h, own = L[pg.N], L[pg.A], L[pg.H], L[pg.G]
     at, matrix, line = slot_of(L, slot), block_of(L, slot) + L[MATRIX], L[SCRATCH]
@@ -48,13 +48,13 @@ def forms_of_mode(P, L, D, slot, configuration, slip):
             k = configuration * own + g
             _over_state(P, L, line, L[pg.GUARD_Z] + k * a, L[pg.GUARD_D] + k * n, matrix)
             _guard(P, L, slot, line, row)
-            _enlist(L, slot, g, row)
+            _append_guard(L, slot, g, row)
             row += 1
     if L[pg.SWITCHED]:
         for k in range(a):
             P[line + k] = P[L[pg.TRIGGER_ROW] + k]
         _guard(P, L, slot, line, row)
-        _enlist(L, slot, own, row)
+        _append_guard(L, slot, own, row)
         row += 1
     for j in range(h):
         if D[slip + j] == 0:
@@ -62,12 +62,12 @@ def forms_of_mode(P, L, D, slot, configuration, slip):
                 P[line + k] = 0.0
             P[line + L[L[pg.STOP_STATE] + j]] = 1.0
             _guard(P, L, slot, line, row)
-            _enlist(L, slot, own + 1 + 2 * j, row)
-            _enlist(L, slot, own + 2 + 2 * j, row)
+            _append_guard(L, slot, own + 1 + 2 * j, row)
+            _append_guard(L, slot, own + 2 + 2 * j, row)
         else:
             _over_state(P, L, line, -1, L[pg.STOP_INPUT] + j * n, matrix)
             _guard(P, L, slot, line, row)
-            _enlist(L, slot, own + 1 + 2 * j, row)
+            _append_guard(L, slot, own + 1 + 2 * j, row)
         row += 1
     L[at + EVENT_ROWS] = -(-row // LANES) * LANES
     _clear(P, L, slot, row)
@@ -98,45 +98,45 @@ def rate_of(P, L, form, out, matrix):
 
 
 @compiled
-def settled_forms(P, L, slot):
-    """Lay out guards whose rates are those a moment later, when the fastest motion of a stiff mode has died out.
+def delayed_forms(P, L, slot):
+    """Tabulate guards whose rates are taken after a delay in which the fastest motion of a stiff mode has decayed.
 
-    Beside a time constant of 1e-9 of the period, the rate of a current, made from the state, is rounding: it is a small
-    difference of large numbers, divided by that time. Taken from the form c (1 + G) A (1 + G), where 1 + G is what the
-    moment makes of a state, the large numbers are gone before they are divided. Steps much longer than the moment are
-    judged by these rates.
+    With a time constant of 1e-9 of the period, the rate of a current computed from the state is rounding: it is a small
+    difference of large numbers, divided by that time. In the form c (1 + G) A (1 + G), where 1 + G propagates over the
+    delay, the large numbers have decayed before they are divided. These rates are used for steps much longer than the
+    delay.
     """
     a, forms, block = L[pg.A], L[FORMS], block_of(L, slot)
     finest, size = L[slot_of(L, slot) + FINEST_LEVEL], 3 * L[FORMS] * L[pg.COLUMNS]
-    copy(P, block + L[GUARDS], block + L[SETTLED], size)
-    if finest < STIFF:
+    copy(P, block + L[GUARDS], block + L[DELAYED], size)
+    if finest < STIFF_LEVELS:
         return
-    growth = block + L[GROWTH] + (finest - DIES_OUT) * L[pg.ROWS] * L[pg.COLUMNS]
+    growth = block + L[GROWTH] + (finest - DECAY_LEVEL) * L[pg.ROWS] * L[pg.COLUMNS]
     form, out = L[SCRATCH], L[SCRATCH] + a
     for row in range(forms):
         for k in range(a):
             P[form + k] = P[block + L[VALUES] + k * forms + row]
-        _later(P, L, form, out, growth)
+        _delayed_form(P, L, form, out, growth)
         for kind in range(1, 3):
             rate_of(P, L, form, out, block + L[MATRIX])
             for k in range(a):
                 P[form + k] = P[out + k]
-            _later(P, L, form, out, growth)
+            _delayed_form(P, L, form, out, growth)
             for k in range(a):
-                P[block + L[SETTLED] + k * 3 * forms + place_of(row) + kind * LANES] = P[form + k]
+                P[block + L[DELAYED] + k * 3 * forms + place_of(row) + kind * LANES] = P[form + k]
 
 
 @compiled
-def _later(P, L, form, scratch, growth):
-    """Make a form of the state that of the state a moment before: form (1 + G)."""
+def _delayed_form(P, L, form, scratch, growth):
+    """Turn a form of the state into a form of the state a delay earlier: form (1 + G)."""
     rate_of(P, L, form, scratch, growth)
     for k in range(L[pg.A]):
         P[form + k] += P[scratch + k]
 
 
 @compiled
-def _enlist(L, slot, what, row):
-    """Add a guard to the list of a mode."""
+def _append_guard(L, slot, what, row):
+    """Append a guard to the list of a mode."""
     at = slot_of(L, slot)
     count = L[at + GUARD_COUNT]
     L[at + FIRST_GUARD + 2 * count] = what
@@ -146,7 +146,7 @@ def _enlist(L, slot, what, row):
 
 @compiled
 def _guard(P, L, slot, line, row):
-    """Lay out a guard's form with its rate and second rate, and note the largest coefficient of each."""
+    """Tabulate a guard's form with its rate and second rate, and store the largest coefficient of each."""
     a, forms, block = L[pg.A], L[FORMS], block_of(L, slot)
     for kind in range(3):
         size = 0.0
@@ -168,7 +168,7 @@ def _guard(P, L, slot, line, row):
 
 @compiled
 def _outputs(P, L, slot, configuration, matrix, line, row):
-    """Lay out the outputs, and from a row on the rates of those that are watched."""
+    """Tabulate the outputs, and from `row` on the rates of the watched ones."""
     n, a, block, count = L[pg.N], L[pg.A], block_of(L, slot), len(pg.OUTPUTS)
     for o in range(count):
         k = configuration * count + o
@@ -180,9 +180,9 @@ def _outputs(P, L, slot, configuration, matrix, line, row):
             for j in range(a):
                 P[line + j] = P[line + 3 * a + j]
             _guard(P, L, slot, line, row)
-            _enlist(L, slot, -1, row)
+            _append_guard(L, slot, -1, row)
             row += 1
-    # The columns that make their number even.
+    # The padding columns that make their number even.
     for j in range(a, L[pg.COLUMNS]):
         for r in range(3 * L[FORMS]):
             P[block + L[GUARDS] + j * 3 * L[FORMS] + r] = 0.0
@@ -194,7 +194,7 @@ def _outputs(P, L, slot, configuration, matrix, line, row):
 
 @compiled
 def _clear(P, L, slot, row):
-    """Set forms from a row on to zero: those that the mode does not use, and what is watched, which comes later."""
+    """Set forms from a row on to zero: unused ones, and those of watched outputs, which are filled later."""
     block, forms = block_of(L, slot), L[FORMS]
     for r in range(row, forms):
         for j in range(L[pg.A]):

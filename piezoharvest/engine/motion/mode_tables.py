@@ -1,4 +1,4 @@
-"""Building the tables of a mode when it is first met."""
+"""Construction of the tables of a mode when it is first used."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from piezoharvest.engine.compilation.compiled import compiled, inlined
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory.tables import (
     ACCOUNTED,
-    HELD,
+    CLAMPED,
     KEY,
     LEVELS,
     MAP,
@@ -18,19 +18,19 @@ from piezoharvest.engine.memory.tables import (
     mode_key,
     slot_of,
 )
-from piezoharvest.engine.motion.exponentials import deviations, digits, exponentials, glides
-from piezoharvest.engine.motion.mode_forms import forms_of_mode, settled_forms
-from piezoharvest.engine.work_limit import products
+from piezoharvest.engine.motion.exponentials import digits, exponentials, free_step_matrix, line_deviations
+from piezoharvest.engine.motion.mode_forms import delayed_forms, forms_of_mode
+from piezoharvest.engine.work_limit import spend_products
 
 
 @compiled
 def build(P, L, D, configuration, slip):
-    """Tables of a mode that is not there yet; all are dropped where there is no room left."""
-    if L[HELD] == L[ROOM]:
-        L[HELD] = 0
-    slot = L[HELD]
-    L[HELD] += 1
-    products(L, LEVELS * L[pg.A])
+    """Build the tables of a new mode; if there is no room left, all others are dropped."""
+    if L[CLAMPED] == L[ROOM]:
+        L[CLAMPED] = 0
+    slot = L[CLAMPED]
+    L[CLAMPED] += 1
+    spend_products(L, LEVELS * L[pg.A])
     key = mode_key(L, D, configuration, slip)
     L[slot_of(L, slot) + KEY], L[slot_of(L, slot) + ACCOUNTED] = key, 0
     L[L[MAP] + key % L[MAPPED]] = slot
@@ -41,18 +41,18 @@ def build(P, L, D, configuration, slip):
     if L[pg.SWITCHED] == 1 and L[L[pg.OPENED] + configuration] != configuration:
         longest = min(longest, P[L[pg.ON_TIME]])
     exponentials(P, L, slot, configuration, longest)
-    settled_forms(P, L, slot)
+    delayed_forms(P, L, slot)
     if L[pg.SIGNAL_KIND] == pg.RAMPS:
-        deviations(P, L, slot)
+        line_deviations(P, L, slot)
         digits(P, L, slot)
-        glides(P, L, slot)
+        free_step_matrix(P, L, slot)
 
 
 @compiled
 def _motion(P, L, D, slot, configuration, slip):
-    """Z' = matrix z, the sticking stops tied to their inputs one after the other (Sherman-Morrison).
+    """Matrix of z' = matrix z, with the sticking stops tied to their inputs one after the other (Sherman-Morrison).
 
-    The matrix is made row by row in scratch, and laid out by columns at the end.
+    The matrix is built row by row in scratch, and stored by columns at the end.
     """
     n, a, h, rows = L[pg.N], L[pg.A], L[pg.H], L[pg.ROWS]
     work = L[SCRATCH]

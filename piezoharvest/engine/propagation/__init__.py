@@ -1,1 +1,1 @@
-"""Propagation through time: within a mode up to the next event, through the event, and what is recorded on the way."""
+"""Propagation through time: within a mode up to the next event, through the event, with recording."""

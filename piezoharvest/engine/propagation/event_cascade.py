@@ -1,59 +1,59 @@
-"""What is due at an instant: events that follow at once from where the state is."""
+"""Cascades of events: all events that are due at an instant, one after the other."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from piezoharvest.engine.compilation.compiled import compiled, inlined
-from piezoharvest.engine.events.event_actions import happen
+from piezoharvest.engine.events.event_actions import trigger_event
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory import tables as tb
 from piezoharvest.engine.memory.program import NONE
-from piezoharvest.engine.memory.tables import block_of, place_of, rows_read, seek, slot_of
+from piezoharvest.engine.memory.tables import block_of, find_mode, place_of, rows_read, slot_of
 from piezoharvest.engine.memory.vector import LANES, total_size
-from piezoharvest.engine.motion.diode_clamp import begin_to_hold
+from piezoharvest.engine.motion.diode_clamp import begin_clamp
 from piezoharvest.engine.motion.mode_tables import build
 from piezoharvest.engine.propagation.propagate import read_guards
 
-TINY = 1e-12  # a guard this small, relative to its terms, is zero
-AT_ONCE = 60  # events at one instant beyond which the model chatters
+ZERO_TOLERANCE = 1e-12  # relative to its terms: a smaller guard counts as zero
+MAX_EVENTS = 60  # events at one instant, beyond which the model is taken to chatter
 
 
 @compiled
-def settle(P, L, S, D):
-    """Carry out whatever is due at this instant without time passing.
+def process_due_events(P, L, S, D):
+    """Carry out all events that are due at this instant.
 
-    Returns the mode, with its guards read at NOW_GUARDS, or NONE where the events do not end.
+    Returns the mode, with its guards evaluated at NOW_GUARDS, or NONE if the events do not end.
     """
-    # Where nothing has happened since a mode was moved in, its guards are read as they were.
-    known = NONE if D[st.BETWEEN] else D[st.MODE]
-    for _ in range(AT_ONCE):
-        slot = seek(L, D, D[st.CONFIGURATION], D[st.SLIP])
+    # If no event has happened since the last step, the signs and limits of the guards are still set.
+    known = NONE if D[st.INCOMPLETE] else D[st.MODE]
+    for _ in range(MAX_EVENTS):
+        slot = find_mode(L, D, D[st.CONFIGURATION], D[st.SLIP])
         if slot == NONE:
             build(P, L, D, D[st.CONFIGURATION], D[st.SLIP])
-            slot = L[tb.HELD] - 1
+            slot = L[tb.CLAMPED] - 1
         if known != slot:
-            orient(P, L, S, D, slot)
-            if L[slot_of(L, slot) + tb.HELD_FORM] != NONE:
-                begin_to_hold(P, L, S, D, L[slot_of(L, slot) + tb.HELD_FORM])
+            set_guard_signs(P, L, S, D, slot)
+            if L[slot_of(L, slot) + tb.CLAMPED_FORM] != NONE:
+                begin_clamp(P, L, S, D, L[slot_of(L, slot) + tb.CLAMPED_FORM])
         known = NONE
         read_guards(P, L, S, D, slot, L[tb.GUARDS], 0, D[st.NOW_GUARDS])
         if L[pg.SWITCHED] and D[st.DIRECTION] == 0:
-            leave_rest(P, L, S, D, slot)
-        guard = overdue(P, L, S, D, slot)
+            initial_direction(P, L, S, D, slot)
+        guard = first_due(P, L, S, D, slot)
         if guard == NONE:
             return slot
-        happen(P, L, S, D, L[slot_of(L, slot) + tb.FIRST_GUARD + 2 * guard])
+        trigger_event(P, L, S, D, L[slot_of(L, slot) + tb.FIRST_GUARD + 2 * guard])
     return NONE
 
 
 @compiled
-def orient(P, L, S, D, slot):
-    """Set how the guards of a mode are read: the extremum by the direction of motion, a stop by its side.
+def set_guard_signs(P, L, S, D, slot):
+    """Set the signs of a mode's guards: of the extremum by the direction of motion, of a stop by its side.
 
-    So are the limits between which their forms stay for as long as none rises. The direction is 0 at rest, which is
-    left without an extremum.
+    Also set the limits of their forms between which none of them rises. The direction is 0 at rest; motion that begins
+    there is not an extremum.
     """
     at, own, lower, upper = slot_of(L, slot), L[pg.G], D[st.LOWER], D[st.UPPER]
     for r in range(L[tb.FORMS]):
@@ -76,10 +76,10 @@ def orient(P, L, S, D, slot):
 
 
 @compiled
-def overdue(P, L, S, D, slot):
+def first_due(P, L, S, D, slot):
     """First guard that is above zero, or at zero and about to rise: value, rate and second rate decide in turn.
 
-    Zero is judged against the size of the guard's terms and of what its rate makes of a short step.
+    Zero is relative to the size of the guard's terms and to its change in a short step.
     """
     size = total_size(S, 0, L[pg.ROWS])
     S[D[st.SIZE]] = size
@@ -88,7 +88,7 @@ def overdue(P, L, S, D, slot):
     at, now = slot_of(L, slot), D[st.NOW_GUARDS]
     for g in range(L[at + tb.GUARD_COUNT] - pg.WATCHED):
         row, sign = L[at + tb.FIRST_GUARD + 2 * g + 1], S[D[st.SIGN] + g]
-        place, zeros = now + place_of(row), _zeros(P, L, slot, size, place_of(row))
+        place, zeros = now + place_of(row), _zero_tolerances(P, L, slot, size, place_of(row))
         value = sign * S[place] + S[D[st.OFFSET] + g]
         if _due(value, sign * S[place + LANES], sign * S[place + 2 * LANES], zeros):
             return g
@@ -96,30 +96,30 @@ def overdue(P, L, S, D, slot):
 
 
 @inlined
-def _zeros(P, L, slot, size, place):
-    """What is zero of a guard, of its rate and of its second rate."""
+def _zero_tolerances(P, L, slot, size, place):
+    """Tolerances for zero of a guard, of its rate and of its second rate."""
     block = block_of(L, slot)
     sizes, short = block + L[tb.SIZES] + place, P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
-    first, second, third, zero = P[sizes], P[sizes + LANES], P[sizes + 2 * LANES], TINY * size
+    first, second, third, zero = P[sizes], P[sizes + LANES], P[sizes + 2 * LANES], ZERO_TOLERANCE * size
     return zero * (first + short * second), 10.0 * zero * (second + short * third), 100.0 * zero * third
 
 
 @inlined
 def _due(value, rate, bend, zeros):
-    """Whether a guard is above zero, or at zero and about to rise; without a branch, so that vectors are made of it."""
+    """True if a guard is above zero, or at zero and about to rise; without branches, so that it is vectorised."""
     rises = (rate > zeros[1]) | ((rate >= -zeros[1]) & (bend > zeros[2]))
     return (value > zeros[0]) | ((value >= -zeros[0]) & rises)
 
 
 @compiled
 def _any_due(P, L, S, D, slot, size):
-    """Whether any guard is due, looked at by forms, a register of them at a time."""
+    """True if any guard is due; forms are tested a register at a time."""
     now, lower, upper = D[st.NOW_GUARDS], D[st.LOWER], D[st.UPPER]
     due = False
     for row in range(0, rows_read(L, False, slot), LANES):
         place = place_of(row)
         for k in range(LANES):
-            zeros, here = _zeros(P, L, slot, size, place + k), now + place + k
+            zeros, here = _zero_tolerances(P, L, slot, size, place + k), now + place + k
             value, rate, bend = S[here], S[here + LANES], S[here + 2 * LANES]
             due |= _due(value - S[upper + row + k], rate, bend, zeros)
             due |= _due(S[lower + row + k] - value, -rate, -bend, zeros)
@@ -127,8 +127,8 @@ def _any_due(P, L, S, D, slot, size):
 
 
 @compiled
-def leave_rest(P, L, S, D, slot):
-    """Direction in which sum T_i x_i begins to move: the sign of its first rate that is not zero to rounding."""
+def initial_direction(P, L, S, D, slot):
+    """Direction in which sum T_i x_i begins to move: the sign of its lowest derivative that is not zero to rounding."""
     at, block, size = slot_of(L, slot), block_of(L, slot), total_size(S, 0, L[pg.ROWS])
     for g in range(L[at + tb.GUARD_COUNT]):
         if L[at + tb.FIRST_GUARD + 2 * g] != L[pg.G]:
@@ -136,7 +136,7 @@ def leave_rest(P, L, S, D, slot):
         row = L[at + tb.FIRST_GUARD + 2 * g + 1]
         for k in range(3):
             value = S[D[st.NOW_GUARDS] + place_of(row) + k * LANES]
-            if abs(value) > TINY * size * P[block + L[tb.SIZES] + place_of(row) + k * LANES]:
+            if abs(value) > ZERO_TOLERANCE * size * P[block + L[tb.SIZES] + place_of(row) + k * LANES]:
                 D[st.DIRECTION] = 1 if value > 0.0 else -1
                 break
-    orient(P, L, S, D, slot)
+    set_guard_signs(P, L, S, D, slot)

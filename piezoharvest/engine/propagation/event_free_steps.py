@@ -1,4 +1,4 @@
-"""Longest steps on which no guard can rise: what most samples of a record are."""
+"""Longest steps in which no guard can rise, as between most samples of a record."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from piezoharvest.engine.memory.state import set_one, set_ramp, vector
 from piezoharvest.engine.memory.tables import block_of, rows_read, slot_of
 from piezoharvest.engine.memory.vector import accumulate, copy, dot, inside, multiply_top
 from piezoharvest.engine.motion.exact_step import ARRIVED
-from piezoharvest.engine.propagation.recording import SAME_TIME, account, observe
+from piezoharvest.engine.propagation.recording import TIME_TOLERANCE, record_energies, record_outputs
 
 
 @compiled
-def glide(P, L, S, D, ramps, last, piece, t_end):
-    """Make longest steps for as long as no guard comes near zero on them, and return the piece that holds then.
+def make_free_steps(P, L, S, D, ramps, last, piece, t_end):
+    """Make longest steps while no guard comes near zero, and return the present piece.
 
-    One product of a matrix with the state gives where a step leads, the guards at both its ends, the outputs and how
-    much everything bends, so that nothing waits for the state that is arrived at; and there is no look at rates.
+    One product of a matrix with the state gives the next state, the guards at both ends, the outputs and the second
+    derivatives, so that nothing depends on the next state; rates are not needed.
     """
-    slot, glided, clock = D[st.MODE], D[st.GLIDED], D[st.CLOCK]
+    slot, glided, clock = D[st.MODE], D[st.FREE_STEP], D[st.CLOCK]
     rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     step, bends, pairs = P[block + L[tb.STEPS]], glided + rows, glided + 2 * rows
     full = D[st.TRACKED] > 0 or D[st.ENERGIES] > 0 or D[st.SENSITIVITIES] > 0
-    # Forms that no guard reads, and outputs that nobody wants, are left out.
-    forms, height = rows_read(L, D[st.TRACKED], slot), L[tb.GLIDE_ROWS]
+    # Forms that no guard uses, and outputs that are not recorded, are left out.
+    forms, height = rows_read(L, D[st.TRACKED], slot), L[tb.FREE_STEP_ROWS]
     if not full and D[st.SAMPLED] >= D[st.SAMPLES_WANTED]:
         height = 2 * rows + 2 * forms
     if D[st.TRACKED]:
-        _fence_watched(P, L, S, D, slot)
+        _set_watched_limits(P, L, S, D, slot)
     times, starts, slopes = ramps
-    # As in `hold_ramp`, without a division in every sample.
+    # As in `set_ramp_piece`, without a division in every sample.
     signal = L[pg.SIGNAL]
     scale = L[pg.EXO_SCALE] + signal - L[pg.N]
     of_value, of_slope = 1.0 / P[scale], 1.0 / P[scale + 1]
@@ -44,7 +44,7 @@ def glide(P, L, S, D, ramps, last, piece, t_end):
             break
         S[signal] = (starts[piece] + slopes[piece] * (S[clock] - times[piece])) * of_value
         S[signal + 1] = slopes[piece] * of_slope
-        multiply_top(P, block + L[tb.GLIDE], L[tb.GLIDE_ROWS], height, columns, S, 0, glided)
+        multiply_top(P, block + L[tb.FREE_STEP], L[tb.FREE_STEP_ROWS], height, columns, S, 0, glided)
         if not inside(
             P, block + L[tb.DEVIATION], L[tb.FORMS], forms, columns, S, bends, pairs, D[st.LOWER], D[st.UPPER]
         ):
@@ -60,8 +60,8 @@ def glide(P, L, S, D, ramps, last, piece, t_end):
 
 
 @inlined
-def hold_ramp(P, L, S, D, ramps, last, piece):
-    """Set the signal to one of the `last` pieces of ramps, or beyond these to where they end."""
+def set_ramp_piece(P, L, S, D, ramps, last, piece):
+    """Set the signal to one of the `last` pieces of ramps, or after these to their end value."""
     times, starts, slopes = ramps
     if piece < last:
         since = S[D[st.CLOCK]] - times[piece]
@@ -71,8 +71,8 @@ def hold_ramp(P, L, S, D, ramps, last, piece):
 
 
 @compiled
-def _fence_watched(P, L, S, D, slot):
-    """Limits of what is watched, beside those of the guards: its sign stays."""
+def _set_watched_limits(P, L, S, D, slot):
+    """Set limits of the watched outputs' rates, as those of the guards, so that their signs do not change."""
     at, rows = slot_of(L, slot), L[pg.ROWS]
     for g in range(L[at + tb.GUARD_COUNT] - pg.WATCHED, L[at + tb.GUARD_COUNT]):
         row = L[at + tb.FIRST_GUARD + 2 * g + 1]
@@ -82,15 +82,15 @@ def _fence_watched(P, L, S, D, slot):
 
 @compiled
 def _sample(P, L, S, D, slot, step):
-    """Keep the outputs at the end of a step, if these are all that is wanted within it."""
+    """Record the outputs at the end of a step, if these are its only samples."""
     k, times, end = D[st.SAMPLED], D[st.SAMPLE_TIME], S[D[st.CLOCK]] + step
     early = end - S[times + k]
-    if early < -SAME_TIME * step:
+    if early < -TIME_TOLERANCE * step:
         return
-    if early > SAME_TIME * step or (k + 1 < D[st.SAMPLES_WANTED] and S[times + k + 1] <= end):
+    if early > TIME_TOLERANCE * step or (k + 1 < D[st.SAMPLES_WANTED] and S[times + k + 1] <= end):
         _record(P, L, S, D, slot, step)
         return
-    outputs = D[st.GLIDED] + 2 * L[pg.ROWS] + 2 * L[tb.FORMS]
+    outputs = D[st.FREE_STEP] + 2 * L[pg.ROWS] + 2 * L[tb.FORMS]
     copy(S, outputs, D[st.SAMPLES] + k * len(pg.OUTPUTS), tb.OUTPUT_ROWS)
     D[st.SAMPLED] += 1
 
@@ -100,6 +100,6 @@ def _record(P, L, S, D, slot, step):
     """Record a longest step in full."""
     arrived = vector(L, D, ARRIVED)
     for i in range(L[pg.ROWS]):
-        S[arrived + i] = S[i] + S[D[st.GLIDED] + i]
-    observe(P, L, S, D, slot, step, S[D[st.CLOCK]] + step, arrived)
-    account(P, L, S, D, slot, step, 0)
+        S[arrived + i] = S[i] + S[D[st.FREE_STEP] + i]
+    record_outputs(P, L, S, D, slot, step, S[D[st.CLOCK]] + step, arrived)
+    record_energies(P, L, S, D, slot, step, 0)

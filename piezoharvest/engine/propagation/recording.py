@@ -1,4 +1,4 @@
-"""What is recorded of a motion: samples, extremes, energies and sensitivities."""
+"""Recording of a motion: samples, extremes, energies and sensitivities."""
 
 from __future__ import annotations
 
@@ -11,23 +11,22 @@ from piezoharvest.engine.memory.state import dot_column, vector
 from piezoharvest.engine.memory.tables import block_of, slot_of
 from piezoharvest.engine.memory.vector import copy, dot, grow, multiply, polynomial
 from piezoharvest.engine.motion.energy_forms import NODES, WEIGHTS, energies_of_steps
-from piezoharvest.engine.motion.exact_step import FLOW, KEPT, SAMPLE, SERIES, exact, expand
-from piezoharvest.engine.motion.mode_forms import STIFF
-from piezoharvest.engine.work_limit import products
+from piezoharvest.engine.motion.exact_step import FLOW, SAMPLE, SAVED, SERIES, propagate_exactly, taylor_terms
+from piezoharvest.engine.motion.mode_forms import STIFF_LEVELS
+from piezoharvest.engine.work_limit import spend_products
 
-ROUNDING = (
-    2.0**-46
-)  # of the terms of the form of a finest step: what some thirty sums on each of the first levels leave
-SHOWS = 1e-13  # of an energy: rounding below that does not matter
-SAME_TIME = 1e-11  # part of a step that a sample's time may be off its end by rounding
+# Of the terms of the form of a finest step: rounding of some thirty sums on each of the first levels.
+FORM_ROUNDING = 2.0**-46
+NEGLIGIBLE_SHARE = 1e-13  # of an energy: smaller rounding is ignored
+TIME_TOLERANCE = 1e-11  # fraction of a step: a sample's time this close to its end is at the end
 
 
 @compiled
-def observe(P, L, S, D, slot, tau, end, arrived):
-    """Samples and extremes between the state now and the state at `arrived`, tau later, at the time `end`."""
+def record_outputs(P, L, S, D, slot, tau, end, arrived):
+    """Record samples and extremes between the present state and that at `arrived`, tau later, at the time `end`."""
     now = S[D[st.CLOCK]]
     z, outputs = vector(L, D, SAMPLE), block_of(L, slot) + L[tb.OUTPUTS]
-    rounding = max(SAME_TIME * tau, 1e-15 * end)
+    rounding = max(TIME_TOLERANCE * tau, 1e-15 * end)
     while D[st.SAMPLED] < D[st.SAMPLES_WANTED] and S[D[st.SAMPLE_TIME] + D[st.SAMPLED]] <= end:
         k = D[st.SAMPLED]
         into = S[D[st.SAMPLE_TIME] + k] - now
@@ -37,7 +36,7 @@ def observe(P, L, S, D, slot, tau, end, arrived):
         elif into >= tau - rounding:
             multiply(P, outputs, tb.OUTPUT_ROWS, L[pg.COLUMNS], S, arrived, here)
         else:
-            exact(P, L, S, D, slot, 0, into, z)
+            propagate_exactly(P, L, S, D, slot, 0, into, z)
             multiply(P, outputs, tb.OUTPUT_ROWS, L[pg.COLUMNS], S, z, here)
         D[st.SAMPLED] += 1
     if D[st.TRACKED]:
@@ -46,23 +45,23 @@ def observe(P, L, S, D, slot, tau, end, arrived):
         for k in range(pg.WATCHED):
             output = outputs + (pg.DISPLACEMENT if k == 0 else pg.VOLTAGE)
             rate = block_of(L, slot) + L[tb.LINES] + 2 * L[at + tb.FIRST_GUARD + 2 * (first + k) + 1] * L[pg.ROWS]
-            _turn(P, L, S, D, slot, tau, arrived, k, output, rate)
+            _record_turning_point(P, L, S, D, slot, tau, arrived, k, output, rate)
 
 
 @compiled
-def _turn(P, L, S, D, slot, tau, arrived, k, output, rate):
+def _record_turning_point(P, L, S, D, slot, tau, arrived, k, output, rate):
     """Widen the extremes by the ends of a step, and by the turning point where the output's rate changes sign."""
     a, rows, z = L[pg.A], L[pg.ROWS], vector(L, D, SAMPLE)
-    _widen(S, D, k, dot_column(P, output, tb.OUTPUT_ROWS, S, 0, a))
-    _widen(S, D, k, dot_column(P, output, tb.OUTPUT_ROWS, S, arrived, a))
+    _extend_extremes(S, D, k, dot_column(P, output, tb.OUTPUT_ROWS, S, 0, a))
+    _extend_extremes(S, D, k, dot_column(P, output, tb.OUTPUT_ROWS, S, arrived, a))
     before, after = dot(P, rate, S, 0, rows), dot(P, rate, S, arrived, rows)
     if not before * after < 0.0:
         return
     low, high, low_rate, high_rate = 0.0, tau, before, after
     for _ in range(60):
-        # Illinois variant of the secant method: the end that stays loses half its weight.
+        # Illinois variant of the secant method: the value at the end that stays is halved.
         x = low + (high - low) * low_rate / (low_rate - high_rate)
-        exact(P, L, S, D, slot, 0, x, z)
+        propagate_exactly(P, L, S, D, slot, 0, x, z)
         value = dot(P, rate, S, z, rows)
         if value * before > 0.0:
             low, low_rate, high_rate = x, value, 0.5 * high_rate
@@ -70,19 +69,19 @@ def _turn(P, L, S, D, slot, tau, arrived, k, output, rate):
             high, high_rate, low_rate = x, value, 0.5 * low_rate
         if abs(value) <= 1e-9 * (abs(before) + abs(after)) or high - low <= 1e-12 * tau:
             break
-    _widen(S, D, k, dot_column(P, output, tb.OUTPUT_ROWS, S, z, a))
+    _extend_extremes(S, D, k, dot_column(P, output, tb.OUTPUT_ROWS, S, z, a))
 
 
 @compiled
-def _widen(S, D, k, value):
+def _extend_extremes(S, D, k, value):
     lowest = D[st.EXTREMES] + 2 * k
     S[lowest] = min(S[lowest], value)
     S[lowest + 1] = max(S[lowest + 1], value)
 
 
 @compiled
-def account(P, L, S, D, slot, tau, level):
-    """Energies and sensitivities of a motion by tau from the state now.
+def record_energies(P, L, S, D, slot, tau, level):
+    """Add energies and propagate sensitivities over tau from the present state.
 
     `level` is the level of a full step, or NONE for any tau.
     """
@@ -95,13 +94,13 @@ def account(P, L, S, D, slot, tau, level):
     rows, columns, block = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot)
     finest, steps = L[slot_of(L, slot) + tb.FINEST_LEVEL], block + L[tb.STEPS]
     if D[st.ENERGIES] == 0:
-        products(L, D[st.SENSITIVITIES])
+        spend_products(L, D[st.SENSITIVITIES])
         for s in range(D[st.SENSITIVITIES]):
             phi, out = D[st.PHI] + s * rows, vector(L, D, FLOW)
-            exact(P, L, S, D, slot, phi, tau, out)
+            propagate_exactly(P, L, S, D, slot, phi, tau, out)
             copy(S, out, phi, rows)
         return
-    rest, kept, out = tau, vector(L, D, KEPT), vector(L, D, FLOW)
+    rest, kept, out = tau, vector(L, D, SAVED), vector(L, D, FLOW)
     copy(S, 0, kept, rows)
     for k in range(finest + 1):
         if rest >= P[steps + k]:
@@ -110,20 +109,20 @@ def account(P, L, S, D, slot, tau, level):
             copy(S, out, 0, rows)
             rest -= P[steps + k]
     if rest > 0.0:
-        _collect_short(P, L, S, D, slot, rest)
+        _add_short_step(P, L, S, D, slot, rest)
         for s in range(D[st.SENSITIVITIES]):
             phi = D[st.PHI] + s * rows
             copy(S, phi, vector(L, D, SERIES), rows)
-            expand(P, L, S, D, slot)
+            taylor_terms(P, L, S, D, slot)
             polynomial(S, vector(L, D, SERIES), rows, tb.TERMS, rest / P[steps + finest], phi)
     copy(S, kept, 0, rows)
 
 
 @compiled
 def _full_step(P, L, S, D, slot, level):
-    """Energies and sensitivities of a full step of one level from the state now."""
+    """Add energies and propagate sensitivities over a full step of one level from the present state."""
     rows, columns, block, out = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot), vector(L, D, FLOW)
-    products(L, D[st.ENERGIES] + D[st.SENSITIVITIES])
+    spend_products(L, D[st.ENERGIES] + D[st.SENSITIVITIES])
     if D[st.ENERGIES]:
         _energies_of_step(P, L, S, D, slot, level)
     square = rows * columns
@@ -136,11 +135,11 @@ def _full_step(P, L, S, D, slot, level):
 
 @compiled
 def _energies_of_step(P, L, S, D, slot, level):
-    """Energies of a full step of one level from the state now, as quadratic forms of it.
+    """Add energies of a full step of one level from the present state, as quadratic forms of it.
 
-    In a stiff mode what rounding left in the form of the finest step has been doubled with it, and a small power comes
-    out of it as a difference of large ones. Where that may show, quadrature is as good as the form wherever the two
-    agree to that rounding, and far better where the motion is smooth.
+    In a stiff mode the rounding error in the form of the finest step has been doubled with it, and a small power
+    results as a difference of large ones. If that matters, quadrature is used where it agrees with the form to that
+    rounding: it is then as good, and far better if the motion is smooth.
     """
     rows, columns, block, out = L[pg.ROWS], L[pg.COLUMNS], block_of(L, slot), vector(L, D, FLOW)
     square, finest, known = rows * columns, L[slot_of(L, slot) + tb.FINEST_LEVEL], False
@@ -150,9 +149,11 @@ def _energies_of_step(P, L, S, D, slot, level):
         total = 0.0
         for i in range(rows):
             total += S[i] * S[out + i]
-        if finest >= STIFF:
-            rounding = _form_size(P, L, S, forms + finest * L[tb.LEDGER] * square) * ROUNDING * 2.0 ** (finest - level)
-            if rounding > SHOWS * abs(total):
+        if finest >= STIFF_LEVELS:
+            rounding = (
+                _form_size(P, L, S, forms + finest * L[tb.LEDGER] * square) * FORM_ROUNDING * 2.0 ** (finest - level)
+            )
+            if rounding > NEGLIGIBLE_SHARE * abs(total):
                 if not known:
                     _quadrature(P, L, S, D, slot, P[block + L[tb.STEPS] + level])
                     known = True
@@ -163,8 +164,8 @@ def _energies_of_step(P, L, S, D, slot, level):
 
 @compiled
 def _form_size(P, L, S, form):
-    """Sum of the sizes of all terms of a quadratic form of the state now."""
-    products(L, 8)  # one number at a time
+    """Sum of the absolute values of all terms of a quadratic form of the present state."""
+    spend_products(L, 8)  # one number at a time
     size = 0.0
     for j in range(L[pg.A]):
         column = 0.0
@@ -175,12 +176,12 @@ def _form_size(P, L, S, form):
 
 
 @compiled
-def _collect_short(P, L, S, D, slot, tau):
-    """Energies of a step shorter than the finest level, by Gauss-Legendre quadrature of its Taylor series."""
+def _add_short_step(P, L, S, D, slot, tau):
+    """Add energies of a step shorter than the finest level, by Gauss-Legendre quadrature of its Taylor series."""
     block, z, rows = block_of(L, slot), vector(L, D, SAMPLE), L[pg.ROWS]
     short = P[block + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
     copy(S, 0, vector(L, D, SERIES), rows)
-    expand(P, L, S, D, slot)
+    taylor_terms(P, L, S, D, slot)
     for q in range(len(NODES)):
         polynomial(S, vector(L, D, SERIES), rows, tb.TERMS, NODES[q] * tau / short, z)
         _add_powers(P, L, S, D, slot, z, tau * WEIGHTS[q], D[st.ENERGY])
@@ -188,19 +189,19 @@ def _collect_short(P, L, S, D, slot, tau):
 
 @compiled
 def _quadrature(P, L, S, D, slot, tau):
-    """Energies of a motion by tau by Gauss-Legendre quadrature, left at QUADRATURE: right where it is smooth."""
+    """Compute at QUADRATURE the energies over tau by Gauss-Legendre quadrature, accurate for smooth motion."""
     z, energies = vector(L, D, SAMPLE), D[st.QUADRATURE]
-    products(L, len(NODES) * (L[pg.PRODUCTS] + L[pg.H]))
+    spend_products(L, len(NODES) * (L[pg.PRODUCTS] + L[pg.H]))
     for e in range(D[st.ENERGIES]):
         S[energies + e] = 0.0
     for q in range(len(NODES)):
-        exact(P, L, S, D, slot, 0, NODES[q] * tau, z)
+        propagate_exactly(P, L, S, D, slot, 0, NODES[q] * tau, z)
         _add_powers(P, L, S, D, slot, z, tau * WEIGHTS[q], energies)
 
 
 @compiled
 def _add_powers(P, L, S, D, slot, z, time, energies):
-    """Add to the energies what the powers at a state make of a time."""
+    """Add to the energies the powers at a state times a duration."""
     block, rows, own, configuration = block_of(L, slot), L[pg.ROWS], L[pg.PRODUCTS], D[st.CONFIGURATION]
     for p in range(own + L[pg.H]):
         category, weight = pg.HYSTERESIS, time

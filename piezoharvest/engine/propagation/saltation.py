@@ -1,4 +1,4 @@
-"""Sensitivities across an event: the time of the event moves, and with it what happened before and after."""
+"""Sensitivities across an event, whose time depends on the state (saltation)."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from piezoharvest.engine.motion.exact_step import FLOW
 
 @compiled
 def enter_event(P, L, S, D, slot, guard):
-    """Sensitivity of the time of an event, and the sensitivities of the state taken to that time."""
+    """Compute the sensitivity of an event's time, and move the sensitivities of the state to that time."""
     count = D[st.SENSITIVITIES]
     if count == 0:
         return
     rate_at = vector(L, D, FLOW)
     flow(P, L, S, D, slot, rate_at)
     if guard != NONE:
-        # The sign with which the guard is read cancels in the quotient.
+        # The guard's sign cancels in the quotient.
         rows, form = L[pg.ROWS], L[slot_of(L, slot) + tb.FIRST_GUARD + 2 * guard + 1]
         row = block_of(L, slot) + L[tb.LINES] + 2 * form * rows
         rate = dot(P, row, S, rate_at, rows)
@@ -34,7 +34,7 @@ def enter_event(P, L, S, D, slot, guard):
 
 @compiled
 def leave_event(P, L, S, D, slot):
-    """Sensitivities at fixed time again, on the motion after the event (the saltation)."""
+    """Move the sensitivities back to fixed time, along the motion after the event (the saltation)."""
     if D[st.SENSITIVITIES]:
         flow(P, L, S, D, slot, vector(L, D, FLOW))
         _move(L, S, D, vector(L, D, FLOW), -1.0)

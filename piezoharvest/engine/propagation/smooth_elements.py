@@ -1,8 +1,8 @@
-"""Smooth nonlinear elements: their outputs as cubics of time, made to agree with the motion that they bring about.
+"""Steps with smooth nonlinear elements: their outputs as cubics of time, iterated until consistent with the motion.
 
-Within a step every output is a cubic with the value and the slope that the motion gives it at both ends (Hermite), so
-that the motion under it is exact, events and energies included, and what is approximated is the outputs alone: to the
-fourth power of the step, which is as short as that error asks for. A step ends at every event.
+Within a step every output is a cubic with the value and the slope of the true output at both ends (Hermite). The motion
+under it is exact, with events and energies; only the outputs are approximated, with an error of fourth order that
+determines the step. A step ends at every event.
 """
 
 from __future__ import annotations
@@ -22,44 +22,45 @@ from piezoharvest.engine.motion.element_outputs import (
     MOVED,
     START,
     element_of,
-    lift,
     scale_of,
     scratch,
+    set_outputs_and_rates,
     size_of,
 )
-from piezoharvest.engine.propagation.event_cascade import settle
-from piezoharvest.engine.propagation.propagate import march, read_guards
+from piezoharvest.engine.propagation.event_cascade import process_due_events
+from piezoharvest.engine.propagation.propagate import propagate_mode, read_guards
 
-TOLERANCE = 1e-11  # error of an output within a step, against the state: both are scaled to the root of energy
-AGREED = 1e-12  # of the state: what an output may differ from what the motion gives it at the end of a step
-ROUNDS = 8  # in which cubic and motion have to agree; a step in which they do not is halved
-SHORTEST = 1e-9  # of a longest step: where the outputs cannot be followed in this, they have no solution
-NEARBY = 1e-7  # of the state: a difference that stands for a derivative
-FIRST = 1.0 / 256.0  # of a longest step: what is tried first
+TOLERANCE = 1e-11  # error of an output within a step, relative to the state: both are scaled to the root of energy
+# Of the state: difference at the end of a step between a cubic and the output that the motion gives.
+AGREEMENT_TOLERANCE = 1e-12
+MAX_ITERATIONS = 8  # iterations for cubic and motion to agree; a step in which they do not is halved
+MIN_STEP = 1e-9  # of a longest step: if a shorter one were needed, the outputs have no solution
+DIFFERENCE = 1e-7  # of the state: size of a finite difference
+FIRST_STEP = 1.0 / 256.0  # of a longest step: first trial step
 
 
 @compiled
-def begin(P, L, S, D, slot):
-    """Outputs at the present state with slope and bend, to begin a step with.
+def begin_step(P, L, S, D, slot):
+    """Set the outputs at the present state, with slope and second derivative, for the beginning of a step.
 
-    Outputs that agree with the state already stay as they are: diodes that conduct hold a voltage that is made of them.
-    The bend is the change of the slope a moment later: the motion is carried on along its own rate.
+    Outputs that already agree with the state are left unchanged: conducting diodes fix a voltage that depends on them.
+    The second derivative is a finite difference of the slope along the rate of the state.
     """
     now, moved, rows = S[D[st.CLOCK]], scratch(L, D, MOVED), L[pg.ROWS]
     copy(S, 0, moved, rows)
-    lift(P, L, S, D, slot, 0, now)
+    set_outputs_and_rates(P, L, S, D, slot, 0, now)
     for k in range(L[pg.ELEMENTS]):
         place = element_of(L, k)
-        if abs(S[place] - S[moved + place]) <= 10.0 * AGREED * size_of(L, S, 0):
+        if abs(S[place] - S[moved + place]) <= 10.0 * AGREEMENT_TOLERANCE * size_of(L, S, 0):
             S[place] = S[moved + place]
         S[place + 2] = S[place + 3] = 0.0
     flow = scratch(L, D, FLOW)
     multiply(P, block_of(L, slot) + L[tb.MATRIX], rows, L[pg.COLUMNS], S, 0, flow)
-    # Small beside the fastest motion of the mode.
+    # Short compared with the fastest motion of the mode.
     moment = 1e-5 * P[block_of(L, slot) + L[tb.STEPS] + L[slot_of(L, slot) + tb.FINEST_LEVEL]]
     for i in range(rows):
         S[moved + i] = S[i] + moment * S[flow + i]
-    lift(P, L, S, D, slot, moved, now + moment)
+    set_outputs_and_rates(P, L, S, D, slot, moved, now + moment)
     for k in range(L[pg.ELEMENTS]):
         place = element_of(L, k)
         share = scale_of(P, L, place + 1) / scale_of(P, L, place + 2)
@@ -67,22 +68,22 @@ def begin(P, L, S, D, slot):
 
 
 @compiled
-def settle_smooth(P, L, S, D):
-    """As `settle`, with the outputs that belong to the state and its mode; a mode that they change is settled again."""
-    slot = settle(P, L, S, D)
+def process_due_events_smooth(P, L, S, D):
+    """As `process_due_events`, with outputs consistent with the state; repeated if they change the mode."""
+    slot = process_due_events(P, L, S, D)
     for _ in range(4):
         if slot == NONE:
             break
-        begin(P, L, S, D, slot)
-        before, slot = slot, settle(P, L, S, D)
+        begin_step(P, L, S, D, slot)
+        before, slot = slot, process_due_events(P, L, S, D)
         if slot == before:
             break
     return slot
 
 
 @compiled
-def _bend(P, L, S, z, end, length):
-    """Give the cubics from a state on the values and slopes that they have at the end."""
+def _set_cubics(P, L, S, z, end, length):
+    """Set the cubics that begin at a state to given values and slopes at the end."""
     for k in range(L[pg.ELEMENTS]):
         place = element_of(L, k)
         scale, of_slope = scale_of(P, L, place), scale_of(P, L, place + 1)
@@ -94,9 +95,10 @@ def _bend(P, L, S, z, end, length):
 
 @compiled
 def _error(P, L, S, z, known, length):
-    """Error of the cubics from a state within a step, from the bends that are known to be there.
+    """Error of the cubics within a step, from the second derivatives that are known at its beginning.
 
-    By the formula of Hermite's interpolation an error of x in the middle makes one of 32 x / length^2 in the bend.
+    By the error formula of Hermite interpolation an error x in the middle implies 32 x / length^2 in the second
+    derivative.
     """
     error = 0.0
     for k in range(L[pg.ELEMENTS]):
@@ -107,8 +109,8 @@ def _error(P, L, S, z, known, length):
 
 
 @compiled
-def _gap(P, L, S, z, end, length):
-    """Difference of the outputs of a state from those that belong to it, that of the slopes times the step."""
+def _mismatch(P, L, S, z, end, length):
+    """Difference of the outputs in a state from consistent ones; that of the slopes is multiplied by the step."""
     gap = 0.0
     for k in range(L[pg.ELEMENTS]):
         place = element_of(L, k)
@@ -119,45 +121,45 @@ def _gap(P, L, S, z, end, length):
 
 
 @compiled
-def _again(P, L, S, D, slot, t_stop):
-    """March from a state whose outputs have been changed: its guards are read anew."""
+def _propagate_again(P, L, S, D, slot, t_stop):
+    """Propagate from a state whose outputs have been changed: its guards are evaluated again."""
     read_guards(P, L, S, D, slot, L[tb.GUARDS], 0, D[st.NOW_GUARDS])
-    return march(P, L, S, D, slot, t_stop)
+    return propagate_mode(P, L, S, D, slot, t_stop)
 
 
 @compiled
-def _quietly(P, L, S, D, slot, t_stop, count):
-    """March with nothing recorded but so many sensitivities."""
+def _propagate_unrecorded(P, L, S, D, slot, t_stop, count):
+    """Propagate without recording, with `count` sensitivities only."""
     wanted, tracked, energies, all_of_them = D[st.SAMPLES_WANTED], D[st.TRACKED], D[st.ENERGIES], D[st.SENSITIVITIES]
     D[st.SAMPLES_WANTED] = D[st.TRACKED] = D[st.ENERGIES] = 0
     D[st.SENSITIVITIES] = count
-    guard = _again(P, L, S, D, slot, t_stop)
+    guard = _propagate_again(P, L, S, D, slot, t_stop)
     D[st.SAMPLES_WANTED], D[st.TRACKED], D[st.ENERGIES], D[st.SENSITIVITIES] = wanted, tracked, energies, all_of_them
     return guard
 
 
 @compiled
-def _agree(P, L, S, D, slot, step, left):
-    """Move a step on with cubics that agree with the motion; the beginning stays at START, with these cubics.
+def _consistent_step(P, L, S, D, slot, step, left):
+    """Propagate over a step with cubics that agree with the motion; the initial state, with these, stays at START.
 
-    Returns the guard that ended the step, and the error of the outputs, infinite where no cubic agrees.
+    Returns the guard that ended the step, and the error of the outputs, infinite if no cubic agrees.
     """
     start, end, known = scratch(L, D, START), scratch(L, D, END), scratch(L, D, MOVED)
     clock, rows, guard, error = D[st.CLOCK], L[pg.ROWS], NONE, np.inf
     now = S[clock]
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ITERATIONS):
         copy(S, start, 0, rows)
         S[clock] = now
-        guard = _quietly(P, L, S, D, slot, now + step if step < left else now + left, 0)
+        guard = _propagate_unrecorded(P, L, S, D, slot, now + step if step < left else now + left, 0)
         length = S[clock] - now
         if not np.isfinite(S[0]):
             return guard, np.inf
         if length <= 0.0:
             return guard, 0.0
         copy(S, 0, end, rows)
-        lift(P, L, S, D, slot, end, S[clock])
-        agreed = _gap(P, L, S, 0, end, length) <= AGREED * size_of(L, S, 0)
-        _bend(P, L, S, start, end, length)
+        set_outputs_and_rates(P, L, S, D, slot, end, S[clock])
+        agreed = _mismatch(P, L, S, 0, end, length) <= AGREEMENT_TOLERANCE * size_of(L, S, 0)
+        _set_cubics(P, L, S, start, end, length)
         error = _error(P, L, S, start, known, length) / max(size_of(L, S, 0), 1e-300)
         if agreed:
             return guard, error
@@ -165,73 +167,73 @@ def _agree(P, L, S, D, slot, step, left):
 
 
 @compiled
-def _longer(error):
-    """How many times as long a step may be as one with this error."""
+def _step_growth(error):
+    """Factor by which the next step may be longer than one with this error."""
     return 0.9 * (TOLERANCE / max(error, 1e-3 * TOLERANCE)) ** 0.25
 
 
 @compiled
 def _step(P, L, S, D, slot, t_stop):
-    """Move a step on, as long as the error of the outputs allows, nothing recorded; returns the guard that ended it."""
+    """Propagate over a step of admissible error without recording; return the guard that ended it."""
     clock, length_at, rows, longest = D[st.CLOCK], D[st.CURVE], L[pg.ROWS], P[L[pg.STEP]]
     start, known = scratch(L, D, START), scratch(L, D, MOVED)
     now, left = S[clock], t_stop - S[clock]
-    step = S[length_at] if S[length_at] > 0.0 else FIRST * longest
+    step = S[length_at] if S[length_at] > 0.0 else FIRST_STEP * longest
     copy(S, 0, known, rows)
     while True:
         step = min(step, left)
         S[length_at + 1] = step
         copy(S, known, start, rows)
-        guard, error = _agree(P, L, S, D, slot, step, left)
+        guard, error = _consistent_step(P, L, S, D, slot, step, left)
         if error <= TOLERANCE:
             break
-        if step <= SHORTEST * longest:
-            # The motion runs away, or a charge folds back on itself: there is no way on.
+        if step <= MIN_STEP * longest:
+            # The motion diverges, or a charge is not single-valued: there is no solution.
             S[0] = np.nan
             return NONE
         S[clock] = now
-        step *= min(0.5, max(0.1, _longer(error))) if error < np.inf else 0.25
-    if (guard == NONE and step < left) or _longer(error) < 1.0:
-        S[length_at] = step * min(2.0, max(0.5, _longer(error)))
+        step *= min(0.5, max(0.1, _step_growth(error))) if error < np.inf else 0.25
+    if (guard == NONE and step < left) or _step_growth(error) < 1.0:
+        S[length_at] = step * min(2.0, max(0.5, _step_growth(error)))
     return guard
 
 
 @compiled
 def _tangents(P, L, S, D, slot, now):
-    """Sensitivities of the outputs through a step from START to the present state, by differences of outputs.
+    """Set sensitivities of the outputs over a step from START to the present state, by differences of outputs.
 
-    Those at its end follow from the motion, which depends on them but little: they are made once with straight lines,
-    and from where these lead with cubics.
+    Those at its end follow from the motion, on which they have little influence: they are computed with linear outputs
+    first, and from the result with cubics.
     """
     rows, count, phi, kept = L[pg.ROWS], D[st.SENSITIVITIES], D[st.PHI], D[st.CURVE_PHI]
     start, moved, end = scratch(L, D, START), scratch(L, D, MOVED), scratch(L, D, END)
     then = S[D[st.CLOCK]]
     copy(S, start, end, rows)
-    lift(P, L, S, D, slot, end, now)
+    set_outputs_and_rates(P, L, S, D, slot, end, now)
     for s in range(count):
-        _differ(P, L, S, D, slot, end, phi + s * rows, moved, now)
+        _output_differences(P, L, S, D, slot, end, phi + s * rows, moved, now)
         copy(S, phi + s * rows, kept + s * rows, rows)
     copy(S, start, 0, rows)
     S[D[st.CLOCK]] = now
-    _quietly(P, L, S, D, slot, then, count)
+    _propagate_unrecorded(P, L, S, D, slot, then, count)
     copy(S, 0, end, rows)
-    lift(P, L, S, D, slot, end, then)
+    set_outputs_and_rates(P, L, S, D, slot, end, then)
     for s in range(count):
-        _differ(P, L, S, D, slot, end, phi + s * rows, moved, then)
-        _bend(P, L, S, kept + s * rows, phi + s * rows, then - now)
+        _output_differences(P, L, S, D, slot, end, phi + s * rows, moved, then)
+        _set_cubics(P, L, S, kept + s * rows, phi + s * rows, then - now)
         copy(S, kept + s * rows, phi + s * rows, rows)
 
 
 @compiled
-def _differ(P, L, S, D, slot, z, phi, moved, time):
-    """Set the outputs of a sensitivity, and their slopes, to what it makes of those of a state."""
+def _output_differences(P, L, S, D, slot, z, phi, moved, time):
+    """Set the outputs of a sensitivity, and their slopes, by finite differences of those of a state."""
     size = 0.0
     for i in range(L[pg.N]):
         size += S[phi + i] ** 2
-    share = NEARBY * max(size_of(L, S, z), 1e-300) / np.sqrt(size) if size > 0.0 else 0.0
+    share = DIFFERENCE * max(size_of(L, S, z), 1e-300) / np.sqrt(size) if size > 0.0 else 0.0
     for i in range(L[pg.ROWS]):
         S[moved + i] = S[z + i] + (share * S[phi + i] if i < L[pg.N] else 0.0)
-    lift(P, L, S, D, slot, moved, time)
+    set_outputs_and_rates(P, L, S, D, slot, moved, time)
     for k in range(L[pg.ELEMENTS]):
         place = element_of(L, k)
         for d in range(2):
@@ -241,10 +243,10 @@ def _differ(P, L, S, D, slot, z, phi, moved, time):
 
 
 @compiled
-def follow(P, L, S, D, slot, t_stop):
-    """Move within a mode until t_stop or until a guard rises through zero, as `march` does, step by step.
+def propagate_smooth(P, L, S, D, slot, t_stop):
+    """Propagate within a mode until t_stop or until a guard crosses zero, as `propagate_mode` does, step by step.
 
-    A step is made without a record until its cubics agree, and then once more with it.
+    A step is made without recording until its cubics agree, then repeated with recording.
     """
     clock, rows, start = D[st.CLOCK], L[pg.ROWS], scratch(L, D, START)
     while S[clock] < t_stop:
@@ -257,9 +259,9 @@ def follow(P, L, S, D, slot, t_stop):
                 _tangents(P, L, S, D, slot, now)
             copy(S, start, 0, rows)
             S[clock], step = now, S[D[st.CURVE] + 1]
-            guard = _again(P, L, S, D, slot, now + step if step < left else t_stop)
+            guard = _propagate_again(P, L, S, D, slot, now + step if step < left else t_stop)
         if guard != NONE:
             return guard
         if S[clock] < t_stop:
-            begin(P, L, S, D, slot)
+            begin_step(P, L, S, D, slot)
     return NONE

@@ -1,4 +1,4 @@
-"""A run written down as motions from one event to the next."""
+"""Record of a run as a sequence of motions between events."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from piezoharvest.engine.memory import tables as tb
 from piezoharvest.engine.memory.program import NONE
 from piezoharvest.engine.memory.tables import slot_of
 
-# What ends a motion, beside guards.
+# Reasons for the end of a motion, beside guards.
 NOTHING, OPENS, ACTS = -1, -2, -3
 
 
 @compiled
 def begin_tape(L, S, D):
-    """Write down where a motion from one event to the next begins: time and state, configuration and slips.
+    """Record the beginning of a motion between two events: time, state, configuration and slips.
 
-    And whether anything is scheduled: actions of the switch, or its opening.
+    Also record if an action of the switch, or its opening, is scheduled.
     """
     at, kind = D[st.TAPE] + D[st.TAPED] * (2 + L[pg.A]), D[st.TAPE_KIND] + D[st.TAPED] * (3 + L[pg.H])
     S[at] = S[D[st.CLOCK]]
@@ -30,7 +30,7 @@ def begin_tape(L, S, D):
 
 @compiled
 def end_tape(L, S, D, slot, guard, due, kind):
-    """Write down when a motion ends, and by what: a guard, the switch that opens or acts, or nothing."""
+    """Record the end of a motion and its reason: a guard, the switch that opens or acts, or nothing."""
     at = D[st.TAPED]
     S[D[st.TAPE] + at * (2 + L[pg.A]) + 1] = S[D[st.CLOCK]]
     what = L[slot_of(L, slot) + tb.FIRST_GUARD + 2 * guard] if guard != NONE else NOTHING

@@ -1,1 +1,1 @@
-"""Derivatives of the periodic steady state by the quantities of a model."""
+"""Derivatives of the periodic steady state with respect to the quantities of a model."""

@@ -1,6 +1,6 @@
-"""Linear modes of a program in NumPy, for one design or a batch, with derivatives where the program carries them.
+"""Linear modes of a program in NumPy, for one design or a batch, with derivatives if the program has them.
 
-A program that was lowered from quantities x + i e has complex numbers: their real parts are the nominal ones, their
+A program that was lowered from quantities x + i e has complex numbers: the real parts are the nominal values, the
 imaginary parts over e the derivatives, one design of the batch for each quantity.
 """
 
@@ -14,9 +14,9 @@ import numpy as np
 from piezoharvest.description.parameters import COMPLEX_STEP
 from piezoharvest.engine.memory import program as pg
 
-# Difference of two rates times the longest time, below which a divided difference is taken by its series (then exact to
-# rounding); above it, that of two exponentials has lost two digits at most.
-CLOSE = 0.02
+# Difference of two eigenvalues times the longest time, below which a divided difference is computed by its series
+# (exact to rounding there); above it, the difference of two exponentials loses two digits at most.
+SERIES_LIMIT = 0.02
 
 
 class Dual(NamedTuple):
@@ -27,7 +27,7 @@ class Dual(NamedTuple):
 
 
 def dual(batch: np.ndarray, rank: int) -> Dual:
-    """Nominal value and derivatives from a batch made by a complex step, of arrays with so many axes."""
+    """Nominal value and derivatives from a batch of complex steps, of arrays with `rank` axes."""
     batch = np.asarray(batch)
     if batch.ndim == rank:
         return Dual(np.real(batch), np.zeros((1, *batch.shape)))
@@ -35,7 +35,7 @@ def dual(batch: np.ndarray, rank: int) -> Dual:
 
 
 def nominal(batch: pg.Program) -> pg.Program:
-    """The design that the complex steps of a batch begin from."""
+    """Nominal design of a batch of complex steps."""
     first = pg.part(batch, 0)
     return first._replace(**{name: np.real(np.asarray(getattr(first, name))).copy() for name in pg.NUMBERS})
 
@@ -113,7 +113,7 @@ class Flow:
         self.change = self.inverse @ matrix.change @ self.vectors
 
     def states(self, start: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Motions (m, ..., a) from states (..., a) at m times."""
+        """States (m, ..., a) at m times from initial states (..., a)."""
         growth = np.exp(np.multiply.outer(times, self.rates))
         modal = start @ self.inverse.T
         shape = (len(times),) + (1,) * (start.ndim - 1) + (-1,)
@@ -122,12 +122,12 @@ class Flow:
     def forced(self, start: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Derivatives (m, p, a) of the motion from a given state (a,) at m times with respect to the quantities.
 
-        Of two rates that are apart by more than the longest time tells, the divided difference is that of two
-        exponentials, whose products with what does not depend on time are taken once for all times.
+        For eigenvalues further apart than the limit, the divided difference is that of two exponentials, whose products
+        with the factors that do not depend on time are computed once for all times.
         """
         a, driven = len(self.rates), self.change * (self.inverse @ start)  # (p, i, j)
         gap = self.rates[:, None] - self.rates[None, :]
-        close = np.abs(gap) * np.max(times, initial=0.0) < CLOSE
+        close = np.abs(gap) * np.max(times, initial=0.0) < SERIES_LIMIT
         growth = np.exp(np.multiply.outer(times, self.rates))
         apart = np.where(close, 0.0, driven) / np.where(close, 1.0, gap)
         modal = growth[:, None, :] * apart.sum(axis=2)
@@ -143,10 +143,10 @@ class Flow:
 
 
 def _eigenvectors(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues and eigenvectors, those of what is conserved (stops that stick, open electrodes) set apart.
+    """Eigenvalues and eigenvectors, with conserved forms (stops that stick, open electrodes) separated.
 
-    Eigenvalues that are zero several times would come out with eigenvectors that hardly differ. A conserved form c'z
-    has c' matrix = 0; in a basis of such forms and what is orthogonal to them, the rest has no zero eigenvalue.
+    A multiple eigenvalue zero would be found with nearly parallel eigenvectors. A conserved form c'z has c' matrix = 0;
+    in a basis of such forms and their orthogonal complement, the rest has no zero eigenvalue.
     """
     left, size, _ = np.linalg.svd(matrix)
     lost = size <= len(size) * np.finfo(float).eps * size[0]

@@ -1,11 +1,11 @@
 """Gradient of power and amplitudes at the periodic steady state with respect to every quantity of the model.
 
 The orbit is followed from event to event. Within a mode the derivative of the matrix exponential is exact; at an event
-the time of the event moves, and the derivatives jump (the saltation); over the period, the derivative of the orbit's
-first state follows from the monodromy matrix. The matrices' own derivatives come from a complex step through the
-lowering, so that no difference of two simulations is taken anywhere. Sources: Leine & Nijmeijer, Dynamics and
-Bifurcations of Non-Smooth Mechanical Systems, 2004 (saltation); Hiskens & Pai, IEEE Trans. Circuits Syst. I 47(2),
-204-220, 2000 (trajectory sensitivities of hybrid systems); Squire & Trapp, SIAM Review 40(1), 1998 (complex step).
+the derivatives jump, as its time depends on the quantities (saltation); the derivative of the orbit's initial state
+follows from the monodromy matrix. The derivatives of the matrices come from a complex step through the lowering, so
+that no difference of two simulations is used. Sources: Leine & Nijmeijer, Dynamics and Bifurcations of Non-Smooth
+Mechanical Systems, 2004 (saltation); Hiskens & Pai, IEEE Trans. Circuits Syst. I 47(2), 204-220, 2000 (trajectory
+sensitivities of hybrid systems); Squire & Trapp, SIAM Review 40(1), 1998 (complex step).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from piezoharvest.description.system import System
 from piezoharvest.engine.lowering.lower import lower
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.sensitivity.dual_modes import nominal
-from piezoharvest.engine.sensitivity.orbit import follow
+from piezoharvest.engine.sensitivity.orbit import record_span
 from piezoharvest.engine.sensitivity.variation import Variation
 from piezoharvest.engine.simulation import search
 from piezoharvest.engine.steady_search import EngineError
@@ -37,13 +37,13 @@ class Gradient:
     Attributes
     ----------
     quantities : tuple of str
-        What they are derived by, as paths: "transducer.mass", "shunt.load_resistance", "excitation.frequency".
+        Quantities of the derivatives, as paths: "transducer.mass", "shunt.load_resistance", "excitation.frequency".
     values : (p,) array
         Their values, SI.
     harvested_power, displacement_amplitude, voltage_amplitude : float
         W, m, V.
     by : dict of (p,) array
-        Derivatives of the three, by their names: W, m or V for a unit of each quantity.
+        Derivatives of the three, by their names: W, m or V per unit of each quantity.
     """
 
     quantities: tuple[str, ...]
@@ -65,9 +65,9 @@ def gradient(system: System, excitation: Excitation, budget: Budget | None = Non
     ----------
     system : System
     excitation : Excitation
-        Periodic. By its own quantities the gradient is taken where it is one sine.
+        Periodic. The gradient includes its own quantities if it is one sine.
     budget : Budget, optional
-        Work that it may take, and is taken from; default what one simulation may.
+        Work limit, from which the work done is subtracted; default that of one simulation.
 
     Returns
     -------
@@ -76,20 +76,20 @@ def gradient(system: System, excitation: Excitation, budget: Budget | None = Non
     Raises
     ------
     NoGradientError
-        There is no periodic steady state, or a motion within it cannot be resolved.
+        There is no periodic steady state, or a motion in it cannot be resolved.
     """
     if excitation.period is None:
         raise NoGradientError(f"{excitation.kind} has no period")
     if Terms(system.transducer).elements:
         raise NoGradientError("the transducer has effects that are nonlinear between events")
     batch = lower(*stepped(system, excitation))
-    # One lowering serves both: what the complex steps begin from is the design itself.
+    # One lowering is used for both: the real parts of the complex steps are the design itself.
     lowered = batch._replace(program=nominal(batch.program), budget=budget or batch.budget)
     try:
         orbit, mirrored, _, _, settles = search(lowered, excitation)
         if not settles:
             raise NoGradientError("no periodic steady state was found")
-        tape = follow(lowered, orbit, mirrored)
+        tape = record_span(lowered, orbit, mirrored)
         names, values = zip(*quantities(system, excitation), strict=True)
         variation = Variation(tape, batch.program, len(names))
         found = {
@@ -101,7 +101,7 @@ def gradient(system: System, excitation: Excitation, budget: Budget | None = Non
         raise NoGradientError(str(error)) from None
     by = {name: result.change for name, result in found.items()}
     if mirrored and "excitation.offset" in names:
-        # An offset breaks the symmetry that was made use of; for the same reason neither power nor amplitudes depend on
+        # An offset breaks the symmetry that the search used; for the same reason neither power nor amplitudes depend on
         # it to first order.
         for change in by.values():
             change[names.index("excitation.offset")] = 0.0
@@ -109,7 +109,7 @@ def gradient(system: System, excitation: Excitation, budget: Budget | None = Non
 
 
 def quantities(system: System, excitation: Excitation) -> list[tuple[str, float]]:
-    """Paths and values of the quantities that a system and an excitation are made of, in the order of `stepped`."""
+    """Paths and values of the quantities of a system and an excitation, in the order of `stepped`."""
     parts: list[tuple[str, Component]] = [("transducer", system.transducer), ("shunt", system.shunt)]
     if excitation.batched:
         parts.append(("excitation", excitation))
@@ -137,7 +137,7 @@ def _number(field: dataclasses.Field, path: str, value: Any) -> list[tuple[str, 
 
 
 def stepped(system: System, excitation: Excitation) -> tuple[System, Excitation]:
-    """A batch of designs, in each of which one quantity has taken a complex step."""
+    """Batch of designs, each with a complex step of one quantity."""
     count = len(quantities(system, excitation))
     columns = iter(np.eye(count)[:, :, None])
 

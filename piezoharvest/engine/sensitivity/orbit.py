@@ -1,4 +1,4 @@
-"""A periodic orbit as motions from one event to the next."""
+"""A periodic orbit as a sequence of motions between events."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from piezoharvest.engine.memory.state import EngineState
 from piezoharvest.engine.run import Machine
 from piezoharvest.engine.steady_search import Orbit, Shooting, check
 
-ROOM = 4096  # motions that are kept of a span
+MAX_MOTIONS = 4096  # most motions of a span
 
 
 @dataclass(frozen=True)
@@ -23,15 +23,15 @@ class Motion:
     Attributes
     ----------
     start : (a,) array
-        Augmented state at its beginning.
+        Initial augmented state.
     begins, ends : float
         s.
     configuration : int
     slip : (h,) int array
     what : int
-        What ends it: a guard, or `tape.OPENS`, `ACTS` or `NOTHING`.
+        Reason for its end: a guard, or `trajectory.OPENS`, `ACTS` or `NOTHING`.
     scheduled : bool
-        Whether an action of the switch, or its opening, is due after it.
+        An action of the switch, or its opening, is due after it.
     """
 
     start: np.ndarray
@@ -50,9 +50,9 @@ class Motion:
 
 @dataclass(frozen=True)
 class Tape:
-    """The motions of a span, half a period where the orbit mirrors itself, and the state at its end.
+    """Motions of a span (half a period if the orbit has half-wave symmetry) and the final state.
 
-    The span begins where no action of the switch is waiting and the switch is open.
+    The span begins when no action of the switch is scheduled and the switch is open.
     """
 
     motions: tuple[Motion, ...]
@@ -61,24 +61,24 @@ class Tape:
     lowered: Lowered
 
 
-def follow(lowered: Lowered, orbit: Orbit, mirrored: bool) -> Tape:
+def record_span(lowered: Lowered, orbit: Orbit, mirrored: bool) -> Tape:
     """Record one span of an orbit."""
     period = float(lowered.program.period)
     machine = Machine(lowered)
     shooting = Shooting(machine, period, mirrored)
     span = 0.5 * period if mirrored else period
-    first = _record(machine, shooting.load(orbit, tape=ROOM), orbit.time + span, lowered)
-    begin = _idle(orbit, first[0])
+    first = _record(machine, shooting.load(orbit, tape=MAX_MOTIONS), orbit.time + span, lowered)
+    begin = _unscheduled_time(orbit, first[0])
     state = shooting.load(orbit)
     check(machine.run(state, begin))
-    recorder = machine.state(tape=ROOM)
+    recorder = machine.state(tape=MAX_MOTIONS)
     recorder.follow(state)
     motions, end = _record(machine, recorder, begin + span, lowered)
     return Tape(motions, end, mirrored, lowered)
 
 
-def _idle(orbit: Orbit, motions: tuple[Motion, ...]) -> float:
-    """Middle of the longest motion of a span that begins with nothing scheduled, s; the orbit's own time if none."""
+def _unscheduled_time(orbit: Orbit, motions: tuple[Motion, ...]) -> float:
+    """Middle of the longest motion that begins with nothing scheduled, s; the orbit's time if there is none."""
     idle = [motion for motion in motions if not motion.scheduled]
     if not idle:
         return orbit.time

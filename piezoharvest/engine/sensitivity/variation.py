@@ -1,4 +1,4 @@
-"""First variation of an orbit: how its states, event times, energy and extremes move with the model's quantities."""
+"""First variation of an orbit: derivatives of its states, event times, energy and extremes."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from piezoharvest.engine.steady_search import EngineError, solve_conserving
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 NODES, WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
-RESOLVED = 2.5  # rad of the fastest rate in an interval: a power, which has twice that, is then integrated to 1e-12
-GONE = 36.0  # exp(-36) is below rounding
-EXACTLY = 4 * np.finfo(float).eps  # the least that brentq takes
-SAME = 1e-9  # times that differ by less than this part of the period are the same
+# Rad of the fastest mode in an interval: a power, which has twice the frequency, is integrated to 1e-12.
+MAX_PHASE = 2.5
+DECAYED = 36.0  # exp(-36) is below rounding
+MIN_TOLERANCE = 4 * np.finfo(float).eps  # smallest tolerance that brentq accepts
+TIME_TOLERANCE = 1e-9  # of the period: times that differ by less are equal
 
 
 class Leg:
@@ -30,10 +31,10 @@ class Leg:
 
     def __init__(self, motion: Motion, mode: DualMode, flow: Flow, columns: np.ndarray):
         self.motion, self.mode, self.flow, self.columns = motion, mode, flow, columns
-        self.shift = np.zeros(len(columns))  # of the time of the event that ends it
+        self.shift = np.zeros(len(columns))  # derivatives of the time of the event that ends it
 
     def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """States (m, a) and columns (m, n + p, a) at times from the beginning of the motion."""
+        """States (m, a) and columns (m, n + p, a) at times counted from the beginning of the motion."""
         columns = self.flow.states(self.columns, times)
         forced = self.flow.forced(self.motion.start, times)
         columns[:, -forced.shape[1] :] += forced
@@ -53,12 +54,12 @@ class Leg:
     def grid(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Nodes and weights of a quadrature over the motion, with states and columns there.
 
-        Its intervals resolve every part of the motion that has not died out yet.
+        Its intervals resolve every part of the motion that has not decayed yet.
         """
         edges, length, rates = [0.0], self.motion.length, self.flow.rates
         while edges[-1] < length:
-            alive = np.abs(rates[-np.real(rates) * edges[-1] < GONE])
-            step = RESOLVED / max(float(np.max(alive, initial=0.0)), RESOLVED / length)
+            alive = np.abs(rates[-np.real(rates) * edges[-1] < DECAYED])
+            step = MAX_PHASE / max(float(np.max(alive, initial=0.0)), MAX_PHASE / length)
             edges.append(length if edges[-1] + 1.01 * step >= length else edges[-1] + step)
         steps = np.diff(edges)
         times = (np.array(edges[:-1])[:, None] + steps[:, None] * NODES).ravel()
@@ -89,12 +90,12 @@ class Variation:
         self.start = self._first_state()
 
     def _number(self, name: str) -> Dual:
-        """A plain number of the program, with its derivatives with respect to all columns."""
+        """A scalar of the program, with its derivatives with respect to all columns."""
         found = dual(getattr(self.program, name), 0)
         return Dual(found.value, self._for_columns(found.change))
 
     def _for_columns(self, change: np.ndarray) -> np.ndarray:
-        """Derivatives (p,) of a number with zeros before them, for the states at the beginning."""
+        """Derivatives (p,) of a number, preceded by zeros for the initial states."""
         return np.concatenate([np.zeros(self.n), np.broadcast_to(change, self.p)])
 
     def _mode(self, motion: Motion) -> tuple[DualMode, Flow]:
@@ -105,7 +106,7 @@ class Variation:
         return self.modes[key]
 
     def _follow(self) -> list[Leg]:
-        """Columns along the whole span, with a saltation at every event."""
+        """Propagate the columns along the whole span, with a saltation at every event."""
         columns = np.zeros((self.n + self.p, self.a))
         columns[: self.n, : self.n] = np.eye(self.n)
         legs: list[Leg] = []
@@ -120,7 +121,7 @@ class Variation:
             leg.shift, lag = self._shift(leg, legs, closing), self._number("lag")
             acts = self._closes(motion, following) or self._extracts(state, following)
             if acts and lag.value == 0.0:
-                # The extremum and the action are one event here, which a lag would move.
+                # The extremum and the action are one event here, delayed by a lag.
                 leg.shift = leg.shift + lag.change
             if acts:
                 closing = leg.shift
@@ -137,7 +138,7 @@ class Variation:
         self.harvest = Dual(self.harvest.value + value, self.harvest.change + change)
 
     def _closes(self, motion: Motion, following: Motion) -> bool:
-        """Whether the switch closes between two motions."""
+        """True if the switch closes between two motions."""
         opened = self.program.opened
         return bool(
             opened[motion.configuration] == motion.configuration
@@ -150,7 +151,7 @@ class Variation:
         if what == OPENS:
             return closing + self._number("on_time").change
         if what == ACTS:
-            lag, late = self._number("lag"), SAME * self.span.value
+            lag, late = self._number("lag"), TIME_TOLERANCE * self.span.value
             causes = (other for other in legs[:-1] if abs(other.motion.ends + lag.value - motion.ends) <= late)
             cause = next(causes, None)
             if cause is None:
@@ -163,7 +164,7 @@ class Variation:
         return -change / (row.value @ leg.rate(state))
 
     def _guard_row(self, leg: Leg) -> tuple[Dual, np.ndarray]:
-        """The form whose zero ends a leg, and the derivatives of what is added to it."""
+        """Form whose zero ends a leg, and the derivatives of the number added to it."""
         program, what, own = self.program, leg.motion.what, self.program.guard_target.shape[1]
         nothing = np.zeros(self.n + self.p)
         if what < own:
@@ -183,7 +184,7 @@ class Variation:
         return Dual(limit.value, self._for_columns(limit.change))
 
     def _reset(self, columns: np.ndarray, state: np.ndarray, motion: Motion, following: Motion) -> np.ndarray:
-        """What an event does to the columns beside moving in time: currents cut, stops at limits, charge extracted."""
+        """Effect of an event on the columns beside its shift: currents cut, stops at limits, charge extracted."""
         program, what = self.program, motion.what
         for j in np.flatnonzero((following.slip != 0) & (motion.slip == 0)):
             columns[:, program.stop_state[j]] = following.slip[j] * self._limit(int(j)).change
@@ -194,19 +195,19 @@ class Variation:
         return self._extract(columns, state, following) if self._extracts(state, following) else columns
 
     def _extracts(self, state: np.ndarray, following: Motion) -> bool:
-        """Whether the electrode voltage is taken to zero between a state and the motion that follows."""
+        """True if the electrode voltage is set to zero between a state and the following motion."""
         row = dual(self.program.voltage_row, 1).value
-        return self.program.switched == 2 and abs(row @ following.start) <= SAME * abs(row @ state)
+        return self.program.switched == 2 and abs(row @ following.start) <= TIME_TOLERANCE * abs(row @ state)
 
     def _extract(self, columns: np.ndarray, state: np.ndarray, following: Motion) -> np.ndarray:
-        """Charge that is taken until the voltage is zero, the stops that stick moving with it; what is harvested."""
+        """Extract charge until the voltage is zero, with the sticking stops, and add the harvested energy."""
         program, charge, after = self.program, self.program.charge, following.start
         row, before, taken = dual(program.voltage_row, 1), columns.copy(), after[charge] - state[charge]
         free, lost = [charge], Dual(np.zeros(()), np.zeros(self.n + self.p))
         slipped = []
         for j, stop in enumerate(program.stop_state):
             moved = after[stop] - state[stop]
-            if abs(moved - taken) <= SAME * abs(taken):
+            if abs(moved - taken) <= TIME_TOLERANCE * abs(taken):
                 free.append(stop)
                 continue
             if moved != 0.0:
@@ -215,7 +216,7 @@ class Variation:
         voltage = columns @ row.value + self._for_columns(np.broadcast_to(row.change @ after, self.p))
         columns[:, free] -= (voltage / np.sum(row.value[free]))[:, None]
         for j, stop, moved in slipped:
-            # Work of the saturated stop over the charge that moved while it slipped.
+            # Work of the saturated stop over the charge moved while it slipped.
             length, sign = abs(taken) - abs(moved), np.sign(taken)
             weight = dual(program.stop_weight[..., j] * program.stop_limit[..., j], 0)
             shorter = sign * (columns[:, charge] - before[:, charge] - columns[:, stop] + before[:, stop])
@@ -243,7 +244,7 @@ class Variation:
         return float(np.sum(coefficient.value * (first.value @ state) * (second.value @ state)))
 
     def _collect(self, leg: Leg) -> None:
-        """Add what a leg harvests."""
+        """Add the energy harvested in a leg."""
         coefficient, first, second = leg.mode.harvest
         if not coefficient.value.size or leg.motion.length == 0.0:
             return
@@ -262,7 +263,7 @@ class Variation:
         self._add(weights @ product @ c, np.einsum("m,mck,k->c", weights, change, c) + self._for_columns(own))
 
     def _first_state(self) -> np.ndarray:
-        """Derivative (n, p) of the state at the beginning of the span, from the span's end being that again."""
+        """Derivative (n, p) of the initial state of the span, from periodicity."""
         n, last = self.n, self.legs[-1]
         state, columns = last.end
         columns = columns + np.outer(self.span.change, last.rate(state))
@@ -271,7 +272,7 @@ class Variation:
         return solve_conserving(np.eye(n) - monodromy, forced)
 
     def _total(self, columns: np.ndarray) -> np.ndarray:
-        """Derivatives with respect to the quantities alone, the state at the beginning following."""
+        """Total derivatives with respect to the quantities, including those by way of the initial state."""
         return columns[self.n :] + np.tensordot(self.start.T, columns[: self.n], 1)
 
     def power(self) -> Dual:
@@ -296,9 +297,9 @@ class Variation:
         return Dual(0.5 * (high - low), 0.5 * change)
 
     def _extremes(self, leg: Leg, output: int) -> Iterator[tuple[float, Leg, float]]:
-        """Values of an output where it turns within a leg, at the event that ends it, and after a jump before it.
+        """Values of an output at its extrema within a leg, at the event that ends it, and after a jump before it.
 
-        Each with its leg and its time from the leg's beginning; infinity stands for the event.
+        Each with its leg and its time from the leg's beginning; infinity denotes the event.
         """
         row = leg.mode.outputs.value[output]
         if leg.motion.length > 0.0:
@@ -310,7 +311,7 @@ class Variation:
             yield float(row @ leg.motion.start), leg, 0.0
 
     def _change_of(self, output: int, leg: Leg, time: float) -> np.ndarray:
-        """Derivatives (p,) of an output at a time of a leg, or at the event that ends it, wherever that moves to."""
+        """Derivatives (p,) of an output at a fixed time of a leg, or at its final event with the event's shift."""
         if np.isinf(time):
             state, columns = leg.end
             columns = columns + np.outer(leg.shift, leg.rate(state))
@@ -326,12 +327,12 @@ class Variation:
         slope = row @ leg.mode.matrix.value
         times = np.concatenate([[0.0], leg.grid[0], [leg.motion.length]])
         rates = leg.flow.states(leg.motion.start, times) @ slope
-        # A rate that is zero at an event is not taken for a turn beside it.
-        rates[np.abs(rates) <= SAME * np.max(np.abs(rates))] = 0.0
+        # A rate that is zero at an event does not count as another extremum beside it.
+        rates[np.abs(rates) <= TIME_TOLERANCE * np.max(np.abs(rates))] = 0.0
         for k in np.flatnonzero(rates[:-1] * rates[1:] < 0):
-            # Beside an event that moves, what an output changes by depends on where it turns to the first order.
+            # Near an event that shifts, the change of an output depends on the place of its extremum to first order.
             turn: Any = brentq(
                 lambda t: leg.flow.states(leg.motion.start, np.array([t]))[0] @ slope, times[k], times[k + 1],
-                xtol=EXACTLY * leg.motion.length, rtol=EXACTLY,
+                xtol=MIN_TOLERANCE * leg.motion.length, rtol=MIN_TOLERANCE,
             )  # fmt: skip
             yield turn

@@ -1,4 +1,4 @@
-"""The steady states of many designs one after the other, compiled: search, then one span with ledger and extremes."""
+"""Compiled search for the steady states of many designs one after the other: search, then one recorded span."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from piezoharvest.engine.memory.state import stored
 from piezoharvest.engine.propagation.advance import DONE
 from piezoharvest.engine.steady_state import section as sc
 from piezoharvest.engine.steady_state import shooting as sh
-from piezoharvest.engine.work_limit import MOST_WORK, interrupted
+from piezoharvest.engine.work_limit import MAX_WORK, interrupted
 
-# What is kept of a design, before its energies.
+# Columns of the results of a design, followed by its energies.
 SETTLED, EVALUATED, EVENTS, DISPLACEMENT, VOLTAGE, STORED, ENERGIES = range(7)
 
 
@@ -38,24 +38,24 @@ def reset(P, L, S, D):
 
 @compiled
 def _half_span(S, D, k, mirrored):
-    """Half of peak-to-peak; over half a period the other half is its mirror image."""
+    """Half of peak-to-peak; after half a period the other half is its mirror image."""
     lowest, highest = S[D[st.EXTREMES] + 2 * k], S[D[st.EXTREMES] + 2 * k + 1]
     return max(highest, -lowest) if mirrored else 0.5 * (highest - lowest)
 
 
 @compiled
 def _record(P, L, S, D, W, V, out, at, mirrored):
-    """Run the orbit that was found through one span and keep what belongs to a period."""
+    """Run the orbit through one span and store the results for a period."""
     reset(P, L, S, D)
     sc.load(P, L, S, D, W, V, sc.BEST, W[sc.TIME], 0)
-    # Smooth elements take their outputs from the state where a run begins.
-    if sh.move(P, L, S, D, W, V, W[sc.TIME]) != DONE:
+    # Smooth elements compute their outputs from the state at the beginning of a run.
+    if sh.run_to(P, L, S, D, W, V, W[sc.TIME]) != DONE:
         return
     before, periods = stored(P, L, S), 2.0 if mirrored else 1.0
-    if sh.move(P, L, S, D, W, V, W[sc.TIME] + W[sc.SPAN]) != DONE:
+    if sh.run_to(P, L, S, D, W, V, W[sc.TIME] + W[sc.SPAN]) != DONE:
         return
     sc.save(P, L, S, D, W, V, sc.END, mirrored)
-    if sc.distance(P, L, W, V, sc.BEST) > sh.REPEATED:
+    if sc.distance(P, L, W, V, sc.BEST) > sh.MAX_CHANGE:
         return
     out[at + SETTLED] = 1.0
     out[at + EVENTS] = periods * D[st.LOGGED]
@@ -71,17 +71,17 @@ def steady_states(P, L, S, D, W, V, s, d, r, e, designs, count, out, width, symm
     """Find and record the steady states of a number of designs.
 
     `designs` holds their programs row by row, `out` receives `width` numbers for each. The states are those of
-    `shooting.find`, and (r, e) that which records. A symmetric orbit may have lost its stability to one that is not:
-    where none is found on half the period, the whole is tried.
+    `shooting.find`, and (r, e) that which records. A symmetric orbit may be unstable where an asymmetric one is stable:
+    if none is found on half the period, the whole period is tried.
     """
     for b in range(count):
         length = L[pg.LENGTH]
         for k in range(length):
             P[k] = designs[b * length + k]
-        L[tb.HELD] = 0
+        L[tb.CLAMPED] = 0
         if interrupted(L):
             return
-        L[tb.LEFT] = L[tb.LOOK] = MOST_WORK
+        L[tb.WORK_LEFT] = L[tb.NEXT_CHECK] = MAX_WORK
         for k in range(width):
             out[b * width + k] = 0.0
         W[sc.EVALUATIONS], W[sc.PERIOD] = 0.0, P[L[pg.PERIOD]]

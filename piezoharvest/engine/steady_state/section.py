@@ -1,8 +1,8 @@
-"""Sections of a motion: what the future depends on at one instant, kept apart from the state that moves.
+"""Sections of a motion: snapshots of the hybrid state at one instant.
 
-Numbers in W (states, then the times of waiting actions, when the switch opens and when it last acted, relative to now)
-and integers in V (discrete state). What varies continuously is a section's vector: the states, the waiting times, the
-opening time where the switch is closed.
+Numbers in W (states, then the times of scheduled actions, of the opening of the switch and of its last action, relative
+to now) and integers in V (discrete state). The continuous variables of a section form its vector: the states, the
+scheduled times, and the opening time if the switch is closed.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from piezoharvest.engine.compilation.compiled import compiled, inlined
-from piezoharvest.engine.events.charge_extraction import ground
+from piezoharvest.engine.events.charge_extraction import zero_voltage
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory.program import NONE
@@ -23,31 +23,31 @@ SECTIONS = 6
 MATRICES, BEST_JACOBIAN = 7, 6
 # Integers of a section, before the slips and the polarities.
 Y_CONFIGURATION, Y_DIRECTION, Y_WAITING, Y_CLOSED, Y_SLIP = range(5)
-# What W begins with: results, the span, and a rectified voltage from which it rises (-1: none known).
+# First entries of W: results, the span, and a rectified voltage from which it rises (-1: none known).
 TIME, RESIDUAL, RADIUS, EVALUATIONS, SPAN, PERIOD, WHEN, LOWEST, HEAD = range(9)
 
 
 @inlined
 def numbers_of(L, k):
-    """Where the numbers of a section begin in W."""
+    """Offset of the numbers of a section in W."""
     return HEAD + k * (L[pg.N] + QUEUE_LENGTH + 2)
 
 
 @inlined
 def integers_of(L, k):
-    """Where the integers of a section begin in V."""
+    """Offset of the integers of a section in V."""
     return k * (Y_SLIP + L[pg.H] + QUEUE_LENGTH)
 
 
 @inlined
 def largest(L):
-    """Most variables that a section may have."""
+    """Largest number of variables of a section."""
     return L[pg.N] + QUEUE_LENGTH + 1
 
 
 @inlined
 def jacobian_of(L, k):
-    """Where a matrix of the size of a Jacobian begins in W: those of START and TRIAL, then scratch."""
+    """Offset in W of a matrix of the size of a Jacobian: those of START and TRIAL, then scratch."""
     return numbers_of(L, SECTIONS) + k * largest(L) * largest(L)
 
 
@@ -68,14 +68,14 @@ def variables(L, V, k):
 
 @inlined
 def place_of(L, V, k, i):
-    """Where variable i of a section stands in W: the opening time stands behind the whole queue."""
+    """Place of variable i of a section in W: the opening time stands behind the whole queue."""
     waiting = L[pg.N] + V[integers_of(L, k) + Y_WAITING]
     return numbers_of(L, k) + (i if i < waiting else L[pg.N] + QUEUE_LENGTH)
 
 
 @compiled
 def load(P, L, S, D, W, V, k, time, sensitivities):
-    """Set the state to a section at `time`, with its sensitivities to the section's variables if these are carried."""
+    """Set the state to a section at `time`, with sensitivities to the section's variables if they are propagated."""
     x, y, n, h, clock = numbers_of(L, k), integers_of(L, k), L[pg.N], L[pg.H], D[st.CLOCK]
     for i in range(n):
         S[i] = W[x + i]
@@ -84,7 +84,7 @@ def load(P, L, S, D, W, V, k, time, sensitivities):
     waiting = V[y + Y_WAITING]
     D[st.CONFIGURATION], D[st.DIRECTION] = V[y + Y_CONFIGURATION], V[y + Y_DIRECTION]
     D[st.WAITING], D[st.CLOSED] = waiting, V[y + Y_CLOSED]
-    D[st.BETWEEN] = D[st.LOGGED] = 0
+    D[st.INCOMPLETE] = D[st.LOGGED] = 0
     D[st.MODE] = NONE
     S[clock + st.NOW], S[clock + st.ACTED] = time, time + W[x + n + QUEUE_LENGTH + 1]
     S[clock + st.OPENS] = time + W[x + n + QUEUE_LENGTH] if V[y + Y_CLOSED] else np.inf
@@ -101,15 +101,16 @@ def load(P, L, S, D, W, V, k, time, sensitivities):
         S[D[st.OPENS_PHI] + s] = 1.0 if V[y + Y_CLOSED] and s == sensitivities - 1 else 0.0
         S[D[st.EVENT_PHI] + s] = 0.0
     if L[pg.SHORTED] and L[pg.ELEMENTS]:
-        # Motions conserve the voltage, but by a charge that smooth elements bend: no straight step of a search does.
-        ground(P, L, S, D)
+        # Motions conserve the voltage, but the charge depends on it nonlinearly through smooth elements: a linear step
+        # of a search does not conserve it.
+        zero_voltage(P, L, S, D)
         for i in range(n):
             W[x + i] = S[i]
 
 
 @compiled
 def save(P, L, S, D, W, V, k, mirrored):
-    """Keep the state as a section, mirrored where the span is half a period."""
+    """Store the state as a section, mirrored if the span is half a period."""
     x, y, n, h, clock = numbers_of(L, k), integers_of(L, k), L[pg.N], L[pg.H], D[st.CLOCK]
     sign, time = -1 if mirrored else 1, S[clock + st.NOW]
     for i in range(n):
@@ -129,7 +130,7 @@ def save(P, L, S, D, W, V, k, mirrored):
 
 @compiled
 def keep_jacobian(L, S, D, W, V, at, mirrored):
-    """Derivative of the section END, whose rows are its variables, with respect to those of the section before."""
+    """Store the Jacobian of the variables of the section END with respect to those of the initial section."""
     n, rows, count, row = L[pg.N], L[pg.ROWS], D[st.SENSITIVITIES], 0
     for i in range(n):
         sign = L[L[pg.ODD] + i] if mirrored else 1
@@ -155,8 +156,8 @@ def copy_section(L, W, V, source, target):
 
 
 @inlined
-def alike(L, V, k):
-    """Whether a section has the same continuous variables as END."""
+def same_variables(L, V, k):
+    """True if a section has the same continuous variables as END."""
     y, end = integers_of(L, k), integers_of(L, END)
     return V[y + Y_WAITING] == V[end + Y_WAITING] and V[y + Y_CLOSED] == V[end + Y_CLOSED]
 
@@ -165,10 +166,10 @@ def alike(L, V, k):
 def distance(P, L, W, V, k):
     """Relative change from a section to END; infinite where the discrete state changed its kind.
 
-    Mechanical and electrical states count each for themselves: taken together, a weakly coupled circuit would hide
-    behind the vibration. The last action counts for as long as it may hold the next one off.
+    Mechanical and electrical states are compared separately: together, a weakly coupled circuit would be masked by the
+    vibration. The last action counts while it may inhibit the next one.
     """
-    if not alike(L, V, k):
+    if not same_variables(L, V, k):
         return np.inf
     x, end, n = numbers_of(L, k), numbers_of(L, END), L[pg.N]
     whole = change_of(L, W, x, end, 0, n, 1e-300)[1]

@@ -1,4 +1,4 @@
-"""Newton's method on the map from one section to the next: the inner part of the search for a steady state."""
+"""Newton's method on the map from one section to the next, the compiled part of the search for a steady state."""
 
 from __future__ import annotations
 
@@ -30,7 +30,6 @@ from piezoharvest.engine.steady_state.section import (
     WHEN,
     Y_DIRECTION,
     Y_SLIP,
-    alike,
     change_of,
     copy_section,
     distance,
@@ -41,25 +40,26 @@ from piezoharvest.engine.steady_state.section import (
     load,
     numbers_of,
     place_of,
+    same_variables,
     save,
     variables,
 )
 
-# Spans run through from rest before Newton's method is tried (again): it needs a state with the right events.
-WARM_UP = (2, 6, 32, 160, 800)
-ITERATIONS = 24
-HALVINGS = 5
-COLLAPSE = 0.98  # share of the rectified voltage that a step takes away when the bridge does not conduct
-NEAR = 0.1  # relative change of the mechanical state below which that of the rectified voltage means something
+# Spans simulated before Newton's method is tried (again): it needs a state with the right sequence of events.
+WARM_UP_SPANS = (2, 6, 32, 160, 800)
+MAX_ITERATIONS = 24
+MAX_HALVINGS = 5
+COLLAPSE_SHARE = 0.98  # fraction of the rectified voltage removed by a step in which the bridge does not conduct
+RISE_DISTANCE = 0.1  # relative change of the mechanical state below which that of the rectified voltage is significant
 TOLERANCE = 1e-12  # aimed at
-ACCEPTED = 1e-9  # good enough where rounding allows no more
-STABLE = 1 + 1e-6
-REPEATED = 1e3 * ACCEPTED  # change over the period that is recorded, beyond which the search has deceived itself
+ACCEPTED = 1e-9  # accepted where rounding allows no more
+MAX_RADIUS = 1 + 1e-6
+MAX_CHANGE = 1e3 * ACCEPTED  # change over the recorded period, beyond which the result of the search is rejected
 
 
 @compiled
-def move(P, L, S, D, W, V, t_end):
-    """Run to t_end, counting the periods."""
+def run_to(P, L, S, D, W, V, t_end):
+    """Run to t_end and count the periods."""
     W[EVALUATIONS] += (t_end - S[D[st.CLOCK]]) / W[PERIOD]
     set_tones(P, L, S, S[D[st.CLOCK]])
     return advance(P, L, S, D, t_end)
@@ -67,12 +67,13 @@ def move(P, L, S, D, W, V, t_end):
 
 @compiled
 def span_map(P, L, S, D, W, V, k, mirrored, jacobian):
-    """Run from a section through the span to the section END, and keep the Jacobian.
+    """Run from a section through the span to the section END, and store the Jacobian.
 
-    Returns the distance of the two, infinite where they differ in kind, or nan where the motion could not be followed.
+    Returns the distance of the two, infinite if their discrete states differ, or NaN if the motion could not be
+    simulated.
     """
     load(P, L, S, D, W, V, k, W[WHEN], variables(L, V, k))
-    if move(P, L, S, D, W, V, W[WHEN] + W[SPAN]) != DONE:
+    if run_to(P, L, S, D, W, V, W[WHEN] + W[SPAN]) != DONE:
         return np.nan
     save(P, L, S, D, W, V, END, mirrored)
     keep_jacobian(L, S, D, W, V, jacobian, mirrored)
@@ -81,7 +82,7 @@ def span_map(P, L, S, D, W, V, k, mirrored, jacobian):
 
 @inlined
 def rectified(L):
-    """The state that mirroring leaves alone, the rectified voltage, or -1."""
+    """Index of the state that mirroring does not change, the rectified voltage, or -1."""
     found = -1
     for i in range(L[pg.N]):
         if L[L[pg.ODD] + i] > 0:
@@ -91,10 +92,10 @@ def rectified(L):
 
 @compiled
 def propose(P, L, W, V, step, damping):
-    """The section TRIAL: the discrete state of END with the variables of START moved, as far as these allow.
+    """Set the section TRIAL: the discrete state of END with the variables of START plus a damped step, within bounds.
 
-    Slipping stops stay on their limits; the direction of motion follows the velocity, or an extremum that is none
-    would be seen at the section.
+    Slipping stops stay on their limits; the direction of motion follows the velocity, as otherwise a false extremum
+    would be detected at the section.
     """
     copy_section(L, W, V, END, TRIAL)
     x, y, n = numbers_of(L, TRIAL), integers_of(L, TRIAL), L[pg.N]
@@ -113,7 +114,7 @@ def propose(P, L, W, V, step, damping):
 
 @compiled
 def _keep_best(L, W, V, residual, jacobian):
-    """Remember START as the best section, with the Jacobian of its map."""
+    """Store START as the best section, with the Jacobian of its map."""
     copy_section(L, W, V, START, BEST)
     W[TIME], W[RESIDUAL], W[RADIUS] = W[WHEN], residual, np.inf
     if residual < np.inf:
@@ -122,10 +123,10 @@ def _keep_best(L, W, V, residual, jacobian):
 
 
 @compiled
-def _note_rise(L, W, V, k):
-    """Note the rectified voltage of a section in which it still rises, if the rest is near its equilibrium."""
+def _store_rise(L, W, V, k):
+    """Store the rectified voltage of a section in which it still rises, if the rest is near its equilibrium."""
     dc, x, end = rectified(L), numbers_of(L, k), numbers_of(L, END)
-    if dc < 0 or change_of(L, W, x, end, 0, L[pg.CHARGE], 1e-300)[0] > NEAR:
+    if dc < 0 or change_of(L, W, x, end, 0, L[pg.CHARGE], 1e-300)[0] > RISE_DISTANCE:
         return
     if W[end + dc] > W[x + dc]:
         W[LOWEST] = W[x + dc]
@@ -133,9 +134,9 @@ def _note_rise(L, W, V, k):
 
 @compiled
 def _newton_step(L, W, V, k, jacobian, step, pinned, shift):
-    """What Newton's method adds to a section whose span ends at END, left at `step`; returns its length.
+    """Newton step of a section whose span ends at END, left at `step`; returns its length.
 
-    The variable `pinned` is shifted as given and the others follow; -1 pins none.
+    The variable `pinned` is changed by `shift` and the others follow; -1 pins none.
     """
     n, matrix, work = variables(L, V, k), jacobian_of(L, 2), jacobian_of(L, 3)
     right = jacobian_of(L, MATRICES)
@@ -155,41 +156,42 @@ def _newton_step(L, W, V, k, jacobian, step, pinned, shift):
 
 
 @compiled
-def _try(P, L, S, D, W, V, mirrored, step, damping, jacobian):
-    """The section TRIAL a damped step from START, which led to BASE; returns the distance that it has to its END."""
+def _try_step(P, L, S, D, W, V, mirrored, step, damping, jacobian):
+    """Set the section TRIAL a damped step from START, whose END is kept at BASE; return its distance to its own END."""
     copy_section(L, W, V, BASE, END)
     propose(P, L, W, V, step, damping)
     trial = span_map(P, L, S, D, W, V, TRIAL, mirrored, jacobian)
     if trial < np.inf:
-        _note_rise(L, W, V, TRIAL)
+        _store_rise(L, W, V, TRIAL)
     return trial
 
 
 @compiled
-def _next(P, L, S, D, W, V, mirrored, jacobian, other):
-    """The section TRIAL that comes closer than START: by Newton's step or a fraction of it, or else END itself.
+def _next_section(P, L, S, D, W, V, mirrored, jacobian, other):
+    """Find a section TRIAL with less distance than START: by Newton's step or a fraction of it, or else END itself.
 
-    Closer is what leaves a shorter step to go by the same Jacobian (Deuflhard's natural test): a dc voltage far too
-    high hardly changes in a period, which the change itself would take for a solution. Newton's method may also propose
-    what no motion leads to, a negative dc voltage for one. Returns the distance, or nan where there is no motion.
+    The criterion is the length of the next step with the same Jacobian (Deuflhard's natural monotonicity test): a dc
+    voltage far too high hardly changes in a period, so that the change itself would suggest a solution. Newton's method
+    may also propose unreachable sections, as with a negative dc voltage. Returns the distance, or NaN if the motion
+    cannot be simulated.
     """
     step = jacobian_of(L, MATRICES) + largest(L)
     rest, dc = step + largest(L), rectified(L)
     length, damping = _newton_step(L, W, V, START, jacobian, step, -1, 0.0), 1.0
-    # What the steps are proposed from is kept, for every trial overwrites END.
+    # The section that steps are proposed from is stored, as every trial overwrites END.
     copy_section(L, W, V, END, BASE)
-    if dc >= 0 and W[LOWEST] >= 0.0 and W[step + dc] < -COLLAPSE * W[numbers_of(L, START) + dc]:
-        # A bridge that does not conduct lets the voltage fall to zero, for all that Newton's method sees: the solution
-        # is where conduction begins, between here and a voltage from which it rose.
+    if dc >= 0 and W[LOWEST] >= 0.0 and W[step + dc] < -COLLAPSE_SHARE * W[numbers_of(L, START) + dc]:
+        # With a bridge that does not conduct, Newton's method finds a voltage of zero: the solution is where conduction
+        # begins, between this voltage and one from which it rose.
         voltage = W[numbers_of(L, START) + dc]
         if W[LOWEST] > 0.999 * voltage:
             W[LOWEST] = 0.0
         _newton_step(L, W, V, START, jacobian, step, dc, 0.5 * (W[LOWEST] - voltage))
-        trial = _try(P, L, S, D, W, V, mirrored, step, 1.0, other)
+        trial = _try_step(P, L, S, D, W, V, mirrored, step, 1.0, other)
         if trial < np.inf:
             return trial
-    for _ in range(HALVINGS):
-        trial = _try(P, L, S, D, W, V, mirrored, step, damping, other)
+    for _ in range(MAX_HALVINGS):
+        trial = _try_step(P, L, S, D, W, V, mirrored, step, damping, other)
         if trial <= ACCEPTED:
             return trial
         comparable = trial < np.inf and variables(L, V, TRIAL) == variables(L, V, START)
@@ -210,22 +212,22 @@ def newton(P, L, S, D, W, V, mirrored):
 
 @compiled
 def _iterate(P, L, S, D, W, V, mirrored):
-    """Newton's method with a line search; where it does not help, the map itself is followed."""
+    """Newton's method with a line search; if it fails, simple iteration of the map."""
     first, other = jacobian_of(L, 0), jacobian_of(L, 1)
     residual = span_map(P, L, S, D, W, V, START, mirrored, first)
     _keep_best(L, W, V, residual, first)
     W[LOWEST] = -1.0
     if residual < np.inf:
-        _note_rise(L, W, V, START)
-    for _ in range(ITERATIONS):
-        if np.isnan(residual) or (residual == np.inf and alike(L, V, START)):
+        _store_rise(L, W, V, START)
+    for _ in range(MAX_ITERATIONS):
+        if np.isnan(residual) or (residual == np.inf and same_variables(L, V, START)):
             return
         if residual == np.inf:
             copy_section(L, W, V, END, START)
             residual = span_map(P, L, S, D, W, V, START, mirrored, first)
             continue
         before = residual
-        residual = _next(P, L, S, D, W, V, mirrored, first, other)
+        residual = _next_section(P, L, S, D, W, V, mirrored, first, other)
         if np.isnan(residual):
             return
         copy_section(L, W, V, TRIAL, START)
@@ -237,11 +239,11 @@ def _iterate(P, L, S, D, W, V, mirrored):
 
 
 @compiled
-def _quiet(S, D, begin, span):
-    """Well within the longest time without event in the last span, s after its beginning: where the map is smooth.
+def _event_free_instant(S, D, begin, span):
+    """Instant well within the longest event-free time of the last span, s after its beginning: the map is smooth there.
 
-    Not in its middle, nor where a span without events begins: between two extrema everything may go through zero there,
-    and a change that is measured against the state would mean nothing.
+    Not in its middle, nor at the beginning of a span without events: between two extrema all states may cross zero
+    there, and a relative change would be meaningless.
     """
     count, times = min(D[st.LOGGED], D[st.LOG_ROOM]), D[st.LOG_TIME]
     if count == 0:
@@ -262,24 +264,24 @@ def _quiet(S, D, begin, span):
 
 @compiled
 def find(P, L, S, D, W, V, s, d, mirrored):
-    """Search from the state in s and d: a few periods, then Newton's method in S and D, again if it fails.
+    """Search from the state in s and d: a few periods, then Newton's method in S and D, repeated if it fails.
 
     The best orbit is left in W (its time, residual and spectral radius) and in the section BEST. Returns the status of
-    the motion from the start, which is followed for as long as the search lasts.
+    the motion from the start, which is continued during the search.
     """
     clock, spans, span = d[st.CLOCK], 0, W[SPAN]
     begin, sensitivities = s[clock], D[st.SENSITIVITIES]
     time, residual, rho = begin, np.inf, np.inf
     save(P, L, s, d, W, V, FOUND, mirrored)
-    for count in WARM_UP:
+    for count in WARM_UP_SPANS:
         spans += count
-        status = move(P, L, s, d, W, V, begin + (spans - 1) * span)
+        status = run_to(P, L, s, d, W, V, begin + (spans - 1) * span)
         d[st.LOGGED] = 0
         if status == DONE:
-            status = move(P, L, s, d, W, V, begin + spans * span)
-        W[WHEN] = begin + spans * span + _quiet(s, d, begin, span)
+            status = run_to(P, L, s, d, W, V, begin + spans * span)
+        W[WHEN] = begin + spans * span + _event_free_instant(s, d, begin, span)
         if status == DONE:
-            status = move(P, L, s, d, W, V, W[WHEN])
+            status = run_to(P, L, s, d, W, V, W[WHEN])
         if status != DONE:
             return status
         save(P, L, s, d, W, V, START, False)
@@ -291,7 +293,7 @@ def find(P, L, S, D, W, V, s, d, mirrored):
         if found:
             break
         spans += 1
-        status = move(P, L, s, d, W, V, begin + spans * span)
+        status = run_to(P, L, s, d, W, V, begin + spans * span)
         if status != DONE:
             return status
     W[TIME], W[RESIDUAL], W[RADIUS] = time, residual, rho
@@ -302,5 +304,5 @@ def find(P, L, S, D, W, V, s, d, mirrored):
 
 @compiled
 def converged(residual, rho):
-    """Whether the state repeats and the orbit attracts."""
-    return residual <= ACCEPTED and rho <= STABLE
+    """True if the state repeats and the orbit attracts."""
+    return residual <= ACCEPTED and rho <= MAX_RADIUS

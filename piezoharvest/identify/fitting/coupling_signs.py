@@ -1,7 +1,7 @@
-"""Signs of couplings that records cannot tell: they know the square alone, and the nominal value has the sign.
+"""Signs of couplings that records do not determine: only the square is known, and the sign is the nominal one.
 
-Turning the coupling round turns what is electrical against what is mechanical. Records that hold one of the two alone
-look the same: an impedance, a current by a voltage, a displacement by a force.
+Reversing a coupling reverses the electrical against the mechanical quantities. Records with only one of the two do not
+change: an impedance, a current by a voltage, a displacement by a force.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from piezoharvest.predict.parameters import Parameter, value_at
 ELECTRICAL = {"voltage", "current"}
 
 
-def sides(data: Data | FrequencyData) -> set[bool]:
-    """Which sides a record sees: True the electrical, False the mechanical one."""
+def domains(data: Data | FrequencyData) -> set[bool]:
+    """Sides of the transducer that a record contains: True the electrical, False the mechanical one."""
     if isinstance(data, Data):
         return {channel in ELECTRICAL for channel in (data.drive, *data.channels)}
     return {channel in ELECTRICAL for channel in (data.record.input, data.record.output)}
@@ -29,7 +29,7 @@ def sides(data: Data | FrequencyData) -> set[bool]:
 def with_known_signs(
     parameters: Sequence[Parameter], data: Sequence[Data | FrequencyData], nominal: Transducer
 ) -> tuple[list[Parameter], frozenset[str]]:
-    """Parameters; couplings whose sign the records cannot tell by their logarithm, with the sign of the nominal value.
+    """Parameters, with couplings of ambiguous sign scaled by their logarithm, with the sign of the nominal value.
 
     Returns
     -------
@@ -37,10 +37,10 @@ def with_known_signs(
     ambiguous : frozenset of str
         Names of these couplings.
     """
-    seen = [sides(each) for each in data]
+    seen = [domains(each) for each in data]
     if any(len(each) > 1 for each in seen):
         return list(parameters), frozenset()
-    # Seen by its electrodes alone, each mode may be turned round; else all of them together, the first one for all.
+    # In electrical channels only, the sign of each mode is ambiguous; else that of all together, given by the first.
     each_mode = all(True in side for side in seen)
     kept, names = [], set()
     for parameter in parameters:

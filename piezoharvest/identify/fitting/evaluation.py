@@ -1,4 +1,4 @@
-"""All records of a problem evaluated for a model, side by side."""
+"""Parallel evaluation of all records of a problem for a model."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.likelihood import Sums, Whitener
 from piezoharvest.identify.fitting.measured_responses import FrequencyData, ResponseWeights
-from piezoharvest.identify.fitting.model import Model, begun
+from piezoharvest.identify.fitting.model import Model, prediction_of
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.noise.noise_model import Noise
 
@@ -23,11 +23,11 @@ R = TypeVar("R")
 def whiteners(
     problem: Problem, model: Model, own: Sequence[np.ndarray], noise: Noise
 ) -> tuple[Whitener | ResponseWeights, ...]:
-    """Whiteners of all records, by a model that need not be the best."""
+    """Whiteners of all records, from a model that need not be the best."""
     return tuple(
         ResponseWeights(noise.sigma[data.name], data)
         if isinstance(data, FrequencyData)
-        else Whitener(begun(model, data, mine), noise, data)
+        else Whitener(prediction_of(model, data, mine), noise, data)
         for data, mine in zip(problem.data, own, strict=True)
     )
 
@@ -39,28 +39,30 @@ def sums_of(
     white: Sequence[Whitener | ResponseWeights],
     scatter: bool = False,
 ) -> tuple[Sums, ...]:
-    """Sums of all records, with what rounded sensors scatter if wanted.
+    """Sums of all records, with the scatter by rounded sensors if required.
 
     Raises
     ------
     PredictionError
         The model cannot follow a record.
     """
-    if len(white) == 1:  # what a thread has had of memory is kept for the next one: with a long record that adds up
+    if len(white) == 1:  # a thread's memory is kept for the next one, which adds up for a long record
         return (white[0].sums(model, own[0], scatter),)
     for data in problem.data:
         if isinstance(data, Data):
             model.lowered(data)
-    return at_once(lambda each, mine: each.sums(model, mine, scatter), white, own)
+    return map_records(lambda each, mine: each.sums(model, mine, scatter), white, own)
 
 
-def at_once(function: Callable[..., R], *each: Iterable) -> tuple[R, ...]:
-    """What a function returns for every record, and what belongs to it, two at a time."""
+def map_records(function: Callable[..., R], *each: Iterable) -> tuple[R, ...]:
+    """Results of a function for every record and its arguments, `WORKERS` at a time."""
     with ThreadPoolExecutor(WORKERS) as pool:
         return tuple(pool.map(function, *each))
 
 
-def whole(model: Model, own: Sequence[np.ndarray], sums: Sequence[Sums]) -> tuple[np.ndarray, np.ndarray, float]:
+def total_information(
+    model: Model, own: Sequence[np.ndarray], sums: Sequence[Sums]
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Information, gradient and sum of squares of all records."""
     p, sizes = len(model.parameters), [len(mine) for mine in own]
     total = p + sum(sizes)

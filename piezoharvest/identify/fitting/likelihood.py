@@ -1,4 +1,4 @@
-"""Residuals of a record, whitened, and the sums of squares that a fit is made of."""
+"""Whitened residuals of a record, and the sums of squares that a fit uses."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from piezoharvest.identify.noise.noise_model import Noise, Rounding, rounding
 from piezoharvest.identify.noise.spectra import gram, in_time, line_spectra, parts, whitened
 from piezoharvest.predict.prediction import Prediction
 
-EDGES = np.array([0.0, 0.1, 0.3, 0.6, 1.2, 2.4, 5, 10, 20, 40, 80, 160, 320, 640, 1e9])  # Hz: bands of the colour
-ROUND = 1e-3  # of the noise: smaller errors by rounding do not matter
+BAND_EDGES = np.array([0.0, 0.1, 0.3, 0.6, 1.2, 2.4, 5, 10, 20, 40, 80, 160, 320, 640, 1e9])  # Hz: bands of the colour
+MIN_ROUNDING_ERROR = 1e-3  # of the noise: smaller errors by rounding are neglected
 
 
 @dataclass(frozen=True)
 class Sums:
-    """What one record says, in units of its noise.
+    """Contribution of one record to cost and information, in units of its noise.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class Sums:
     squares : (bands,) array
         Sums of squares of the residuals.
     count : (bands,) array
-        How many squares.
+        Number of squares.
     scatter : (p, p) array
         Covariance of the gradient that rounded sensors add.
     """
@@ -46,8 +46,8 @@ class Sums:
 
     @classmethod
     def empty(cls, p: int) -> Sums:
-        """Sums of nothing, for so many parameters."""
-        bands = len(EDGES) - 1
+        """Sums equal to zero, for `p` parameters."""
+        bands = len(BAND_EDGES) - 1
         return cls(np.zeros((bands, p, p)), np.zeros((bands, p)), np.zeros(bands), np.zeros(bands), np.zeros((p, p)))
 
     def __add__(self, other: Sums) -> Sums:
@@ -55,16 +55,16 @@ class Sums:
 
 
 class Whitener:
-    """Makes the spectra of a record's residuals white; it stays as it is while a model is fitted.
+    """Whitens the spectra of a record's residuals; it is fixed while a model is fitted.
 
-    Residuals have the noise of the drive once it is taken for real, as the specimen would pass it on. How that is does
-    not matter for them to be white, only that it is one and the same way by which they are whitened: the way of another
-    model would be no worse, and what differs between the ways of two models says nothing about these.
+    The noise of the drive is subtracted from the residuals as filtered by the specimen. The filter need not be exact
+    for white residuals, but must be the same as in the whitening: that of another model is as good, and the difference
+    between the filters of two models is no information about these.
 
     Parameters
     ----------
     prediction : Prediction
-        Of the record, by whose mean slopes the noise of the drive passes.
+        Prediction of the record, whose mean slopes filter the noise of the drive.
     noise : Noise
     data : Data
     """
@@ -76,16 +76,16 @@ class Whitener:
 
     @cached_property
     def _steps(self) -> list[Rounding]:
-        """To what the channels are rounded."""
+        """Rounding of the channels."""
         data = self._data
         return [rounding(data.record[channel], self._noise.sigma[channel]) for channel in data.channels]
 
     def of(self, count: int) -> np.ndarray:
-        """Matrices (f, channels, channels) for a block of so many samples."""
+        """Whitening matrices (f, channels, channels) for a block of `count` samples."""
         return self._of(count)[0]
 
     def _of(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Those of `of`, and once more with the frequencies last, lower triangular."""
+        """The matrices of `of`, and the same with the frequencies last, lower triangular."""
         if count not in self._matrices:
             data = self._data
             self._settle()
@@ -95,24 +95,24 @@ class Whitener:
         return self._matrices[count]
 
     def passed(self, begin: int, end: int) -> np.ndarray:
-        """What the noise of the drive would do in some samples, (samples, channels)."""
+        """Response to the noise of the drive in some samples, (samples, channels)."""
         if (begin, end) not in self._passed:
             self._passed = {(begin, end): self.passes(self._data.rest[begin:end])}
         return self._passed[begin, end]
 
     def passes(self, drive: np.ndarray) -> np.ndarray:
-        """What a small addition to the drive would do, (samples, channels)."""
+        """Response to a small addition to the drive, (samples, channels)."""
         self._settle()
         return small_response(self._prediction, self._data.channels, drive)
 
     def _settle(self) -> None:
-        """Have mean slopes of the elements where they matter."""
+        """Compute mean slopes of the elements if the drive has noise."""
         noisy = self._data.drive in self._noise.sigma or np.any(self._data.rest)
         if len(self._prediction.matrices.kinds) and noisy:
             self._prediction.settle()
 
     def sums(self, model: Model, own: np.ndarray, scatter: bool = False) -> Sums:
-        """Sums of the record for a model, with what rounded sensors scatter if wanted.
+        """Sums of the record for a model, with the scatter by rounded sensors if required.
 
         Raises
         ------
@@ -131,18 +131,18 @@ class Whitener:
         return reduce(add, parts)
 
     def left(self, model: Model, own: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """Blocks (begin, residuals, their whitened spectra (f, channels)) of what a model leaves of the record."""
+        """Blocks (begin, residuals, their whitened spectra (f, channels)) of a record for a model."""
         for _, begin, residual, _ in residual_blocks(replace(model, parameters=()), self._data, own, False):
             residual -= self.passed(begin, begin + len(residual))
             yield begin, residual, (self.of(len(residual)) @ spectra_of(residual)[:, :, None])[:, :, 0]
 
     def scatter(self, predicted: np.ndarray, whitened: np.ndarray, white: np.ndarray) -> np.ndarray:
-        """Covariance of the gradient by errors of rounded sensors, (p, p), whose phase depends on a free offset.
+        """Covariance of the gradient by errors of rounded sensors, (p, p), with random phase, due to a free offset.
 
         Parameters
         ----------
         predicted : (samples, channels) array
-            Of a block.
+            Predictions of a block.
         whitened : (f, channels, p) array
             Spectra of its derivatives.
         white : (f, channels, channels) array
@@ -150,7 +150,7 @@ class Whitener:
         """
         found = np.zeros((whitened.shape[2],) * 2)
         for k, (channel, rounded) in enumerate(zip(self._data.channels, self._steps, strict=True)):
-            if max(rounded.size, rounded.second) < ROUND * self._noise.sigma[channel]:
+            if max(rounded.size, rounded.second) < MIN_ROUNDING_ERROR * self._noise.sigma[channel]:
                 continue
             turns = predicted[:, k] / rounded.step
             slopes = in_time(np.einsum("fc,fcp->fp", np.conj(white[:, :, k]), whitened), len(turns))
@@ -163,9 +163,9 @@ class Whitener:
 
 
 def by_code(turns: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """Sums (p, codes) of slopes (samples, p) over the samples that a converter reads as the same.
+    """Sums (p, codes) of slopes (samples, p) over the samples with the same code of a converter.
 
-    Codes that do not occur have no place: of a simulation's values steps are a billionth of what they move by.
+    Codes that do not occur are left out: in simulated values the step may be a billionth of the range.
     """
     _, code = np.unique(np.round(turns), return_inverse=True)
     return np.array([np.bincount(code, column) for column in slopes.T])
@@ -182,8 +182,8 @@ def _whitened(
     """Sums of one block, by bands."""
     count, channels = residual.shape
     R, D = (whitened(W, line_spectra(np.moveaxis(values, 0, -1))) for values in (residual, slopes))
-    edges = np.searchsorted(frequencies, EDGES)
-    P, bands = D.shape[1], len(EDGES) - 1
+    edges = np.searchsorted(frequencies, BAND_EDGES)
+    P, bands = D.shape[1], len(BAND_EDGES) - 1
     sums = Sums.empty(P)
     if scatter is not None:
         sums.scatter[:] = scatter(D.transpose(2, 0, 1))

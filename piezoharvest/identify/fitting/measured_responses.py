@@ -1,4 +1,4 @@
-"""Measured frequency responses and impedances beside time records in one fit."""
+"""Measured frequency responses and impedances in a joint fit with time records."""
 
 from __future__ import annotations
 
@@ -20,9 +20,11 @@ from piezoharvest.predict.parameters import STEP, stepped, value_at
 from piezoharvest.predict.record_model import LEADS, STOP, Matrices, RecordModel
 from piezoharvest.records.record import FrequencyRecord
 
-LOUD = 1.2  # times the noise, from which the residual of a record that was not fitted is worth a warning
-TOGETHER, MISSED = 3, 0.3  # neighbouring lines, all off by so much of the response (3 dB): more than a spike
-UNTOLD = 0.02  # relative noise of lines that are too few to tell it, before a fit does
+MAX_VALIDATION_RATIO = 1.2  # times the noise, from which on the residual of a validation record gives a warning
+# Neighbouring lines, all off by this share of the response (3 dB): more than a spike.
+MISSED_LINES = 3
+MISSED_SHARE = 0.3
+DEFAULT_RELATIVE_NOISE = 0.02  # relative noise of lines that are too few for an estimate, before a fit gives one
 
 
 class ResponseSlopes(NamedTuple):
@@ -46,19 +48,19 @@ class ResponseSlopes(NamedTuple):
         return ResponseSlopes(-self.value, -self.slopes)
 
 
-class Judged(NamedTuple):
-    """How far a prediction of a response is off.
+class ResponseQuality(NamedTuple):
+    """Quality of a prediction of a response.
 
     Attributes
     ----------
     ratio : float
         Root mean square of the residual in units of the noise.
     lacking : bool
-        Whether it is larger than noise alone makes it.
+        True if it is larger than due to noise alone.
     missed : float or None
-        Hz, where the response does something else altogether.
+        Hz, where the prediction misses the response; None if nowhere.
     share : float
-        Of the response, by which it is off in the worst lines.
+        Error in the worst lines, relative to the response.
     """
 
     ratio: float
@@ -69,7 +71,7 @@ class Judged(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FrequencyData:
-    """A measured response as a fit takes it; see `data.Data`."""
+    """A measured response prepared for a fit; see `data.Data`."""
 
     record: FrequencyRecord
 
@@ -86,14 +88,14 @@ class FrequencyData:
 
     @property
     def role(self) -> str:
-        """Whether it is fitted: "fit" or "validate"."""
+        """Role of the record: "fit" or "validate"."""
         return self.record.role
 
     def __len__(self) -> int:
         return len(self.record)
 
     def matrices(self, transducer: Transducer, drive: str | None = None) -> Matrices:
-        """Equations under the record's input, or another one; blocked, nothing moves."""
+        """Equations for the record's input, or for another drive; without coupling if the structure is blocked."""
         record = self.record
         drive = drive or ("voltage" if record.kind == "impedance" else record.input)
         if record.kind == "impedance" and record.mechanical == "blocked":
@@ -103,14 +105,14 @@ class FrequencyData:
 
     @property
     def _period(self) -> float:
-        """Of the highest frequency, s."""
+        """Period of the highest frequency, s."""
         return 1.0 / float(self.record.frequency.max())
 
     def response(self, model: Model) -> tuple[np.ndarray, np.ndarray]:
         """Predicted response, operators sticking, (f,), and its derivatives, (f, parameters)."""
         record, varied = self.record, self._varied(model)
         if record.kind == "impedance":
-            # Behind the leads the voltage is less by what the current makes of them.
+            # The resistance of the leads in the model is subtracted.
             current, leads = self._transfer("current", varied, "voltage"), self._leads(varied)
             impedance = -1.0 / current.value - leads.value
             return impedance, current.slopes / current.value[:, None] ** 2 - leads.slopes
@@ -124,19 +126,19 @@ class FrequencyData:
         return found
 
     def _varied(self, model: Model) -> list[Transducer]:
-        """The transducer, and with a complex step in each parameter."""
+        """The transducer, and copies with a complex step in each parameter."""
         device = model.transducer
         return [device, *(stepped(device, p, p.inner(value_at(device, p.path))) for p in model.parameters)]
 
     def _leads(self, varied: Sequence[Transducer]) -> ResponseSlopes:
-        """Resistance of the leads through which `RecordModel` has a voltage imposed, or a short."""
+        """Resistance of the leads through which a voltage is imposed, or the electrodes shorted, in `RecordModel`."""
         resistance = [LEADS * self._period / device.capacitance for device in varied]
         return ResponseSlopes(
             np.full(len(self), resistance[0]), np.tile(np.imag(resistance[1:]) / STEP, (len(self), 1))
         )
 
     def _imposed(self, output: str, varied: Sequence[Transducer]) -> ResponseSlopes:
-        """Response of a channel to a voltage at the electrodes: less than that at the other end of the leads by R i."""
+        """Response of a channel to the voltage at the electrodes: that at the source minus R i of the leads."""
         current = self._transfer("current", varied, "voltage")
         share = self._leads(varied) * current
         found = current if output == "current" else self._transfer(output, varied, "voltage")
@@ -144,26 +146,26 @@ class FrequencyData:
 
     @cached_property
     def reference(self) -> Reference | None:
-        """What the lines show by themselves; None where they are too few."""
+        """Model-free reference of the lines; None if they are too few."""
         return reference_of(self.record)
 
     @cached_property
     def sigma_of_lines(self) -> np.ndarray:
         """Standard deviation of each line's noise, in the response's unit and both its parts together, (f,)."""
         if self.reference is None:
-            return UNTOLD * np.sqrt(2.0) * np.abs(self.record.response)
+            return DEFAULT_RELATIVE_NOISE * np.sqrt(2.0) * np.abs(self.record.response)
         noise = self.reference.noise
         return np.hypot(noise.along, noise.across) * np.abs(self.reference.smooth)
 
     @property
     def allowed(self) -> float:
-        """Sum of squares, in units of the noise, that a model leaves which lacks nothing."""
+        """Largest sum of squares, in units of the noise, of a complete model."""
         return np.inf if self.reference is None else self.reference.allowed
 
     def weighted(self, error: np.ndarray) -> np.ndarray:
         """Errors (f, ...) of the response in units of the noise: of the magnitudes, then of the phases, (2 f, ...)."""
         if self.reference is None:
-            noise, smooth = LineNoise(*np.full((2, len(self)), UNTOLD)), self.record.response
+            noise, smooth = LineNoise(*np.full((2, len(self)), DEFAULT_RELATIVE_NOISE)), self.record.response
         else:
             noise, smooth = self.reference.noise, self.reference.smooth
         inside = relative(error, smooth)
@@ -171,17 +173,19 @@ class FrequencyData:
         parts = np.real(inside) / noise.along.reshape(shape), np.imag(inside) / noise.across.reshape(shape)
         return np.concatenate(parts)
 
-    def judged(self, value: np.ndarray) -> Judged:
-        """How far a prediction of the response, (f,), is off."""
+    def judged(self, value: np.ndarray) -> ResponseQuality:
+        """Quality of a prediction of the response, (f,)."""
         error = self.record.response - value
         squares = float(np.sum(self.weighted(error) ** 2))
-        lacking = squares > (self.allowed if self.role == "fit" else max(self.allowed, LOUD**2 * 2 * len(self)))
-        # Of the larger one of the two, so that a peak counts that either has and the other has not.
+        lacking = squares > (
+            self.allowed if self.role == "fit" else max(self.allowed, MAX_VALIDATION_RATIO**2 * 2 * len(self))
+        )
+        # Relative to the larger one of the two, so that a peak in only one of them counts.
         share = np.abs(error) / np.maximum(np.abs(self.record.response), np.abs(value))
-        together = minimum_filter1d(share, TOGETHER, mode="constant", cval=0.0)
+        together = minimum_filter1d(share, MISSED_LINES, mode="constant", cval=0.0)
         far = int(np.argmax(together))
-        missed = float(self.record.frequency[far]) if lacking and together[far] > MISSED else None
-        return Judged(float(np.sqrt(squares / (2 * len(self)))), lacking, missed, float(together[far]))
+        missed = float(self.record.frequency[far]) if lacking and together[far] > MISSED_SHARE else None
+        return ResponseQuality(float(np.sqrt(squares / (2 * len(self)))), lacking, missed, float(together[far]))
 
     def _transfer(self, output: str, varied: Sequence[Transducer], drive: str) -> ResponseSlopes:
         """Transfer function from a drive to a channel."""
@@ -208,7 +212,7 @@ def sticking_rates(data: FrequencyData, transducer: Transducer) -> tuple[np.ndar
 
 
 def _sticking(m: Matrices, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """A, B, C and D with every stop operator as the straight line that it is while it sticks."""
+    """A, B, C and D with every stop operator linear, as it is while it sticks."""
     n, w = len(m.A), len(m.kinds)
     stick = np.array(
         [m.O[place, :n] if kind == STOP else np.zeros(n) for kind, place in zip(m.kinds, m.places[:, 0], strict=True)]
@@ -218,13 +222,13 @@ def _sticking(m: Matrices, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 class ResponseWeights:
-    """Weights of a measured response by the noise of its lines, times a factor; see `sums.Whitener`."""
+    """Weights of a measured response by the noise of its lines, times a factor; see `likelihood.Whitener`."""
 
     def __init__(self, factor: float, data: FrequencyData) -> None:
         self.factor, self.data = factor, data
 
     def sums(self, model: Model, own: np.ndarray, scatter: bool = False) -> Sums:
-        """Sums of squares of the weighted residuals, which stand in the last band; see `sums.Sums`."""
+        """Sums of squares of the weighted residuals, all in the last band; see `likelihood.Sums`."""
         value, slopes = self.data.response(model)
         flat = self.data.weighted(self.data.record.response - value) / self.factor
         full = self.data.weighted(slopes) / self.factor

@@ -1,4 +1,4 @@
-"""A model as a fit has it: what varies of a transducer, each record's own numbers, and the residuals they leave."""
+"""Model of a fit: the transducer's fitted parameters, each record's nuisance parameters, and the residuals."""
 
 from __future__ import annotations
 
@@ -15,28 +15,30 @@ from piezoharvest.identify.noise.noise_gain import small_response, specimen_gain
 from piezoharvest.predict.discrete_model import DiscreteModel
 from piezoharvest.predict.parameters import Parameter, put, value_at
 from piezoharvest.predict.prediction import Prediction
-from piezoharvest.predict.sensors import Course, late_somewhere, sensed
+from piezoharvest.predict.sensors import Course, any_delays, sensed
 
-CORNERS = 4  # parts of a sample, by which corners of hysteresis are seen where a channel is delayed
-KEPT, KEPT_RECORDS = 1 << 24, 16  # bytes of derivatives of a record that are kept, and of how many
-LATEST = 2  # samples by which a channel may be late: so many after a jump may be read while it happens
+SUBSAMPLES = 4  # parts of a sample that resolve corners of hysteresis if a channel is delayed
+# Bytes of derivatives that are cached for a record, and number of such records.
+CACHE_BYTES = 1 << 24
+CACHED_RECORDS = 16
+MAX_DELAY_SAMPLES = 2  # samples by which a channel may be delayed: as many after a jump may be read during it
 
-_LAST: WeakKeyDictionary[Data, list] = WeakKeyDictionary()
+_CACHE: WeakKeyDictionary[Data, list] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
 class Model:
-    """A transducer with what varies of it, and for each record its own numbers.
+    """A transducer with its fitted parameters, and the kinds of nuisance parameters of the records.
 
     Attributes
     ----------
     transducer : Transducer
     parameters : tuple of Parameter
-        What is varied for all records.
+        Fitted parameters, common to all records.
     offset_channels : tuple of str
         Channels whose offset is free in every record.
     relaxed : bool
-        Whether every record begins with stops at zero, whatever came before it.
+        True if every record begins with stops at zero.
     """
 
     transducer: Transducer
@@ -46,12 +48,12 @@ class Model:
     _lowered: dict = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def prediction(self, data: Data, own: np.ndarray | None = None) -> Prediction:
-        """Prediction of a record; `own` as its `own_names` name them."""
+        """Prediction of a record with its nuisance parameters, in the order of its `own_names`."""
         lowered = self.lowered(data)
         return Prediction(self.transducer, data.setting, self.parameters, own, lowered, relaxed=self.relaxed)
 
     def lowered(self, data: Data) -> DiscreteModel:
-        """Equations for a record, which others share."""
+        """Equations for a record, shared by records with the same settings."""
         key = DiscreteModel.key(data.setting)
         if key not in self._lowered:
             self._lowered[key] = DiscreteModel(self.transducer, data.setting, self.parameters)
@@ -59,14 +61,14 @@ class Model:
 
 
 def inner_values(model: Model) -> np.ndarray:
-    """What varies, on the scales on which it is fitted."""
+    """Values of the fitted parameters, on the scales of the fit."""
     return np.array([p.inner(value_at(model.transducer, p.path)) for p in model.parameters])
 
 
-def moved(model: Model, values: np.ndarray) -> Model:
-    """Model with other values of what is varied."""
+def with_values(model: Model, values: np.ndarray) -> Model:
+    """Model with other values of the fitted parameters."""
     if not model.parameters:
-        return model  # with its equations, which take longer than a short record
+        return model  # with its cached equations, which take longer than a short record
     transducer = model.transducer
     for parameter, value in zip(model.parameters, values, strict=True):
         transducer = put(transducer, parameter.path, float(np.real(parameter.outer(float(value)))))
@@ -74,17 +76,17 @@ def moved(model: Model, values: np.ndarray) -> Model:
 
 
 class Extra(NamedTuple):
-    """An offset or a line in a record, whose size is one of the record's own numbers.
+    """An offset or a line in a record, whose size is one of the record's nuisance parameters.
 
     Attributes
     ----------
     name : str
     gains : (channels,) complex array
-        In which channels, and by how much.
+        Contribution of a unit to each channel.
     frequency : float
         Hz.
     effect : int or None
-        The effect that it belongs to.
+        Index of the effect that it belongs to.
     """
 
     name: str
@@ -93,7 +95,7 @@ class Extra(NamedTuple):
     effect: int | None
 
     def columns(self, time: np.ndarray) -> np.ndarray:
-        """What a unit adds to the channels, (samples, channels), complex."""
+        """Contribution of a unit to the channels, (samples, channels), complex."""
         if self.frequency == 0.0:
             return np.broadcast_to(self.gains, (len(time), len(self.gains)))
         return np.exp(2j * np.pi * self.frequency * time)[:, None] * self.gains
@@ -109,7 +111,7 @@ def extras(model: Model, data: Data, prediction: Prediction) -> list[Extra]:
             frequency = effect.line(channel)
             if frequency is None:
                 continue
-            # A line on the measured drive is not in the real one: the prediction has it in all channels.
+            # A line in the measured drive only is not in the actual drive: the prediction has it in all channels.
             at = np.array([frequency])
             gains = (
                 -specimen_gain(prediction, data.channels, at)[0]
@@ -124,45 +126,44 @@ def extras(model: Model, data: Data, prediction: Prediction) -> list[Extra]:
 
 
 def first_samples(data: Data) -> list[tuple[int, int]]:
-    """Samples (and channels) after a jump: what a sensor reads there, between before and after, is a number of its own.
+    """Samples (and channels) after a jump, at which the reading, between before and after, is a nuisance parameter.
 
-    By how much the reading without noise is above what was read. Where neighbouring steps jump, a sample after both is
-    one number.
+    Its value is the reading without noise minus the measured one. A sample after two neighbouring jumps has only one.
     """
-    after = {int(jump) + 1 + k for jump in data.setting.motion.jumps for k in range(LATEST)}
+    after = {int(jump) + 1 + k for jump in data.setting.motion.jumps for k in range(MAX_DELAY_SAMPLES)}
     return [(sample, c) for sample in sorted(after) if sample < len(data) for c in range(len(data.channels))]
 
 
 def own_names(model: Model, data: Data) -> tuple[str, ...]:
-    """Names of a record's own numbers: states at the start, jumps, first samples after these, offsets, lines."""
+    """Names of a record's nuisance parameters: initial states, jumps, first samples after these, offsets, lines."""
     prediction = model.prediction(data)
     first = (f"{data.channels[c]} sample{sample}" for sample, c in first_samples(data))
     return (*prediction.own_names, *first, *(extra.name for extra in extras(model, data, prediction)))
 
 
 def own_limits(model: Model, data: Data) -> np.ndarray:
-    """The largest sizes of a record's own numbers."""
+    """Largest magnitudes of a record's nuisance parameters."""
     limits = model.prediction(data).own_limits
     return np.pad(limits, (0, len(own_names(model, data)) - len(limits)), constant_values=np.inf)
 
 
-def begun(model: Model, data: Data, own: np.ndarray) -> Prediction:
-    """Prediction of a record that begins and jumps as its own numbers say."""
+def prediction_of(model: Model, data: Data, own: np.ndarray) -> Prediction:
+    """Prediction of a record with initial states and jumps from its nuisance parameters."""
     return model.prediction(data, own[: len(model.prediction(data).own_names)])
 
 
 def residual_blocks(
     model: Model, data: Data, own: np.ndarray, derivatives: bool
 ) -> Iterator[tuple[Prediction, int, np.ndarray, Any]]:
-    """Blocks (prediction, begin, residuals, derivatives) of a record; `own` as `own_names` names it.
+    """Blocks (prediction, begin, residuals, derivatives) of a record; `own` in the order of `own_names`.
 
-    Residuals of what the drive does without its noise.
+    The residuals are those of the response to the drive without its noise.
     """
     first, more = first_samples(data), extras(model, data, model.prediction(data))
     states, read, added = np.split(own, [len(own) - len(first) - len(more), len(own) - len(more)])
     prediction = model.prediction(data, states)
     h, effects = data.setting.sample_time, model.transducer.effects
-    parts = CORNERS if late_somewhere(effects, data.channels) and len(prediction.matrices.kinds) else 1
+    parts = SUBSAMPLES if any_delays(effects, data.channels) and len(prediction.matrices.kinds) else 1
     for block in prediction.blocks(derivatives, channels=data.channels, parts=parts):
         end = block.begin + len(block.values)
         time = (np.arange(block.begin, end) - 0.5 * len(data)) * h
@@ -176,7 +177,7 @@ def residual_blocks(
         residual = data.part(block.begin, end) - predicted
         for k, (sample, c) in enumerate(first):
             if block.begin <= sample < end:
-                # Whatever is predicted there, which depends on the jump's instant by leaps.
+                # Independent of the prediction there, which is discontinuous in the jump's instant.
                 residual[sample - block.begin, c] = -read[k]
                 if slopes is not None:
                     slopes[sample - block.begin, c] = 0.0
@@ -185,43 +186,43 @@ def residual_blocks(
 
 
 def evaluated(model: Model, data: Data, own: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-    """Blocks (begin, residuals, derivatives) of a record, not to be written to.
+    """Blocks (begin, residuals, derivatives) of a record, read-only.
 
-    Those of the last two models are kept if they are small: where one descent ends, with residuals whitened anew, the
-    next one begins, and a step beyond it may have been tried in vain.
+    Those of the last two models are cached if they are small: the next descent begins where the last one has ended,
+    and a failed step may have been tried in between.
     """
     what = model.transducer, model.parameters, model.offset_channels, model.relaxed, own.tobytes()
-    for known, blocks in _LAST.get(data, ()):
+    for known, blocks in _CACHE.get(data, ()):
         if known == what:
             yield from blocks
             return
-    blocks, room = [], KEPT if data in _LAST or len(_LAST) < KEPT_RECORDS else 0
+    blocks, room = [], CACHE_BYTES if data in _CACHE or len(_CACHE) < CACHED_RECORDS else 0
     for _, begin, residual, slopes in residual_blocks(model, data, own, True):
         yield begin, residual, slopes
         room -= slopes.nbytes
         blocks = [*blocks, (begin, residual, slopes)] if room >= 0 else []
     if blocks:
-        _LAST[data] = [(what, blocks), *_LAST.get(data, ())][:2]
+        _CACHE[data] = [(what, blocks), *_CACHE.get(data, ())][:2]
 
 
-def noise_passed(prediction: Prediction, data: Data, begin: int, end: int) -> np.ndarray:
-    """What the noise of the drive would do in some samples, (samples, channels), if the specimen felt it.
+def drive_noise_response(prediction: Prediction, data: Data, begin: int, end: int) -> np.ndarray:
+    """Response to the noise of the drive in some samples, (samples, channels), if it acted on the specimen.
 
-    It comes after the sensors: their range has not cut it off.
+    It is added after the sensors, not clipped by their range.
     """
     return small_response(prediction, data.channels, data.rest[begin:end])
 
 
 def unexplained_blocks(model: Model, data: Data, own: np.ndarray) -> Iterator[tuple[Prediction, int, np.ndarray]]:
-    """Blocks (prediction, begin, residuals) of a record, less the noise of the drive as the model itself passes it."""
+    """Blocks (prediction, begin, residuals) of a record, minus the noise of the drive as filtered by the model."""
     for prediction, begin, residual, _ in residual_blocks(replace(model, parameters=()), data, own, False):
-        yield prediction, begin, residual - noise_passed(prediction, data, begin, begin + len(residual))
+        yield prediction, begin, residual - drive_noise_response(prediction, data, begin, begin + len(residual))
 
 
 def _widened(derivatives: np.ndarray, count: int) -> np.ndarray:
     """Derivatives (samples, channels, p) with further columns of zeros.
 
-    The samples lie together in memory, as their spectra want them.
+    The samples are contiguous in memory, for the computation of their spectra.
     """
     samples, channels, p = derivatives.shape
     found = np.zeros((channels, count, samples)).transpose(2, 0, 1)

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from piezoharvest.identify.fitting.evaluation import sums_of, whole
-from piezoharvest.identify.fitting.levenberg_marquardt import ITERATIONS, Fit, White, descend
+from piezoharvest.identify.fitting.evaluation import sums_of, total_information
+from piezoharvest.identify.fitting.levenberg_marquardt import MAX_ITERATIONS, Fit, Whiteners, descend
 from piezoharvest.identify.fitting.likelihood import spectra_of
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model, unexplained_blocks
@@ -19,9 +19,9 @@ from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.noise.noise_gain import gain_of
 from piezoharvest.identify.noise.noise_model import Noise, estimate
 
-ENOUGH = 1e-2  # of -2 ln L that an iteration may still promise
-ROUNDED = 1e-13  # relative eigenvalue of an information matrix, below which it is rounding
-ROUNDS = 3  # of estimating the noise
+TOLERANCE = 1e-2  # predicted decrease of -2 ln L at convergence
+MIN_EIGENVALUE_RATIO = 1e-13  # relative eigenvalue of an information matrix, below which it is rounding error
+NOISE_ROUNDS = 3  # of fit and noise estimation
 
 
 def fit(
@@ -30,12 +30,12 @@ def fit(
     own: Sequence[np.ndarray] | None = None,
     noise: Noise | None = None,
     *,
-    white: White | None = None,
+    white: Whiteners | None = None,
     estimate_noise: bool = True,
-    rounds: int = ROUNDS,
-    enough: float = ENOUGH,
+    rounds: int = NOISE_ROUNDS,
+    enough: float = TOLERANCE,
     aim: float = np.inf,
-    most: int = ITERATIONS,
+    most: int = MAX_ITERATIONS,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Fit:
     """Fit a model to the records of a problem.
@@ -44,25 +44,25 @@ def fit(
     ----------
     problem : Problem
     model : Model
-        Start of the fit, and what varies.
+        Start of the fit, and the parameters to fit.
     own : sequence of arrays, optional
-        Start of the records' own numbers.
+        Start of the records' nuisance parameters.
     noise : Noise, optional
     white : tuple of Whitener or ResponseWeights, optional
-        Of another fit of the same records, and kept: what differs between models in the ways by which they pass on the
-        noise of the drive says nothing about them, but would scatter their costs.
+        Whiteners of another fit of the same records, which are kept: models filter the noise of the drive differently,
+        which is no information about them, but would make their costs scatter.
     estimate_noise : bool
-        Whether the noise is estimated from the residuals, alternating with the fit.
+        True to estimate the noise from the residuals, alternating with the fit.
     rounds : int
-        How often.
+        Number of rounds of fit and noise estimation.
     enough : float
-        Of -2 ln L that an iteration may still promise at the end.
+        Predicted decrease of -2 ln L at convergence.
     aim : float
-        Of -2 ln L: a fit that at its pace will not come to this is given up.
+        Value of -2 ln L: a fit that will not reach it at its present rate is stopped.
     most : int
-        Iterations in a round.
+        Most iterations in a round.
     tell : callable
-        Told about every iteration.
+        Called with a message for every iteration.
     """
     noise = problem.noise() if noise is None else noise
     own = problem.start(model) if own is None else tuple(own)
@@ -91,8 +91,8 @@ def reestimated(problem: Problem, found: Fit) -> Noise:
 def noise_of_responses(problem: Problem, found: Fit) -> dict[str, float]:
     """Factors on the noise of measured responses, by record.
 
-    Their noise is known from their lines: where a model leaves more, it lacks something, and they weigh less. Of lines
-    that are too few to tell it, the residuals are all there is.
+    Their noise is known from the scatter of their lines: larger residuals show an incomplete model, and reduce the
+    weight. For records with too few lines, the noise is estimated from the residuals.
     """
     errors = {}
     for data, sums in zip(problem.data, found.sums, strict=True):
@@ -103,7 +103,7 @@ def noise_of_responses(problem: Problem, found: Fit) -> dict[str, float]:
 
 
 def _residual_spectra(problem: Problem, found: Fit) -> Iterator[tuple[Sequence[str], str, np.ndarray, np.ndarray]]:
-    """What `noise.estimate` takes, one block at a time: all spectra of a long record would not fit into memory."""
+    """Input of `noise_model.estimate`, one block at a time: all spectra of a long record would not fit into memory."""
     for data, own in zip(problem.data, found.own, strict=True):
         if isinstance(data, FrequencyData):
             continue
@@ -115,28 +115,28 @@ def _residual_spectra(problem: Problem, found: Fit) -> Iterator[tuple[Sequence[s
 def linearised(
     problem: Problem, model: Model, own: Sequence[np.ndarray], found: Fit
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Information, gradient and sum of squares of a model, residuals weighed as in another fit of the same records."""
-    return whole(model, own, sums_of(problem, model, own, found.white))
+    """Information, gradient and sum of squares of a model, with the whiteners of another fit of the same records."""
+    return total_information(model, own, sums_of(problem, model, own, found.white))
 
 
 def covariance(found: Fit, held: Sequence[int] = ()) -> np.ndarray:
-    """Covariance of all parameters, with the residuals' colour as it is: a sandwich by bands of frequency.
+    """Covariance of all parameters for coloured residuals: a sandwich estimate by bands of frequency.
 
-    Where the residuals of a band are larger than the noise (rounding, slow noise, what the model misses), the
-    information of the band counts that much less; they are never taken to be smaller.
+    If the residuals of a band exceed the noise (rounding, slow noise, model error), the information of the band is
+    reduced by the ratio; it is never increased.
 
     Parameters
     ----------
     found : Fit
     held : sequence of int
-        Parameters that are taken for known, whose rows and columns are zero.
+        Parameters that are taken as known, whose rows and columns are zero.
     """
     model, own = found.model, found.own
     p, at = len(model.parameters), len(model.parameters)
     meat = np.zeros_like(found.information)
     squares = sum(part.squares for part in found.sums)
     count = sum(part.count for part in found.sums)
-    # Bands with few lines are judged with those above them.
+    # Bands with few lines are judged together with those below them.
     excess = np.maximum(np.cumsum(squares) / np.maximum(np.cumsum(count), 1.0), squares / np.maximum(count, 1.0))
     excess = np.maximum(excess, 1.0)
     for mine, part in zip(own, found.sums, strict=True):
@@ -149,30 +149,30 @@ def covariance(found: Fit, held: Sequence[int] = ()) -> np.ndarray:
     if np.all(excess == 1.0) and not any(np.any(part.scatter) for part in found.sums):
         return bread
     total = bread @ (meat + found.prior) @ bread
-    # Rounding may leave less of what is hardly determined than white noise would make it, or less than nothing.
+    # By rounding, variances of badly determined parameters may be less than with white noise, or negative.
     np.fill_diagonal(total, np.maximum(np.diag(total), np.diag(bread)))
     return total
 
 
 def standard_errors(found: Fit) -> np.ndarray:
-    """Of all that is varied; rounding may take what the data hardly shows below zero."""
+    """Standard errors of all parameters; variances that are negative by rounding count as zero."""
     return np.sqrt(np.maximum(np.diag(covariance(found)), 0.0))
 
 
 def inflation(found: Fit, k: int) -> float:
-    """How many times as large the variance of a parameter is as noise that is as it was taken to be would make it."""
+    """Ratio of a parameter's variance to that with the assumed noise alone, at least 1."""
     return max(1.0, float(covariance(found)[k, k] / inverse(found.information + found.prior)[k, k]))
 
 
 def posterior(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
-    """Covariance after data and priors.
+    """Posterior covariance from the information of data and prior.
 
-    A sharp resonance tells the ratio of stiffness and mass 1e10 times as well as either of them: what rounding makes of
-    directions of which the data say nothing would be worth more than the prior, so there it is the prior's alone.
+    A sharp resonance determines the ratio of stiffness and mass 1e10 times as well as either of them: in directions
+    without data, rounding errors of the information would exceed the prior, so only the prior is used there.
     """
     size = np.maximum(np.sqrt(np.abs(np.diag(information + prior))), 1e-50)
     values, vectors = np.linalg.eigh((information + prior) / np.outer(size, size))
-    told, untold = values > ROUNDED * values.max(), values <= ROUNDED * values.max()
+    told, untold = values > MIN_EIGENVALUE_RATIO * values.max(), values <= MIN_EIGENVALUE_RATIO * values.max()
     found = (vectors[:, told] / values[told]) @ vectors[:, told].T
     if np.any(untold):
         null = vectors[:, untold] / size[:, None]

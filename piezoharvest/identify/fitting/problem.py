@@ -1,4 +1,4 @@
-"""Records to be fitted with a model: what is known of their noise, and of the parameters before."""
+"""Records to be fitted with a model: prior knowledge of their noise and of the parameters."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model, own_limits, own_names
-from piezoharvest.identify.noise.drive_denoising import noise_floor
-from piezoharvest.identify.noise.noise_model import Noise, ceiling, first_guess
+from piezoharvest.identify.noise.drive_denoising import high_frequency_noise
+from piezoharvest.identify.noise.noise_model import Noise, initial_noise, noise_upper_bound
 from piezoharvest.predict.parameters import value_at
 
-PRIOR = 1.0  # standard deviation of the logarithm of a parameter about its nominal value, where nothing else is known
-WEAK = 10.0  # the same for a linear one, in units of its own size
-CHANCE = 3.0  # standard errors, by which a noise may be less than the lines of records show
-FAINTEST = 1e-6  # of its range, that the noise of a channel is taken to have at least
-# Standard deviations of numbers of a record that may not show in it: the logarithm of how long a jump takes, which
-# shows in what overshoots or not at all, and where stops are at its beginning, as share of their thresholds.
-UNSEEN = {"rise": 2.0, "history": 1.0}
+PRIOR_DEVIATION = 1.0  # prior standard deviation of the logarithm of a parameter about its nominal value
+LINEAR_PRIOR_DEVIATION = 10.0  # the same for a linear parameter, in units of its nominal value
+NOISE_STANDARD_ERRORS = 3.0  # standard errors by which a noise may be below that at the highest frequencies of records
+MIN_RELATIVE_NOISE = 1e-6  # of its range: least noise of a channel
+# Prior standard deviations of nuisance parameters that a record may not determine: the logarithm of the duration of a
+# jump, which shows only in overshoots, and the initial states of stops, relative to their thresholds.
+NUISANCE_PRIORS = {"rise": 2.0, "history": 1.0}
 
 
 class Problem:
@@ -45,23 +45,23 @@ class Problem:
         found: dict[str, list[float]] = {}
         for data in self.data:
             if isinstance(data, FrequencyData):
-                found[data.name] = [1.0]  # times the noise that its lines show
+                found[data.name] = [1.0]  # times the noise of its lines
                 continue
             for channel in (*data.channels, data.drive):
-                guess = first_guess(data.record[channel])
-                floor = FAINTEST * float(np.ptp(data.record[channel])) + 1e-300
+                guess = initial_noise(data.record[channel])
+                floor = MIN_RELATIVE_NOISE * float(np.ptp(data.record[channel])) + 1e-300
                 found.setdefault(channel, []).append(data.sigma.get(channel, max(guess, floor)))
         return Noise({**{channel: float(np.median(values)) for channel, values in found.items()}, **self.known})
 
     @cached_property
     def known(self) -> dict[str, float]:
-        """Standard deviations that the campaign gives, and those of drives that show theirs by themselves.
+        """Standard deviations from the campaign, and those of drives whose noise floor is visible.
 
-        What residuals tell of a drive's noise depends on how the model passes it on, which may be wrong.
+        Estimates of a drive's noise from residuals depend on the model that filters it, which may be wrong.
         """
         floors: dict[str, list[tuple[float, int]]] = {}
         for data in self.data:
-            if isinstance(data, Data) and (floor := noise_floor(data.record[data.drive])) is not None:
+            if isinstance(data, Data) and (floor := high_frequency_noise(data.record[data.drive])) is not None:
                 floors.setdefault(data.drive, []).append(floor)
         shown = {
             name: float(np.sqrt(np.average([sigma**2 for sigma, _ in some], weights=[count for _, count in some])))
@@ -71,54 +71,56 @@ class Problem:
 
     @cached_property
     def limits(self) -> dict[str, tuple[float, float]]:
-        """Between which standard deviations the noise of the channels is, as the records themselves show it."""
+        """Lower and upper limits of the noise of the channels, from the records themselves."""
         found: dict[str, tuple[float, float]] = {}
         for data in self.data:
             if isinstance(data, FrequencyData):
                 continue
             for channel in (*data.channels, data.drive):
-                floor = FAINTEST * float(np.ptp(data.record[channel])) + 1e-300
-                highest = max(found.get(channel, (0.0, 0.0))[1], floor, ceiling(data.record[channel]))
+                floor = MIN_RELATIVE_NOISE * float(np.ptp(data.record[channel])) + 1e-300
+                highest = max(found.get(channel, (0.0, 0.0))[1], floor, noise_upper_bound(data.record[channel]))
                 found[channel] = self._floors.get(channel, 0.0), highest
         return found
 
     @cached_property
     def _floors(self) -> dict[str, float]:
-        """Smallest standard deviations of the noise of responses: less than all records show would be by chance."""
+        """Lower limits of the noise of responses, from the noise floors of all records and their standard errors."""
         shown: dict[str, list[tuple[float, int] | None]] = {}
         for data in self.data:
             if isinstance(data, FrequencyData):
                 continue
             for channel in data.channels:
-                shown.setdefault(channel, []).append(noise_floor(data.record[channel]))
+                shown.setdefault(channel, []).append(high_frequency_noise(data.record[channel]))
         found = {}
         for channel, each in shown.items():
             seen = [floor for floor in each if floor is not None]
             if len(seen) == len(each):
                 total = sum(count for _, count in seen)
                 mean = float(np.sqrt(sum(sigma**2 * count for sigma, count in seen) / total))
-                found[channel] = mean * (1.0 - CHANCE / np.sqrt(2.0 * total))
+                found[channel] = mean * (1.0 - NOISE_STANDARD_ERRORS / np.sqrt(2.0 * total))
         return found
 
     def start(self, model: Model) -> tuple[np.ndarray, ...]:
-        """Own numbers of the records before a fit: all zero."""
+        """Start values of the records' nuisance parameters: all zero."""
         return tuple(np.zeros(len(self.own_names(model, data))) for data in self.data)
 
     def own_names(self, model: Model, data: Data | FrequencyData) -> tuple[str, ...]:
-        """Names of a record's own numbers."""
+        """Names of a record's nuisance parameters."""
         return () if isinstance(data, FrequencyData) else own_names(model, data)
 
     def own_limits(self, model: Model) -> np.ndarray:
-        """The largest sizes of the own numbers of all records, one after the other."""
+        """Largest magnitudes of the nuisance parameters of all records, concatenated."""
         return np.concatenate(
             [own_limits(model, data) for data in self.data if isinstance(data, Data)] or [np.zeros(0)]
         )
 
 
-def carried(problem: Problem, before: Model, own: Sequence[np.ndarray], after: Model) -> tuple[np.ndarray, ...]:
-    """The records' own numbers in another model: those of the same name stay, new ones are zero.
+def nuisance_for_model(
+    problem: Problem, before: Model, own: Sequence[np.ndarray], after: Model
+) -> tuple[np.ndarray, ...]:
+    """Nuisance parameters of the records for another model: those of the same name are kept, new ones are zero.
 
-    But a new stop begins where the last one of the old does, for the same load has moved it before.
+    A new stop, however, gets the initial state of the last old one, because the same load has moved it before.
     """
     found = []
     for data, mine in zip(problem.data, own, strict=True):
@@ -136,19 +138,19 @@ def carried(problem: Problem, before: Model, own: Sequence[np.ndarray], after: M
     return tuple(found)
 
 
-def renamed(
+def nuisance_for_problem(
     before: Problem, own: Sequence[np.ndarray], after: Problem, model: Model, rest: Sequence[np.ndarray] | None = None
 ) -> tuple[np.ndarray, ...]:
-    """The own numbers of records that are cut elsewhere: those of the same name stay, others are as in the rest.
+    """Nuisance parameters of records with other lengths: those of the same name are kept, others are from `rest`.
 
     Parameters
     ----------
     before, after : Problem
-        Of the same records.
+        Problems with the same records.
     own : sequence of (o,) array
     model : Model
     rest : sequence of (o,) array, optional
-        Default zero.
+        Values of the others; default zero.
     """
     found = []
     for old, new, mine, other in zip(before.data, after.data, own, rest or after.start(model), strict=True):
@@ -163,7 +165,7 @@ def _numbered(names: Sequence[str]) -> list[tuple[str, int]]:
 
 
 def prior_of(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
-    """Means and inverse variances of all parameters."""
+    """Prior means and inverse variances of all parameters."""
     means, precision = [], []
     for parameter in model.parameters:
         if parameter.path[0] == "effects":
@@ -172,10 +174,10 @@ def prior_of(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
             continue
         nominal = parameter.inner(value_at(problem.nominal, parameter.path))
         means.append(nominal)
-        size = PRIOR if parameter.scaling == "log" else WEAK * (abs(nominal) or 1.0)
+        size = PRIOR_DEVIATION if parameter.scaling == "log" else LINEAR_PRIOR_DEVIATION * (abs(nominal) or 1.0)
         precision.append(size**-2)
     known = [
-        next((size**-2 for start, size in UNSEEN.items() if name.startswith(start)), 0.0)
+        next((size**-2 for start, size in NUISANCE_PRIORS.items() if name.startswith(start)), 0.0)
         for data in problem.data
         for name in problem.own_names(model, data)
     ]

@@ -1,10 +1,10 @@
-"""Noise of a measured frequency response, from how its lines scatter about a smooth curve through their neighbours.
+"""Noise of a measured frequency response, from the scatter of its lines about a smooth curve through their neighbours.
 
-No model of the specimen enters, so that a fit which misses the data cannot pass for noise. In every window of a few
-lines a rational function (a quadratic numerator over a linear denominator: one pole, one zero and what else is slow) is
-fitted, which follows a sharp resonance even where it is no wider than the lines are apart; what it leaves is noise.
-Its size over all lines is that of four sources: a share of the response, a constant, a constant of the reciprocal (an
-impedance is a voltage over a current, either with noise of its own), and what the coherence tells.
+No model of the specimen is used, so that misfit of a model cannot be taken for noise. In every window of a few lines a
+rational function (a quadratic numerator over a linear denominator: one pole, one zero and a slow rest) is fitted, which
+follows a sharp resonance even if it is no wider than the distance of the lines; its residual is noise. The variance
+over all lines is a sum of four sources: a share of the response, a constant, a constant of the reciprocal (an impedance
+is a voltage over a current, each with noise), and one given by the coherence.
 
 Sources: Schoukens, Vandersteen, Barbe & Pintelon, "Nonparametric preprocessing in system identification", European
 Journal of Control 15, 260-274, 2009 (local polynomials); McKelvey & Guerin, IFAC SYSID 2012 (local rational functions);
@@ -20,16 +20,20 @@ from scipy.optimize import nnls
 from scipy.special import ndtr
 from scipy.stats import t as student
 
-WINDOW = 11  # lines: four complex coefficients leave seven of them for the noise
-ROUNDS = 3  # of weighing the windows by their own denominators
-# Times its expectation, that a square counts at most: a spike, or a window with more poles than one. So much of a
-# square is its mean that nothing has to be made up for.
-CLIPPED = 16.0
-DEEP = 0.1  # of the size within a window: what is smaller weighs no more, for noise may be all there is of it
-SCORINGS = 30
-LITTLE = 0.02  # of an error is always taken to be left by the curve
-SURE, FEWEST_DEGREES = 3.0, 2.0  # standard errors that are to be right, and degrees of freedom at least
-ROUNDING = 1e-9  # relative: less noise no calculation keeps
+WINDOW_LINES = 11  # lines: four complex coefficients leave seven degrees of freedom for the noise
+WEIGHTING_ROUNDS = 3  # of weighting the windows by their own denominators
+# Times its expectation, at which a square is clipped: a spike, or a window with more than one pole. The limit is so
+# high that the bias of the mean is negligible.
+MAX_SQUARE = 16.0
+MIN_MAGNITUDE = (
+    0.1  # of the magnitude within a window: smaller lines get no more weight, because they may be only noise
+)
+SCORING_ITERATIONS = 30
+MIN_RESIDUAL_SHARE = 0.02  # least share of an error that the curve is taken to leave
+# Standard errors whose coverage is to be right, and least degrees of freedom.
+COVERED_STANDARD_ERRORS = 3.0
+MIN_DEGREES_OF_FREEDOM = 2.0
+MIN_NOISE = 1e-9  # relative: smaller noise is lost in rounding
 
 
 class LineNoise(NamedTuple):
@@ -48,19 +52,19 @@ class LineNoise(NamedTuple):
 def line_noise(
     smooth: np.ndarray, error: np.ndarray, leverage: np.ndarray, coherence: np.ndarray | None = None
 ) -> LineNoise:
-    """Noise of a response by what a smooth curve leaves of it.
+    """Noise of a response from its residual to a smooth curve.
 
-    Where few lines tell it, as those on a sharp peak, which the curve may follow wherever noise takes them, it counts
-    for as much more as the quantile of Student's distribution says: three standard errors then hold what they promise.
+    Where few lines determine the noise, as on a sharp peak, whose noise the curve may follow, it is increased by the
+    quantile of Student's distribution, so that three standard errors have the right coverage.
 
     Parameters
     ----------
     smooth : (f,) complex array
         Response without its noise.
     error : (f,) complex array
-        What is left.
+        Residual.
     leverage : (2, f) array
-        By how much errors of magnitude and phase at each line draw the curve towards themselves, from 0 to 1.
+        Leverage of the errors of magnitude and phase at each line on the curve, from 0 to 1.
     coherence : (f,) array, optional
         Between 0 and 1, excluded.
     """
@@ -68,29 +72,29 @@ def line_noise(
     size = np.abs(smooth) / np.exp(np.mean(np.log(np.abs(smooth))))
     sources = [np.ones(len(size)), size**-2.0, size**2.0]
     if coherence is not None:
-        sources.append((1.0 - coherence) / coherence)  # Bendat & Piersol, Random Data, 2010, 9.2, but for a factor
-    parts = zip((relative.real, relative.imag), 1.0 - np.clip(leverage, 0.0, 1.0 - LITTLE), strict=True)
+        sources.append((1.0 - coherence) / coherence)  # Bendat & Piersol, Random Data, 2010, 9.2, up to a factor
+    parts = zip((relative.real, relative.imag), 1.0 - np.clip(leverage, 0.0, 1.0 - MIN_RESIDUAL_SHARE), strict=True)
     return LineNoise(*(np.sqrt(_variance(part**2, left, np.array(sources))) for part, left in parts))
 
 
 def smoothed(frequency: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A response without most of its noise, and the leverage of each line on this.
+    """Smoothed response, and the leverage of each line on it.
 
     Parameters
     ----------
     frequency : (f,) array
-        Hz, not falling; a frequency may come several times, of repeated sweeps. At least `WINDOW` of them.
+        Hz, not decreasing; a frequency may occur several times, in repeated sweeps. At least `WINDOW_LINES` of them.
     response : (f,) complex array
     """
-    begin = np.clip(np.arange(len(frequency)) - WINDOW // 2, 0, len(frequency) - WINDOW)
-    lines = begin[:, None] + np.arange(WINDOW)
+    begin = np.clip(np.arange(len(frequency)) - WINDOW_LINES // 2, 0, len(frequency) - WINDOW_LINES)
+    lines = begin[:, None] + np.arange(WINDOW_LINES)
     middle = np.median(np.abs(response[lines]), axis=1, keepdims=True)
     f, y = frequency[lines], response[lines] / middle
     x = (f - f[:, :1]) / np.maximum(f[:, -1:] - f[:, :1], 1e-300) * 2.0 - 1.0
     numerator = x[..., None] ** np.arange(3)
-    level = np.maximum(np.abs(y), DEEP)
+    level = np.maximum(np.abs(y), MIN_MAGNITUDE)
     weight, solution = 1.0 / level, np.zeros((len(lines), 4), complex)
-    for _ in range(ROUNDS):
+    for _ in range(WEIGHTING_ROUNDS):
         columns = np.concatenate([numerator, (-x * y)[..., None]], axis=-1) * weight[..., None]
         inverse = np.linalg.pinv(columns, rcond=1e-12)
         solution = (inverse @ (weight * y)[..., None])[..., 0]
@@ -99,33 +103,33 @@ def smoothed(frequency: np.ndarray, response: np.ndarray) -> tuple[np.ndarray, n
         weight = 1.0 / level / np.maximum(np.abs(denominator), least)
     fitted = np.einsum("fwk,fk->fw", numerator, solution[:, :3]) / np.where(denominator == 0, 1.0, denominator)
     row, at = np.arange(len(lines)), np.arange(len(lines)) - begin
-    # What a line itself has drawn the curve towards it: with the derivatives of the curve, whose last column is that of
-    # the denominator.
+    # Leverage of a line on the curve, from the derivatives of the curve, whose last column is that of the denominator.
     slopes = np.concatenate([numerator, (-x * fitted)[..., None]], axis=-1) / denominator[..., None] / level[..., None]
     drawn = np.real(np.einsum("fk,fk->f", slopes[row, at], np.linalg.pinv(slopes, rcond=1e-12)[row, :, at]))
     return fitted[row, at] * middle[:, 0], drawn
 
 
 def _variance(squares: np.ndarray, left: np.ndarray, sources: np.ndarray) -> np.ndarray:
-    """Variance of every line as a sum of sources, of which each has its own size; by scoring, and robust.
+    """Variance of every line as a sum of sources with unknown sizes, by robust scoring.
 
     Parameters
     ----------
     squares : (f,) array
     left : (f,) array
-        Shares of the variances, that are in the squares.
+        Shares of the variances that remain in the squares.
     sources : (sources, f) array
     """
-    floor, squares = ROUNDING**2, squares / left
+    floor, squares = MIN_NOISE**2, squares / left
     level = np.full(len(squares), np.average(squares, weights=left) + floor)
-    for n in range(SCORINGS):
-        # From above: a source that few lines show would be clipped away, were the level too low at first.
-        counted = squares if n < SCORINGS // 2 else np.minimum(squares, CLIPPED * level)
+    for n in range(SCORING_ITERATIONS):
+        # From above: with a low level at first, a source seen in few lines would be clipped away.
+        counted = squares if n < SCORING_ITERATIONS // 2 else np.minimum(squares, MAX_SQUARE * level)
         size, root = (sources / level).max(axis=1), np.sqrt(left) / level
         shares, _ = nnls((sources * root / size[:, None]).T, counted * root)
         level = (shares / size) @ sources + floor
-    # The variance of each line by the scatter of these shares, which is that of so many degrees of freedom.
+    # The variance of each line is uncertain by the scatter of the shares, equivalent to these degrees of freedom.
     rows = sources / level / size[:, None]
     scatter = np.linalg.pinv((rows * left) @ rows.T, rcond=1e-9, hermitian=True)
     degrees = 1.0 / np.maximum(np.einsum("sf,st,tf->f", rows, scatter, rows), 1e-9)
-    return level * (student.ppf(ndtr(SURE), np.maximum(degrees, FEWEST_DEGREES)) / SURE) ** 2
+    quantile = student.ppf(ndtr(COVERED_STANDARD_ERRORS), np.maximum(degrees, MIN_DEGREES_OF_FREEDOM))
+    return level * (quantile / COVERED_STANDARD_ERRORS) ** 2

@@ -15,9 +15,9 @@ from piezoharvest.identify.threads import single_threaded
 __all__ = [
     "FrequencyError", "ModalFit", "Modes", "MultisineResponse", "fit_modes", "multisine_response", "select_modes",
 ]  # fmt: skip
-_STEPS = 60
-_SPARE, _FEW = 4, 600  # poles of the start beyond the modes, and lines that choose its delay
-_DELAYS = (0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0)  # of the start, by the highest angular frequency
+_MAX_ITERATIONS = 60
+_SPARE_POLES, _DELAY_LINES = 4, 600  # poles of the start beyond the modes, and lines used to choose its delay
+_DELAYS = (0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0)  # of the start, times the highest angular frequency
 
 
 @single_threaded
@@ -36,14 +36,14 @@ def fit_modes(
         Hz, above 0 and increasing.
     response : (f, y, u) array of complex
     start : int or Modes
-        Number of modes, or where the fit begins: the modes keep their order then, to be compared between levels.
+        Number of modes, or start of the fit: its modes keep their order, for comparison between levels.
     weight : array, broadcast to that of the response
-        Of each misfit; equal weights give the least mean square error under a drive with a flat spectrum.
+        Weight of each misfit; equal weights give the least mean square error under a drive with a flat spectrum.
 
     Raises
     ------
     FrequencyError
-        The arrays do not match, or there are not enough lines for so many modes.
+        The arrays do not match, or there are too few lines for the modes.
     """
     frequency, response = np.asarray(frequency, float), np.asarray(response, complex)
     _check(frequency, response, start)
@@ -55,7 +55,7 @@ def fit_modes(
     x, (ny, nu) = pack(model), response.shape[1:]
     misfit, jacobian = linearised(s, target, weight / size, x, ny, nu)
     damping, cost = 1e-3, _square(misfit)
-    for _ in range(_STEPS):
+    for _ in range(_MAX_ITERATIONS):
         normal, gradient = jacobian.T @ jacobian, jacobian.T @ misfit
         while True:
             trial = stable(x + _solve(normal, gradient, damping), ny, nu)
@@ -80,18 +80,18 @@ def select_modes(
     numbers: Iterable[int],
     margin: float = 0.02,
 ) -> tuple[int, dict[int, float]]:
-    """Number of modes: the least whose error on a second, independent response is within a margin of the best.
+    """Select the least number of modes whose error on a second, independent response is within a margin of the best.
 
     Parameters
     ----------
     frequency : (f,) array
         Hz.
     response, check : (f, y, u) array of complex
-        To fit and to check, from different realisations.
+        Responses to fit and to check, from different realisations.
     numbers : iterable of int
-        To try.
+        Numbers of modes to try.
     margin : float
-        Share of the best error.
+        Relative to the best error.
 
     Returns
     -------
@@ -119,11 +119,11 @@ def _check(frequency: np.ndarray, response: np.ndarray, start: int | Modes) -> N
 
 
 def _start(s: np.ndarray, response: np.ndarray, weight: np.ndarray, number: int) -> Modes:
-    """Vector fits with some poles to spare and several delays; of the best, the rank-one parts that weigh most."""
+    """Start from vector fits with spare poles and several delays: the strongest rank-one parts of the best fit."""
     flat = response.reshape(len(s), -1) / np.sqrt(np.mean(np.abs(response) ** 2))
-    few = slice(None, None, max(len(s) // _FEW, 1))
-    # The lowest is where a tenth of the lines is below: vector fitting would put poles where there is nothing else.
-    centres = np.linspace(s[len(s) // 10].imag, 1.0, number + _SPARE)
+    few = slice(None, None, max(len(s) // _DELAY_LINES, 1))
+    # The lowest has a tenth of the lines below: vector fitting would place poles where there are few lines.
+    centres = np.linspace(s[len(s) // 10].imag, 1.0, number + _SPARE_POLES)
     poles = -0.01 * centres + 1j * centres
     tried = {delay: vector_fit(s[few], flat[few] * np.exp(s[few] * delay)[:, None], poles, 8) for delay in _DELAYS}
     delay = min(tried, key=lambda delay: tried[delay].error)
@@ -147,7 +147,7 @@ def _solve(normal: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarr
     from scipy.linalg import solve
 
     scale = np.sqrt(np.diag(normal)) + 1e-300
-    # The scale of c against that of b is free: the small number keeps the matrix regular.
+    # The scale of c relative to b is free: the small number keeps the matrix regular.
     matrix = normal / np.outer(scale, scale) + (damping + 1e-10) * np.eye(len(normal))
     return solve(matrix, gradient / scale, assume_a="pos") / scale
 
@@ -155,7 +155,7 @@ def _solve(normal: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarr
 def _result(
     x: np.ndarray, top: float, jacobian: np.ndarray, misfit: np.ndarray, error: float, ny: int, nu: int
 ) -> ModalFit:
-    """In Hz and the response's unit, with White's standard errors of frequencies and dampings."""
+    """Fit in Hz and the response's unit, with White's standard errors of frequencies and dampings."""
     model = unpack(x, ny, nu)
     scale = np.linalg.norm(jacobian, axis=0)
     jacobian = jacobian / scale

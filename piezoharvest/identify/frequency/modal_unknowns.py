@@ -1,4 +1,4 @@
-"""Modes as unknowns of a fit: real numbers, and the derivatives of a response by them."""
+"""Modes as real unknowns of a fit, and the derivatives of a response with respect to them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from piezoharvest.identify.frequency.modes import Modes
 
-_LEAST_DAMPING = 1e-4
+_MIN_DAMPING = 1e-4
 
 
 def linearised(
@@ -33,7 +33,7 @@ def linearised(
 
 
 def _derivatives(s: np.ndarray, p: np.ndarray, c: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Of c b'/(s - p) by p, c and b, mode by mode; (f, y, u, n (1 + y + u))."""
+    """Derivatives of c b'/(s - p) by p, c and b, mode by mode; (f, y, u, n (1 + y + u))."""
     factor = 1 / (s[:, None] - p)
     ny, nu = c.shape[1], b.shape[1]
     by_pole = np.einsum("fk,ki,kj->fijk", factor**2, c, b)[..., None]
@@ -56,15 +56,15 @@ def unpack(x: np.ndarray, ny: int, nu: int) -> Modes:
 
 
 def stable(x: np.ndarray, ny: int, nu: int) -> np.ndarray:
-    """Every pole in the stable half plane, every b of norm 1."""
+    """Unknowns with every pole in the stable half plane and every b of norm 1."""
     m = unpack(x, ny, nu)
-    p = np.minimum(np.real(m.poles), -_LEAST_DAMPING * np.abs(m.poles)) + 1j * np.abs(np.imag(m.poles))
+    p = np.minimum(np.real(m.poles), -_MIN_DAMPING * np.abs(m.poles)) + 1j * np.abs(np.imag(m.poles))
     norm = np.linalg.norm(m.inputs, axis=1, keepdims=True)
     return pack(Modes(poles=p, outputs=m.outputs * norm, inputs=m.inputs / norm, direct=m.direct, delay=m.delay))
 
 
 def scaled(m: Modes, top: float) -> Modes:
-    """With frequencies divided by `top`."""
+    """Modes with frequencies divided by `top`."""
     return Modes(poles=m.poles / top, outputs=m.outputs / top, inputs=m.inputs, direct=m.direct, delay=m.delay * top)
 
 

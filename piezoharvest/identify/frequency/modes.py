@@ -11,7 +11,7 @@ import numpy as np
 class Modes:
     """G(s) = exp(-s delay) (sum_k c_k b_k'/(s - p_k) + conjugate + D), with u inputs and y outputs.
 
-    n modes are 2 n states whatever the number of inputs and outputs.
+    n modes have 2 n states for any number of inputs and outputs.
 
     Attributes
     ----------
@@ -22,7 +22,7 @@ class Modes:
     inputs : (n, u) array of complex
         b_k, of norm 1.
     direct : (y, u) array
-        D: what modes beyond the band add within it.
+        D: contribution of modes beyond the band.
     delay : float
         s.
     """
@@ -68,7 +68,7 @@ class Modes:
         return np.fft.irfft(np.einsum("fij,fj...->fi...", response, spectra), len(inputs), axis=0)
 
     def statespace(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Real A, B, C, D of 2 n states; the delay is not in them."""
+        """Real A, B, C, D of 2 n states, without the delay."""
         n = len(self.poles)
         a, b, c = np.zeros((2 * n, 2 * n)), np.empty((2 * n, self.inputs.shape[1])), np.empty((len(self.direct), 2 * n))
         for k, pole in enumerate(self.poles):
@@ -89,7 +89,7 @@ class ModalFit:
     error : float
         Norm of the weighted misfit over that of the weighted response.
     frequencies_std, dampings_std : (n,) array
-        Standard errors from the misfit as it is at each line (White's): noise, distortion and what the modes lack.
+        White's standard errors from the misfit at each line: noise, distortion and model error.
     """
 
     modes: Modes

@@ -1,8 +1,8 @@
-"""Frequency responses from periodic multisines, with the noise told apart from the nonlinear distortion.
+"""Frequency responses from periodic multisines, with noise separated from nonlinear distortion.
 
 Source: Pintelon & Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., 2012, chapters 4 and 7 (the
-robust method): what differs between periods is noise; what differs between realisations, beyond the noise, is the
-stochastic part of nonlinear distortion; what is common to all is the best linear approximation.
+robust method): differences between periods are noise; differences between realisations, beyond the noise, are the
+stochastic part of nonlinear distortion; the part common to all is the best linear approximation.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_SHARE = 1e-3  # of the strongest line's power: a line with less is not excited
-_SMOOTHED = 21  # lines over which variances, which come from few realisations, are averaged
+_MIN_LINE_POWER = 1e-3  # of the strongest line's power: a line with less is not excited
+_SMOOTHING_LINES = 21  # lines over which variances, estimated from few realisations, are averaged
 
 
 class FrequencyError(ValueError):
-    """Records from which a frequency response or its modes cannot be had."""
+    """A frequency response or its modes cannot be estimated from the data."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -31,13 +31,13 @@ class MultisineResponse:
         Output per input.
     noise, total : (f, y, u) array
         Standard deviation of the response by noise alone, and by noise and nonlinear distortion together, as a complex
-        number: that of each of its parts is a factor sqrt(2) less. `total` is NaN where realisations are no more than
+        number: that of each of its parts is a factor sqrt(2) less. `total` is NaN if realisations are no more than
         inputs.
     noise_level, distortion_level : (f, y) array
-        Rms of a line in one period of the output. The distortion is from the realisations or, where they are too few,
-        from the lines within the band that are not excited; NaN where there are none of these either.
+        Rms of a line in one period of the output. The distortion is from the realisations or, if they are too few,
+        from the lines within the band that are not excited; NaN if there are none of these either.
     transient : (y,) array
-        Rms by which the last period differs from the first in its first tenth, over that in its last tenth: near 1 in
+        Rms difference of the last period from the first in its first tenth, over that in its last tenth: near 1 in
         the periodic steady state.
     """
 
@@ -61,7 +61,7 @@ def multisine_response(inputs: np.ndarray, outputs: np.ndarray, sample_rate: flo
     sample_rate : float
         Hz.
     skip : int
-        Leading periods that are left out for their transient.
+        Leading periods to leave out because of their transient.
 
     Raises
     ------
@@ -73,17 +73,19 @@ def multisine_response(inputs: np.ndarray, outputs: np.ndarray, sample_rate: flo
     spectra_in, spectra_out = (np.fft.rfft(values, axis=0) / samples for values in (inputs, outputs))
     power = (np.abs(spectra_in) ** 2).sum(axis=(1, 2, 3))
     power[0] = 0.0
-    lines = np.flatnonzero(power > _SHARE * power.max())
+    lines = np.flatnonzero(power > _MIN_LINE_POWER * power.max())
     u, y = spectra_in[lines].mean(-1), spectra_out[lines].mean(-1)
     response = y @ np.linalg.pinv(u)
-    # Per realisation: the noise of its mean over periods, and all that differs from the linear response.
+    # Per realisation: the noise of its mean over periods, and the deviation from the linear response.
     each = spectra_out[lines] - np.einsum("fij,fjrp->firp", response, spectra_in[lines])
     scatter = (np.abs(each - each.mean(-1, keepdims=True)) ** 2).sum(-1) / (periods - 1)
     noise = _smooth(scatter.mean(-1))
     freedom = realisations - sources
     left = (np.abs(each.mean(-1)) ** 2).sum(-1)
     total = _smooth(left / freedom) if freedom > 0 else np.full(noise.shape, np.nan)
-    distortion = total - noise / periods if freedom > 0 else _detected(spectra_out, lines, noise / periods)
+    distortion = (
+        total - noise / periods if freedom > 0 else _distortion_between_lines(spectra_out, lines, noise / periods)
+    )
     gain = np.real(np.diagonal(np.linalg.inv(u @ u.conj().swapaxes(1, 2)), axis1=1, axis2=2))
     return MultisineResponse(
         frequency=lines * sample_rate / samples, response=response,
@@ -94,19 +96,19 @@ def multisine_response(inputs: np.ndarray, outputs: np.ndarray, sample_rate: flo
     )  # fmt: skip
 
 
-def _detected(spectra: np.ndarray, lines: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """Distortion power at the excited lines, from those between them that are not excited; (f, y)."""
+def _distortion_between_lines(spectra: np.ndarray, lines: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Distortion power at the excited lines, interpolated from lines that are not excited; (f, y)."""
     quiet = np.setdiff1d(np.arange(lines[0], lines[-1]), lines)
     if len(quiet) == 0:
         return np.full(noise.shape, np.nan)
-    # Over the same band as elsewhere, in which there are fewer of these lines.
-    size = max(_SMOOTHED * len(quiet) // (len(lines) + len(quiet)), 1)
+    # Averaged over the same bandwidth, in which there are fewer of these lines.
+    size = max(_SMOOTHING_LINES * len(quiet) // (len(lines) + len(quiet)), 1)
     power = _smooth((np.abs(spectra[quiet].mean(-1)) ** 2).mean(-1), size)
     at_lines = [np.interp(lines, quiet, column) for column in power.T]
     return np.stack(at_lines, axis=1) - noise
 
 
-def _smooth(power: np.ndarray, size: int = _SMOOTHED) -> np.ndarray:
+def _smooth(power: np.ndarray, size: int = _SMOOTHING_LINES) -> np.ndarray:
     from scipy.ndimage import uniform_filter1d
 
     return uniform_filter1d(power, min(size, len(power)), axis=0, mode="nearest")

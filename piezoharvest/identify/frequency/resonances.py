@@ -1,8 +1,8 @@
-"""Resonances that a measured frequency response shows, with no help of nominal values.
+"""Resonances of a measured frequency response, estimated without nominal values.
 
-One pole after the other is put where it explains most of what is left, over all lines and many dampings at once: with
-its place and damping given, its residue follows from a linear least squares. So a peak is found where it lies between
-two lines, too. Vector fitting then settles all of them together.
+Poles are added one by one, each where it explains most of the residual, tried at many lines and dampings: for a given
+pole, the residue is a linear least-squares solution. So a peak between two lines is found as well. Vector fitting then
+refines all of them together.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 
 from piezoharvest.identify.frequency.vector_fitting import VectorFit, basis_of, vector_fit
 
-PLACES = 120  # lines at most at which a pole is tried, those that leave most
+MAX_PLACES = 120  # most lines at which a pole is tried, those with the largest residuals
 DAMPINGS = np.geomspace(1e-6, 0.3, 17)  # damping ratios that are tried
-BESIDE = 1.5  # times outside the band, what is there acts within it, too
+OUTSIDE_FACTOR = 1.5  # factor outside the band at which poles are tried, too, because they act within it
 RELOCATIONS = 8
-TELLING = 8.0  # times what noise would make of it, that a pole takes of the squares: F with 4 degrees, a chance of 1e-5
-RESONANT = 0.5  # damping ratio from which on a pole is no resonance
+MIN_F_RATIO = 8.0  # least F ratio (4 degrees of freedom) of a pole, by chance with a probability of 1e-5
+MAX_RESONANCE_DAMPING = 0.5  # damping ratio from which on a pole does not count as a resonance
 
 
 class MeasuredResonances(NamedTuple):
@@ -27,17 +27,17 @@ class MeasuredResonances(NamedTuple):
     Attributes
     ----------
     poles, residues : (k,) array of complex
-        rad/s; of resonances alone, those that weigh most first.
+        rad/s; of resonances only, the strongest first.
     direct : float
         D.
     error : float
         Sum of squares of the misfit in units of the noise.
     values : (f,) complex array
-        Of the whole function, those of poles that are no resonances included.
+        Of the whole function, including poles that are not resonances.
     count : int
-        Real numbers that it has.
+        Number of its real coefficients.
     slopes : (f, count) complex array
-        Derivatives of the values to as many real numbers.
+        Derivatives of the values with respect to these coefficients.
     """
 
     poles: np.ndarray
@@ -50,7 +50,7 @@ class MeasuredResonances(NamedTuple):
 
 
 def resonances(frequency: np.ndarray, response: np.ndarray, sigma: np.ndarray, most: int) -> MeasuredResonances:
-    """Resonances of a response that goes to a constant at high frequencies.
+    """Resonances of a response that tends to a constant at high frequencies.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def resonances(frequency: np.ndarray, response: np.ndarray, sigma: np.ndarray, m
     sigma : (f,) array
         Standard deviation of the noise in each of real and imaginary part.
     most : int
-        Poles that it may have.
+        Largest number of poles.
     """
     top, size = 2.0 * np.pi * float(frequency.max()), float(np.sqrt(np.mean(np.abs(response) ** 2)))
     s, target, weight = 2j * np.pi * frequency / top, response / size, size / sigma
@@ -69,17 +69,17 @@ def resonances(frequency: np.ndarray, response: np.ndarray, sigma: np.ndarray, m
         if 2 * len(s) <= 4 * count + 4:
             break
         begin = np.append(fit.poles, _next_pole(s, target, weight, fit.poles))
-        better = _settled(s, target, weight, begin)
+        better = _best_fit(s, target, weight, begin)
         degrees = 2 * len(s) - 4 * count - 1
-        if fit.error**2 - better.error**2 < TELLING * 4.0 * better.error**2 / degrees:
+        if fit.error**2 - better.error**2 < MIN_F_RATIO * 4.0 * better.error**2 / degrees:
             break
         fit = better
     values = (basis_of(s, fit.poles) @ _coefficients(fit))[:, 0] + fit.direct[0]
     return _strongest(fit, s, weight, top, size, values)
 
 
-def _settled(s: np.ndarray, target: np.ndarray, weight: np.ndarray, poles: np.ndarray) -> VectorFit:
-    """The best of what vector fitting comes through."""
+def _best_fit(s: np.ndarray, target: np.ndarray, weight: np.ndarray, poles: np.ndarray) -> VectorFit:
+    """The best of the iterates of vector fitting."""
     best = fit = vector_fit(s, target[:, None], poles, 0, weight)
     for _ in range(RELOCATIONS):
         fit = vector_fit(s, target[:, None], fit.poles, 1, weight)
@@ -88,14 +88,14 @@ def _settled(s: np.ndarray, target: np.ndarray, weight: np.ndarray, poles: np.nd
 
 
 def _next_pole(s: np.ndarray, target: np.ndarray, weight: np.ndarray, poles: np.ndarray) -> complex:
-    """The pole that takes most of what these leave."""
+    """The pole that explains most of the residual of the given poles."""
     own = np.column_stack((basis_of(s, poles), np.ones(len(s))))
     known, _ = np.linalg.qr(_real(weight[:, None] * own) / np.linalg.norm(_real(weight[:, None] * own), axis=0))
     left = _real((weight * target)[:, None])[:, 0]
     left = left - known @ (known.T @ left)
-    lines = np.argsort(-(left[: len(s)] ** 2 + left[len(s) :] ** 2))[:PLACES]
+    lines = np.argsort(-(left[: len(s)] ** 2 + left[len(s) :] ** 2))[:MAX_PLACES]
     omega = np.imag(s)
-    places = np.concatenate([omega[np.sort(lines)], [omega.min() / BESIDE, omega.max() * BESIDE]])
+    places = np.concatenate([omega[np.sort(lines)], [omega.min() / OUTSIDE_FACTOR, omega.max() * OUTSIDE_FACTOR]])
     places = np.union1d(places, 0.5 * (places[1:] + places[:-1]))
     best, found = -1.0, 0j
     for damping in DAMPINGS:
@@ -103,14 +103,14 @@ def _next_pole(s: np.ndarray, target: np.ndarray, weight: np.ndarray, poles: np.
         one, other = 1.0 / (s[:, None] - tried), 1.0 / (s[:, None] - tried.conj())
         columns = [_real(weight[:, None] * part) for part in (one + other, 1j * (one - other))]
         columns = [column - known @ (known.T @ column) for column in columns]
-        taken = _taken(*columns, left)
+        taken = _explained_squares(*columns, left)
         if taken.max() > best:
             best, found = float(taken.max()), complex(tried[np.argmax(taken)])
     return found
 
 
-def _taken(first: np.ndarray, second: np.ndarray, left: np.ndarray) -> np.ndarray:
-    """What two columns each take of some squares, (tried,)."""
+def _explained_squares(first: np.ndarray, second: np.ndarray, left: np.ndarray) -> np.ndarray:
+    """Decrease of the residual's squares by each pair of columns, (tried,)."""
     a, b, c = (np.einsum("ft,ft->t", *pair) for pair in ((first, first), (first, second), (second, second)))
     p, q = first.T @ left, second.T @ left
     determinant = a * c - b**2
@@ -129,8 +129,8 @@ def _coefficients(fit: VectorFit) -> np.ndarray:
 def _strongest(
     fit: VectorFit, s: np.ndarray, weight: np.ndarray, top: float, size: float, values: np.ndarray
 ) -> MeasuredResonances:
-    """In rad/s and the response's unit, the resonances sorted by what they weigh."""
-    chosen = [k for k, pole in enumerate(fit.poles) if pole.imag > 0 and -pole.real < RESONANT * abs(pole)]
+    """Result in rad/s and the response's unit, with the resonances sorted by their weight in the response."""
+    chosen = [k for k, pole in enumerate(fit.poles) if pole.imag > 0 and -pole.real < MAX_RESONANCE_DAMPING * abs(pole)]
     weights = [float(np.linalg.norm(weight * fit.residues[k, 0] / (s - fit.poles[k]))) for k in chosen]
     order = [chosen[n] for n in np.argsort(weights)[::-1]]
     return MeasuredResonances(
@@ -140,7 +140,7 @@ def _strongest(
 
 
 def _slopes(fit: VectorFit, s: np.ndarray) -> np.ndarray:
-    """Derivatives to residues, poles and the direct term, as many as there are real numbers; of any size."""
+    """Derivatives by residues, poles and the direct term, one for each real coefficient; of any scale."""
     own = basis_of(s, fit.poles)
     columns = [np.ones(len(s), complex), *own.T]
     for pole, residue in zip(fit.poles, fit.residues[:, 0], strict=True):

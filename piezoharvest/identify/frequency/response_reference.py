@@ -1,7 +1,7 @@
-"""What a measured frequency response shows by itself: its resonances, and the noise of its lines.
+"""Model-free reference of a measured frequency response: its resonances, and the noise of its lines.
 
-Two smooth curves are drawn through it that know nothing of the specimen: a rational function through all lines, and one
-through the neighbours of each line. The one that leaves less has the noise, and is what a model has to come up to.
+Two smooth curves are fitted to it without a model of the specimen: a rational function to all lines, and one to the
+neighbours of each line. The residual of the better curve is the noise, by which the fit of a model is judged.
 """
 
 from __future__ import annotations
@@ -13,33 +13,35 @@ import numpy as np
 from scipy.stats import chi2
 from scipy.stats import f as fisher
 
-from piezoharvest.identify.frequency.line_noise import WINDOW, LineNoise, line_noise, smoothed
+from piezoharvest.identify.frequency.line_noise import WINDOW_LINES, LineNoise, line_noise, smoothed
 from piezoharvest.identify.frequency.resonances import MeasuredResonances, resonances
 from piezoharvest.records.record import FrequencyRecord
 
-FEWEST = 16  # lines that tell their noise
-POLES = 12  # at most, of the rational function
-LOCAL_DEGREES = 1.0 - 4.0 / WINDOW  # share of the lines, that the neighbours leave for the noise
-SPOILT = 1.1  # times the noise of the neighbours, that the rational function may leave and still be the better curve
-CHANCE = 1e-5  # that noise alone makes a model look as if it lacked something
-WEIGHINGS = 3  # rounds of noise and of the leverages that it makes
-VAGUE, HARDLY = 0.2, 1e3  # relative noise of lines that the rational function leaves out, by taking it for so much
-NEARLY_ONE = 1e-6  # coherences are kept so far from 0 and 1
+MIN_LINES = 16  # least number of lines for an estimate of their noise
+MAX_POLES = 12  # most poles of the rational function
+LOCAL_DEGREES = 1.0 - 4.0 / WINDOW_LINES  # degrees of freedom of the local curve per line
+MAX_NOISE_RATIO = 1.1  # times the noise by the neighbours, up to which the rational function is the better curve
+FALSE_ALARM_PROBABILITY = 1e-5  # probability that noise alone makes a right model seem incomplete
+NOISE_ROUNDS = 3  # rounds of estimating the noise and its leverages
+# Relative noise from which on lines are ignored in the rational fit, by setting it to this.
+MAX_RELATIVE_NOISE = 0.2
+IGNORED_NOISE = 1e3
+COHERENCE_MARGIN = 1e-6  # least distance of coherences from 0 and 1
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """A response as its own lines show it.
+    """Model-free estimate of a response and its noise.
 
     Attributes
     ----------
     noise : LineNoise
     smooth : (f,) complex array
-        The response without most of its noise.
+        Smoothed response.
     resonances : MeasuredResonances
-        Of `proper` of the record.
+        Resonances of `proper` of the record.
     allowed : float
-        Sum of squares, in units of the noise, that a model leaves which lacks nothing.
+        Largest sum of squares, in units of the noise, of a complete model.
     """
 
     noise: LineNoise
@@ -48,15 +50,15 @@ class Reference:
     allowed: float
 
 
-_KNOWN: WeakKeyDictionary[FrequencyRecord, Reference | None] = WeakKeyDictionary()
+_CACHE: WeakKeyDictionary[FrequencyRecord, Reference | None] = WeakKeyDictionary()
 
 
 def reference_of(record: FrequencyRecord) -> Reference | None:
-    """What a record shows by itself; None of too few lines, or where one is zero."""
-    if record not in _KNOWN:
-        sound = len(record) >= FEWEST and np.all(record.response) and np.all(record.frequency > 0)
-        _KNOWN[record] = _reference(record) if sound else None
-    return _KNOWN[record]
+    """Reference of a record; None if it has too few lines, or if one is zero."""
+    if record not in _CACHE:
+        sound = len(record) >= MIN_LINES and np.all(record.response) and np.all(record.frequency > 0)
+        _CACHE[record] = _reference(record) if sound else None
+    return _CACHE[record]
 
 
 def relative(error: np.ndarray, response: np.ndarray) -> np.ndarray:
@@ -65,9 +67,9 @@ def relative(error: np.ndarray, response: np.ndarray) -> np.ndarray:
 
 
 def proper(record: FrequencyRecord) -> np.ndarray:
-    """The response as one that goes to a constant at high frequencies, whose poles are the resonances.
+    """The response converted to one that tends to a constant at high frequencies, whose poles are the resonances.
 
-    Of an impedance it is the charge over the voltage, of a current its charge.
+    For an impedance it is the charge over the voltage, for a current its charge.
     """
     s = 2j * np.pi * record.frequency
     if record.kind == "impedance":
@@ -81,29 +83,33 @@ def _reference(record: FrequencyRecord) -> Reference:
     order = np.argsort(record.frequency, kind="stable")
     back = np.argsort(order)
     s, values = 2j * np.pi * record.frequency, proper(record)
-    coherence = None if record.coherence is None else np.clip(record.coherence, NEARLY_ONE, 1.0 - NEARLY_ONE)
-    # Times s, an impedance is as smooth as it can be.
+    coherence = (
+        None if record.coherence is None else np.clip(record.coherence, COHERENCE_MARGIN, 1.0 - COHERENCE_MARGIN)
+    )
+    # Multiplied by s, an impedance is as smooth as possible.
     factor = s if record.kind == "impedance" else np.ones(len(s))
     near, drawn = (part[back] for part in smoothed(record.frequency[order], (factor * record.response)[order]))
     near, drawn = near / factor, np.tile(drawn, (2, 1))
     noise = line_noise(near, record.response - near, drawn, coherence)
     share = np.sqrt(0.5 * (noise.along**2 + noise.across**2))
-    # What is hardly more than noise has no reciprocal that would tell anything.
-    found = resonances(record.frequency, values, np.where(share < VAGUE, share, HARDLY) * np.abs(values), POLES)
+    # Lines that are hardly above noise have no meaningful reciprocal.
+    found = resonances(
+        record.frequency, values, np.where(share < MAX_RELATIVE_NOISE, share, IGNORED_NOISE) * np.abs(values), MAX_POLES
+    )
     smooth, own = _response(record, found.values), noise
-    for _ in range(WEIGHINGS):
+    for _ in range(NOISE_ROUNDS):
         own = line_noise(smooth, record.response - smooth, _leverage(found, own), coherence)
-    if _level(own) > SPOILT * _level(noise):
-        quantile = fisher.isf(CHANCE, 2 * len(s), LOCAL_DEGREES * 2 * len(s))
+    if _level(own) > MAX_NOISE_RATIO * _level(noise):
+        quantile = fisher.isf(FALSE_ALARM_PROBABILITY, 2 * len(s), LOCAL_DEGREES * 2 * len(s))
         return Reference(noise, near, found, float(2 * len(s) * quantile))
     left = relative(record.response - smooth, smooth)
     least = float(np.sum((np.real(left) / own.along) ** 2 + (np.imag(left) / own.across) ** 2))
-    # The same noise is in what a model leaves, which has no more freedom if it is right.
-    return Reference(own, smooth, found, least + float(chi2.isf(CHANCE, found.count)))
+    # The residual of a model contains the same noise; a right model has no more freedom.
+    return Reference(own, smooth, found, least + float(chi2.isf(FALSE_ALARM_PROBABILITY, found.count)))
 
 
 def _leverage(found: MeasuredResonances, noise: LineNoise) -> np.ndarray:
-    """By how much errors of magnitude and phase at each line draw a rational function, (2, f)."""
+    """Leverage of errors of magnitude and phase at each line on the rational function, (2, f)."""
     inside = relative(found.slopes, found.values)
     rows = np.concatenate([np.real(inside) / noise.along[:, None], np.imag(inside) / noise.across[:, None]])
     rows = rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
@@ -116,7 +122,7 @@ def _level(noise: LineNoise) -> float:
 
 
 def _response(record: FrequencyRecord, values: np.ndarray) -> np.ndarray:
-    """The response that is `proper` as these."""
+    """Response whose `proper` form has the given values."""
     s = 2j * np.pi * record.frequency
     if record.kind == "impedance":
         return 1.0 / (s * values)

@@ -46,7 +46,7 @@ def vector_fit(
     rounds : int
         Relocations of the poles.
     weight : (f,) array or float
-        Of each line's misfit.
+        Weight of each line's misfit.
     """
     count, poles, weight = len(s), np.asarray(poles, complex), np.broadcast_to(weight, len(s))[:, None]
     for _ in range(rounds):
@@ -74,7 +74,7 @@ def vector_fit(
 
 
 def basis_of(s: np.ndarray, poles: np.ndarray) -> np.ndarray:
-    """Partial fractions whose factors are real, (f, order): two for one of each pair, one for a real pole."""
+    """Partial fractions with real coefficients, (f, order): two for each complex pair, one for a real pole."""
     columns = []
     for pole in poles:
         if pole.imag == 0:
@@ -86,7 +86,7 @@ def basis_of(s: np.ndarray, poles: np.ndarray) -> np.ndarray:
 
 
 def _zeros(poles: np.ndarray, factors: np.ndarray) -> np.ndarray:
-    """Zeros of 1 + sum factors * basis: the poles of the next round, moved to the stable half plane."""
+    """Zeros of 1 + sum factors * basis: the poles of the next iteration, moved to the stable half plane."""
     order = len(factors)
     matrix, column, n = np.zeros((order, order)), np.zeros(order), 0
     for pole in poles:

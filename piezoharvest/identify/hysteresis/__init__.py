@@ -1,1 +1,1 @@
-"""Prandtl-Ishlinskii hysteresis from records: loops, thresholds, and where operators stand when a record begins."""
+"""Identification of Prandtl-Ishlinskii hysteresis from records: loops, thresholds, and initial states."""

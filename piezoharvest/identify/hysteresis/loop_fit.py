@@ -1,4 +1,4 @@
-"""What has been identified from a loop: a Prandtl-Ishlinskii operator with its uncertainty, and its inverse."""
+"""Result of a loop's identification: a Prandtl-Ishlinskii operator with its uncertainty, and its inverse."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Kind = Literal["stop", "play"]
 
 
 class LoopError(ValueError):
-    """A loop that cannot be fitted, or a fit that cannot do what is asked of it."""
+    """A loop cannot be fitted, or a fit has no inverse or form that is required."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,14 +42,14 @@ class Loop:
     weights: np.ndarray
 
     def predict(self, signal: np.ndarray, states: np.ndarray | float = 0.0) -> np.ndarray:
-        """Output for an input of which every extreme is sampled.
+        """Output for an input whose extremes are all sampled.
 
         Parameters
         ----------
         signal : (samples,) array
         states : (n,) array or float
-            Outputs of the play operators before the first sample (a stop operator's is the input less this); 0 is the
-            virgin state. Neighbours differ by no more than their thresholds, or the inverse is not exact.
+            Outputs of the play operators before the first sample (a stop operator's is the input minus this); 0 is the
+            virgin state. The inverse is exact only if neighbours differ by no more than their thresholds.
         """
         signal = np.asarray(signal, float)
         outputs = plays(signal, self.thresholds, states).outputs
@@ -59,11 +59,11 @@ class Loop:
 
     @property
     def inverse(self) -> Loop:
-        """The exact inverse, of the other type: stop operators undo play operators and the reverse.
+        """The exact inverse, of the other type: stop operators invert play operators and the reverse.
 
         Sources: Krejci & Kuhnen, IEE Proc. Control Theory Appl. 148(3), 185-192, 2001. On the virgin curve the output
-        is piecewise linear with corners at the thresholds; the inverse has the corners' outputs for thresholds and the
-        reciprocal slopes. Its input is the output less the offset, which `undo` takes off first.
+        is piecewise linear with corners at the thresholds; the inverse has the corners' outputs as thresholds and the
+        reciprocal slopes. Its input is the output minus the offset, which `undo` subtracts first.
 
         Raises
         ------
@@ -82,13 +82,13 @@ class Loop:
         )  # fmt: skip
 
     def undo(self, output: np.ndarray, states: np.ndarray | float = 0.0) -> np.ndarray:
-        """Input that makes the output what is wanted, by the inverse.
+        """Input that gives a required output, by the inverse.
 
         Parameters
         ----------
         output : (samples,) array
         states : (n,) array or float
-            As in `predict`: of the operator, not of its inverse.
+            As in `predict`: states of the operator, not of its inverse.
 
         Raises
         ------
@@ -96,19 +96,19 @@ class Loop:
             There is no inverse.
         """
         z = np.broadcast_to(np.asarray(states, float), self.thresholds.shape)
-        # As play operators beside a slope, stop being input less play. States: Kuhnen, European J. Control 9(4), 2003.
+        # As play operators plus a slope, with stop = input - play. States: Kuhnen, European J. Control 9(4), 2003.
         weights = self.weights if self.kind == "play" else -self.weights
         beyond = np.cumsum((weights * z)[::-1])[::-1]
         inverse_states = self._virgin_slopes[1:] * z + beyond - weights * z
         return self.inverse.predict(np.asarray(output, float) - self.offset, inverse_states)
 
     def hysteresis(self) -> tuple[Hysteresis, float]:
-        """As the parameters of a transducer: stop operators of charge, and the clamped capacitance in F.
+        """Parameters of a transducer: stop operators of charge, and the clamped capacitance in F.
 
         Raises
         ------
         LoopError
-            The operator is of play type (its inverse can be asked), or has no slope.
+            The operator is of play type (its inverse has this form), or has no slope.
         """
         if self.kind != "stop" or self.slope <= 0:
             raise LoopError(f"kind: found {self.kind!r} with slope {self.slope:g}, allowed is 'stop' with one above 0")
@@ -130,18 +130,18 @@ class LoopFit(Loop):
     ----------
     offset_std, slope_std : float
     weights_std, thresholds_std : (n,) array
-        Standard errors, for the residual coloured as it is. Thresholds that were given have 0.
+        Standard errors, for coloured residuals. Given thresholds have 0.
     states : (n,) array
-        Play operators' outputs before the first sample of the record.
+        Outputs of the play operators before the first sample of the record.
     rms : float
-        Of the residual.
+        Rms of the residual.
     noise : float
-        White noise on the output, from its differences.
+        Standard deviation of white noise on the output, from its differences.
     excited : float
-        Half the range of the input: no threshold beyond it can be seen.
+        Half the range of the input: thresholds beyond it have no effect.
     unseen : (m,) array
-        Thresholds given that are beyond, and not in `thresholds`: of the stop type their weights are part of the
-        slope, of the play type they do not act.
+        Given thresholds beyond that, which are not in `thresholds`: for the stop type their weights are part of the
+        slope, for the play type they have no effect.
     """
 
     offset_std: float
@@ -156,7 +156,7 @@ class LoopFit(Loop):
 
     @property
     def not_identifiable(self) -> tuple[str, ...]:
-        """What the record cannot tell, what it does tell instead, and the measurement that would; a sentence each."""
+        """For each parameter that the record does not determine, a sentence with what it determines and a remedy."""
         found = []
         more = f"a record with an input range above {2 * self.excited:.3g} would tell"
         if len(self.unseen):

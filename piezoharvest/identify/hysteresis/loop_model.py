@@ -1,4 +1,4 @@
-"""A record of a loop as the fit sees it: prediction and derivatives, convex fit, and the search about it."""
+"""Model of a loop for the fit: prediction, derivatives, and the convex fit of offset, slope and weights."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import numpy as np
 from piezoharvest.identify.hysteresis.loop_fit import Kind
 from piezoharvest.identify.hysteresis.play_operators import initial_states, plays
 
-LIMIT = 0.999  # of half the input range: thresholds above are not seen
+MAX_THRESHOLD = 0.999  # of half the input range: thresholds above have no effect
 
 
 @dataclass(frozen=True, eq=False)
 class LoopData:
-    """A record, and what is known of its operators before their weights are.
+    """A record of a loop, with the type and the initial state of its operators.
 
     Attributes
     ----------
     signal, output : (samples,) array
     kind : "stop" or "play"
     virgin : bool
-        The operators begin from 0; else their initial states are unknown.
+        True if the operators begin from 0; else their initial states are unknown.
     """
 
     signal: np.ndarray
@@ -37,13 +37,13 @@ class LoopData:
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """What of an operator is not linear in the prediction.
+    """Nonlinear parameters of an operator.
 
     Attributes
     ----------
     thresholds : (n,) array
     turns : (n,) array
-        Initial states as `memory.initial_states` has them; nothing where the record is from the virgin state.
+        Initial states as in `play_operators.initial_states`; empty if the record is from the virgin state.
     """
 
     thresholds: np.ndarray
@@ -62,7 +62,7 @@ class Shape:
         return np.column_stack((np.ones(len(outputs)), data.signal, operators))
 
     def derivatives(self, data: LoopData, weights: np.ndarray) -> np.ndarray:
-        """Derivatives of the prediction by thresholds and turns, (samples, 2 n); by thresholds where `virgin`."""
+        """Derivatives of the prediction by thresholds and turns, (samples, 2 n); by thresholds only if `virgin`."""
         found = plays(data.signal, self.thresholds, self.states(data))
         signed = weights if data.kind == "play" else -weights
         if data.virgin:
@@ -73,7 +73,7 @@ class Shape:
 
 
 def convex_fit(design: np.ndarray, output: np.ndarray, free: int = 1) -> np.ndarray:
-    """Least squares with all unknowns but the first `free` at least 0, solved as the convex problem that it is.
+    """Least squares with all unknowns except the first `free` at least 0, solved as a convex problem.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def convex_fit(design: np.ndarray, output: np.ndarray, free: int = 1) -> np.ndar
     scale = np.linalg.norm(design, axis=0)
     scale[scale == 0] = 1.0
     size = float(np.linalg.norm(output)) or 1.0
-    # The triangular factor holds all that the samples say, and keeps the problem small.
+    # The triangular factor has all information of the samples, and keeps the problem small.
     factor = np.asarray(np.linalg.qr(np.column_stack((design / scale, output / size)), mode="r"))
     matrix, right = factor[:, :-1], factor[:, -1]
     x = cvxpy.Variable(design.shape[1])
@@ -101,9 +101,9 @@ def convex_fit(design: np.ndarray, output: np.ndarray, free: int = 1) -> np.ndar
 
 
 def _on_bounds(matrix: np.ndarray, right: np.ndarray, near: np.ndarray, free: int) -> np.ndarray:
-    """The solution that an interior point is near to, which is on some of the bounds: by pivoting, a few at most.
+    """Exact solution, on some of the bounds, near that of an interior-point method, by a few pivoting steps.
 
-    Kept where the conditions of Kuhn and Tucker hold: nothing below its bound, and no gradient away from it.
+    It ends when the Karush-Kuhn-Tucker conditions hold: no value below its bound, and no gradient away from it.
     """
     bounded = np.arange(len(near)) >= free
     active = ~bounded | (near > 1e-7 * np.abs(near).max())

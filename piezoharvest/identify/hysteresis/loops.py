@@ -1,8 +1,8 @@
 """Prandtl-Ishlinskii operators from measured loops: stop type (charge in) and play type (voltage in).
 
-With its thresholds fixed the fit is convex: offset, slope and weights, the latter not negative. The thresholds are
-placed by the record (`placement`), what happened before the record is estimated with them (`memory`), and the standard
-errors hold for a coloured residual (`coloured`).
+With fixed thresholds the fit is convex: offset, slope and weights, the latter not negative. The thresholds are placed
+by the record (`threshold_placement`), the initial states are estimated with them (`play_operators`), and the standard
+errors hold for a coloured residual (`coloured_noise`).
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from piezoharvest.identify.hysteresis.loop_fit import Kind, Loop, LoopError, LoopFit
-from piezoharvest.identify.hysteresis.loop_model import LIMIT, LoopData, Shape, convex_fit
-from piezoharvest.identify.hysteresis.threshold_placement import place, search
+from piezoharvest.identify.hysteresis.loop_model import MAX_THRESHOLD, LoopData, Shape, convex_fit
+from piezoharvest.identify.hysteresis.threshold_placement import place_thresholds, refine_shape
 from piezoharvest.identify.noise.coloured_noise import covariance, noise_floor
 from piezoharvest.identify.threads import single_threaded
 
 __all__ = ["Loop", "LoopError", "LoopFit", "identify_loop"]
-_LEAST = 30  # samples
+_MIN_SAMPLES = 30  # least number of samples
 
 
 @single_threaded
@@ -35,32 +35,32 @@ def identify_loop(
     Parameters
     ----------
     signal, output : (samples,) array
-        Evenly sampled, slow enough for the output to depend on the input's extremes alone.
+        Evenly sampled, slow enough for the output to be rate-independent.
     kind : "stop" or "play"
         Stop: voltage from charge, force from displacement. Play: displacement or charge from voltage.
     thresholds : sequence of float, optional
-        Unit of the input, increasing. Without them the record tells where they are and how many.
+        Unit of the input, increasing. By default their number and values are estimated.
     virgin : bool
-        The record begins from the virgin state: the path from 0 to its first sample is monotone. Else the initial
-        states are estimated.
+        True if the record begins from the virgin state: the path from 0 to its first sample is monotone. Else the
+        initial states are estimated.
 
     Raises
     ------
     LoopError
-        The arrays have not the form for it, or too few samples.
+        The arrays have unsuitable shapes or values, or too few samples.
     """
     signal, output = _checked(signal, output)
     data = LoopData(signal=signal, output=output, kind=kind, virgin=virgin)
     if thresholds is None:
-        return _fit(data, place(data), np.empty(0), placed=True)
+        return _fit(data, place_thresholds(data), np.empty(0), placed=True)
     given = _increasing(thresholds)
-    seen = given <= LIMIT * data.excited
-    shape = search(data, Shape(given[seen], np.zeros(seen.sum())), move=False)
+    seen = given <= MAX_THRESHOLD * data.excited
+    shape = refine_shape(data, Shape(given[seen], np.zeros(seen.sum())), move=False)
     return _fit(data, shape, given[~seen], placed=False)
 
 
 def _fit(data: LoopData, shape: Shape, unseen: np.ndarray, placed: bool) -> LoopFit:
-    """Convex fit of a shape, with the standard errors of all that has been estimated."""
+    """Convex fit of a shape, with the standard errors of all estimated parameters."""
     n, design = len(shape.thresholds), shape.design(data)
     linear = convex_fit(design, data.output)
     residual = data.output - design @ linear
@@ -81,8 +81,8 @@ def _checked(signal: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.nda
     if signal.ndim != 1 or signal.shape != output.shape:
         shapes = f"found arrays of shapes {signal.shape} and {output.shape}"
         raise LoopError(f"signal and output: {shapes}, allowed are two of one length")
-    if len(signal) < _LEAST:
-        raise LoopError(f"signal: found {len(signal)} samples, allowed are {_LEAST} or more")
+    if len(signal) < _MIN_SAMPLES:
+        raise LoopError(f"signal: found {len(signal)} samples, allowed are {_MIN_SAMPLES} or more")
     for name, values in (("signal", signal), ("output", output)):
         if not np.all(np.isfinite(values)):
             row = int(np.argmin(np.isfinite(values)))

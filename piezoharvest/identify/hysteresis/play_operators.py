@@ -1,7 +1,7 @@
-"""Play operators of many thresholds at once, with what a record cannot know of them: the states they began in.
+"""Play operators of many thresholds at once, with their initial states.
 
 Between two turning points of the input an operator's output is one clipped line, so that the recursion runs over the
-turning points alone.
+turning points only.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ class Plays(NamedTuple):
     outputs : (samples, n) array
         Unit of the signal.
     slopes : (samples, n) array
-        Derivative of the outputs by their thresholds: -1, 0 or 1.
+        Derivatives of the outputs by their thresholds: -1, 0 or 1.
     kept : (samples, n) array of bool
-        True where the output still is that before the first sample.
+        True where the output still is the initial state.
     """
 
     outputs: np.ndarray
@@ -38,7 +38,7 @@ def turning_points(signal: np.ndarray) -> np.ndarray:
 
 
 def plays(signal: np.ndarray, thresholds: np.ndarray, states: np.ndarray | float = 0.0) -> Plays:
-    """Outputs of play operators, their derivatives, and where they still hold their initial states.
+    """Outputs of play operators, their derivatives, and a mask of the samples still at the initial states.
 
     Parameters
     ----------
@@ -74,14 +74,14 @@ def _clip(
 def initial_states(
     first: float, thresholds: np.ndarray, turns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """States that some history can have left: neighbours differ by no more than their thresholds do.
+    """Initial states that are admissible: neighbours differ by no more than their thresholds do.
 
     Parameters
     ----------
     first : float
         First sample of the signal.
     thresholds, turns : (n,) array
-        Thresholds, increasing, and the share of each gap by which the state goes up (1) or down (-1).
+        Increasing thresholds, and the share of each gap by which the state goes up (1) or down (-1).
 
     Returns
     -------
@@ -96,10 +96,10 @@ def initial_states(
 
 
 def half_excursions(signal: np.ndarray) -> np.ndarray:
-    """Half of the way that the signal has gone since it last turned; (samples,).
+    """Half of the distance that the signal has moved since its last reversal; (samples,).
 
-    After a reversal the operators with thresholds below this move, those above stand still: their distribution says
-    where a record tells one threshold from its neighbours.
+    After a reversal, the operators with thresholds below this move, those above rest: the distribution of these values
+    shows at which thresholds a record is informative.
     """
     points = turning_points(signal)
     before = points[np.maximum(np.searchsorted(points, np.arange(len(signal)), side="left") - 1, 0)]

@@ -1,25 +1,27 @@
-"""Where the thresholds of a Prandtl-Ishlinskii operator stand, and how many: told by the record."""
+"""Estimation of the number and values of the thresholds of a Prandtl-Ishlinskii operator."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from piezoharvest.identify.hysteresis.loop_model import LIMIT, LoopData, Shape, convex_fit
+from piezoharvest.identify.hysteresis.loop_model import MAX_THRESHOLD, LoopData, Shape, convex_fit
 from piezoharvest.identify.hysteresis.play_operators import half_excursions
 from piezoharvest.identify.noise.coloured_noise import effective_samples
 
 _NUMBERS = (1, 2, 3, 4, 5, 6, 8, 10, 12)
-_SMALL = 1e-4  # of the total slope: a weight below is none
-_NEAR = 1e-3  # of half the input range: thresholds are at least so far apart
+_MIN_WEIGHT = 1e-4  # of the total slope: smaller weights are dropped
+_MIN_GAP = 1e-3  # of half the input range: least distance of thresholds
 
 
-def place(data: LoopData) -> Shape:
-    """Thresholds that the record tells best: placed, refined, and as many as Schwarz' criterion allows.
+def place_thresholds(data: LoopData) -> Shape:
+    """Thresholds placed by the record and refined, in a number selected by Schwarz' criterion.
 
-    The criterion counts the effective samples of the richest model's residual, not the samples: a coloured residual
-    would have as many operators as there are to try.
+    The criterion counts the effective samples of the best model's residual, not all samples: otherwise a coloured
+    residual would select the largest number tried.
     """
-    tried = [_worthy(data, search(data, at_quantiles(data, number), move=True)) for number in _NUMBERS]
+    tried = [
+        _effective_operators(data, refine_shape(data, at_quantiles(data, number), move=True)) for number in _NUMBERS
+    ]
     squares = []
     for shape in tried:
         design = shape.design(data)
@@ -36,14 +38,14 @@ def place(data: LoopData) -> Shape:
 
 
 def at_quantiles(data: LoopData, number: int) -> Shape:
-    """Thresholds at equal shares of the half excursions of the input, demagnetised: as many samples between any two."""
+    """Thresholds at quantiles of the half excursions of the input, with equally many samples between any two."""
     ways = half_excursions(data.signal)
     thresholds = np.quantile(ways[ways > 0], (np.arange(number) + 0.5) / number)
-    return Shape(np.minimum(thresholds, LIMIT * data.excited), np.zeros(number))
+    return Shape(np.minimum(thresholds, MAX_THRESHOLD * data.excited), np.zeros(number))
 
 
-def search(data: LoopData, start: Shape, *, move: bool) -> Shape:
-    """Initial states, and thresholds where they may `move`, with the least residual.
+def refine_shape(data: LoopData, start: Shape, *, move: bool) -> Shape:
+    """Initial states, and thresholds if they may `move`, with the least residual.
 
     The unknowns are offset, slope, weights, gaps between thresholds in half input ranges, and turns.
     """
@@ -55,9 +57,9 @@ def search(data: LoopData, start: Shape, *, move: bool) -> Shape:
     free[2 + n : 2 + 2 * n] = move
     if n == 0 or not (move or turns):
         return start
-    gaps = np.maximum(np.diff(start.thresholds, prepend=0.0) / excited, 2 * _NEAR)
+    gaps = np.maximum(np.diff(start.thresholds, prepend=0.0) / excited, 2 * _MIN_GAP)
     origin = np.concatenate((convex_fit(start.design(data), data.output), gaps, start.turns[:turns]))
-    low = np.concatenate(([-np.inf], np.zeros(1 + n), np.full(n, _NEAR), np.full(turns, -1.0)))
+    low = np.concatenate(([-np.inf], np.zeros(1 + n), np.full(n, _MIN_GAP), np.full(turns, -1.0)))
     high = np.concatenate((np.full(2 + n, np.inf), np.full(n, 1.0), np.full(turns, 1.0)))
 
     def parts(x: np.ndarray) -> tuple[np.ndarray, Shape]:
@@ -82,10 +84,10 @@ def search(data: LoopData, start: Shape, *, move: bool) -> Shape:
     return parts(found.x)[1]
 
 
-def _worthy(data: LoopData, shape: Shape) -> Shape:
-    """Without the operators that have no weight, or that the record cannot see."""
+def _effective_operators(data: LoopData, shape: Shape) -> Shape:
+    """Shape without operators that have no weight or no effect in the record."""
     linear = convex_fit(shape.design(data), data.output)
-    kept = (linear[2:] > _SMALL * linear[1:].sum()) & (shape.thresholds <= LIMIT * data.excited)
+    kept = (linear[2:] > _MIN_WEIGHT * linear[1:].sum()) & (shape.thresholds <= MAX_THRESHOLD * data.excited)
     states = shape.states(data)[kept]
     thresholds = shape.thresholds[kept]
     if data.virgin:

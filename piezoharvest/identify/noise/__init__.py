@@ -1,1 +1,1 @@
-"""Noise of measured records: its size and colour, and the part of a measured drive that is none."""
+"""Noise of measured records: its size and colour, and the separation of a measured drive from its noise."""

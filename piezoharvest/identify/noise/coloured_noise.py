@@ -1,4 +1,4 @@
-"""What coloured noise makes of a least-squares fit: covariance, effective number of samples, and a noise floor."""
+"""Coloured noise in a least-squares fit: covariance, effective number of samples, and a noise floor."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ def noise_floor(signal: np.ndarray, order: int = 6) -> float:
     """Standard deviation of the white noise on a smooth signal, from its differences of high order.
 
     The differences of a band-limited signal shrink with the order, those of white noise grow by a known factor. The
-    median makes it indifferent to corners. Noise that is not white is underestimated.
+    median makes the estimate robust against corners. Noise that is not white is underestimated.
     """
     differences = np.diff(np.asarray(signal, float), order)
     gain = np.sqrt(comb(2 * order, order))
@@ -37,7 +37,7 @@ def autocovariance(residual: np.ndarray) -> np.ndarray:
 
 
 def effective_samples(residual: np.ndarray) -> float:
-    """Number of independent samples that would say as much of a mean: fewer where the noise is coloured."""
+    """Number of independent samples with the same information about a mean: fewer if the noise is coloured."""
     lags = autocovariance(residual)
     if lags[0] == 0:
         return float(len(residual))

@@ -1,4 +1,4 @@
-"""How a prediction passes on small noise of the measured drive."""
+"""Linear response of a prediction to small noise of the measured drive."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from scipy.linalg import schur
 
 from piezoharvest.predict.prediction import Prediction
 
-SLOWEST = 1e-6  # of the sample rate: open electrodes have no response at zero
+MIN_FREQUENCY = 1e-6  # of the sample rate: lowest frequency, because open electrodes have no response at zero
 
 
 def gain_of(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> np.ndarray:
-    """Response of channels to small noise of the drive, every element a straight line of its mean slope in the record.
+    """Response of channels to small noise of the drive, with every element linear at its mean slope in the record.
 
-    It is that of the march itself from sample to sample: between them noise runs along the spline through it.
+    It is that of the discrete model: between samples the noise is interpolated by a cubic spline.
 
     Parameters
     ----------
@@ -31,13 +31,13 @@ def gain_of(prediction: Prediction, channels: Sequence[str], frequencies: np.nda
     (f, channels) complex array
     """
     gain = specimen_gain(prediction, channels, frequencies)
-    return gain * _late(prediction, channels, frequencies) if prediction.transducer.effects else gain
+    return gain * _delay_factors(prediction, channels, frequencies) if prediction.transducer.effects else gain
 
 
-def _late(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> np.ndarray:
-    """What delays do to the channels, (f, channels), by splines through the samples."""
+def _delay_factors(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> np.ndarray:
+    """Factors of the channels' delays, (f, channels), by splines through the samples."""
     h, effects = prediction.setting.sample_time, prediction.transducer.effects
-    angle = 2 * np.pi * np.maximum(frequencies * h, SLOWEST)
+    angle = 2 * np.pi * np.maximum(frequencies * h, MIN_FREQUENCY)
     factors = []
     for channel in channels:
         samples = sum(effect.late(channel) for effect in effects) / h
@@ -49,7 +49,7 @@ def _late(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarr
 
 
 def _spline(angle: np.ndarray) -> list[np.ndarray]:
-    """Coefficients of the cubic spline through a sine's samples, in powers of the share of the step."""
+    """Coefficients of the cubic spline through a sine's samples, in powers of the fraction of the step."""
     turn, rate = np.exp(1j * angle), 3j * np.sin(angle) / (2.0 + np.cos(angle))
     return [
         np.ones_like(rate),
@@ -60,24 +60,24 @@ def _spline(angle: np.ndarray) -> list[np.ndarray]:
 
 
 def small_response(prediction: Prediction, channels: Sequence[str], drive: np.ndarray) -> np.ndarray:
-    """Response (n, channels) to a small addition (n,) to the drive, as if it came again and again."""
+    """Response (n, channels) to a small addition (n,) to the drive, taken as periodic."""
     n = len(drive)
     if not np.any(drive):
         return np.zeros((n, len(channels)))
     gain = gain_of(prediction, channels, np.fft.rfftfreq(n, prediction.setting.sample_time))
-    # The samples lie together in memory, as the frequencies do.
+    # The samples are contiguous in memory, as the frequencies are.
     return np.asarray(fft.irfft(gain.T * fft.rfft(drive), n)).T
 
 
 def specimen_gain(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> np.ndarray:
-    """Response (f, channels) of the specimen itself, before the wiring delays it."""
+    """Response (f, channels) of the specimen itself, without the delays of the channels."""
     m, h = prediction.matrices, prediction.setting.sample_time
-    angle = 2 * np.pi * np.maximum(frequencies * h, SLOWEST)
+    angle = 2 * np.pi * np.maximum(frequencies * h, MIN_FREQUENCY)
     turn, cubic = np.exp(1j * angle), _spline(angle)
     drive = [cubic[0], cubic[1] / h]
     outputs = len(m.O) - len(m.channels)
     line = _LinearStep.of(prediction, [outputs + m.channels.index(channel) for channel in channels])
-    # Frequencies are the last axis throughout. What multiplies with the drive's part of the equations, (8, f):
+    # Frequencies are the last axis throughout. Factors of the drive's part of the equations, (8, f):
     driven = np.array([*cubic, *drive, *(turn * part for part in drive)])
     states = _solved(line.kept, line.A, turn, line.driven() @ driven)
     return (line.C @ states + line.D @ np.array(drive)).T
@@ -86,7 +86,7 @@ def specimen_gain(prediction: Prediction, channels: Sequence[str], frequencies: 
 def _solved(kept: np.ndarray, A: np.ndarray, turn: np.ndarray, forced: np.ndarray) -> np.ndarray:
     """(turn kept - A)^-1 forced, (n, f), at all frequencies.
 
-    By the Schur form of kept^-1 A: substitution runs over the few states, each step over all frequencies.
+    By the Schur form of kept^-1 A: back substitution over the few states, each step for all frequencies.
     """
     triangle, unitary = schur(np.linalg.solve(kept, A), output="complex")[:2]
     states = unitary.conj().T @ np.linalg.solve(kept, forced)
@@ -97,7 +97,7 @@ def _solved(kept: np.ndarray, A: np.ndarray, turn: np.ndarray, forced: np.ndarra
 
 
 class _LinearStep(NamedTuple):
-    """A step with its elements as straight lines.
+    """A step of the discrete model with its elements linear.
 
     kept z(next) = A z + cubic c + before e + after e(next), outputs = C z + D e, where e is the drive and its rate.
     """
@@ -130,5 +130,5 @@ class _LinearStep(NamedTuple):
         )  # fmt: skip
 
     def driven(self) -> np.ndarray:
-        """What multiplies with the drive: cubic, before and after, (n, 8)."""
+        """Coefficients of the drive: cubic, before and after, (n, 8)."""
         return np.hstack([self.cubic, self.before, self.after])

@@ -1,4 +1,4 @@
-"""Noise of a campaign as it is: white in every channel, and that of the drive as the specimen passes it on.
+"""Noise of a campaign: white in every channel, plus that of the drive filtered by the specimen.
 
 A residual is r = n - G n_d: the noise n of the channels less the response G to the noise n_d of the measured drive. Its
 cross-spectral matrix diag(sigma^2) + sigma_d^2 G G^H is coloured and couples the channels; with it an output-error fit
@@ -16,14 +16,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import nnls
 
-UPPER = 0.5  # share of the band from which noise is estimated: what is slower may be structure
-BANDS = 16  # that tell noise from lines
-FAR = 6.0  # standard deviations that a band is above the median where a line spoils it
-LOOSE = 1.3  # times what a channel shows at its highest frequencies: so much its own estimate scatters in short records
-LEAST = 0.1  # of the noise before: a channel that seems to have less is not given all the weight at once
-SCORINGS, SETTLED = 50, 1e-6  # iterations to the most likely noise; relative change at their end
-ALIKE = 1e-12  # relative eigenvalue of an information that tells nothing
-FOURTH = 70.0  # gain of fourth differences for the variance of white noise
+UPPER_BAND = 0.5  # share of the band from which on noise is estimated: lower frequencies may be model errors
+BANDS = 16  # that separate noise from lines
+LINE_STANDARD_DEVIATIONS = 6.0  # standard deviations above the median from which on a band contains a line
+CEILING_FACTOR = 1.3  # times the noise at a channel's highest frequencies: scatter of its estimate in short records
+MIN_NOISE_RATIO = 0.1  # of the noise before: limits the weight that a channel with less noise gets at once
+MAX_ITERATIONS, TOLERANCE = 50, 1e-6  # most iterations to the most likely noise, and relative change at the end
+MIN_EIGENVALUE_RATIO = 1e-12  # relative eigenvalue of an information matrix that counts as zero
+FOURTH_DIFFERENCE_GAIN = 70.0  # gain of fourth differences in the variance of white noise
 
 
 @dataclass(frozen=True)
@@ -50,21 +50,21 @@ class Noise:
         return own + self.sigma.get(drive, 0.0) ** 2 * gain[:, :, None] * np.conj(gain[:, None, :])
 
 
-def first_guess(values: np.ndarray, kept: np.ndarray | slice = slice(None)) -> float:
-    """Noise of a channel from its fourth differences, or those that are kept: a smooth signal hardly has any."""
+def initial_noise(values: np.ndarray, kept: np.ndarray | slice = slice(None)) -> float:
+    """Noise of a channel from its (kept) fourth differences, which are almost zero for a smooth signal."""
     fourth = np.diff(values, 4)[kept]
-    return float(np.sqrt(np.median(fourth**2) / 0.4549 / FOURTH)) if len(fourth) else 0.0
+    return float(np.sqrt(np.median(fourth**2) / 0.4549 / FOURTH_DIFFERENCE_GAIN)) if len(fourth) else 0.0
 
 
-def ceiling(values: np.ndarray) -> float:
-    """Standard deviation that the white noise of a channel has at most: all that its upper half band shows is noise.
+def noise_upper_bound(values: np.ndarray) -> float:
+    """Upper bound of the standard deviation of a channel's white noise: its whole upper half band taken as noise.
 
-    Residuals may show more there, what a wrong model makes of the noise of the drive, but that is no noise of this
+    Residuals may have more there, due to the noise of the drive in a wrong model, but that is not noise of this
     channel.
     """
     window = np.hanning(len(values))
-    power = np.abs(np.fft.rfft((values - values.mean()) * window)[int(UPPER * (len(values) // 2 + 1)) :]) ** 2
-    return LOOSE * float(np.sqrt(power.mean() / np.sum(window**2)))
+    power = np.abs(np.fft.rfft((values - values.mean()) * window)[int(UPPER_BAND * (len(values) // 2 + 1)) :]) ** 2
+    return CEILING_FACTOR * float(np.sqrt(power.mean() / np.sum(window**2)))
 
 
 def estimate(
@@ -81,22 +81,22 @@ def estimate(
         For each record, or block of one, residuals (f, channels) whose squares are spectral densities in units of white
         noise, and the response (f, channels) to the drive, both from zero to half the sample rate.
     known : mapping of str to float
-        What is known and kept.
+        Known standard deviations, which are kept.
     start : Noise
-        Weights, and what is kept where the residuals do not tell.
+        Start values; kept for names that the residuals do not determine.
     limits : mapping of str to (float, float)
-        For each name the smallest and the largest that is possible.
+        Smallest and largest possible standard deviation by name.
     """
     names = list(start.sigma)
     bounds = np.array([np.square(limits.get(name, (0.0, np.inf))) / start.sigma[name] ** 2 for name in names]).T
-    parts = [part for one in spectra for part in _parts(names, start, *one)]
+    parts = [part for one in spectra for part in _band_spectra(names, start, *one)]
     shares = np.array([(known.get(name, start.sigma[name]) / start.sigma[name]) ** 2 for name in names])
     free = np.array([k for k, name in enumerate(names) if name not in known and any(p.told[k] for p in parts)], int)
-    for _ in range(SCORINGS if len(free) else 0):
+    for _ in range(MAX_ITERATIONS if len(free) else 0):
         before = shares.copy()
         information, score = (np.sum(t, axis=0) for t in zip(*(_scoring(p, shares) for p in parts), strict=True))
         shares = _most_likely(information, score, shares, free, bounds)
-        if np.abs(shares - before).max() < SETTLED * shares.max():
+        if np.abs(shares - before).max() < TOLERANCE * shares.max():
             break
     return Noise({name: float(np.sqrt(share)) * start.sigma[name] for name, share in zip(names, shares, strict=True)})
 
@@ -104,12 +104,12 @@ def estimate(
 def _most_likely(
     information: np.ndarray, score: np.ndarray, shares: np.ndarray, free: np.ndarray, limits: np.ndarray
 ) -> np.ndarray:
-    """Shares of which the free ones are the most likely; what would leave its limits stays there for the others."""
+    """Shares with the free ones at their most likely values; those outside their limits are clipped and then fixed."""
     found, (lowest, highest) = shares.copy(), limits
     while len(free):
         fixed = np.delete(np.arange(len(shares)), free)
         right = score[free] - information[np.ix_(free, fixed)] @ found[fixed]
-        found[free] = np.maximum(_nonnegative(information[np.ix_(free, free)], right), LEAST**2)
+        found[free] = np.maximum(_nonnegative(information[np.ix_(free, free)], right), MIN_NOISE_RATIO**2)
         outside = (found < lowest) | (found > highest)
         if not outside[free].any():
             break
@@ -119,21 +119,21 @@ def _most_likely(
 
 
 def _nonnegative(information: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solution without negative values, also where some of them cannot be told apart: one channel and its drive."""
+    """Non-negative solution, also for a singular matrix, as for one channel and its drive."""
     values, vectors = np.linalg.eigh(information)
-    root = np.sqrt(np.maximum(values, ALIKE * values.max()))
+    root = np.sqrt(np.maximum(values, MIN_EIGENVALUE_RATIO * values.max()))
     return nnls(root[:, None] * vectors.T, vectors.T @ right / root)[0]
 
 
-class _Part(NamedTuple):
-    """Mean cross-spectrum of residuals in a band, in units of the start, and what each source of noise makes of it.
+class _BandSpectrum(NamedTuple):
+    """Mean cross-spectrum of residuals in a band, in units of the start, and the contribution of each source of noise.
 
     Attributes
     ----------
     cross : (channels, channels) array
     sources : (names, channels, channels) array
     count : int
-        Frequencies.
+        Number of frequencies.
     told : (names,) array of bool
     """
 
@@ -143,15 +143,15 @@ class _Part(NamedTuple):
     told: np.ndarray
 
 
-def _parts(
+def _band_spectra(
     names: Sequence[str], start: Noise, channels: Sequence[str], drive: str, residual: np.ndarray, gain: np.ndarray
-) -> list[_Part]:
-    """Bands of a record without those that a line spoils.
+) -> list[_BandSpectrum]:
+    """Bands of a record without those that contain a line.
 
-    Where the noise of the drive is many times that of a sensor, this shows in how the channels go together alone: each
-    band is taken as a whole, and so narrow that the response hardly changes in it.
+    If the noise of the drive is many times that of a sensor, the latter shows only in the correlation of the channels:
+    each band is used as a whole, and is so narrow that the response hardly changes in it.
     """
-    upper = slice(int(len(residual) * UPPER), None)
+    upper = slice(int(len(residual) * UPPER_BAND), None)
     size = np.array([start.sigma[channel] for channel in channels])
     own = np.zeros((len(names), len(channels), len(channels)))
     for c, channel in enumerate(channels):
@@ -163,17 +163,19 @@ def _parts(
         if drive in names:
             sources[names.index(drive)] = start.sigma[drive] ** 2 * np.real(_cross(passed)).mean(axis=0)
         cross, told = np.real(_cross(left)).mean(axis=0), np.asarray(sources.any(axis=(1, 2)))
-        found.append(_Part(cross, sources, len(left), told))
+        found.append(_BandSpectrum(cross, sources, len(left), told))
     times = np.array([np.diag(part.cross) / np.diag(part.sources.sum(axis=0)) for part in found])
-    spoilt = np.any(times > np.median(times, axis=0) * (1.0 + FAR / np.sqrt(found[-1].count)), axis=1)
+    spoilt = np.any(
+        times > np.median(times, axis=0) * (1.0 + LINE_STANDARD_DEVIATIONS / np.sqrt(found[-1].count)), axis=1
+    )
     return [part for part, bad in zip(found, spoilt, strict=True) if not bad]
 
 
-def _scoring(part: _Part, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Information about the shares of the sources, and what it makes of their best values, at some shares.
+def _scoring(part: _BandSpectrum, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Information matrix of the sources' shares, and right side of the equations for their best values.
 
-    Fisher's scoring of Whittle's likelihood: what channels have in common, the noise of the drive, does not hide how
-    they differ.
+    Fisher scoring of Whittle's likelihood: the noise of the drive, common to the channels, does not hide their
+    differences.
     """
     inverse = np.linalg.inv(np.tensordot(shares, part.sources, 1))
     weighed = inverse @ part.sources @ inverse
@@ -186,7 +188,7 @@ def _cross(values: np.ndarray) -> np.ndarray:
 
 
 class Rounding(NamedTuple):
-    """How a channel is rounded: step, amplitude of the mean error within it, what a second device adds."""
+    """Rounding of a channel: step, amplitude of the mean error within it, standard deviation from a second device."""
 
     step: float
     size: float
@@ -197,9 +199,9 @@ def rounding(values: np.ndarray, sigma: float) -> Rounding:
     """Step to which a sensor rounds, and the errors that noise does not average out.
 
     The mean of rounded values is off by (step / pi) exp(-2 pi^2 s^2 / step^2) sin(2 pi x / step), s being the noise
-    before (Widrow & Kollar, Quantization Noise, 2008, ch. 4); where a load is held, that is an error which does not
-    change. So is the error of a converter behind a sensor that rounds more coarsely: standard deviation of a twelfth of
-    its step squared.
+    before rounding (Widrow & Kollar, Quantization Noise, 2008, ch. 4); under a constant load, this error is constant.
+    So is the error of a converter behind a sensor that rounds more coarsely: its variance is a twelfth of its step
+    squared.
 
     Parameters
     ----------
@@ -207,7 +209,7 @@ def rounding(values: np.ndarray, sigma: float) -> Rounding:
     sigma : float
         Standard deviation of the noise with the rounding.
     """
-    # Of all values: from sample to sample a fast sine may never move by little.
+    # Gaps of the sorted values: from sample to sample a fast sine may never change by one step.
     gaps = np.diff(np.unique(values))
     gaps = gaps[gaps > 1e-9 * np.abs(values).max(initial=0.0)]
     if not len(gaps):

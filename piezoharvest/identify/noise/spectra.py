@@ -1,4 +1,4 @@
-"""Spectra of real signals whose squares are those of the samples, and their products; frequencies are the last axis."""
+"""Spectra of real signals scaled to preserve the sum of squares, and their products; frequencies are the last axis."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy import fft
 def whitened(white: np.ndarray, spectra: np.ndarray) -> np.ndarray:
     """Products of lower triangular matrices (channels, channels, f) with spectra (channels, ..., f).
 
-    With the frequencies last this is much faster than a product of small matrices for every frequency.
+    With the frequencies last, this is much faster than a product of small matrices for every frequency.
     """
     found = np.empty_like(spectra)
     for a in range(len(white)):
@@ -30,7 +30,7 @@ def gram(D: np.ndarray) -> np.ndarray:
 
 
 def components(count: int) -> np.ndarray:
-    """Components of the lines of a real spectrum: two, and one at zero and at half the sample rate."""
+    """Number of real components of each line of a real spectrum: two, but one at zero and at half the sample rate."""
     found = np.full(count // 2 + 1, 2.0)
     found[0] = 1.0
     if count % 2 == 0:
@@ -47,5 +47,5 @@ def line_spectra(values: np.ndarray) -> np.ndarray:
 
 
 def in_time(spectra: np.ndarray, count: int) -> np.ndarray:
-    """Weights of samples that make the same sums as those of their `spectra_of`, (samples, p)."""
+    """Weights of samples, (samples, p), equivalent to weights of their `spectra_of`."""
     return np.fft.irfft(spectra * np.sqrt(count / components(count))[:, None], count, axis=0)

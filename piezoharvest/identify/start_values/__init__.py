@@ -1,1 +1,1 @@
-"""Start values of a fit: parameters read off records and resonances, and where stop operators begin."""
+"""Start values of a fit: parameters estimated from records and resonances, and initial states of stop operators."""

@@ -1,8 +1,8 @@
-"""Readers in a process of their own, for formats whose libraries may not survive a damaged file.
+"""Readers in a separate process, for formats whose libraries may crash on a damaged file.
 
-What such a file does to its library (a crash, an endless loop, memory without end) then happens to a process that can
-be spared, and one sentence is left of it. The process is started by the first file that needs it, which takes 0.3 s,
-and serves all that follow: a file costs 2 ms more than it would here, and each MB that is read 2 ms.
+A crash, an endless loop or unbounded memory use then ends the helper process only, and is reported as a `ReadError`.
+The process is started by the first file that needs it, which takes 0.3 s, and serves all that follow: a file costs
+2 ms more than in the same process, and each MB that is read 2 ms.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ import numpy as np
 
 from piezoharvest.readers.base import MissingColumnError, Reader, ReadError
 
-_START = 60.0  # s, in which the process has to be ready: its imports take 0.3 s, many times that from a slow disk
-# s for one request: every library reads more than 10 MB/s, a network drive 1 MB/s; nobody waits for more than an hour.
-_PATIENCE, _PER_BYTE, _LONGEST = 5.0, 1e-6, 3600.0
+_START_TIMEOUT = 60.0  # s until the process must be ready: its imports take 0.3 s, many times that from a slow disk
+# s for one request: every library reads more than 10 MB/s, a network drive 1 MB/s; at most one hour.
+_BASE_TIMEOUT, _TIMEOUT_PER_BYTE, _MAX_TIMEOUT = 5.0, 1e-6, 3600.0
 _numbers = count(1)  # of the files that have been opened
 
 
 class Apart(Reader):
-    """A data file that another process has open; its methods are those of the `Reader` there.
+    """Proxy of a `Reader` that runs in another process; its methods are those of that reader.
 
     Parameters
     ----------
     path : Path
     libraries : sequence of str
-        What the reader there imports.
+        Modules that the reader imports.
     """
 
     def __init__(self, path: Path, libraries: Sequence[str]):
         super().__init__(path)
         self._process = _running()
         self._process.start(libraries)
-        self._patience = min(_PATIENCE + _PER_BYTE * path.stat().st_size, _LONGEST)
+        self._patience = min(_BASE_TIMEOUT + _TIMEOUT_PER_BYTE * path.stat().st_size, _MAX_TIMEOUT)
         self._number = next(_numbers)
         found = self._ask("open", os.path.abspath(path))
         self.names, self.first_row = tuple(found["names"]), found["first_row"]
@@ -67,7 +67,7 @@ class Apart(Reader):
 
 
 class _Process:
-    """The process at the other end: takes a request as a line of JSON, answers with another and the arrays in it."""
+    """The reading process: takes a request as a line of JSON, answers with a line of JSON and the arrays in it."""
 
     def __init__(self) -> None:
         folders = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
@@ -83,13 +83,13 @@ class _Process:
 
     @property
     def usable(self) -> bool:
-        """Whether it runs, and was started by this very process rather than by one that this is a fork of."""
+        """True if the process runs and was started by this process, not by a parent that this is a fork of."""
         return self._owner == os.getpid() and self._process.poll() is None
 
     def start(self, libraries: Sequence[str]) -> None:
-        """Wait until it runs and has imported what it needs; raises `ReadError`."""
+        """Wait until the process runs and has imported the libraries; raises `ReadError`."""
         try:
-            self.answer({"number": 0, "action": "start", "values": libraries}, _START)
+            self.answer({"number": 0, "action": "start", "values": libraries}, _START_TIMEOUT)
         except ReadError:
             found = f"no process that could read it with {' and '.join(libraries)}"
             raise ReadError(f"found {found}, allowed is a Python that can be started once more") from None
@@ -114,7 +114,7 @@ class _Process:
 
     @contextmanager
     def _watched(self, patience: float) -> Iterator[None]:
-        """End the process where its answer does not come, and say so."""
+        """End the process if its answer does not come in time; raises `ReadError`."""
         late = threading.Event()
         timer = threading.Timer(patience, lambda: (late.set(), self._process.kill()))
         timer.start()
@@ -124,14 +124,14 @@ class _Process:
             status = self._end()
             found = f"reading took more than {patience:.0f} s" if late.is_set() else f"its reader crashed ({status})"
             raise ReadError(f"found damaged data ({found}), allowed is a whole file") from None
-        except BaseException:  # interrupted: an answer that nobody awaits must not be taken for the next one
+        except BaseException:  # interrupted: the pending answer must not be taken for that to the next request
             self._end()
             raise
         finally:
             timer.cancel()
 
     def _end(self) -> int:
-        """End the process; its exit status."""
+        """End the process and return its exit status."""
         if self._owner == os.getpid():
             self._process.kill()
         with suppress(OSError):  # of a request that nobody has taken
@@ -144,7 +144,7 @@ _kept: list[_Process] = []
 
 
 def _running() -> _Process:
-    """The process, started anew where it has ended."""
+    """The reading process, started again if it has ended."""
     if not _kept or not _kept[0].usable:
         _kept[:] = [_Process()]
     return _kept[0]

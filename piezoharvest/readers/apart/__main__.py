@@ -1,4 +1,4 @@
-"""The process at the other end of `Apart`: reads data files for the one that has started it, in bounded memory."""
+"""The process behind `Apart`: reads data files on request, in bounded memory."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ import numpy as np
 
 from piezoharvest.input import in_bytes
 from piezoharvest.readers import registered
-from piezoharvest.readers.base import MOST_NUMBERS, MissingColumnError, Reader, ReadError
+from piezoharvest.readers.base import MAX_NUMBERS, MissingColumnError, Reader, ReadError
 
-# The most that may be asked for, three times: as it stands in the file, decoded, and turned.
-_MEMORY = 3 * 8 * MOST_NUMBERS
+# Three copies of the largest allowed data: as it is in the file, decoded, and transposed.
+_MEMORY = 3 * 8 * MAX_NUMBERS
 
 
 def main() -> None:
-    """Answer requests until there are no more."""
+    """Answer requests until standard input ends."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is no answer
     _limit_memory()
@@ -36,7 +36,7 @@ def main() -> None:
 
 
 def _limit_memory() -> None:
-    """Bound what this process may take from now on, where the system can do that."""
+    """Limit the memory of this process, if the system supports it."""
     with suppress(ImportError, OSError, ValueError):
         import resource
 
@@ -48,7 +48,7 @@ def _limit_memory() -> None:
 def _answer(
     readers: dict[int, Reader], number: int, action: str, values: list[Any]
 ) -> tuple[dict[str, Any], list[np.ndarray]]:
-    """Answer to a request, and the arrays that belong to it."""
+    """Answer to a request, and its arrays; errors are part of the answer."""
     try:
         return _done(readers, number, action, *values)
     except ReadError as error:
@@ -56,7 +56,7 @@ def _answer(
         return {"error": error.message, "column": column, "row": error.row, "missing": missing}, []
     except MemoryError:
         found = f"found data that need more than {in_bytes(_MEMORY)} of memory to be read, allowed are smaller ones"
-    except Exception as error:  # what damaged files make of their libraries is not foreseeable
+    except Exception as error:  # libraries raise any exception on damaged files
         found = f"found damaged data ({type(error).__name__}: {error}), allowed is a whole file"
     return {"error": found, "column": "", "row": None, "missing": False}, []
 

@@ -1,7 +1,7 @@
-"""Checks of raw data. Each looks for one kind of fault and yields what it finds; nothing is repaired.
+"""Checks of raw data. Each looks for one kind of fault and yields its findings; nothing is repaired.
 
-Raw samples come first: what is not a number, time that does not run, channels that do not move. Only where these have
-found no error are spectra compared with what the nominal model foretells.
+Raw samples are checked first: NaN, faulty time stamps, channels that do not change. Only if these checks find no error
+are spectra compared with the predictions of the nominal model.
 """
 
 from __future__ import annotations
@@ -23,11 +23,13 @@ from piezoharvest.records.spectra import Spectra
 
 __all__ = ["check"]
 
-_ALIASED = 0.15  # of a response that is lost between samples: the lines of such a record are not those of the drive
+_MAX_LOST_SHARE = (
+    0.15  # share of a response lost between samples: the lines of such a record are not those of the drive
+)
 
 
 def check(record: Record | FrequencyRecord, transducer: Transducer) -> tuple[Finding, ...]:
-    """Look at a record before it is believed.
+    """Check a record before it is used.
 
     Parameters
     ----------
@@ -48,7 +50,7 @@ def check(record: Record | FrequencyRecord, transducer: Transducer) -> tuple[Fin
     found += stated_noise(record)
     spectra = Spectra(record)
     lost = lost_between_samples(record, spectra, transducer)
-    if lost < _ALIASED:
+    if lost < _MAX_LOST_SHARE:
         found += against_model(record, spectra, transducer)
     if not _errors(found):
         found += mains_hum(record, spectra, transducer)
@@ -58,7 +60,7 @@ def check(record: Record | FrequencyRecord, transducer: Transducer) -> tuple[Fin
 
 
 def _errors(found: list[Finding]) -> bool:
-    """Whether what comes next has nothing to go by."""
+    """True if a finding is an error, so that later checks cannot be made."""
     return any(finding.severity == "error" for finding in found)
 
 

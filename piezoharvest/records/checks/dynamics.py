@@ -1,4 +1,4 @@
-"""Records that are too short, or sampled too slowly, for the dynamics that the nominal model claims."""
+"""Checks for records too short, or sampled too slowly, for the dynamics of the nominal model."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from piezoharvest.records.finding import Finding, shifted
 from piezoharvest.records.record import Record
 from piezoharvest.records.spectra import Spectra, spread
 
-_LOST = 0.05  # of a response's amplitude, between samples
-_LINES = 100
-_IMAGES = 64
+_MAX_LOST_SHARE = 0.05  # of a response's amplitude, between samples
+_MAX_LINES = 100
+_MAX_IMAGES = 64
 
 
 def too_short(record: Record, transducer: Transducer) -> Iterator[Finding]:
-    """A record that is over before its slowest dynamics: the start still shows at the end."""
+    """Check for a record shorter than the slowest time constant: the initial state still shows at the end."""
     shunt = Short() if record.drive == "voltage" else record.shunt
     if not isinstance(shunt, LinearShunt):
         return
@@ -38,17 +38,17 @@ def too_short(record: Record, transducer: Transducer) -> Iterator[Finding]:
 
 
 def lost_between_samples(record: Record, spectra: Spectra, transducer: Transducer) -> float:
-    """Share of a response's amplitude that straight lines between the samples of the drive get wrong.
+    """Error of a response, relative to its amplitude, from linear interpolation between the samples of the drive.
 
-    They weaken a line at f by sinc^2(f/fs) and add its images at n fs +- f, which a resonance may answer. What this
-    makes of a response of the nominal model is set against the response to the smooth drive.
+    Interpolation weakens a line at f by sinc^2(f/fs) and adds images at n fs +- f, which may excite a resonance. The
+    resulting response of the nominal model is compared with the response to the smooth drive.
     """
     rate, drive = record.sample_rate, spectra[record.drive]
-    lines = spread(spectra.lines(drive), _LINES)
+    lines = spread(spectra.lines(drive), _MAX_LINES)
     kept = spectra.frequencies[lines]
     if not len(kept):
         return 0.0
-    images = np.concatenate([n * rate + side * kept for n in range(1, _IMAGES + 1) for side in (-1, 1)])
+    images = np.concatenate([n * rate + side * kept for n in range(1, _MAX_IMAGES + 1) for side in (-1, 1)])
     frequencies = np.concatenate((kept, images))
     foretold = transfers(transducer, record.shunt, record.drive, frequencies, nominal=True)
     causes = {record.drive: np.tile(drive[lines], len(frequencies) // len(kept))}
@@ -63,10 +63,10 @@ def lost_between_samples(record: Record, spectra: Spectra, transducer: Transduce
 
 
 def too_slow(record: Record, lost: float) -> Iterator[Finding]:
-    """A sample rate at which straight lines between samples are not the drive any more."""
-    if lost > _LOST:
+    """Check for a sample rate at which linear interpolation does not represent the drive."""
+    if lost > _MAX_LOST_SHARE:
         signal = record.signals[record.drive]
         found = f"found {record.sample_rate:.6g} Hz, at which straight lines between samples miss {lost:.0%}"
         rows = shifted([(0, len(record) - 1)], signal.first_row)
-        message = f"{found} of the response that the nominal model gives, allowed is up to {_LOST:.0%}"
+        message = f"{found} of the response that the nominal model gives, allowed is up to {_MAX_LOST_SHARE:.0%}"
         yield Finding("warning", "sample rate", signal.file, record.drive, rows, message)

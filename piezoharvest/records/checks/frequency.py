@@ -1,4 +1,4 @@
-"""Frequency responses and impedances: values, order of the frequencies, and what the nominal model says."""
+"""Checks of frequency responses and impedances: values, frequencies, and comparison with the nominal model."""
 
 from __future__ import annotations
 
@@ -7,19 +7,17 @@ from collections.abc import Iterator
 import numpy as np
 
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.records.checks.raw import SIZES, strange
-from piezoharvest.records.checks.score import FACTOR
+from piezoharvest.records.checks.raw import ALLOWED_MAGNITUDES, impossible_magnitudes
+from piezoharvest.records.checks.score import MAX_FACTOR
 from piezoharvest.records.expectation import impedances, transfers
 from piezoharvest.records.finding import Finding, runs, shifted
 from piezoharvest.records.record import FrequencyRecord
 
-_ACTIVE = 0.05  # part of |Z| that may be below zero
-_OPPOSED = -0.5
-_NEAR, _PLACES = (
-    (0.7, 1.4),
-    25,
-)  # times the nominal resonances, that these may be, and at how many places they are tried
-_FEW = 100  # lines that are compared there
+_MAX_NEGATIVE_SHARE = 0.05  # share of |Z| by which the resistance may be below zero
+_MAX_OPPOSED_COSINE = -0.5
+_RESONANCE_RATIOS = (0.7, 1.4)  # least and largest ratio of a resonance to its nominal frequency
+_RATIO_COUNT = 25  # ratios that are tried
+_COMPARED_LINES = 100  # lines that are compared at each place
 
 
 def check_frequency(record: FrequencyRecord, transducer: Transducer) -> Iterator[Finding]:
@@ -31,14 +29,16 @@ def check_frequency(record: FrequencyRecord, transducer: Transducer) -> Iterator
 
 
 def _values(record: FrequencyRecord) -> Iterator[Finding]:
-    """Values that cannot be."""
+    """Checks for values that are impossible."""
     finite = np.isfinite(record.frequency) & np.isfinite(record.response)
     if record.coherence is not None:
         finite &= np.isfinite(record.coherence)
     yield from _found(record, "nan", "response", ~finite, "rows with NaN, infinite or missing values", "numbers")
     yield from _found(record, "frequency", "frequency", record.frequency <= 0, "values not above 0 Hz", "those above")
     for channel, values in (("frequency", record.frequency), ("response", record.response)):
-        yield from _found(record, "size", channel, strange(values), "values beyond measure", SIZES)
+        yield from _found(
+            record, "size", channel, impossible_magnitudes(values), "values beyond measure", ALLOWED_MAGNITUDES
+        )
     if record.coherence is not None:
         outside = (record.coherence < 0) | (record.coherence > 1 + 1e-6)
         yield from _found(record, "coherence", "coherence", outside, "values outside", "values from 0 to 1")
@@ -49,7 +49,7 @@ def _values(record: FrequencyRecord) -> Iterator[Finding]:
 def _found(
     record: FrequencyRecord, check: str, channel: str, mask: np.ndarray, what: str, allowed: str
 ) -> Iterator[Finding]:
-    """The finding that a mask stands for, unless it is empty."""
+    """Finding for the lines of a mask, unless it is empty."""
     if mask.any():
         rows = shifted(runs(mask), record.first_row)
         message = f"found {int(mask.sum())} {what}, allowed are {allowed}"
@@ -57,50 +57,50 @@ def _found(
 
 
 def _against_model(record: FrequencyRecord, transducer: Transducer) -> Iterator[Finding]:
-    """A likely wrong unit or sign."""
+    """Checks for a likely wrong unit or sign."""
     everything = np.ones(len(record), bool)
     if record.kind == "impedance":
-        active = np.real(record.response) < -_ACTIVE * np.abs(record.response)
+        active = np.real(record.response) < -_MAX_NEGATIVE_SHARE * np.abs(record.response)
         if np.mean(active) > 0.5:
             what = "values with a resistance below zero"
             yield from _found(record, "sign", "response", active, what, "passive ones; likely a wrong sign or phase")
             return
     expected = _expected(record, transducer, record.frequency)
-    if expected is None or not any(_off(record.response, expected)):
+    if expected is None or not any(_deviation(record.response, expected)):
         return
-    # Near a resonance a phase turns and a size changes by more than what a nominal value is off by.
-    few = np.linspace(0, len(record) - 1, min(len(record), _FEW)).astype(int)
-    placed = _placed(record, transducer, few)
-    ratio, opposed = _off(record.response[few], placed if placed is not None else expected[:, few])
+    # Near a resonance, phase and magnitude change by more than the error of a nominal value suggests.
+    few = np.linspace(0, len(record) - 1, min(len(record), _COMPARED_LINES)).astype(int)
+    placed = _with_shifted_resonances(record, transducer, few)
+    ratio, opposed = _deviation(record.response[few], placed if placed is not None else expected[:, few])
     if ratio:
         what = f"values of {ratio:.2g} times what the nominal model gives"
-        allowed = f"those up to {FACTOR:g} times more or less; likely a wrong unit"
+        allowed = f"those up to {MAX_FACTOR:g} times more or less; likely a wrong unit"
         yield from _found(record, "unit", "response", everything, what, allowed)
     if opposed:
         what = "values against what the nominal model gives"
         yield from _found(record, "sign", "response", everything, what, "those of its sign; likely a wrong sign")
 
 
-def _off(response: np.ndarray, expected: np.ndarray) -> tuple[float | None, bool]:
-    """By how much a response differs from all that is expected, (variants, f), and whether it is opposed to that."""
+def _deviation(response: np.ndarray, expected: np.ndarray) -> tuple[float | None, bool]:
+    """Ratio of a response to all expected ones (variants, f), if it is large, and True if it opposes all of them."""
     ratio = np.median(np.log(np.abs(response) / np.abs(expected)), axis=-1)
-    far = ratio.min() > np.log(FACTOR) or ratio.max() < -np.log(FACTOR)
+    far = ratio.min() > np.log(MAX_FACTOR) or ratio.max() < -np.log(MAX_FACTOR)
     turn = np.median(np.cos(np.angle(response) - np.angle(expected)), axis=-1)
-    return float(np.exp(np.median(ratio))) if far else None, bool(turn.max() < _OPPOSED)
+    return float(np.exp(np.median(ratio))) if far else None, bool(turn.max() < _MAX_OPPOSED_COSINE)
 
 
-def _placed(record: FrequencyRecord, transducer: Transducer, few: np.ndarray) -> np.ndarray | None:
-    """The response of some lines with the nominal resonances anywhere near, and anywhere in the band."""
+def _with_shifted_resonances(record: FrequencyRecord, transducer: Transducer, few: np.ndarray) -> np.ndarray | None:
+    """Expected responses (variants, f) of some lines with the resonances shifted about their nominal frequencies."""
     own = np.array([np.sqrt(mode.stiffness / mode.mass) / (2 * np.pi) for mode in transducer.all_modes])
-    band = np.linspace(record.frequency.min(), record.frequency.max(), _PLACES)
-    factors = np.concatenate([np.geomspace(*_NEAR, _PLACES), (own[:, None] / band).ravel()])
-    factors = factors[(factors >= _NEAR[0]) & (factors <= _NEAR[1])]
+    band = np.linspace(record.frequency.min(), record.frequency.max(), _RATIO_COUNT)
+    factors = np.concatenate([np.geomspace(*_RESONANCE_RATIOS, _RATIO_COUNT), (own[:, None] / band).ravel()])
+    factors = factors[(factors >= _RESONANCE_RATIOS[0]) & (factors <= _RESONANCE_RATIOS[1])]
     expected = _expected(record, transducer, np.outer(factors, record.frequency[few]).ravel())
     return None if expected is None else expected.reshape(-1, len(few))
 
 
 def _expected(record: FrequencyRecord, transducer: Transducer, frequency: np.ndarray) -> np.ndarray | None:
-    """The response by the nominal model, (variants, f); None where nothing is foretold."""
+    """Response of the nominal model, (variants, f); None if there is no prediction."""
     if record.kind == "impedance":
         return impedances(transducer, frequency, record.mechanical)
     foretold = transfers(transducer, record.shunt, record.input, frequency).get(record.output)

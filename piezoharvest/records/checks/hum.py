@@ -1,4 +1,4 @@
-"""Mains hum: a line at 50 or 60 Hz that neither the drive nor a harmonic of it explains."""
+"""Check for mains hum: a line at 50 or 60 Hz that neither the drive nor its harmonics explain."""
 
 from __future__ import annotations
 
@@ -18,24 +18,26 @@ from piezoharvest.records.record import Record
 from piezoharvest.records.spectra import Spectra
 
 _MAINS = (50.0, 60.0)
-_DRIFT = 0.2  # Hz, of the mains
-_SHORTEST = 1.0  # s, to tell a line from its neighbours
-_STANDS_OUT = 5.0  # times all that is around it
-_AROUND = 15.0  # Hz: two harmonics of any drive that is slow enough to have some on either side
-_EXPLAINED = 0.3  # of a line, by the response to the drive
-_STEADY = 0.5  # least over largest amplitude in quarters of the record; what rings down is not hum
-_APART = 16.0  # over the duration: a tone of the drive that is nearer cannot be told apart in a quarter
-_TONES, _STRONG = 4, 0.2  # of the drive, whose harmonics and sums are looked for; of the strongest
-_ORDER = 3
+_MAINS_TOLERANCE = 0.2  # Hz, of the mains
+_MIN_DURATION = 1.0  # s, to resolve a line from its neighbours
+_MIN_LINE_RATIO = 5.0  # times all lines around it
+_NEIGHBOURHOOD = 15.0  # Hz: two harmonics of any drive that is slow enough to have some on either side
+_MIN_EXPLAINED_SHARE = 0.3  # share of a line that is the response to the drive
+_MIN_STEADINESS = 0.5  # least over largest amplitude in quarters of the record; a free decay is not hum
+_MIN_SEPARATION = 16.0  # over the duration: a tone of the drive that is nearer cannot be resolved in a quarter
+# Most tones of the drive whose harmonics and sums are used; least size over the strongest.
+_MAX_TONES = 4
+_MIN_TONE_RATIO = 0.2
+_MAX_ORDER = 3
 
 
 def mains_hum(record: Record, spectra: Spectra, transducer: Transducer) -> Iterator[Finding]:
-    """Lines at the frequency of the mains."""
-    if record.duration < _SHORTEST:
+    """Check for lines at the frequency of the mains."""
+    if record.duration < _MIN_DURATION:
         return
     tones = _tones(record, spectra)
     switched = record.drive != "voltage" and not isinstance(record.shunt, LinearShunt)
-    behind = ("voltage", "current") if switched else ()  # where switching has lines of its own
+    behind = ("voltage", "current") if switched else ()  # channels in which switching makes lines
     for mains in _MAINS:
         if 2.2 * mains > record.sample_rate or _combines(tones, mains, record.duration):
             continue
@@ -54,29 +56,29 @@ def mains_hum(record: Record, spectra: Spectra, transducer: Transducer) -> Itera
 
 
 def _line(spectra: Spectra, channel: str, mains: float, tones: np.ndarray) -> int | None:
-    """Index of a line at the mains frequency that stands out of all around it but the drive's own tones."""
+    """Index of a line at the mains frequency above all others around it, except the drive's tones."""
     frequencies, size, duration = spectra.frequencies, np.abs(spectra[channel]), spectra.record.duration
-    low, high = np.searchsorted(frequencies, (mains - _AROUND, mains + _AROUND))
+    low, high = np.searchsorted(frequencies, (mains - _NEIGHBOURHOOD, mains + _NEIGHBOURHOOD))
     frequencies, size = frequencies[low:high], size[low:high]
     away = np.abs(frequencies - mains)
-    near, around = away <= _DRIFT + 1 / duration, away > _DRIFT + 3.5 / duration
+    near, around = away <= _MAINS_TOLERANCE + 1 / duration, away > _MAINS_TOLERANCE + 3.5 / duration
     for tone in (*tones, *(other for other in _MAINS if other != mains)):
-        around &= np.abs(frequencies - tone) > _DRIFT + 3.5 / duration
+        around &= np.abs(frequencies - tone) > _MAINS_TOLERANCE + 3.5 / duration
     if not near.any() or around.sum() < 5:
         return None
     peak = int(np.argmax(np.where(near, size, 0)))
-    return low + peak if size[peak] > _STANDS_OUT * np.max(size[around]) else None
+    return low + peak if size[peak] > _MIN_LINE_RATIO * np.max(size[around]) else None
 
 
 def _steady(record: Record, channel: str, frequency: float) -> bool:
-    """Whether a line is as strong in each quarter of the record."""
+    """True if a line is about equally strong in each quarter of the record."""
     time, values = record["time"], record[channel]
     sizes = []
     for part in np.array_split(np.arange(len(record)), 4):
         window = hann(len(part), sym=False)
         centred = values[part] - np.mean(values[part])
         sizes.append(abs(np.sum(window * centred * np.exp(-2j * np.pi * frequency * time[part]))) / window.sum())
-    return min(sizes) > _STEADY * max(sizes)
+    return min(sizes) > _MIN_STEADINESS * max(sizes)
 
 
 def _tones(record: Record, spectra: Spectra) -> np.ndarray:
@@ -86,35 +88,35 @@ def _tones(record: Record, spectra: Spectra) -> np.ndarray:
     size = np.abs(drive)
     inner = lines[(lines > 0) & (lines < len(size) - 1)]
     peaks = inner[(size[inner] >= size[inner - 1]) & (size[inner] >= size[inner + 1])]
-    peaks = peaks[size[peaks] > _STRONG * np.max(size[peaks], initial=0)]
-    return spectra.frequencies[peaks] if len(peaks) <= _TONES else np.empty(0)
+    peaks = peaks[size[peaks] > _MIN_TONE_RATIO * np.max(size[peaks], initial=0)]
+    return spectra.frequencies[peaks] if len(peaks) <= _MAX_TONES else np.empty(0)
 
 
 def _combines(tones: np.ndarray, mains: float, duration: float) -> bool:
-    """Whether harmonics of the drive, or sums and differences of its tones, fall on the mains frequency.
+    """True if harmonics of the drive, or sums and differences of its tones, are at the mains frequency.
 
-    High harmonics of a slow drive come in rows, and none of them stands out.
+    High harmonics of a slow drive are not considered: they are close to each other, so none of them stands out.
     """
-    tolerance = _DRIFT + 2 / duration
-    if any(abs(tone - mains) < _APART / duration for tone in tones):
+    tolerance = _MAINS_TOLERANCE + 2 / duration
+    if any(abs(tone - mains) < _MIN_SEPARATION / duration for tone in tones):
         return True
     if any(abs(n * tone - mains) < (n + 1) / 2 * tolerance for tone in tones for n in range(1, 8) if tone > mains / 8):
         return True
     signed = np.concatenate((tones, -tones, np.zeros(1)))
-    return len(tones) > 1 and any(abs(sum(some) - mains) < tolerance for some in product(signed, repeat=_ORDER))
+    return len(tones) > 1 and any(abs(sum(some) - mains) < tolerance for some in product(signed, repeat=_MAX_ORDER))
 
 
 def _explained(record: Record, spectra: Spectra, transducer: Transducer, channel: str, line: int) -> bool:
-    """Whether the line is the response to what the drive has there; for the drive, whether a response follows it."""
+    """True if the line is the response to the drive at its frequency; for the drive, True if a response follows it."""
     foretold = transfers(transducer, record.shunt, record.drive, spectra.frequencies[line : line + 1])
     causes = {cause: spectra[cause][line : line + 1] for cause in record.signals}
     if channel != record.drive:
         expected = predicted(foretold, channel, causes)
         if expected is not None:
-            return bool(np.max(np.abs(expected)) > _EXPLAINED * abs(spectra[channel][line]))
+            return bool(np.max(np.abs(expected)) > _MIN_EXPLAINED_SHARE * abs(spectra[channel][line]))
         return _line(spectra, record.drive, float(spectra.frequencies[line]), np.empty(0)) is not None
     for response in record.responses:
         expected = predicted(foretold, response, causes)
-        if expected is not None and abs(spectra[response][line]) < _EXPLAINED * np.min(np.abs(expected)):
+        if expected is not None and abs(spectra[response][line]) < _MIN_EXPLAINED_SHARE * np.min(np.abs(expected)):
             return False
     return True

@@ -1,8 +1,8 @@
-"""Channels against the nominal model: a likely wrong unit or sign, two that are swapped, one that is dead.
+"""Comparison of channels with the nominal model: a likely wrong unit or sign, swapped channels, a dead channel.
 
-The linear two-port foretells each response in the lines where the drive has its energy. As nominal values are not
-truth, a channel is judged only by what all variants of `expectation` agree on, and unless it is dead, only where it is
-coherent with the drive and stands out of its own noise.
+The linear two-port predicts each response in the lines with the drive's energy. As nominal values may be wrong, a
+channel is judged only by what all variants of `expectation` agree on, and unless it is dead, only if it is coherent
+with the drive and above its own noise.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ import numpy as np
 from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.records.checks.score import FACTOR, Score, scores_of
+from piezoharvest.records.checks.score import MAX_FACTOR, Score, scores_of
 from piezoharvest.records.finding import Finding, shifted
 from piezoharvest.records.reading.channels import UNITS
 from piezoharvest.records.record import Record
 from piezoharvest.records.spectra import Spectra
 
 _SIGN_HINT = "allowed is the sign of the model; likely a wrong sign, which a gain below zero turns"
-_STEP = 0.2  # of the drive's range from one sample to the next
+_MIN_STEP = 0.2  # of the drive's range from one sample to the next
 
 
 def against_model(record: Record, spectra: Spectra, transducer: Transducer) -> Iterator[Finding]:
-    """Compare every response with what the nominal model foretells."""
+    """Compare every response with the prediction of the nominal model."""
     scores = scores_of(record, {channel: spectra[channel] for channel in record.signals}, spectra, transducer)
     off = {channel for channel, score in scores.items() if score.too_large or score.too_small}
     swapped = _swapped(record, spectra, transducer, scores) if off else None
@@ -44,9 +44,9 @@ def against_model(record: Record, spectra: Spectra, transducer: Transducer) -> I
 
 
 def _over_between_samples(record: Record, transducer: Transducer) -> bool:
-    """Whether the charge that a step of the drive sets free flows off between two samples, unseen."""
+    """True if the charge from a step of the drive flows off between two samples, unmeasured."""
     shunt, drive = record.shunt, record[record.drive]
-    if np.max(np.abs(np.diff(drive))) < _STEP * np.ptp(drive):
+    if np.max(np.abs(np.diff(drive))) < _MIN_STEP * np.ptp(drive):
         return False
     if record.drive == "voltage" or isinstance(shunt, Short):
         return True
@@ -56,9 +56,9 @@ def _over_between_samples(record: Record, transducer: Transducer) -> bool:
 def _swapped(
     record: Record, spectra: Spectra, transducer: Transducer, scores: Mapping[str, Score]
 ) -> tuple[str, str] | None:
-    """Two channels that are wrong as they stand and fine when they are exchanged.
+    """Two channels that are wrong, but right if they are exchanged.
 
-    With the drive in the wrong place, nothing is right; with a single response, a prefix may explain as much.
+    If the drive is exchanged, no response is right; with a single response, a wrong prefix may be the cause instead.
     """
     channels = {channel: spectra[channel] for channel in record.signals}
     wrong = {channel for channel, score in scores.items() if not score.fine}
@@ -75,10 +75,10 @@ def _swapped(
 
 
 def _wrong_units(record: Record, scores: Mapping[str, Score]) -> Iterator[Finding]:
-    """Channels that are coherent with what is foretold but of quite another size; the drive, if it is all of them."""
+    """Findings for channels coherent with the prediction but of another magnitude; for the drive, if all are."""
     off = {c: score for c, score in scores.items() if score.judged and (score.too_large or score.too_small)}
     factors = [score.factor for score in off.values()]
-    alike = len(off) > 1 and max(factors) < FACTOR * min(factors)
+    alike = len(off) > 1 and max(factors) < MAX_FACTOR * min(factors)
     if alike and len(off) == sum(score.judged for score in scores.values()):
         factor = 1 / float(np.exp(np.mean(np.log(factors))))
         message = f"found {factor:.2g} times the {_named(record.drive)} that the nominal model takes from all responses"
@@ -90,21 +90,21 @@ def _wrong_units(record: Record, scores: Mapping[str, Score]) -> Iterator[Findin
 
 
 def _unit_hint(channel: str, factor: float) -> str:
-    """What is allowed, and the unit that would explain the factor."""
+    """Text with what is allowed, and the unit that would explain the factor."""
     prefix = _prefix(factor)
     unit = f" (is it {prefix}{UNITS[channel]}?)" if prefix and channel != "base_acceleration" else ""
-    return f"allowed is up to {FACTOR:g} times more or less; likely a wrong unit{unit}"
+    return f"allowed is up to {MAX_FACTOR:g} times more or less; likely a wrong unit{unit}"
 
 
 def _prefix(factor: float) -> str:
-    """Prefix of a unit, if one explains that values are too large by a factor."""
+    """Prefix of the unit that would explain values too large by a factor, or ""."""
     power = float(np.log10(factor))
     prefix = {-3: "k", -6: "M", 3: "m", 6: "u", 9: "n"}.get(3 * round(power / 3), "")
     return prefix if abs(power - 3 * round(power / 3)) < 1 else ""
 
 
 def _wrong_signs(record: Record, scores: Mapping[str, Score]) -> Iterator[Finding]:
-    """Channels that go against what is foretold; the drive, if it is all of them."""
+    """Findings for channels of the opposite sign to the prediction; for the drive, if all are."""
     opposed = [channel for channel, score in scores.items() if score.reversed]
     if len(opposed) > 1 and len(opposed) == sum(score.judged for score in scores.values()):
         message = f"found all responses against what the nominal model gives for this {_named(record.drive)}"

@@ -1,4 +1,4 @@
-"""How responses compare with what the nominal model foretells, in the lines where the drive has its energy."""
+"""Comparison of responses with the predictions of the nominal model, in the lines with the drive's energy."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from piezoharvest.records.expectation import Transfers, transfers
 from piezoharvest.records.record import Record
 from piezoharvest.records.spectra import Spectra, spread
 
-FACTOR = 30.0  # by which an amplitude may differ from what is foretold; a wrong prefix is 1000
-_COHERENT = 0.7
-_NEARLY = 0.8  # of the best variant's coherence
-_OPPOSED = -0.5
-_ABOVE_FLOOR = 10.0  # in power
-_FEW = 0.2  # of the lines below the highest one that the drive uses: the others show the noise
+MAX_FACTOR = 30.0  # by which an amplitude may differ from the prediction; a wrong prefix is 1000
+_MIN_COHERENCE = 0.7
+_NEARLY_BEST = 0.8  # of the best variant's coherence
+_MAX_OPPOSED_AGREEMENT = -0.5
+_MIN_POWER_RATIO = 10.0  # in power
+_MAX_LINE_SHARE = 0.2  # largest share of the drive's lines, up to its highest: the others show the noise
 
 
 @dataclass(frozen=True)
 class Score:
-    """How a response compares with what is foretold.
+    """Comparison of a response with its prediction.
 
     Attributes
     ----------
     low, high : float
-        Measured over foretold amplitude, the least and the largest of all variants.
+        Measured over predicted amplitude, the least and the largest of all variants.
     agreement : float
-        Correlation with what is foretold, from -1 to 1: the largest of the variants that fit nearly best.
+        Correlation with the prediction, from -1 to 1: the largest of the variants that fit nearly best.
     coherence : float
         Magnitude of the complex correlation, the best of all variants.
     stands_out : bool
-        Whether the response is above its own noise.
+        True if the response is above its own noise.
     """
 
     low: float
@@ -44,39 +44,39 @@ class Score:
 
     @property
     def judged(self) -> bool:
-        """Whether the response is one to the drive, so that unit and sign can be told."""
-        return self.coherence > _COHERENT and self.stands_out
+        """True if the response is caused by the drive, so that its unit and sign can be judged."""
+        return self.coherence > _MIN_COHERENCE and self.stands_out
 
     @property
     def too_large(self) -> bool:
-        """Larger than foretold by every variant."""
-        return self.low > FACTOR
+        """True if the response is larger than predicted by every variant."""
+        return self.low > MAX_FACTOR
 
     @property
     def too_small(self) -> bool:
-        """Smaller than foretold by every variant."""
-        return self.high < 1 / FACTOR
+        """True if the response is smaller than predicted by every variant."""
+        return self.high < 1 / MAX_FACTOR
 
     @property
     def reversed(self) -> bool:
-        """Against what is foretold by every variant."""
-        return self.judged and self.agreement < _OPPOSED
+        """True if the response is of the opposite sign to the prediction of every variant."""
+        return self.judged and self.agreement < _MAX_OPPOSED_AGREEMENT
 
     @property
     def fine(self) -> bool:
-        """A response in the right unit and of the right sign."""
+        """True if the response is in the right unit and of the right sign."""
         return self.judged and not (self.too_large or self.too_small or self.reversed)
 
     @property
     def factor(self) -> float:
-        """Measured over foretold amplitude."""
+        """Measured over predicted amplitude."""
         return float(np.sqrt(self.low * self.high))
 
 
 def scores_of(
     record: Record, spectra: Mapping[str, np.ndarray], own: Spectra, transducer: Transducer
 ) -> dict[str, Score]:
-    """Score of every response that something is foretold of."""
+    """Score of every response with a prediction."""
     lines = own.lines(spectra[record.drive])
     if not len(lines):
         return {}
@@ -91,7 +91,7 @@ def scores_of(
 
 
 def predicted(foretold: Transfers, channel: str, causes: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Spectrum (variants, f) that a response should have; None where nothing is known or nothing is to come."""
+    """Predicted spectrum (variants, f) of a response; None if there is no prediction or it is zero."""
     by_cause = foretold.get(channel)
     if by_cause is None:
         return None
@@ -110,11 +110,11 @@ def _score(response: np.ndarray, some: np.ndarray, lines: np.ndarray, expected: 
     others[: lines[0]] = False
     others[np.unique(np.clip(lines[:, None] + np.arange(-3, 4), 0, len(others) - 1))] = False
     stands_out = True
-    if others.sum() > 10 and len(lines) < _FEW * len(others):
+    if others.sum() > 10 and len(lines) < _MAX_LINE_SHARE * len(others):
         floor = np.median(np.abs(response[: len(others)][others]) ** 2)
-        stands_out = bool(energy**2 > _ABOVE_FLOOR * floor * len(some))
+        stands_out = bool(energy**2 > _MIN_POWER_RATIO * floor * len(some))
     return Score(
         low=float(np.min(energy / foretold)), high=float(np.max(energy / foretold)),
-        agreement=float(np.max(correlation.real[fit >= _NEARLY * fit.max()])), coherence=float(fit.max()),
+        agreement=float(np.max(correlation.real[fit >= _NEARLY_BEST * fit.max()])), coherence=float(fit.max()),
         stands_out=stands_out,
     )  # fmt: skip

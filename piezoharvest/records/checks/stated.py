@@ -1,4 +1,4 @@
-"""Noise that a campaign states for a channel, against what its samples show."""
+"""Check of the noise that a campaign states for a channel against its samples."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import numpy as np
 from piezoharvest.records.finding import Finding
 from piezoharvest.records.record import Record
 
-_MEDIAN = 0.6745  # of the size of a normal variable, in its standard deviations
-_MORE = 30.0  # times: noise that is stated in another unit is off by far more
+_MEDIAN_OF_NORMAL = 0.6745  # of the absolute value of a normal variable, in its standard deviations
+_MAX_RATIO = 30.0  # times: noise stated in a wrong unit is off by far more
 
 
 def stated_noise(record: Record) -> Iterator[Finding]:
-    """Channels that are far noisier than is stated: a fit would have to follow their noise."""
+    """Check for channels far noisier than stated: a fit would have to follow their noise."""
     for channel, signal in record.signals.items():
         if signal.sigma is None or len(signal.values) < 100:
             continue
         times = _floor(signal.values) / signal.sigma
-        if times > _MORE:
+        if times > _MAX_RATIO:
             message = (
                 f"found noise {times:.2g} times the sigma that the campaign states, allowed is its standard deviation "
                 "in the channel's unit"
@@ -28,8 +28,8 @@ def stated_noise(record: Record) -> Iterator[Finding]:
 
 
 def _floor(values: np.ndarray) -> float:
-    """At most the standard deviation of the noise: jumps stand out of differences, fast signals out of a spectrum."""
-    scatter = np.median(np.abs(np.diff(values, 3))) / (_MEDIAN * np.sqrt(20.0))
+    """Lower bound of the noise's standard deviation, from third differences and from the highest frequencies."""
+    scatter = np.median(np.abs(np.diff(values, 3))) / (_MEDIAN_OF_NORMAL * np.sqrt(20.0))
     power = np.abs(np.fft.rfft(values - values.mean())) ** 2 / len(values)
     fastest = power[int(0.8 * len(power)) :]
     return float(min(scatter, np.sqrt(np.median(fastest) / np.log(2.0))))

@@ -1,1 +1,1 @@
-"""From the files and tables of a campaign to records in SI units."""
+"""Reading of the files and tables of a campaign into records in SI units."""

@@ -1,4 +1,4 @@
-"""Channels of a record: their names, SI units and default columns, and how raw values become physical ones."""
+"""Channels of a record: their names, SI units and default columns, and the scaling of raw values."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 from piezoharvest.description.parameters import Component, ParameterError, quantity
 from piezoharvest.readers.units import Unit
 
-# SI unit and default column of every channel; time is one of them as far as files go.
+# SI unit and default column of every channel; in files, time is one of them.
 UNITS: Mapping[str, str] = MappingProxyType({
     "time": "s", "force": "N", "displacement": "m", "voltage": "V", "current": "A", "base_acceleration": "m/s^2",
 })  # fmt: skip
@@ -23,7 +23,7 @@ COLUMNS: Mapping[str, str] = MappingProxyType({
     "time": "time_s", "force": "force_N", "displacement": "displacement_m", "voltage": "voltage_V",
     "current": "current_A", "base_acceleration": "base_acceleration_m_per_s2",
 })  # fmt: skip
-# Sizes of samples in SI units other than zero: twelve decades beyond what is ever measured, and below the 9.9e37 and
+# Allowed magnitudes of non-zero samples in SI units: twelve decades beyond any measurement, and below the 9.9e37 and
 # 3.4e38 that instruments and single precision write for an overload.
 SMALLEST, LARGEST = 1e-30, 1e30
 DRIVES = ("force", "voltage", "displacement", "base_acceleration")
@@ -31,7 +31,7 @@ DRIVES = ("force", "voltage", "displacement", "base_acceleration")
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelSource(Component):
-    """Where the values of a channel come from, and what they mean: value = gain * raw + offset, in `unit`.
+    """Source of the values of a channel, and their scaling: value = gain * raw + offset, in `unit`.
 
     Attributes
     ----------
@@ -41,12 +41,12 @@ class ChannelSource(Component):
     unit : str
         Unit of the values, as pint reads it; default the SI unit.
     gain, offset : float
-        Unit of the values for one raw unit (default 1), and unit of the values. Without a unit and a gain the raw
-        values are in the unit that the file states, if it does. A gain overrules what the file states.
+        In `unit` per raw unit (default 1), and in `unit`. Without a unit and a gain, the raw
+        values are in the unit that the file states, if any. A gain overrules the file.
     sigma : float, optional
         Known standard deviation of the noise, in `unit`.
     file : str, optional
-        File that has the column, where it is not the record's.
+        File with the column, if it is not the record's file.
     """
 
     column: Any = None
@@ -75,7 +75,7 @@ class ChannelSource(Component):
         return found if isinstance(found, tuple) else (found,)
 
     def to_si(self, raw: np.ndarray, si: str, stated: Unit | None = None) -> np.ndarray:
-        """Values in the SI unit of the channel; the raw ones themselves where nothing is to be done.
+        """Values in the SI unit of the channel; the raw array itself if no scaling is needed.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ class ChannelSource(Component):
         Raises
         ------
         ParameterError
-            The file states another unit than the campaign, or one of something else; its key is "unit".
+            The file states another unit than the campaign, or one of another quantity; the error's key is "unit".
         """
         factor = unit_factor(self.unit or si, si)
         scale, shift = (1.0 if self.gain is None else self.gain) * factor, self.offset * factor
@@ -97,7 +97,7 @@ class ChannelSource(Component):
         return values if shift == 0 else values + shift
 
     def _stated_factor(self, stated: Unit, si: str) -> float:
-        """Factor from raw values to the SI unit, by what the campaign and the file say of their unit."""
+        """Factor from raw values to the SI unit, by the units that the campaign and the file state."""
         factor, same = unit_factor(self.unit or si, si), stated.si == si
         if not self.unit and same:
             return stated.factor
@@ -112,19 +112,19 @@ class ChannelSource(Component):
         return None if self.sigma is None else self.sigma * unit_factor(self.unit or si, si)
 
 
-# What a unit may consist of: names with a small power, times, by, brackets and 1. pint reads more, and computes all
-# that stands there: "10**1000000000 N" takes it for ever. So no power of a number, of brackets or of a power, and none
-# of the words that pint makes powers of. Nothing that has matched is tried another way, which could take as long.
+# Syntax of a unit: names with a small power, times, divided by, brackets and 1. pint accepts more and evaluates it
+# all: "10**1000000000 N" never ends. So no power of a number, of brackets or of a power, and none of the words that
+# pint reads as powers. The pattern is atomic, because backtracking could take as long.
 _POWER = r"(?>\s*(?:\*\*|\^)\s*[+-]?\d(?:\.\d)?(?![\w.])|⁻?[¹²³⁴])"
 _LETTERS = r"[^\W\d¹²³⁴⁰-⁹]++"
 _NAME = rf"(?!(?:square|squared|cubic|cubed)\b)(?>{_LETTERS}(?:[0-9]++(?:{_LETTERS})?+)*+|[°%‰])"
 _UNIT = re.compile(rf"\s*+(?>(?:{_NAME}{_POWER}?+|1(?!\w)|\*(?!\s*\*)|[/·()])\s*+)*+")
-_MOST_OF_UNIT = 64  # characters: twice what the longest ones that make sense have
+_MAX_UNIT_LENGTH = 64  # characters: twice the longest meaningful unit
 
 
 @cache
 def _registry() -> Any:
-    """Pint's registry; it takes most of a second, so only when a file names a unit."""
+    """Unit registry of pint; created only when a file names a unit, because it takes most of a second."""
     from pint import UnitRegistry
 
     return UnitRegistry()
@@ -137,14 +137,14 @@ def unit_factor(unit: str, si: str) -> float:
     Raises
     ------
     ParameterError
-        The unit is not known or measures something else; its key is "unit".
+        The unit is unknown or has another dimension; the error's key is "unit".
     """
     if unit == si:
         return 1.0
-    found = repr(unit) if len(unit) <= _MOST_OF_UNIT else f"{unit[:_MOST_OF_UNIT]!r} and more"
+    found = repr(unit) if len(unit) <= _MAX_UNIT_LENGTH else f"{unit[:_MAX_UNIT_LENGTH]!r} and more"
     registry = _registry()
     try:
-        if len(unit) > _MOST_OF_UNIT or not _UNIT.fullmatch(unit):
+        if len(unit) > _MAX_UNIT_LENGTH or not _UNIT.fullmatch(unit):
             raise ValueError
         given, wanted = registry.Quantity(1.0, unit), registry.Quantity(1.0, si)
         if given.dimensionality != wanted.dimensionality:
@@ -156,7 +156,7 @@ def unit_factor(unit: str, si: str) -> float:
         turns = "radian" in str(given.to_base_units().units)
     except ParameterError:
         raise
-    except Exception:  # pint raises what its parser stumbles over: undefined units, syntax, assertions
+    except Exception:  # pint's parser raises errors of many kinds: undefined units, syntax, assertions
         raise ParameterError("unit", f"found {found}, allowed is a unit such as {si or 'percent'}") from None
-    # To pint a radian is no unit: what turns at 1 rad/s would have 1 Hz.
+    # To pint a radian is dimensionless: 1 rad/s would be 1 Hz.
     return factor / (2 * math.pi) if si == "Hz" and turns else factor

@@ -1,4 +1,4 @@
-"""The tables of a campaign file, checked: what each record is, and where its channels come from."""
+"""The tables of a campaign file, validated: the kind of each record, and the sources of its channels."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Level = Literal["default", "campaign", "record"]
 Sources = Mapping[str, tuple[ChannelSource, Level]]
 Input = Literal["force", "voltage", "displacement", "base_acceleration"]
 
-# What a frequency response may be given by, with the default columns (an "impedance" has its own).
+# Quantities by which a frequency response may be given, with their default columns.
 RESPONSE_COLUMNS: Mapping[str, Mapping[str, str]] = {
     "frf": {
         "frequency": "frequency_Hz", "response": "response", "real": "real", "imaginary": "imaginary",
@@ -30,7 +30,7 @@ RESPONSE_COLUMNS: Mapping[str, Mapping[str, str]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class _Entry(Component):
-    """What all kinds of [[records]] have: `rows` is the part of the file that is the record."""
+    """Keys that all kinds of [[records]] have: `rows` is the part of the file that is the record."""
 
     file: str
     role: Literal["fit", "validate"] = "fit"
@@ -47,19 +47,19 @@ class _Entry(Component):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Loaded(_Entry):
-    """A record with something across the electrodes."""
+class _EntryWithShunt(_Entry):
+    """A record with a shunt or load across the electrodes."""
 
     load_resistance: float | None = quantity("ohm", "resistance across the electrodes", default=None, above=0)
     shunt: Any = None
 
     def across(self, where: str, voltage_imposed: bool) -> Shunt | None:
-        """What is across the electrodes.
+        """Shunt across the electrodes.
 
         Raises
         ------
         ParameterError
-            Nothing says so, or two keys do.
+            No key gives it, or two keys do.
         """
         if self.shunt is not None and self.load_resistance is not None:
             raise ParameterError(f"{where}.shunt", "found load_resistance too, allowed is one of them")
@@ -74,7 +74,7 @@ class _Loaded(_Entry):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TimeEntry(_Loaded):
+class TimeEntry(_EntryWithShunt):
     """[[records]] of signals over time."""
 
     drive: Input = "force"
@@ -82,7 +82,7 @@ class TimeEntry(_Loaded):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrfEntry(_Loaded):
+class FrfEntry(_EntryWithShunt):
     """[[records]] of a frequency response, output over input."""
 
     kind: Literal["frf"]
@@ -108,7 +108,7 @@ _KINDS = {"time": TimeEntry, "frf": FrfEntry, "impedance": ImpedanceEntry}
 
 
 def build_entry(table: Any, where: str) -> Entry:
-    """One of [[records]] from its table.
+    """Entry of [[records]] from its table.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def default_sources() -> Sources:
 
 
 def response_units(entry: FrfEntry | ImpedanceEntry) -> dict[str, str]:
-    """SI unit of everything that a frequency response may be given by."""
+    """SI unit of each quantity by which a frequency response may be given."""
     ratio = "ohm" if isinstance(entry, ImpedanceEntry) else f"({UNITS[entry.output]})/({UNITS[entry.input]})"
     values = dict.fromkeys(("response", "real", "imaginary", "magnitude"), ratio)
     return {"frequency": "Hz", **values, "phase": "rad", "coherence": ""}

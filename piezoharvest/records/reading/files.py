@@ -1,4 +1,4 @@
-"""The data files of one record: opened once, read column by column, errors told with file, channel and row."""
+"""The data files of one record: opened once, read column by column, errors with file, channel and row."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class Files(ExitStack):
     Parameters
     ----------
     folder : Path
-        What their names are relative to.
+        Folder to which their names are relative.
     entry : Entry
-        What the campaign says of the record.
+        The record's table in the campaign.
     """
 
     def __init__(self, folder: Path, entry: Entry):
@@ -45,7 +45,7 @@ class Files(ExitStack):
         return self._open[name]
 
     def read(self, name: str, columns: Mapping[str, Sequence[str]]) -> dict[str, np.ndarray]:
-        """Raw values by channel, of one file, in the record's rows; several columns of a channel are averaged.
+        """Raw values by channel from one file, in the record's rows; several columns of a channel are averaged.
 
         Raises
         ------
@@ -69,12 +69,12 @@ class Files(ExitStack):
     def to_si(
         self, name: str, channel: str, columns: Sequence[str], source: ChannelSource, raw: np.ndarray, si: str
     ) -> np.ndarray:
-        """Values of a channel in its SI unit, by what the campaign and the file say of their unit.
+        """Values of a channel in its SI unit, by the units that the campaign and the file state.
 
         Raises
         ------
         CampaignError
-            They contradict each other, or the columns that are averaged have different units.
+            These units contradict each other, or the columns that are averaged have different units.
         """
         reader = self.reader(name)
         stated = [reader.unit(column) for column in columns]
@@ -89,7 +89,7 @@ class Files(ExitStack):
             raise CampaignError(self.folder / name, key, error.message, channel=channel) from None
 
     def time_of(self, name: str, column: str) -> np.ndarray | None:
-        """Time of a column's samples in the record's rows, in s, where the format tells it."""
+        """Time of a column's samples in the record's rows, in s, if the format stores it."""
         reader = self.reader(name)
         time = reader.time_of(column)
         if time is None or self.entry.rows is None:
@@ -98,7 +98,7 @@ class Files(ExitStack):
         return time[begin : end + 1]
 
     def below(self) -> list[Finding]:
-        """What stands below the tables that were read, and was not read."""
+        """Findings for lines with numbers below the tables, which were not read."""
         allowed = "allowed is one table (rows in the record says which lines belong to it)"
         return [
             Finding("warning", "rows below", name, "", ((row, row),), f"found {text!r} below the table, {allowed}")
@@ -108,7 +108,7 @@ class Files(ExitStack):
         ]
 
     def error(self, name: str, channel: str, error: ReadError) -> CampaignError:
-        """The error of a reader, with file, channel, column and row."""
+        """Campaign error from that of a reader, with file, channel, column and row."""
         rows = () if error.row is None else ((error.row, error.row),)
         told = isinstance(error, MissingColumnError) or error.column == "rows"  # in the message
         column = f"column {error.column!r}" if error.column and channel and not told else ""
@@ -117,13 +117,13 @@ class Files(ExitStack):
         return CampaignError(self.folder / name, key, error.message, channel=channel, rows=rows)
 
     def _rows(self, reader: Reader) -> tuple[int, int]:
-        """The record's rows in a file: as many samples from its beginning on as in the record's own file."""
+        """The record's rows in a file: the same samples, counted from its beginning, as in the record's main file."""
         assert self.entry.rows is not None
         ahead = reader.first_row - self.reader(self.entry.file).first_row
         return self.entry.rows[0] + ahead, self.entry.rows[1] + ahead
 
     def _distinct(self, name: str, columns: Mapping[str, Sequence[str]]) -> None:
-        """Raise an error where two channels have the same column."""
+        """Raise an error if two channels have the same column."""
         for (one, some), (other, others) in combinations(columns.items(), 2):
             if both := [column for column in some if column in others]:
                 message = f"found column {both[0]!r} for {one} too, allowed is a column of its own for each channel"
@@ -131,5 +131,5 @@ class Files(ExitStack):
 
 
 def _real(values: np.ndarray) -> np.ndarray:
-    """Values without their imaginary parts where all of these are zero, as in a complex array with a real column."""
+    """Real part of complex values if all imaginary parts are zero, as in a real column of a complex array."""
     return np.ascontiguousarray(np.real(values)) if np.iscomplexobj(values) and not np.any(np.imag(values)) else values

@@ -1,4 +1,4 @@
-"""From the entry of a frequency response or an impedance to its record."""
+"""Reading of a frequency response or an impedance from its entry."""
 
 from __future__ import annotations
 
@@ -18,33 +18,33 @@ from piezoharvest.records.reading.entries import RESPONSE_COLUMNS, FrfEntry, Imp
 from piezoharvest.records.reading.files import Files
 from piezoharvest.records.record import FrequencyRecord
 
-# The ways to give a response, the first that is there being taken.
+# The forms in which a response may be given; the first that is present is used.
 _FORMS = (("response",), ("real", "imaginary"), ("magnitude", "phase"))
 
 
 def read_frequency_record(
     entry: FrfEntry | ImpedanceEntry, key: str, sources: Sources, shunt: Shunt | None, folder: Path
 ) -> tuple[FrequencyRecord, list[Finding]]:
-    """Read a frequency response or an impedance: sweeps up or down, one or several, in the order of their frequencies.
+    """Read a frequency response or an impedance, from one or several sweeps up or down, sorted by frequency.
 
-    A line at 0 Hz is left out, for the response of a mean value is not that of a sine.
+    A line at 0 Hz is left out, because the response to a mean value is not that to a sine.
 
     Parameters
     ----------
     entry : FrfEntry or ImpedanceEntry
     key : str
-        Where it stands in the campaign.
+        Key of its table in the campaign.
     sources : mapping of str to (ChannelSource, level)
-        What the record itself says of its columns.
+        Sources that the record itself gives.
     shunt : Shunt or None
     folder : Path
-        What files are relative to.
+        Folder to which file names are relative.
 
     Returns
     -------
     FrequencyRecord
     list of Finding
-        What was left out.
+        Lines that were left out.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def read_frequency_record(
 def _in_order(
     parts: Mapping[str, np.ndarray], numbering: int | np.ndarray
 ) -> tuple[dict[str, np.ndarray], int | np.ndarray, np.ndarray]:
-    """Parts by ascending frequency without those at 0 Hz, the rows of what is kept, and of what is left out."""
+    """Quantities sorted by frequency without lines at 0 Hz, rows of the lines kept, and rows of those left out."""
     frequency = parts["frequency"]
     still = frequency == 0
     rows = numbering if isinstance(numbering, np.ndarray) else numbering + np.arange(len(frequency))
@@ -103,7 +103,7 @@ def _in_order(
 
 
 def _complex(parts: Mapping[str, np.ndarray]) -> np.ndarray:
-    """The response from what it is given by."""
+    """Complex response from the form in which it is given."""
     if "response" in parts:
         return parts["response"].astype(complex)
     if "real" in parts:
@@ -112,7 +112,7 @@ def _complex(parts: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _find(files: Files, entry: FrfEntry | ImpedanceEntry, sources: Sources) -> tuple[dict, dict[str, ChannelSource]]:
-    """Columns and sources of frequency, response and, where there is one, coherence."""
+    """Columns and sources of frequency, response and, if present, coherence."""
     reader = files.reader(entry.file)
     found: dict[str, list[str]] = {}
     used = {part: source for part, (source, _) in sources.items()}

@@ -1,4 +1,4 @@
-"""From the entry of a record to the record: files opened, columns found and read, values in SI units."""
+"""Reading of a record over time from its entry: open files, find and read columns, convert to SI units."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from piezoharvest.records.reading.files import Files
 from piezoharvest.records.reading.time_stamps import even_times
 from piezoharvest.records.record import Record, Signal
 
-_RATE_TOLERANCE = 1e-3  # between the time stamps and a sample rate that is given too
+_RATE_TOLERANCE = 1e-3  # relative, between the time stamps and a given sample rate
 
 
 class Reading:
-    """One record over time on its way from files to signals.
+    """Reader of one record over time.
 
     Parameters
     ----------
     entry : TimeEntry
     sources : mapping of str to (ChannelSource, level)
-        By channel; a column may be missing unless the record itself names it or it is the drive's. That of one that
-        [channels] names is noted in `findings`.
+        By channel; a column may be missing unless the record itself names it or it is the drive. If [channels] names
+        it, its absence is added to `findings`.
     shunt : Shunt or None
     files : Files
 
@@ -55,15 +55,15 @@ class Reading:
         self.values = self._read()
 
     def file(self, channel: str) -> str:
-        """File that a channel comes from."""
+        """File with the data of a channel."""
         return self.sources[channel][0].file or self.entry.file
 
     def error(self, channel: str, message: str) -> CampaignError:
-        """Error of a channel."""
+        """Error that concerns a channel."""
         return CampaignError(self.files.folder / self.file(channel), channel, message, channel=channel)
 
     def _find(self, channel: str) -> None:
-        """Find the columns of a channel, or note that it is missing."""
+        """Find the columns of a channel, or add a finding that it is missing."""
         source, level = self.sources[channel]
         name = self.file(channel)
         reader = self.files.reader(name)
@@ -99,7 +99,7 @@ class Reading:
         return values
 
     def _differ(self, values: Mapping[str, np.ndarray]) -> None:
-        """Raise an error where two channels hold the same samples, under whatever names: sensors have noise."""
+        """Raise an error if two channels have equal samples: noise makes different sensors differ."""
         for one, other in combinations((channel for channel in values if channel != "time"), 2):
             ohm = {one, other} == {"voltage", "current"} and self.shunt == Resistor(resistance=1.0)
             if np.array_equal(values[one], values[other]) and np.ptp(values[one]) > 0 and not ohm:
@@ -122,7 +122,7 @@ class Reading:
         return self.files.to_si(self.file(channel), channel, self.columns.get(channel, []), source, raw, UNITS[channel])
 
     def _clock(self) -> None:
-        """See to the times, in s: by a column, as the format tells them, or by the sample rate."""
+        """Set the times, in s, from a column, from the format, or from the sample rate."""
         rate, count = self.entry.sample_rate, len(self.values[self.entry.drive])
         if "time" not in self.values:
             stamps = self._stamps_of_format()
@@ -153,7 +153,7 @@ class Reading:
             self.findings.append(Finding("warning", "coarse time", self.file("time"), "time", (), message))
 
     def _stamps_of_format(self) -> np.ndarray | None:
-        """Time stamps that the format itself keeps, the same for all channels; None where it keeps none."""
+        """Time stamps that the format itself stores, the same for all channels; None if it stores none."""
         found: np.ndarray | None = None
         for channel in sorted(self.values, key=lambda name: name != self.entry.drive):
             own = self.files.time_of(self.file(channel), self.columns[channel][0])
@@ -174,18 +174,18 @@ def read_record(
     ----------
     entry : TimeEntry
     key : str
-        Where it stands in the campaign.
+        Key of its table in the campaign.
     sources : mapping of str to (ChannelSource, level)
         By channel, as in `Reading`.
     shunt : Shunt or None
     folder : Path
-        What files are relative to.
+        Folder to which file names are relative.
 
     Returns
     -------
     Record
     list of Finding
-        Columns that are missing, times that are coarse, and what was not read.
+        Missing columns, coarse time stamps, and lines that were not read.
 
     Raises
     ------

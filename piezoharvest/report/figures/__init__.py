@@ -1,1 +1,1 @@
-"""The figures of a report: one function draws one figure."""
+"""The figures of a report: each function draws one figure."""

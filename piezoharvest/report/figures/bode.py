@@ -26,7 +26,7 @@ _OPEN = {"color": style.MUTED, "linestyle": (0, (4, 2)), "linewidth": 1.2}
 
 @style.styled
 def bode(study: Study, subjects: Sequence[Subject], amplitude: float | None) -> Figure:
-    """Receptance x/F, wide and around the driven mode; `amplitude` of the charge in C where there is hysteresis."""
+    """Receptance x/F, over a wide range and around the driven mode; `amplitude` of the charge in C for hysteresis."""
     figure, axes = style.grid_of_axes(2, 2, height=4.7, sharex="col")
     curves: list[tuple[str, Shunt, dict[str, Any]]] = [("shorted", Short(), _SHORT), ("open", Open(), _OPEN)]
     best = best_linear(subjects)
@@ -50,12 +50,12 @@ def bode(study: Study, subjects: Sequence[Subject], amplitude: float | None) -> 
 
 
 def best_linear(subjects: Sequence[Subject]) -> Subject | None:
-    """Best ranked candidate that is linear, open and short aside."""
+    """Best ranked linear candidate, open and short excluded."""
     return next((s for s in subjects if s.linear and not isinstance(s.shunt, Open | Short)), None)
 
 
 def charge_amplitude(study: Study, subjects: Sequence[Subject]) -> float | None:
-    """Charge amplitude in C at which hysteresis is linearised: of the best linear candidate, else of the best one."""
+    """Charge amplitude in C for the describing function of the hysteresis: of the best (linear) candidate."""
     if not hysteretic(study.transducer):
         return None
     first = best_linear(subjects)
@@ -68,7 +68,7 @@ def charge_amplitude(study: Study, subjects: Sequence[Subject]) -> float | None:
 
 
 def _phase(response: np.ndarray) -> np.ndarray:
-    """Phase in degrees without jumps, from -270 to 90 where a single mode begins at 0."""
+    """Unwrapped phase in degrees, from -270 to 90 for a single mode that begins at 0."""
     phase = np.degrees(np.unwrap(np.angle(response)))
     return phase - 360 * np.round(phase[0] / 360)
 

@@ -1,4 +1,4 @@
-"""Power, efficiency and damping along the load and along the frequency."""
+"""Figures of power, efficiency and damping against load and frequency."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from piezoharvest.report.units import prefix_of
 
 _LIMIT = {"color": style.LIMIT, "linestyle": (0, (8, 2, 2, 2)), "linewidth": 1.2}
 _SHORT = {"color": style.MUTED, "linestyle": "-", "linewidth": 1.2}
-_WIDE = 10.0  # of the largest to the least displacement, from which the axis is logarithmic
-_FILLED = 40  # points from which a curve is drawn without its points
+_LOG_AXIS_RATIO = 10.0  # ratio of the largest to the smallest displacement above which the axis is logarithmic
+_MAX_MARKERS = 40  # number of points from which a curve is drawn without markers
 
 
 @style.styled
 def power_along_loads(curves: Sequence[Curve], level: Sequence[Subject], limit: float | None) -> Figure:
-    """Harvested power and efficiency against the load; `level` are candidates whose power does not depend on one."""
+    """Harvested power and efficiency against the load; `level` are candidates whose power does not depend on a load."""
     figure, (power, efficiency) = style.grid_of_axes(2, height=4.9, sharex=True, height_ratios=(1.5, 1))
     factor, unit = _power_unit(curves, level)
     for curve in curves:
@@ -76,12 +76,12 @@ def damping(
     marks : mapping
         As for `_marks`.
     per : str
-        Unit of the drive where displacements are for one of it.
+        Unit of the drive if displacements are per unit of drive.
     """
     figure, (level, attenuation) = style.grid_of_axes(2, height=4.9, sharex=True)
     every = np.concatenate([short[1], *(curve.displacement for curve in curves)])
     every = every[np.isfinite(every) & (every > 0)]
-    wide = len(every) > 0 and np.max(every) > _WIDE * np.min(every)
+    wide = len(every) > 0 and np.max(every) > _LOG_AXIS_RATIO * np.min(every)
     factor, unit = (1.0, "") if wide else prefix_of(float(np.max(every, initial=0.0)), "m")
     level.plot(short[0], factor * short[1], **_SHORT)
     attenuation.axhline(0, **_SHORT)
@@ -103,13 +103,13 @@ def damping(
 
 
 def _line(axes: Axes, curve: Curve, values: np.ndarray) -> None:
-    """A curve; small dots show where it was simulated, if these are few."""
-    few = not curve.exact and len(curve.x) < _FILLED
+    """Draw a curve; small dots show simulated points, if these are few."""
+    few = not curve.exact and len(curve.x) < _MAX_MARKERS
     axes.plot(curve.x, values, marker="." if few else None, markersize=3.5, **curve.subject.style)
 
 
 def _tuned(power: Axes, efficiency: Axes, curve: Curve, factor: float) -> None:
-    """Mark the point of a curve that is the tuned one."""
+    """Mark the tuned point of a curve."""
     subject = curve.subject
     assert subject.load_field is not None
     load = getattr(subject.shunt, subject.load_field)
@@ -132,7 +132,7 @@ def _handles(subjects: Sequence[Subject], words: str = "") -> list[Line2D]:
 
 
 def _limit(power: Axes, limit: float | None, factor: float) -> list[Line2D]:
-    """Draw what no interface can exceed, unless it is so far up that the curves would lie flat below it."""
+    """Draw the upper limit of power, unless it is so far above the curves that they would be flattened."""
     top = power.dataLim.ymax
     if limit is None or not top > 0 or factor * limit > 5 * top:
         return []

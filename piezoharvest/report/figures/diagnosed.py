@@ -1,4 +1,4 @@
-"""Residuals without and with the effects that were found, and where they show structure."""
+"""Figures of a diagnosis: residuals without and with the effects found, and failed residual tests."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 
-from piezoharvest.diagnose.residual_tests import Leftover, fundamental
+from piezoharvest.diagnose.residual_tests import ResidualTest, drive_frequency_of
 from piezoharvest.diagnose.residuals import Residuals, in_bins
 from piezoharvest.records.reading.channels import UNITS
 from piezoharvest.report.figures import style
@@ -21,8 +21,9 @@ AFTER = {"color": style.PALETTE[0], "linewidth": 0.7}
 _BAND = {"color": style.PALETTE[2], "alpha": 0.3, "linewidth": 0, "zorder": 3}
 _PANEL = 1.35  # inches
 _BINS = 40
-_MEANS = 200  # points of a residual over time: the means between them show what single samples hide in noise
-_LINES = 160  # points of a spectrum
+# Points of a residual over time: averaging reveals structure below the noise of single samples.
+_TIME_POINTS = 200
+_SPECTRUM_POINTS = 160  # points of a spectrum
 PARTNERS = {"displacement": "force", "voltage": "displacement", "current": "voltage", "force": "displacement"}
 
 
@@ -35,14 +36,14 @@ def _legend(figure: Figure, changed: bool) -> None:
 
 
 def _means(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Means over equal spans of time, and of how many samples each."""
-    each = max(1, len(values) // _MEANS)
+    """Means over equal spans of time, and the number of samples of each."""
+    each = max(1, len(values) // _TIME_POINTS)
     kept = len(values) // each * each
     return time[:kept].reshape(-1, each).mean(axis=1), values[:kept].reshape(-1, each).mean(axis=1), each
 
 
 def _over_time(axes: Axes, found: Residuals, c: int, changed: bool, factor: float = 1.0) -> str:
-    """Draw means of a channel's residual over time; the unit in which they are."""
+    """Draw means of a channel's residual over time; returns their unit."""
     sides = [(found.before[:, c], BEFORE)] + ([(found.after[:, c], AFTER)] if changed else [])
     drawn = [(*_means(found.time, values), look) for values, look in sides]
     band = 2 * found.noise[c] / np.sqrt(drawn[0][2])
@@ -55,7 +56,7 @@ def _over_time(axes: Axes, found: Residuals, c: int, changed: bool, factor: floa
 
 
 def _spectra(axes: Axes, found: Residuals, c: int, changed: bool) -> str:
-    """Draw spectra of a channel's residual; the unit of the density."""
+    """Draw spectra of a channel's residual; returns the unit of the density."""
     step, noise = found.data.setting.sample_time, found.noise[c]
     scale, unit = prefix_of(float(noise * np.sqrt(2 * step)), UNITS[found.data.channels[c]])
     for values, look in [(found.before[:, c], BEFORE)] + ([(found.after[:, c], AFTER)] if changed else []):
@@ -86,10 +87,10 @@ def record_figure(found: Residuals, changed: bool) -> Figure:
 
 
 def spectrum(values: np.ndarray, step: float, scale: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Amplitude density, one-sided, averaged over lines that stand close on a logarithmic axis."""
+    """Amplitude spectral density, one-sided, averaged over bins on a logarithmic axis."""
     lines = np.abs(np.fft.rfft(values)) ** 2 * 2 * step / len(values)
     frequencies = np.fft.rfftfreq(len(values), step)
-    edges = np.unique(np.round(np.geomspace(1, len(lines), _LINES)).astype(int))
+    edges = np.unique(np.round(np.geomspace(1, len(lines), _SPECTRUM_POINTS)).astype(int))
     sums, counts = np.add.reduceat(lines, edges[:-1]), np.diff(edges)
     sums[-1] = lines[edges[-2] : edges[-1]].sum()
     middle = np.add.reduceat(frequencies, edges[:-1])
@@ -99,7 +100,7 @@ def spectrum(values: np.ndarray, step: float, scale: float = 1.0) -> tuple[np.nd
 
 @style.styled
 def cause_figure(found: Residuals, c: int, changed: bool) -> Figure:
-    """Draw where a channel's residual shows its cause: loop, mean residual along it or over time, spectrum."""
+    """Draw a channel's residual so that its cause is visible: loop, mean residual along it or over time, spectrum."""
     data, channel = found.data, found.data.channels[c]
     partner = PARTNERS[channel] if PARTNERS[channel] in data.record.signals else data.drive
     x, y = data.record[partner], data.record[channel]
@@ -110,7 +111,7 @@ def cause_figure(found: Residuals, c: int, changed: bool) -> Figure:
     axes[0].plot(fx * x[::2], fy * y[::2], color=style.MUTED, linewidth=0.6)
     axes[0].set_xlabel(along)
     axes[0].set_ylabel(f"measured {channel} in {uy}")
-    if fundamental(data) is None:
+    if drive_frequency_of(data) is None:
         unit = _over_time(axes[1], found, c, changed)
         axes[1].set_xlabel("time in s")
     else:
@@ -124,7 +125,7 @@ def cause_figure(found: Residuals, c: int, changed: bool) -> Figure:
 
 
 def _along(axes: Axes, found: Residuals, c: int, changed: bool, x: np.ndarray) -> str:
-    """Draw means of a residual along a loop, full while the signal rises and dashed while it falls; their unit."""
+    """Draw means of a residual along a loop, solid while the signal rises, dashed while it falls; returns the unit."""
     sides = [(found.before[:, c], BEFORE)] + ([(found.after[:, c], AFTER)] if changed else [])
     branches = [(*_branch(x, values, rising), look, rising) for values, look in sides for rising in (True, False)]
     scale, unit = prefix_of(
@@ -148,8 +149,8 @@ def _branch(x: np.ndarray, values: np.ndarray, rising: bool) -> tuple[np.ndarray
 
 
 @style.styled
-def structure_figure(sides: Sequence[tuple[str, Sequence[Leftover]]]) -> Figure:
-    """Draw how much larger than noise the residuals are, by record, channel and band of frequency."""
+def structure_figure(sides: Sequence[tuple[str, Sequence[ResidualTest]]]) -> Figure:
+    """Draw the ratio of residuals to noise, by record, channel and frequency band."""
     bands = [p for p in sides[0][1] if " Hz" in p.where and p.record != "all"]
     columns = sorted({p.where for p in bands}, key=_lowest)
     rows = list(dict.fromkeys((p.record, p.channel) for p in sorted(bands, key=lambda p: (p.record, p.channel))))
@@ -228,7 +229,7 @@ def _binned(axes: Axes, white: np.ndarray, where: np.ndarray, look: dict) -> Non
 
 
 def _plane(figure: Figure, axes: Axes, level: np.ndarray, rate: np.ndarray, mine, name: str, drive: str) -> None:
-    """Means in cells of the drive and its rate."""
+    """Draw means in cells of the drive and its rate."""
     white = np.concatenate([getattr(each, name)[:, c] for each, c in mine])
     number = 24
     reach = float(np.quantile(np.abs(rate), 0.99)) or 1.0
@@ -249,7 +250,7 @@ def _plane(figure: Figure, axes: Axes, level: np.ndarray, rate: np.ndarray, mine
 
 @style.styled
 def cosine_figure(names: Sequence[str], table: np.ndarray) -> Figure:
-    """Draw how alike the effects look in these records."""
+    """Draw the cosines of the effects' signatures in these records."""
     figure, axes = style.grid_of_axes(1, height=0.26 * len(names) + 1.7)
     image = axes.imshow(table, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto", interpolation="nearest")
     words = [name.replace("_", " ") for name in names]

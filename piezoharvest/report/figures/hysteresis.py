@@ -1,4 +1,4 @@
-"""Hysteresis loops: voltage over charge."""
+"""Figures of hysteresis loops: voltage over charge."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from piezoharvest.report.signals import Window
 from piezoharvest.report.subjects import Subject
 from piezoharvest.report.units import prefix_of
 
-_MOST = 4000  # points of a loop
+_MAX_POINTS = 4000  # points of a loop
 
 
 @style.styled
 def loops(parts: Sequence[tuple[Subject, Waveforms, Window]], periodic: bool) -> Figure:
-    """Hysteresis voltage and electrode voltage against charge, of each candidate within a window of its run."""
+    """Hysteresis voltage and electrode voltage against charge, for each candidate within a window of its run."""
     figure, (inner, outer) = style.grid_of_axes(1, 2, height=3.3, sharex=True)
     drawn = [(subject, _within(signals, window)) for subject, signals, window in parts]
     charge_factor, charge_unit = _unit([path["charge"] for _, path in drawn], "C")
@@ -37,9 +37,9 @@ def loops(parts: Sequence[tuple[Subject, Waveforms, Window]], periodic: bool) ->
 
 
 def _within(signals: Waveforms, window: Window) -> dict[str, np.ndarray]:
-    """Signals of a loop within a window, at most so many samples of them."""
+    """Signals of a loop within a window, thinned to a maximum number of samples."""
     inside = np.flatnonzero((signals.time >= window.begin) & (signals.time <= window.end))
-    inside = inside[:: 1 + len(inside) // _MOST]
+    inside = inside[:: 1 + len(inside) // _MAX_POINTS]
     names = ("charge", "hysteresis_voltage", "voltage")
     return {name: np.broadcast_to(getattr(signals, name), signals.time.shape)[inside] for name in names}
 

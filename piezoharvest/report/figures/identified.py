@@ -1,4 +1,4 @@
-"""Measured records beside what an identified model predicts of them."""
+"""Figures of measured records with the predictions of an identified model."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from piezoharvest.records.reading.channels import UNITS
 from piezoharvest.report.figures import style
 from piezoharvest.report.units import prefix_of, pretty_unit
 
-_PIXELS = 900  # beyond twice as many samples, the least and the largest of each
+_PIXELS = 900  # with more than two samples a pixel, their minimum and maximum is drawn
 _MEASURED = {"color": style.PALETTE[0], "linewidth": 1.6}
 _PREDICTED = {"color": style.PALETTE[1], "linewidth": 1.0, "linestyle": (0, (4, 2))}
 _BAND = {"color": style.PALETTE[2], "alpha": 0.25, "linewidth": 0}
@@ -22,7 +22,7 @@ _PANEL = 1.35  # inches
 
 
 def thinned(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of very many samples the least and the largest of each pixel, so that no spike is lost."""
+    """Minimum and maximum of each pixel of very many samples, so that no spike is lost."""
     if len(x) <= 2 * _PIXELS:
         return x, y
     edges = np.linspace(0, len(x), _PIXELS + 1).astype(int)[:-1]
@@ -95,9 +95,9 @@ def _response_figure(predicted: Predicted, record: FrequencyRecord) -> Figure:
 
 @style.styled
 def loops_figure(records: Sequence[Predicted]) -> Figure | None:
-    """Draw displacement over force and voltage over charge, measured and predicted; None where neither is known.
+    """Draw displacement over force and voltage over charge, measured and predicted; None if neither is known.
 
-    The charge is that which the load's current has carried.
+    The charge is the integral of the load current.
     """
     panels = [panel for panel in (_strain_loops(records), _charge_loops(records)) if panel[0]]
     if not panels:
@@ -121,7 +121,7 @@ def loops_figure(records: Sequence[Predicted]) -> Figure | None:
 
 
 _Curve = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-_MOST = 4000  # samples of a curve
+_MAX_SAMPLES = 4000  # samples of a curve
 
 
 def _strain_loops(records: Sequence[Predicted]) -> tuple[list[_Curve], str, str, str, str]:
@@ -151,5 +151,5 @@ def _charge_loops(records: Sequence[Predicted]) -> tuple[list[_Curve], str, str,
 
 
 def _sparse(*arrays: np.ndarray) -> _Curve:
-    stride = max(1, len(arrays[0]) // _MOST)
+    stride = max(1, len(arrays[0]) // _MAX_SAMPLES)
     return tuple(array[::stride] for array in arrays)  # pyright: ignore[reportReturnType]

@@ -1,4 +1,4 @@
-"""Where the mechanical energy goes: one stacked bar for each candidate."""
+"""Figure of the energy balance: one stacked bar for each candidate."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _NAMES = {
 }  # fmt: skip
 _OTHERS = (style.PALETTE[4], style.PALETTE[0])
 _SUPPLY = ("mechanical_in", "source")
-_LABELLED = 0.055  # share from which a part of a bar has room for its percentage
+_MIN_LABELLED_SHARE = 0.055  # share from which a part of a bar is labelled with its percentage
 
 
 @style.styled
@@ -48,7 +48,7 @@ def ledger(subjects: Sequence[Subject]) -> Figure:
 
 
 def shares(subject: Subject) -> Mapping[str, float]:
-    """Share of the supplied energy by where it went; empty where nothing was supplied."""
+    """Share of each entry in the supplied energy; empty where nothing was supplied."""
     energy = subject.response.energy if subject.response else {}
     supplied = sum(energy.get(name, 0.0) for name in _SUPPLY) + max(-energy.get("stored", 0.0), 0.0)
     spent = {name: value for name, value in energy.items() if name not in (*_SUPPLY, "closure") and value > 0}
@@ -56,7 +56,7 @@ def shares(subject: Subject) -> Mapping[str, float]:
 
 
 def name_of(entry: str) -> str:
-    """Words for an entry of the ledger; effects go by their own name."""
+    """Words for an entry of the energy balance; effects by their own name."""
     return _NAMES.get(entry, entry.replace("_", " "))
 
 
@@ -71,7 +71,7 @@ def _bar(axes: Axes, row: int, parts: Mapping[str, float], names: Sequence[str])
     for name in names:
         width = 100 * parts.get(name, 0.0)
         axes.barh(row, width, left=left, height=0.66, color=colour_of(name, names), linewidth=0)
-        if width >= 100 * _LABELLED:
+        if width >= 100 * _MIN_LABELLED_SHARE:
             axes.text(left + width / 2, row, f"{width:.0f}", ha="center", va="center", fontsize=8, color="#101418")
         left += width
 

@@ -1,4 +1,4 @@
-"""Figures of a page: each as a PNG file beside it, and as SVG within it."""
+"""Figures of a page: each as a PNG file beside it, and as inline SVG."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from piezoharvest.report.figures import style
 
 
 class Picture(NamedTuple):
-    """A figure with its name (of the file), section of the page, heading and caption."""
+    """A figure with its file name, section of the page, heading and caption."""
 
     name: str
     section: str
@@ -27,7 +27,7 @@ class Picture(NamedTuple):
 def place_pictures(
     pictures: Iterable[Picture], sections: Sequence[str], directory: Path
 ) -> dict[str, list[dict[str, Any]]]:
-    """Write figures into a directory, and give what a template needs of them.
+    """Write figures into a directory, and return the data that a template needs.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""One look for all figures: size, fonts, colours, and how they are written."""
+"""Common style of all figures: size, fonts, colours, and file output."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _Draw = TypeVar("_Draw", bound=Callable[..., Any])
 WIDTH = 7.4  # inches: page width at the page's font size
 INK, MUTED, GRID, PAPER = "#1d232b", "#68717d", "#d9dde3", "#fffffe"
 LIMIT = "#b3123f"
-# Okabe & Ito 2008, "Color Universal Design": told apart with any colour vision; without its yellow and black.
+# Okabe & Ito 2008, "Color Universal Design": distinct with any colour vision; without its yellow and black.
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 DASHES = ("-", (0, (5, 1.6)))
-# Colours that follow the page's light or dark scheme where the figure stands in it.
+# Colours that follow the light or dark scheme of the page that contains the figure.
 THEMED = {
     INK: "currentColor", MUTED: "var(--muted)", GRID: "var(--grid)", PAPER: "var(--paper)", LIMIT: "var(--limit)",
     **{colour: f"var(--series-{n})" for n, colour in enumerate(PALETTE, 1)},
@@ -42,17 +42,17 @@ _SETTINGS: dict[Any, Any] = {
     "lines.linewidth": 1.5, "legend.frameon": False, "legend.handlelength": 2.4, "axes.unicode_minus": True,
     "axes.facecolor": "none", "svg.fonttype": "path", "svg.hashsalt": "piezoharvest", "path.simplify_threshold": 0.2,
     "axes.formatter.useoffset": False,
-    "text.parse_math": False,  # a $ in the name of a file is a dollar
+    "text.parse_math": False,  # a $ in a file name is a dollar sign
 }  # fmt: skip
 
 
 def styled(draw: _Draw) -> _Draw:
-    """Let a function draw in this style, and leave matplotlib's own settings as they are."""
+    """Make a function draw in this style, without changing matplotlib's own settings."""
 
     @wraps(draw)
     def wrapped(*arguments: Any, **options: Any) -> Any:
         with rc_context(_SETTINGS), warnings.catch_warnings():
-            # Names of files may have characters that the font has not, and get a box for each.
+            # File names may have characters that are not in the font, which are drawn as boxes.
             warnings.filterwarnings("ignore", message="Glyph .* missing from font")
             return draw(*arguments, **options)
 
@@ -60,12 +60,12 @@ def styled(draw: _Draw) -> _Draw:
 
 
 def plain(text: str) -> str:
-    """Text of a user's as one line: what cannot be printed is written as in Python."""
+    """User text as one line: characters that cannot be printed are escaped as in Python."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def line_style(n: int) -> dict[str, Any]:
-    """Colour and dashes of the n-th line: every other one is dashed and on top, to be seen where two coincide."""
+    """Colour and dashes of the n-th line: every other one is dashed and on top, so that coinciding lines show."""
     dashed = n % 2
     return {"color": PALETTE[n % len(PALETTE)], "linestyle": DASHES[dashed], "zorder": 2.2 + 0.1 * dashed}
 
@@ -93,7 +93,7 @@ def legend_above(figure: Figure, handles: Sequence[Any], columns: int = 4) -> No
 def log_axis(axis: Axis, unit: str = "") -> None:
     """Logarithmic axis with tick labels in engineering form, such as "10 kΩ", and enough of them.
 
-    To be called when the data are drawn.
+    Call it after drawing the data.
     """
     axis._set_axes_scale("log")  # pyright: ignore[reportAttributeAccessIssue]
     low, high = axis.get_view_interval()
@@ -113,7 +113,7 @@ class Powers(LogFormatterSciNotation):
 
 
 def power_ticks(axis: Axis) -> None:
-    """Label a logarithmic axis by powers of ten, where engineering form has no prefix for its unit."""
+    """Label a logarithmic axis by powers of ten, for units without an engineering prefix."""
     axis.set_major_formatter(Powers())
     axis.set_minor_formatter(Powers(labelOnlyBase=False))
 
@@ -132,14 +132,14 @@ def frequency_axis(axes: Axes, logarithmic: bool, label: str = "frequency") -> N
 
 
 def mark(axes: Axes, x: float, y: float, style: dict[str, Any]) -> None:
-    """Marker of a tuned point."""
+    """Draw the marker of a tuned point."""
     edge = {"markeredgecolor": PAPER, "markeredgewidth": 1.0, "linestyle": "none"}
     axes.plot([x], [y], marker="o", markersize=6, markerfacecolor=style["color"], zorder=5, **edge)
 
 
 @styled
 def write_png(figure: Figure, stream: BinaryIO) -> None:
-    """Write a figure on white; what it has been laid out to stays from then on."""
+    """Write a figure on a white background; its layout stays fixed afterwards."""
     before = {"dpi": figure.dpi, "facecolor": figure.get_facecolor()}
     figure.set(dpi=_DPI, facecolor="white")
     FigureCanvasAgg(figure).print_png(stream)  # `savefig` would draw it twice
@@ -149,15 +149,15 @@ def write_png(figure: Figure, stream: BinaryIO) -> None:
 
 @styled
 def inline_svg(figure: Figure, name: str, label: str) -> str:
-    """Figure as SVG to stand in an HTML page: transparent, in the page's colours, without a reference to anything.
+    """Figure as SVG for an HTML page: transparent, in the page's colours, without external references.
 
     Parameters
     ----------
     figure : Figure
     name : str
-        Unique on the page: put before every id.
+        Unique on the page: prefix of every id.
     label : str
-        What is to be seen, for those who cannot see it.
+        Description of the figure, for readers who cannot see it.
     """
     stream = BytesIO()
     metadata = dict.fromkeys(("Creator", "Date", "Format", "Type"))
@@ -170,6 +170,6 @@ def inline_svg(figure: Figure, name: str, label: str) -> str:
         body = body.replace(colour, themed)
     body = re.sub(r'\bid="', f'id="{name}-', body)
     body = re.sub(r'xlink:href="#', f'href="#{name}-', body).replace("url(#", f"url(#{name}-")
-    # A hundredth of a point is more than any screen shows, and a third of the page.
+    # A hundredth of a point is finer than any screen, and saves two thirds of the page.
     body = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path.group()), body)
     return f'<svg {box.group() if box else ""} role="img" aria-label="{escape(label)}">{body}'

@@ -1,4 +1,4 @@
-"""Signals over time: one period of a steady state, or a whole run."""
+"""Figures of signals over time: one period of a steady state, or a whole run."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _COLOURS = {
     "charge": style.PALETTE[2],
 }  # fmt: skip
 _DC = {"color": style.INK, "linestyle": (0, (5, 1.6)), "linewidth": 1.1}
-# Marker, and whether it is filled, of what happens in the circuit.
+# Marker of each event in the circuit; True if it is filled.
 _EVENTS = {
     "switch closes": ("v", True), "switch opens": ("^", False), "voltage extracted": ("D", True),
     "diodes conduct": ("o", True), "diodes block": ("o", False),
 }  # fmt: skip
 _ACTIONS = ("switch closes", "voltage extracted")
-_MOST_EVENTS = 80  # beyond, markers would be a blur
-_MOST_SAMPLES = 6000
+_MAX_EVENTS = 80  # with more events, markers would overlap
+_MAX_SAMPLES = 6000
 _PIXELS = 1500
 
 
@@ -36,14 +36,14 @@ _PIXELS = 1500
 def waveforms(signals: Waveforms, windows: Sequence[Window], base: bool) -> Figure:
     """Drive, displacement, voltage (with the dc side's) and load current, in one column for each window.
 
-    Where the load current is nothing but impulses, the charge takes its place.
+    The charge is drawn instead of a load current that consists of impulses.
 
     Parameters
     ----------
     signals : Waveforms
     windows : sequence of Window
     base : bool
-        Whether the drive is base acceleration.
+        True if the drive is base acceleration.
     """
     names = ("drive", "displacement", "voltage", "current" if np.any(signals.current) else "charge")
     figure, axes = style.grid_of_axes(
@@ -74,12 +74,12 @@ def _unit(signals: Waveforms, name: str, base: bool) -> tuple[float, str]:
 
 
 def _draw(axes: Axes, signals: Waveforms, name: str, window: Window, factors: tuple[float, float]) -> None:
-    """One signal in one window; of very many samples the least and the largest of each pixel."""
-    # One sample beyond either end, so that the lines reach them.
+    """Draw one signal in one window; of very many samples the minimum and maximum of each pixel."""
+    # One sample beyond either end, so that the lines reach the border.
     spacing = float(np.max(np.diff(signals.time), initial=0.0))
     inside = (signals.time >= window.begin - spacing) & (signals.time <= window.end + spacing)
     times, values = _thinned(signals.time[inside], np.broadcast_to(getattr(signals, name), inside.shape)[inside])
-    width = 0.8 if signals.time[-1] - signals.time[0] > 1e3 * spacing and len(times) > _MOST_SAMPLES // 3 else 1.3
+    width = 0.8 if signals.time[-1] - signals.time[0] > 1e3 * spacing and len(times) > _MAX_SAMPLES // 3 else 1.3
     axes.plot(factors[0] * times, factors[1] * values, color=_COLOURS[name], linewidth=width)
     if name == "voltage" and np.any(signals.dc_voltage):
         times, values = _thinned(signals.time[inside], np.broadcast_to(signals.dc_voltage, inside.shape)[inside])
@@ -87,7 +87,7 @@ def _draw(axes: Axes, signals: Waveforms, name: str, window: Window, factors: tu
 
 
 def _thinned(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    if len(times) <= _MOST_SAMPLES:
+    if len(times) <= _MAX_SAMPLES:
         return times, values
     edges = np.linspace(0, len(times), _PIXELS + 1).astype(int)[:-1]
     low, high = np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)
@@ -97,12 +97,12 @@ def _thinned(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
 def _mark_events(
     axes: Sequence[Axes], signals: Waveforms, window: Window, time_factor: float, factor: float
 ) -> set[str]:
-    """Lines through all panels where the switch acts, markers on the voltage for every event; names of those shown."""
+    """Draw lines through all panels where the switch acts, and markers of events; returns the names of those shown."""
     events = [
         (time, name) for time, name in zip(signals.event_times, signals.event_names, strict=True)
         if name in _EVENTS and window.begin <= time <= window.end
     ]  # fmt: skip
-    if len(events) > _MOST_EVENTS:
+    if len(events) > _MAX_EVENTS:
         return set()
     for time, name in events:
         if name in _ACTIONS:
@@ -123,7 +123,7 @@ def _voltage_at(signals: Waveforms, time: float, before: bool) -> float:
 
 
 def _legend(signals: Waveforms, shown: set[str]) -> list[Line2D]:
-    """What the markers and the dashed line mean."""
+    """Legend of the markers and the dashed line."""
     handles = [Line2D([], [], label="dc voltage", **_DC)] if np.any(signals.dc_voltage) else []
     for name, (marker, filled) in _EVENTS.items():
         if name in shown:

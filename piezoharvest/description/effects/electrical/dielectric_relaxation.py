@@ -38,10 +38,10 @@ class DielectricRelaxation(Effect):
         return [Product(self.time_constant / self.capacitance, rate, rate)]
 
     def shown(self, scales: CampaignSizes) -> bool:
-        return scales.shows_time(self.time_constant)
+        return scales.resolves_time(self.time_constant)
 
     @classmethod
     def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
         for time_constant in scales.times:
-            # Next to nothing: none at all is no branch.
+            # Almost zero: at zero there is no branch.
             yield cls(capacitance=1e-6 * scales.capacitance, time_constant=time_constant)

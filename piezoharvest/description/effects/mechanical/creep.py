@@ -25,13 +25,13 @@ class Creep(Effect):
     time_constant: float = quantity("s", "retardation time", above=0)
 
     def act(self, specimen: EquationBuilder) -> None:
-        # A preload has crept before the record.
+        # A preload has crept before the record starts.
         y, dy = specimen.state("creep", specimen.transducer.stiffness)
         specimen.equation(self.time_constant * dy + y - self.compliance_ratio * (specimen.x - y))
         specimen.push(specimen.transducer.stiffness * y)
 
     def stores(self, terms: EnergyRows) -> Sequence[Product]:
-        # k (x - y)^2/2 + (k/c) y^2/2, of which k x^2/2 is the spring's already.
+        # k (x - y)^2/2 + (k/c) y^2/2, of which k x^2/2 is in the spring already.
         (y, _), k = terms.own("creep"), terms.transducer.stiffness
         return [Product(-k, terms.x, y), Product(0.5 * k, y, y), Product(0.5 * k / self._ratio, y, y)]
 
@@ -41,11 +41,11 @@ class Creep(Effect):
 
     @property
     def _ratio(self):
-        """The ratio; any in designs of a batch without creep, where y is zero."""
+        """The creep ratio; an arbitrary one in designs of a batch without creep, where y is zero."""
         return np.where(np.equal(self.compliance_ratio, 0), 1.0, self.compliance_ratio)
 
     def shown(self, scales: CampaignSizes) -> bool:
-        return scales.shows_time(self.time_constant)
+        return scales.resolves_time(self.time_constant)
 
     @classmethod
     def starts(cls, scales: CampaignSizes) -> Iterator[Self]:

@@ -35,12 +35,12 @@ class Friction(Effect):
         return [Product(0.5 * self.stiffness, s, s)]
 
     def losses(self, terms: EnergyRows) -> Sequence[Product]:
-        # The stop follows the displacement while it sticks, and loses its force times the velocity while it slips.
+        # The stop follows the displacement while it sticks, and dissipates force times velocity while it slips.
         s, ds = terms.own("stop")
         return [Product(self.stiffness, s, terms.u - ds)]
 
     def shown(self, scales: CampaignSizes) -> bool:
-        # Above twice the amplitude it never slips, and is a spring; below the noise it never sticks.
+        # With a threshold above twice the amplitude it never slips and is a spring; below the noise it never sticks.
         return scales.jitter < self.threshold < 2.0 * scales.displacement
 
     @classmethod

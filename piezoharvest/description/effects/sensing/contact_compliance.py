@@ -36,5 +36,5 @@ class ContactCompliance(Effect):
     def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
         if "force" in scales.drives and "displacement" in scales.channels:
             yield cls(coefficient=0.0)
-            if scales.pulled:
+            if scales.has_tension:
                 yield cls(coefficient=0.0, tension="closed")

@@ -9,7 +9,7 @@ from piezoharvest.description.parameters import quantity
 from piezoharvest.description.protocol import CampaignSizes
 
 NETWORKS = (50.0, 60.0)  # Hz
-TOLERANCE = 0.01  # of its frequency, that a network keeps (EN 50160, section 4.1)
+TOLERANCE = 0.01  # relative deviation of a network's frequency from the nominal (EN 50160, section 4.1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +30,7 @@ class MainsHum(Effect):
 
     def shown(self, scales: CampaignSizes) -> bool:
         near = min(abs(self.frequency - mains) / mains for mains in NETWORKS)
-        return near < TOLERANCE and scales.tells_line(self.channel, self.frequency)
+        return near < TOLERANCE and scales.separates_line(self.channel, self.frequency)
 
     @classmethod
     def starts(cls, scales: CampaignSizes) -> Iterator[Self]:

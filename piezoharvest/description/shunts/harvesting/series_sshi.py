@@ -14,7 +14,7 @@ from piezoharvest.description.shunts.switching import InductiveSwitch
 class SeriesSSHI(InductiveSwitch, Bridge):
     """Switch, inductance and rectifier in one loop: charge flows to the dc side only while the switch is closed.
 
-    Closed too long, the bridge blocks at zero current until |v| exceeds the dc voltage again.
+    If it is closed too long, the bridge blocks at zero current until |v| exceeds the dc voltage again.
     """
 
     kind: ClassVar[str] = "series_sshi"

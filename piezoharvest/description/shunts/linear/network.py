@@ -16,7 +16,7 @@ from piezoharvest.description.shunts.base import LinearShunt
 
 
 class _Resistive(NamedTuple):
-    """The resistors solved for: gains from [port voltage, tree capacitor voltages, link inductor currents]."""
+    """Elimination of the resistors: gains from [port voltage, tree capacitor voltages, link inductor currents]."""
 
     link_currents: np.ndarray
     tree_voltages: np.ndarray
@@ -29,12 +29,12 @@ class Network(LinearShunt):
     Parameters
     ----------
     netlist : str or sequence of str, mapping or Element
-        As `piezoharvest.description.netlist.read_netlist` takes it; kept as a tuple of `Element`.
+        In the forms of `piezoharvest.description.netlist.read_netlist`; stored as a tuple of `Element`.
 
     Notes
     -----
     The equations follow from a normal tree in which the port is a branch of imposed voltage. Capacitors in a loop with
-    others or with the port, and inductors in a cutset with others, are no independent states: they are kept for their
+    others or with the port, and inductors in a cutset with others, are not independent states: they are kept for their
     energy, tied to the others by the derivative of their constraint.
 
     Raises
@@ -101,7 +101,7 @@ class Network(LinearShunt):
 
         currents = [current(e) for e in links]
         voltages = [port.v, *(voltage(e) for e in tree)]
-        # Only loops of capacitors and cutsets of inductors are differentiated: no resistor is in either.
+        # Only loops of capacitors and cutsets of inductors are differentiated: they contain no resistor.
         current_rates = [_of(dz, e) if e.kind == "L" else none for e in links]
         voltage_rates = [port.dv, *(_of(dz, e) if e.kind == "C" else none for e in tree)]
 
@@ -143,15 +143,15 @@ class Network(LinearShunt):
 
 
 def _state(element: Element) -> str:
-    """Name of the state of a storing element."""
+    """Name of an element's state."""
     return f"{'voltage' if element.kind == 'C' else 'current'}_{element.name}"
 
 
 def _of(states: SimpleNamespace, element: Element) -> Row:
-    """Row of a storing element's state, or of its derivative."""
+    """Row of an element's state, or of its derivative."""
     return getattr(states, _state(element))
 
 
 def _combine(coefficients: Iterable[float], rows: Sequence[Row], none: Row) -> Row:
-    """Sum of coefficient * row, leaving out what is absent."""
+    """Sum of coefficient * row, without absent terms."""
     return sum((c * row for c, row in zip(coefficients, rows, strict=True) if c), start=none)

@@ -14,8 +14,8 @@ from piezoharvest.description.shunts.base import LinearShunt
 class ParallelRLC(LinearShunt):
     """Inductance, resistance and capacitance side by side across the electrodes.
 
-    The capacitor's voltage is the electrodes' own; its current C dv/dt needs the derivative, and it is kept as a state
-    only for its energy.
+    The capacitor's voltage is the electrodes' own; its current C dv/dt needs the derivative, and it is a state only for
+    its energy.
     """
 
     kind: ClassVar[str] = "parallel_rlc"

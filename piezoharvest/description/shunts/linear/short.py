@@ -11,7 +11,7 @@ from piezoharvest.description.shunts.base import LinearShunt
 
 @dataclass(frozen=True, kw_only=True)
 class Short(LinearShunt):
-    """Electrode voltage held at zero; with hysteresis the charge still loops."""
+    """Electrode voltage of zero; with hysteresis the charge still loops."""
 
     kind: ClassVar[str] = "short"
     source: ClassVar[str] = "IEEE Std 176-1987"
