@@ -1,6 +1,6 @@
 """Size limits of a study, with reasons: checked before anything is computed, so that memory is never exhausted.
 
-The number of events, which a study does not show, is counted during the simulation (`engine.budget`).
+The number of events, which a study does not show, is counted during the simulation (`engine.work_limit`).
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ class Mode(Component):
 class Transducer(Component):
     """Piezoelectric transducer: first mode, clamped capacitance, hysteresis, further modes, effects.
 
-    Equations (INTERFACE section 1): m x'' + b x' + k x = F + T v_t, q_p = C v_t + sum T_i x_i, v_p = v_t + v_h(q_p).
+    Equations (docs/equations.md): m x'' + b x' + k x = F + T v_t, q_p = C v_t + sum T_i x_i, v_p = v_t + v_h(q_p).
     For a `quasi_static` specimen (a film, a stack far below its resonance) mass and damping are unknown and have no
     effect: k x = F + T v_t.
     """

@@ -27,7 +27,7 @@ _TUNING_NODES, _FINAL_NODES = 41, 121  # at most
 _MIN_POINTS = 9  # in search of the worst peak of circuits without switches: the two-port gives further places
 _TUNING_POINTS, _FINAL_POINTS = 17, 41  # of switched circuits
 _PEAK_STEPS = 8
-# Of all simulations of a design together, in the units of `engine.budget`: 10 s or so, twice the largest of designs/.
+# Of all simulations of a design together, in units of `engine.work_limit`: about 10 s, twice the largest of designs/.
 _MAX_WORK = MAX_WORK * 5 // 4
 _TUNING_SAMPLES = 16  # waveforms are not used while tuning; amplitudes do not depend on their number
 
@@ -46,7 +46,7 @@ class Trial:
     simulations : int
         Number of steady states or transients computed, with or without a gradient.
     left : int
-        Remaining work in the units of `engine.budget`.
+        Remaining work in the units of `engine.work_limit`.
     """
 
     view: LinearView

@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Waveforms:
-    """Signals on a common time base, in SI units and the signs of INTERFACE section 1.
+    """Signals on a common time base, in SI units and the signs of docs/equations.md.
 
     Attributes
     ----------

@@ -75,7 +75,7 @@ class Terms:
     Attributes
     ----------
     one, time, drive, x, u, q, v_t, v, i, strain_charge : Row
-        As in `predict.record_model.Specimen`.
+        As in `predict.record_model.RecordModel`.
     states : list of State
         States of effects.
     stops : list of StopElement

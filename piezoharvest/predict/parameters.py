@@ -112,7 +112,7 @@ def put(component: Any, path: Path, value: Any) -> Any:
     if isinstance(first, int):
         return (*component[:first], put(component[first], rest, value), *component[first + 1 :])
     new = copy.copy(component)
-    new.__dict__.pop("all_modes", None)
+    new.__dict__.pop("_all_modes", None)
     object.__setattr__(new, first, put(getattr(component, first), rest, value))
     return new
 

@@ -57,7 +57,7 @@ def _write_charge(deck: Deck, point: OperatingPoint, values: _Values) -> None:
 
 
 class _Values:
-    """Rows of `terms.Terms` as expressions of the netlist.
+    """Rows of `equations.terms.Terms` as expressions of the netlist.
 
     Attributes
     ----------

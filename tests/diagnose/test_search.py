@@ -147,7 +147,7 @@ def test_a_model_that_was_caught_is_taken_from_where_a_small_effect_has_led(monk
     made = []
     monkeypatch.setattr("piezoharvest.diagnose.stepwise_selection.significance", lambda found, n: wald)
     less = SimpleNamespace(cost=1000.0 - gain + left, effects=())
-    trials = SimpleNamespace(drop=lambda now, n: made.append((now.effects, n)), without=lambda now, n: less)
+    trials = SimpleNamespace(fit_without=lambda now, n: made.append((now.effects, n)), best_without=lambda now, n: less)
     before = SimpleNamespace(cost=1000.0)
     now = SimpleNamespace(cost=1000.0 - gain, effects=("clipping", "load_error"), found=None)
     found = Searcher(trials)._restarted_without(before, now)

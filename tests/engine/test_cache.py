@@ -41,9 +41,9 @@ dc_voltage = 3.0
 # A function of the engine that is compiled at once, with a number and a function from other files in it.
 SMALL = {
     "small.py": """\
-from piezoharvest.engine.compiled import entry
+from piezoharvest.engine.compilation.compiled import entry
 from piezoharvest.engine.below import number as nb
-from piezoharvest.terms import SMALL_FACTOR
+from piezoharvest.equations.terms import SMALL_FACTOR
 
 
 @entry
@@ -52,7 +52,7 @@ def small(x):
 """,
     "below/__init__.py": "",
     "below/number.py": """\
-from piezoharvest.engine.compiled import compiled
+from piezoharvest.engine.compilation.compiled import compiled
 
 
 @compiled
@@ -64,17 +64,17 @@ RUN = "from piezoharvest.engine.small import small; print(small(2.0), sum(small.
 # Several processes find nothing kept before any of them compiles: having looked, each waits for the others.
 TOGETHER = """\
 import os, sys, time
-from piezoharvest.engine import cache
+from piezoharvest.engine.compilation import cache
 from piezoharvest.engine.small import small
 folder, own, count = sys.argv[1], sys.argv[2], int(sys.argv[3])
-look = cache._Files.load
+look = cache._CodeFiles.load
 def look_and_wait(*arguments):
     found = look(*arguments)
     open(os.path.join(folder, own), "w").close()
     while len(os.listdir(folder)) < count:
         time.sleep(0.005)
     return found
-cache._Files.load = look_and_wait
+cache._CodeFiles.load = look_and_wait
 print(small(2.0), sum(small.stats.cache_hits.values()))
 """
 UNKEPT = "warning: compiled code cannot be kept on disk ("
@@ -88,7 +88,7 @@ def copied(folder):
         path = copy / "engine" / name
         path.parent.mkdir(exist_ok=True)
         path.write_text(text)
-    with (copy / "terms.py").open("a") as file:
+    with (copy / "equations" / "terms.py").open("a") as file:
         file.write("\nSMALL_FACTOR = 3.0\n")
     return copy
 
@@ -187,14 +187,16 @@ class TestSources:
 
     def test_pages_and_the_command_line_are_not(self):
         """Or every change of theirs would cost a compilation."""
-        parts = {Path(path).relative_to(PACKAGE).parts[0] for path in sources(str(PACKAGE / "engine" / "kernel.py"))}
-        assert {"engine", "terms.py"} <= parts
+        parts = {
+            Path(path).relative_to(PACKAGE).parts[0] for path in sources(str(PACKAGE / "engine" / "entry_point.py"))
+        }
+        assert {"engine", "equations"} <= parts
         assert not {"cli", "report", "records", "identify", "diagnose", "design", "sweep"} & parts
 
     def test_nested_files_and_constants_from_elsewhere_count(self, package):
         found = {str(Path(path).relative_to(package)) for path in within(package, "sources")}
-        assert {"engine/small.py", "engine/below/__init__.py", "engine/below/number.py", "terms.py"} <= found
-        assert {"engine/compiled.py", "engine/pipeline.py", "engine/cache.py"} <= found
+        assert {"engine/small.py", "engine/below/__init__.py", "engine/below/number.py", "equations/terms.py"} <= found
+        assert {f"engine/compilation/{name}.py" for name in ("compiled", "pipeline", "cache")} <= found
 
 
 def within(package, function):
@@ -220,7 +222,7 @@ class TestKept:
     @pytest.mark.parametrize(
         ("name", "old", "new", "found"),
         [
-            ("terms.py", "FACTOR = 3.0", "FACTOR = 4.0", "12.0 0"),
+            ("equations/terms.py", "FACTOR = 3.0", "FACTOR = 4.0", "12.0 0"),
             ("engine/below/number.py", "x + 1.0", "x + 2.0", "12.0 0"),
         ],
     )

@@ -15,7 +15,7 @@ def threads():
 
 WAVE = np.sin(np.arange(100.0))
 FITS = {
-    "loop": (loops, "place", lambda: loops.identify_loop(WAVE, WAVE, kind="stop")),
+    "loop": (loops, "place_thresholds", lambda: loops.identify_loop(WAVE, WAVE, kind="stop")),
     "modes": (frequency, "_start", lambda: frequency.fit_modes(np.arange(1.0, 99.0), np.ones((98, 1, 1)), 1)),
     "number of modes": (
         frequency, "_start",

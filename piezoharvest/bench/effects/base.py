@@ -1,4 +1,4 @@
-"""Base class of the bench's effects: deviations from its labels, in the vocabulary of INTERFACE section 5.
+"""Base class of the bench's effects: deviations from its labels, in the vocabulary of docs/equations.md.
 
 They are independent of the effects of models (`piezoharvest.description.effects`): they have the same names and
 parameters but separate equations, so that a diagnosis is tested against other code than its own.

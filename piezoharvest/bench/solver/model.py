@@ -1,4 +1,4 @@
-"""The specimen's equations, written from INTERFACE section 1 independently of the engine and of identification.
+"""The specimen's equations, written from docs/equations.md independently of the engine and of identification.
 
     m x'' + b x' + k x = F + F_t        F_t = (dq_t/dx) v_t        q_p = q_c(v_t) + q_t        v_p = v_t + v_h(q_p)
     q_t = T x (+ T2 x^2)                q_p' = -(load current + what else is drawn)
