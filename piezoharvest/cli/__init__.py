@@ -84,9 +84,9 @@ def simulate(
     A waveform file is one long table with the columns shunt (from 0), kind, time_s, drive (N or m/s^2), displacement_m,
     velocity_m_per_s, voltage_V, current_A, charge_C, hysteresis_voltage_V and dc_voltage_V.
     """
-    from piezoharvest.cli import commands as work
+    from piezoharvest.cli import commands
 
-    return partial(work.simulate, study, as_json=json, transient=transient, out=out)
+    return partial(commands.simulate, study, as_json=json, transient=transient, out=out)
 
 
 @app.command()
@@ -101,9 +101,9 @@ def design(
 
     The table [design] says what is wanted; every candidate is set against the bound of passive linear shunts.
     """
-    from piezoharvest.cli import commands as work
+    from piezoharvest.cli import commands
 
-    return partial(work.design, study, as_json=json, report=report)
+    return partial(commands.design, study, as_json=json, report=report)
 
 
 @app.command()
@@ -126,9 +126,9 @@ def sweep(
     """
     if scheduler is not None and workers > 1:
         raise typer.BadParameter("found --workers with it, allowed is one of them", param_hint="--scheduler")
-    from piezoharvest.cli import sweep_command as sweeping
+    from piezoharvest.cli import sweep_command
 
-    return partial(sweeping.sweep, study, out, workers=workers, scheduler=scheduler, as_json=json)
+    return partial(sweep_command.sweep, study, out, workers=workers, scheduler=scheduler, as_json=json)
 
 
 @app.command()
@@ -142,9 +142,9 @@ def measure(
     table [bench]. DIR, which has to be new, empty or an earlier campaign, gets campaign.toml and a CSV file for each
     record.
     """
-    from piezoharvest.cli import measure_command as measuring
+    from piezoharvest.cli import measure_command
 
-    return partial(measuring.measure, study, out)
+    return partial(measure_command.measure, study, out)
 
 
 @app.command()
@@ -158,9 +158,9 @@ def identify(
     The records of a campaign are read, checked, and fitted at once. A parameter that they cannot determine keeps its
     nominal value and is reported as not identifiable.
     """
-    from piezoharvest.cli import identify_command as identifying
+    from piezoharvest.cli import identify_command
 
-    return partial(identifying.identify, campaign, as_json=json, report=report)
+    return partial(identify_command.identify, campaign, as_json=json, report=report)
 
 
 @app.command()
@@ -174,9 +174,9 @@ def diagnose(
     The model is fitted, every known effect is tested, those that are there are named and fitted with it, and the gain
     is measured on the validation records. Structure that no known effect explains is reported as unexplained.
     """
-    from piezoharvest.cli import diagnose_command as diagnosing
+    from piezoharvest.cli import diagnose_command
 
-    return partial(diagnosing.diagnose, campaign, as_json=json, report=report)
+    return partial(diagnose_command.diagnose, campaign, as_json=json, report=report)
 
 
 @app.command()
@@ -191,9 +191,9 @@ def export(
     """Write a netlist for circuit simulators."""
     if form != "spice":
         raise typer.BadParameter(f"found {form!r}, allowed is spice", param_hint="--format")
-    from piezoharvest.cli import commands as work
+    from piezoharvest.cli import commands
 
-    return partial(work.export, study, out, shunt)
+    return partial(commands.export, study, out, shunt)
 
 
 @app.command()
@@ -204,9 +204,9 @@ def demo(
 
     Ends with a report to look at: its path is the last line.
     """
-    from piezoharvest.cli import commands as work
+    from piezoharvest.cli import commands
 
-    return partial(work.demo, out)
+    return partial(commands.demo, out)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from piezoharvest.cli import tables as show
+from piezoharvest.cli import tables
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.output import (
     TABLE_SUFFIXES,
@@ -39,9 +39,9 @@ def simulate(path: Path, *, as_json: bool, transient: float | None, out: Path | 
     study = _with_shunts(load_study(path))
     responses = [_respond(study, n, transient, waveforms=out is not None) for n in range(len(study.shunts))]
     if as_json:
-        show.print_json({"title": study.title, "results": [show.response_json(response) for response in responses]})
+        tables.print_json({"title": study.title, "results": [tables.response_json(response) for response in responses]})
     else:
-        show.print_responses(study.title, responses)
+        tables.print_responses(study.title, responses)
     if out is not None:
         write_table(waveform_table(responses), out)
         note(f"waveforms: {out}")
@@ -85,9 +85,9 @@ def _design(study: Study, *, as_json: bool, report: Path | None) -> int:
     if not result.converged and not result.notes:
         note("warning: not to be trusted: the design did not converge")
     if as_json:
-        show.print_json(result.as_json())
+        tables.print_json(result.as_json())
     else:
-        show.print_design(study.title, result.as_json())
+        tables.print_design(study.title, result.as_json())
     if report is not None:
         from piezoharvest.report import write_report
 

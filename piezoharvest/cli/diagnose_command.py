@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from piezoharvest.cli import tables as show
+from piezoharvest.cli import tables
 from piezoharvest.cli.commands import note
 from piezoharvest.cli.identify_command import on_campaign
 
@@ -28,7 +28,7 @@ def diagnose(path: Path, *, as_json: bool, report: Path | None) -> int:
     if not found.search.final.converged:
         note(f"warning: not to be trusted: {found.search.final.message}")
     if as_json:
-        show.print_json(diagnosis_json(found))
+        tables.print_json(diagnosis_json(found))
     else:
         _print(found)
     if report is not None:
@@ -120,18 +120,18 @@ def _print(found: Diagnosis) -> None:
         for k, (name, (value, std, unit)) in enumerate(values(named).items())
     ]  # fmt: skip
     if rows:
-        show.print_rows("", ["effect", "parameter", "value", "p", "gain"], rows)
+        tables.print_rows("", ["effect", "parameter", "value", "p", "gain"], rows)
     rows = [
         [e.parameter.name, with_error(b.value, b.std, e.parameter.unit), with_error(e.value, e.std, e.parameter.unit)]
         for b, e in zip(found.before.estimates, found.estimates, strict=True)
     ]
-    show.print_rows(found.campaign.title, ["parameter", "without effects", "with them"], rows)
+    tables.print_rows(found.campaign.title, ["parameter", "without effects", "with them"], rows)
     qualities = (found.validation_before.rms, found.validation_after.rms, found.validation_after.noise)
     rows = [
         [channel, *(engineering(quality[channel], response_unit(channel)) for quality in qualities)]
         for channel in found.validation_after.rms
     ]
-    show.print_rows("", ["validation", "residual before", "after", "noise alone"], rows)
+    tables.print_rows("", ["validation", "residual before", "after", "noise alone"], rows)
     if found.left:
         rows = [[p.where, p.record, p.channel, f"{p.squares / p.count:.2f}", f"{p.p_value:.1g}"] for p in found.left]
-        show.print_rows("", ["structure left", "record", "channel", "times the noise", "p"], rows[:MAX_TEST_ROWS])
+        tables.print_rows("", ["structure left", "record", "channel", "times the noise", "p"], rows[:MAX_TEST_ROWS])

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from piezoharvest.cli import tables as show
+from piezoharvest.cli import tables
 from piezoharvest.cli.commands import note
 from piezoharvest.output import check_new_directory
 from piezoharvest.study import StudyError
@@ -63,7 +63,7 @@ def identify(path: Path, *, as_json: bool, report: Path | None) -> int:
     for text in remarks(found):
         note(f"warning: {text}")
     if as_json:
-        show.print_json(identification_json(found))
+        tables.print_json(identification_json(found))
     else:
         _print(found)
     if report is not None:
@@ -140,11 +140,11 @@ def _print(found: Identification) -> None:
         rows.append(
             [e.parameter.name, with_error(e.value, e.std, unit), share, engineering(e.nominal, unit), _remark(e)]
         )
-    show.print_rows(found.campaign.title, ["parameter", "value", "", "nominal", ""], rows)
+    tables.print_rows(found.campaign.title, ["parameter", "value", "", "nominal", ""], rows)
     rows = [
         [role, channel, engineering(rms, unit), engineering(quality.noise[channel], unit)]
         for role, quality in (("fitted", found.fit), ("validation", found.validation))
         for channel, rms in quality.rms.items()
         for unit in [response_unit(channel)]
     ]
-    show.print_rows("", ["records", "channel", "residual (rms)", "noise alone"], rows)
+    tables.print_rows("", ["records", "channel", "residual (rms)", "noise alone"], rows)

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from piezoharvest.cli import tables as show
+from piezoharvest.cli import tables
 from piezoharvest.cli.commands import note
 from piezoharvest.output import check_file
 from piezoharvest.study import load_study
@@ -33,9 +33,9 @@ def sweep(path: Path, out: Path, *, workers: int, scheduler: str | None, as_json
         note("what is done is kept: the same command goes on from there")
         raise
     if as_json:
-        show.print_json(result.as_json())
+        tables.print_json(result.as_json())
     else:
-        show.print_sweep(study.title, result.best, *result.units)
+        tables.print_sweep(study.title, result.best, *result.units)
     return _report_outcome(result)
 
 

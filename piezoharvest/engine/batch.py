@@ -18,7 +18,7 @@ from piezoharvest.engine.memory.state import QUEUE_LENGTH
 from piezoharvest.engine.plausibility import Bounds, bounds, closure, faults, harvest
 from piezoharvest.engine.run import Machine
 from piezoharvest.engine.simulation import simulate
-from piezoharvest.engine.steady_state import many_designs as many
+from piezoharvest.engine.steady_state import many_designs
 from piezoharvest.engine.steady_state import section as sc
 
 DESIGNS_AT_ONCE = 128  # designs whose programs are laid out at one time, so that they fit into the cache
@@ -84,7 +84,7 @@ def _steady_states(lowered: Lowered, mirrored: bool, designs: int) -> np.ndarray
     followed, recorder = machine.state(log=LOG_LENGTH, ledger=False), machine.state(track=True)
     reals, integers = sc.room(machine.L)
     memory = np.zeros(reals), np.zeros(integers, np.int64)
-    out = np.zeros((designs, many.ENERGIES + int(machine.L[pg.CATEGORY_COUNT])))
+    out = np.zeros((designs, many_designs.ENERGIES + int(machine.L[pg.CATEGORY_COUNT])))
     for begin in range(0, designs, DESIGNS_AT_ONCE):
         rows = out[begin : begin + DESIGNS_AT_ONCE]
         numbers = pg.numbers(pg.part(lowered.program, slice(begin, begin + DESIGNS_AT_ONCE)))
@@ -96,11 +96,11 @@ def _steady_states(lowered: Lowered, mirrored: bool, designs: int) -> np.ndarray
 
 def _columns(lowered: Lowered, out: np.ndarray, designs: int, most: Bounds) -> dict[str, np.ndarray]:
     """Results by name from the rows of the compiled search."""
-    settled = out[:, many.SETTLED] > 0
+    settled = out[:, many_designs.SETTLED] > 0
     period = np.broadcast_to(lowered.program.period, designs)
-    energy = dict(zip(lowered.categories, out[:, many.ENERGIES :].T, strict=True))
+    energy = dict(zip(lowered.categories, out[:, many_designs.ENERGIES :].T, strict=True))
     mean_dc = energy.pop(pg.MEAN_DC) / period
-    wrong = faults(energy, out[:, many.STORED], 0.0, out[:, many.DISPLACEMENT], most, periodic=True)
+    wrong = faults(energy, out[:, many_designs.STORED], 0.0, out[:, many_designs.DISPLACEMENT], most, periodic=True)
     right = settled & ~np.any([*wrong.values()], axis=0)
     harvested, taken = harvest(energy), energy["mechanical_in"]
     energy["harvested"] = harvested
@@ -108,12 +108,12 @@ def _columns(lowered: Lowered, out: np.ndarray, designs: int, most: Bounds) -> d
         "harvested_power": harvested / period,
         "mechanical_power": taken / period,
         "efficiency": np.divide(harvested, taken, out=np.full(designs, np.nan), where=taken > 0),
-        "displacement_amplitude": out[:, many.DISPLACEMENT],
-        "voltage_amplitude": out[:, many.VOLTAGE],
+        "displacement_amplitude": out[:, many_designs.DISPLACEMENT],
+        "voltage_amplitude": out[:, many_designs.VOLTAGE],
         "dc_voltage": mean_dc,
-        "events_per_period": out[:, many.EVENTS],
-        "periods_evaluated": out[:, many.EVALUATED],
-        "closure": closure(energy, out[:, many.STORED])[0],
+        "events_per_period": out[:, many_designs.EVENTS],
+        "periods_evaluated": out[:, many_designs.EVALUATED],
+        "closure": closure(energy, out[:, many_designs.STORED])[0],
         **{f"energy.{name}": value for name, value in energy.items()},
     }
     columns = {name: np.where(settled, column, np.nan) for name, column in columns.items()}

@@ -6,7 +6,6 @@ from piezoharvest.bench.effects import registered as bench_effects
 from piezoharvest.bench.solver import CIRCUITS
 from piezoharvest.description import effects, shunts
 from piezoharvest.description.shunts import LinearShunt
-from piezoharvest.spice.circuits import WRITERS
 
 # Those of the package; a user's own script may define more.
 SHUNTS = [cls for cls in shunts.registered().values() if cls.__module__.startswith("piezoharvest.")]
@@ -22,13 +21,6 @@ def test_an_effect_has_a_twin_on_the_bench(cls):
         f"the virtual bench cannot make records with {cls.name}: write class {cls.__name__}(BenchEffect) with "
         f"name = {cls.name!r} in piezoharvest/bench/effects/{group}.py, from other equations than those of "
         f"{cls.__module__}"
-    )
-
-
-@pytest.mark.parametrize("cls", SHUNTS, ids=lambda cls: cls.kind)
-def test_a_shunt_has_a_netlist(cls):
-    assert cls.kind in WRITERS, (
-        f"{cls.kind} cannot be exported: write a function in piezoharvest/spice/circuits.py and enter it in WRITERS"
     )
 
 

@@ -4,9 +4,7 @@ import pytest
 from diagnose_runs import RECORDS, campaign
 
 from piezoharvest.description.effects import Creep, Leakage
-from piezoharvest.diagnose import candidate_fits as trials
-from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose import validation as unseen
+from piezoharvest.diagnose import candidate_fits, diagnose, validation
 from piezoharvest.diagnose.summary import sentence
 from piezoharvest.predict.prediction import PredictionError
 
@@ -17,14 +15,14 @@ HIDDEN = {"leakage": {"resistance": 3e6}}
 def test_records_that_cannot_be_followed_are_named(validated_with, tmp_path, monkeypatch):
     measured = campaign(tmp_path, HIDDEN, [*RECORDS, {**RECORDS[3], "load_resistance": 51.43e3}][: 3 + validated_with])
     lost = measured.of_role("validate")[0].name
-    plain = unseen.fit
+    plain = validation.fit
 
     def failing(problem, model, *more, **options):
         if model.transducer.effects and lost in {data.name for data in problem.data}:
             raise PredictionError("no solution at sample 7")
         return plain(problem, model, *more, **options)
 
-    monkeypatch.setattr(unseen, "fit", failing)
+    monkeypatch.setattr(validation, "fit", failing)
     told = diagnose(measured, library=[Leakage])
     assert told.verdict == "effect"
     assert [named.effect.name for named in told.effects] == ["leakage"]
@@ -33,14 +31,14 @@ def test_records_that_cannot_be_followed_are_named(validated_with, tmp_path, mon
 
 
 def test_what_was_found_stands_where_one_effect_more_cannot_be_followed(tmp_path, monkeypatch):
-    measured, plain, told = campaign(tmp_path, HIDDEN), trials.scores, []
+    measured, plain, told = campaign(tmp_path, HIDDEN), candidate_fits.scores, []
 
     def failing(problem, found, *more):
         if found.model.transducer.effects:
             raise PredictionError("no solution at sample 7")
         return plain(problem, found, *more)
 
-    monkeypatch.setattr(trials, "scores", failing)
+    monkeypatch.setattr(candidate_fits, "scores", failing)
     found = diagnose(measured, told.append, library=[Leakage, Creep])
     assert [named.effect.name for named in found.effects] == ["leakage"]
     assert any("no solution at sample 7" in text for text in told)

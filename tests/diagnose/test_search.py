@@ -19,7 +19,7 @@ from piezoharvest.diagnose import diagnose
 from piezoharvest.diagnose.candidate_fits import CandidateFits, EffectChange
 from piezoharvest.diagnose.score_tests import extended
 from piezoharvest.diagnose.stepwise_selection import MAX_EFFECTS, MIN_UNDOUBTED_GAIN, Searcher
-from piezoharvest.identify.fitting import levenberg_marquardt as descent
+from piezoharvest.identify.fitting import levenberg_marquardt
 from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.identification import prepared
 from piezoharvest.predict.parameters import put
@@ -43,7 +43,7 @@ def test_a_descent_too_slow_for_its_aim_is_given_up(searched, monkeypatch):
     def again(aim):
         return fit(trials.problem, away, now.found.own, now.found.noise, estimate_noise=False, aim=aim)
 
-    monkeypatch.setattr(descent, "RATE_ITERATIONS", 1)
+    monkeypatch.setattr(levenberg_marquardt, "RATE_ITERATIONS", 1)
     hopeless, reached = again(-1e12), again(now.cost + 1.0)
     assert not hopeless.converged
     assert hopeless.message.startswith("given up")

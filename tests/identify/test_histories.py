@@ -8,7 +8,7 @@ from identify_runs import RECORDS, STACK
 
 from piezoharvest.bench import measure, write_campaign
 from piezoharvest.identify import identify
-from piezoharvest.identify.start_values import initial_hysteresis_state as histories
+from piezoharvest.identify.start_values import initial_hysteresis_state
 from piezoharvest.records import load_campaign
 from piezoharvest.study import study_from
 
@@ -74,13 +74,15 @@ def test_stops_that_a_preload_has_left_within_their_range_are_found(tmp_path):
 def test_histories_are_looked_for_only_where_the_beginning_of_a_record_leaves_more_than_noise(
     before, looked, tmp_path, monkeypatch
 ):
-    asked, begun = [], histories._candidate_states
-    monkeypatch.setattr(histories, "_candidate_states", lambda one, *rest: asked.append(one) or begun(one, *rest))
+    asked, begun = [], initial_hysteresis_state._candidate_states
+    monkeypatch.setattr(
+        initial_hysteresis_state, "_candidate_states", lambda one, *rest: asked.append(one) or begun(one, *rest)
+    )
     explained(cut_out(tmp_path, CUT_OUT, 2.0, before))
     assert bool(asked) is looked
 
 
 def test_a_record_of_a_few_samples_has_a_beginning_too(tmp_path):
     short = cut_out(tmp_path, [{**CUT_OUT[0], "duration": 0.04}, *CUT_OUT[1:]], 2.0, 0)
-    assert min(map(len, short.records)) < max(histories.SUM_LENGTHS)
+    assert min(map(len, short.records)) < max(initial_hysteresis_state.SUM_LENGTHS)
     assert identify(short, offsets=("displacement",)).converged

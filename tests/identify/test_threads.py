@@ -5,7 +5,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from piezoharvest.identify import identification
-from piezoharvest.identify.frequency import modal_fit as frequency
+from piezoharvest.identify.frequency import modal_fit
 from piezoharvest.identify.hysteresis import loops
 
 
@@ -16,10 +16,10 @@ def threads():
 WAVE = np.sin(np.arange(100.0))
 FITS = {
     "loop": (loops, "place_thresholds", lambda: loops.identify_loop(WAVE, WAVE, kind="stop")),
-    "modes": (frequency, "_start", lambda: frequency.fit_modes(np.arange(1.0, 99.0), np.ones((98, 1, 1)), 1)),
+    "modes": (modal_fit, "_start", lambda: modal_fit.fit_modes(np.arange(1.0, 99.0), np.ones((98, 1, 1)), 1)),
     "number of modes": (
-        frequency, "_start",
-        lambda: frequency.select_modes(np.arange(1.0, 99.0), np.ones((98, 1, 1)), np.ones((98, 1, 1)), [1]),
+        modal_fit, "_start",
+        lambda: modal_fit.select_modes(np.arange(1.0, 99.0), np.ones((98, 1, 1)), np.ones((98, 1, 1)), [1]),
     ),
     "records": (identification, "prepared", lambda: identification.identify(None)),
 }  # fmt: skip
