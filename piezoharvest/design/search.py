@@ -10,17 +10,17 @@ import numpy as np
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt
 from piezoharvest.description.shunts.bridge import Bridge
-from piezoharvest.design.bridges import bridge_starts
 from piezoharvest.design.drafts import Draft, Drafting
 from piezoharvest.design.goal import Goal, largest_inductance
-from piezoharvest.design.minimax import Tuned, tune
+from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.operation import is_sine, operation_of
-from piezoharvest.design.refine import refine
-from piezoharvest.design.region import Region
 from piezoharvest.design.result import Candidate, DesignResult
-from piezoharvest.design.starts import Host, Start, starts
 from piezoharvest.design.trial import Trial
-from piezoharvest.design.twoport import LinearView
+from piezoharvest.design.tuning.bridges import bridge_starts
+from piezoharvest.design.tuning.minimax import Tuned, tune
+from piezoharvest.design.tuning.refine import refine
+from piezoharvest.design.tuning.region import Region
+from piezoharvest.design.tuning.starts import Host, Start, starts
 from piezoharvest.study import DesignOptions, Study
 
 LARGEST_COIL = 1.0  # H; beyond, "discrete inductors are limited" (Fleming, Behrens & Moheimani, SMS 12, 57-64, 2003)

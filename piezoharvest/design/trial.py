@@ -16,8 +16,8 @@ from piezoharvest.description.shunts import LinearShunt, Shunt
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.system import System
 from piezoharvest.design.goal import SMALLEST_FIGURE, Figures, Slopes
+from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.operation import mean_nodes, narrowest_width
-from piezoharvest.design.twoport import LinearView
 from piezoharvest.engine import Gradient, NoGradientError, gradient, simulate
 from piezoharvest.engine.response import Response
 from piezoharvest.engine.work_limit import MAX_WORK, Budget

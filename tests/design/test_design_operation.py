@@ -12,11 +12,11 @@ from piezoharvest.description.shunts import Open, ParallelRL, Resistor, SeriesRL
 from piezoharvest.description.system import System
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.goal import Goal
+from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.operation import mean_nodes, operation_of
-from piezoharvest.design.region import COIL_QUALITY, Region
-from piezoharvest.design.starts import Host, starts
 from piezoharvest.design.trial import Trial
-from piezoharvest.design.twoport import LinearView
+from piezoharvest.design.tuning.region import COIL_QUALITY, Region
+from piezoharvest.design.tuning.starts import Host, starts
 from piezoharvest.linear import frequency_response
 from piezoharvest.study import DesignOptions
 

@@ -10,12 +10,12 @@ from piezoharvest.description.system import System
 from piezoharvest.design import trial as trials
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.goal import Goal
+from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.operation import operation_of
-from piezoharvest.design.refine import refine
-from piezoharvest.design.region import Region
-from piezoharvest.design.starts import Host, Start
 from piezoharvest.design.trial import Trial
-from piezoharvest.design.twoport import LinearView
+from piezoharvest.design.tuning.refine import refine
+from piezoharvest.design.tuning.region import Region
+from piezoharvest.design.tuning.starts import Host, Start
 from piezoharvest.engine import NoGradientError, simulate
 from piezoharvest.linear import TwoPort
 from piezoharvest.study import DesignOptions

@@ -8,11 +8,11 @@ import pytest
 from piezoharvest.description.excitation import SineForce
 from piezoharvest.description.shunts import ParallelSSHI, Rectifier, SeriesSSHI
 from piezoharvest.description.system import System
-from piezoharvest.design.bridges import powers, strain_source
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.goal import Goal
+from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.operation import operation_of
-from piezoharvest.design.twoport import LinearView
+from piezoharvest.design.tuning.bridges import powers, strain_source
 from piezoharvest.engine import simulate
 from piezoharvest.study import DesignOptions
 

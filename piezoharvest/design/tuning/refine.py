@@ -17,10 +17,10 @@ from scipy.optimize import minimize, minimize_scalar
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.goal import MARGIN, PENALTY
-from piezoharvest.design.minimax import Tuned
-from piezoharvest.design.region import Region
-from piezoharvest.design.starts import Start
 from piezoharvest.design.trial import Tangent, Trial
+from piezoharvest.design.tuning.minimax import Tuned
+from piezoharvest.design.tuning.region import Region
+from piezoharvest.design.tuning.starts import Start
 
 _WIDTH = np.log(2.5)  # half of the first bracket, in e-folds: the closed forms are within 20 %
 _ROUGH_WIDTH = np.log(10.0)  # the same for an excitation that the closed forms are not derived for

@@ -17,8 +17,8 @@ from piezoharvest.description.shunts.harvesting.parallel_sshi import ParallelSSH
 from piezoharvest.description.shunts.harvesting.series_sshi import SeriesSSHI
 from piezoharvest.description.shunts.linear.open import Open
 from piezoharvest.design.drafts import Draft
-from piezoharvest.design.starts import Start
-from piezoharvest.design.twoport import LinearView
+from piezoharvest.design.linear_view import LinearView
+from piezoharvest.design.tuning.starts import Start
 from piezoharvest.linear import TwoPort
 
 _LOADS = np.geomspace(1e-4, 1e4, 801)  # R C w, before the local maxima are refined

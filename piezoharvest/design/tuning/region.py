@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from piezoharvest.design.drafts import Draft
-from piezoharvest.design.starts import Host, scales
+from piezoharvest.design.tuning.starts import Host, scales
 
 SPAN = np.log(1e4)  # e-folds about a part's typical size
 COIL_QUALITY = 100.0  # w L/R that coils and gyrators hardly exceed; without it a tuning ends in lossless resonances

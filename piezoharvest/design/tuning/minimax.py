@@ -17,9 +17,9 @@ from scipy.optimize import minimize
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.goal import MARGIN, PENALTY
-from piezoharvest.design.region import Region
-from piezoharvest.design.starts import Start
-from piezoharvest.design.twoport import LinearView
+from piezoharvest.design.linear_view import LinearView
+from piezoharvest.design.tuning.region import Region
+from piezoharvest.design.tuning.starts import Start
 
 _TRUST_RADIUS = 3.0  # e-folds about the start of a round
 _STEP = 1e-5  # of central differences, in e-folds: the error of the gradient is 1e-10

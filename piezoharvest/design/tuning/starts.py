@@ -15,7 +15,7 @@ import numpy as np
 from piezoharvest.description.shunts import LinearShunt
 from piezoharvest.description.shunts.linear.negative_capacitance import NegativeCapacitance
 from piezoharvest.design.drafts import Draft
-from piezoharvest.design.twoport import LinearView
+from piezoharvest.design.linear_view import LinearView
 from piezoharvest.linear import TwoPort, resonances
 
 
