@@ -16,10 +16,42 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Bound:
-    """Performance bound of passive linear shunts; None where no bound holds or none has been computed."""
+    """Performance bound of passive, causal, linear shunts; None where no finite one exists or the objective needs none.
+
+    Attributes
+    ----------
+    harvested_power : float or None
+        W that no such shunt passes.
+    attenuation_db : float or None
+        dB below which no such shunt brings the displacement.
+    reached : float or None
+        Value, W or dB, that a passive causal shunt is shown to reach.
+    frequency_wise : float or None
+        The bound if every frequency could have a shunt of its own, W or dB.
+    any_interface : float or None
+        W that no circuit passes, switched ones included.
+    linearised : bool
+        True with hysteresis: the bound is that of its describing function at the amplitude found.
+    notes : tuple of str
+    """
 
     harvested_power: float | None = None
     attenuation_db: float | None = None
+    reached: float | None = None
+    frequency_wise: float | None = None
+    any_interface: float | None = None
+    linearised: bool = False
+    notes: tuple[str, ...] = ()
+
+    def gap(self, power: float, attenuation_db: float, *, damping: bool) -> float | None:
+        """Distance of a candidate from the bound: 1 - P/P_bound, or dB above it; negative beyond it."""
+        if damping:
+            return None if self.attenuation_db is None else attenuation_db - self.attenuation_db
+        return None if not self.harvested_power else 1 - power / self.harvested_power
+
+    def as_json(self) -> dict[str, Any]:
+        """Bound as a table of the JSON output."""
+        return {key: value for key, value in dataclasses.asdict(self).items() if key != "notes"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +142,7 @@ class DesignResult:
     def as_json(self) -> dict[str, Any]:
         """Result as a table of the JSON output."""
         return {
-            "bound": dataclasses.asdict(self.bound),
+            "bound": self.bound.as_json(),
             "candidates": [candidate.as_json() for candidate in self.candidates],
             "best": 0,
             "trade_off": [dict(point) for point in self.trade_off],

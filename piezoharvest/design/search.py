@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt
 from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.design.bound import bound_of
 from piezoharvest.design.drafts import Draft, Drafting
 from piezoharvest.design.goal import Goal, largest_inductance
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.operation import is_sine, operation_of
-from piezoharvest.design.result import Candidate, DesignResult
+from piezoharvest.design.result import Bound, Candidate, DesignResult
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.bridges import bridge_starts
 from piezoharvest.design.tuning.minimax import Tuned, tune
@@ -26,6 +27,7 @@ from piezoharvest.study import DesignOptions, Study
 LARGEST_COIL = 1.0  # H; beyond, "discrete inductors are limited" (Fleming, Behrens & Moheimani, SMS 12, 57-64, 2003)
 _MAX_DISAGREEMENT = 5e-3  # e-folds; the simulation's mean over a band is good to 1e-3
 _AMPLITUDE_ROUNDS = 3
+_BEYOND = 2e-3  # relative, or dB: twice the error of a simulated mean over a band
 
 Progress = Callable[[str], object]
 
@@ -94,7 +96,24 @@ class _Design:
         candidates = tuple(sorted(self._candidates(drafts), key=self._rank))
         if not any(candidate.feasible for candidate in candidates):
             self.notes.insert(0, "no candidate keeps all limits")
-        return DesignResult(candidates=candidates, notes=tuple(self.notes))
+        bound = self._bound(candidates)
+        gaps = [bound.gap(c.harvested_power, c.attenuation_db, damping=self.goal.damping) for c in candidates]
+        candidates = tuple(replace(c, gap_to_bound=gap) for c, gap in zip(candidates, gaps, strict=True))
+        return DesignResult(candidates=candidates, bound=bound, notes=tuple(self.notes))
+
+    def _bound(self, candidates: tuple[Candidate, ...]) -> Bound:
+        """Bound of passive linear shunts, with hysteresis at the amplitude with the best of the linear candidates."""
+        self.progress("bound of passive linear shunts")
+        linear = [c.shunt for c in candidates if isinstance(c.shunt, LinearShunt)]
+        bound = bound_of(self.view.working(linear[0] if linear else None))
+        self.notes += bound.notes
+        if bound.linearised:
+            self.notes.append("the bound is that of the hysteresis linearised at the amplitude found")
+        for candidate in candidates:
+            gap = bound.gap(candidate.harvested_power, candidate.attenuation_db, damping=self.goal.damping)
+            if gap is not None and gap < -_BEYOND:
+                self.notes.append(_beyond(candidate, bound))
+        return bound
 
     def _rank(self, candidate: Candidate) -> tuple:
         value = candidate.displacement_amplitude if self.goal.damping else -candidate.harvested_power
@@ -182,6 +201,14 @@ class _Design:
 def _best(tried: Iterable[Tuned]) -> Tuned:
     """The best; of those that end in the same optimum the first, named after the better known formula."""
     return min(tried, key=lambda tuned: round(tuned.merit, 5))
+
+
+def _beyond(candidate: Candidate, bound: Bound) -> str:
+    """Remark on a candidate that passes the bound of passive linear shunts."""
+    active = isinstance(candidate.shunt, LinearShunt)
+    why = "it is not passive" if active else "it is switched"
+    limit = "" if bound.any_interface is None else f"; no circuit passes {bound.any_interface:.4g} W (F^2/(8 b))"
+    return f"{candidate.shunt.kind}: passes the bound of passive linear shunts, as {why}{limit}"
 
 
 def _start_at(draft: Draft, tuned: Tuned) -> Start:

@@ -1,0 +1,159 @@
+"""The bound of a design: certified, reached, without causality, and for any interface."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from piezoharvest.description.shunts.linear.short import Short
+from piezoharvest.design.bound.certificate import certify
+from piezoharvest.design.bound.density import subdivided
+from piezoharvest.design.bound.mesh import mesh
+from piezoharvest.design.bound.port import ElectrodePort
+from piezoharvest.design.bound.reached import reach
+from piezoharvest.design.bound.target import Kind, Target, least_displacement
+from piezoharvest.design.linear_view import LinearView
+from piezoharvest.design.result import Bound
+
+# Intervals in the band and spacing near poles: refined until the certified and the reached value agree. Displacements,
+# which are differences of large parts, need finer meshes than powers.
+_MESHES = {"power": ((20, 0.25), (40, 0.12)), "peak": ((20, 0.12), (40, 0.08)), "mean_square": ((20, 0.12), (40, 0.08))}
+_BELOW, _ABOVE = 0.6, 1.6  # of all resonances and the band: beyond, Re Z is negligible
+_LOSSLESS = 1e-9  # Re Z/|Z|, below which rounding decides
+_AGREEMENT = 0.01
+_CANCELLED = 1e-6  # of the displacement with shorted electrodes
+
+
+def bound_of(view: LinearView) -> Bound:
+    """Bound of passive, causal, linear one-ports on the electrodes of a transducer in its operation.
+
+    Parameters
+    ----------
+    view : LinearView
+        With hysteresis at the charge amplitude of its linearisation.
+
+    Notes
+    -----
+    One frequency: closed form (|v|^2/(8 Re Z); distance of a disc from zero). Lines that act together: the sum over
+    the lines, as a network may have any passive impedance at each. Bands and noise: `certificate`, `reached`.
+    `any_interface` is the power that anything on the electrodes can draw, whether it switches or not: current at
+    frequencies that are not driven only loses power.
+    """
+    port, notes = ElectrodePort(view), []
+    op, objective = view.operation, view.goal.options.objective
+    linearised = view.transducer.hysteresis is not None
+    obstacle = _obstacle(port)
+    if obstacle:
+        return Bound(linearised=linearised, notes=(f"no bound: {obstacle}",))
+    found: dict[str, float | None] = {}
+    computed: list[tuple[float, float | None]] = []
+    if objective in ("harvest", "trade_off"):
+        value, reached, wise = _figures(port, "power")
+        computed.append((value, reached))
+        found |= {"harvested_power": value, "reached": reached, "frequency_wise": wise}
+        elastic = dataclasses.replace(view.transducer, hysteresis=None)
+        bare = dataclasses.replace(view, transducer=elastic, amplitude=None)
+        found["any_interface"] = _frequency_wise(ElectrodePort(bare), "power")
+    if objective in ("damping", "trade_off"):
+        value, reached, wise = _figures(port, "peak" if op.apart else "mean_square")
+        computed.append((value, reached))
+        shorted = _shorted(view)
+        found["attenuation_db"] = _decibels(value, shorted)
+        if objective == "damping":
+            found |= {"reached": _decibels(reached, shorted), "frequency_wise": _decibels(wise, shorted)}
+    notes += [_gap(*values) for values in computed if not (values[1] is not None and _agree(*values)) and values[0] > 0]
+    return Bound(**found, linearised=linearised, notes=tuple(notes))
+
+
+def _figures(port: ElectrodePort, kind: Kind) -> tuple[float, float | None, float]:
+    """Certified, reached and frequency-wise value, W or m."""
+    target, wise = _target(port.view, kind), _frequency_wise(port, kind)
+    if target is None:
+        return wise, wise, wise
+    best = max if kind == "power" else min
+    value, reached, sizes = wise, None, np.abs(port.resonances)
+    support = (_BELOW * min(target.band[0], np.min(sizes)), _ABOVE * max(target.band[1], np.max(sizes)))
+    for count, near_pole in _MESHES[kind]:
+        nodes = mesh(target.band, port.poles, count, near_pole)
+        # Each is a bound, and each is reached: the closest of all counts.
+        value = (
+            min(value, certify(port, target, nodes, support))
+            if kind == "power"
+            else max(value, certify(port, target, nodes, support))
+        )
+        found = reach(port, target, nodes)
+        if found is not None:
+            reached = found[0] if reached is None else best(reached, found[0])
+        if (kind != "power" and value == 0) or (reached is not None and _agree(value, reached)):
+            break
+    return value, reached, wise
+
+
+def _agree(value: float, reached: float) -> bool:
+    return abs(value - reached) <= _AGREEMENT * value
+
+
+def _gap(value: float, reached: float | None) -> str:
+    """Remark on a bound that is not shown to be reached within 1 %."""
+    if reached is None:
+        return "no shunt is shown to reach the bound: the convex program could not be solved"
+    return f"the bound is certified, but what is shown to be reached is {abs(value - reached) / value:.1%} away from it"
+
+
+def _target(view: LinearView, kind: Kind) -> Target | None:
+    """Target of a band or of noise; None for separate lines."""
+    op, excitation = view.operation, view.operation.excitation
+    if op.band is not None:
+        band, density = op.band, op.amplitude**2
+        width = 2 * np.pi * (band[1] - band[0])
+        return Target(kind, _angular(band), density if kind == "peak" else density / width)
+    psd = getattr(excitation, "psd", None)
+    if psd is None:
+        return None
+    low, high = excitation.band  # pyright: ignore[reportAttributeAccessIssue]
+    return Target(kind, _angular((max(low, 1e-6 * high), high)), psd / np.pi)
+
+
+def _angular(band: tuple[float, float]) -> tuple[float, float]:
+    return 2 * np.pi * band[0], 2 * np.pi * band[1]
+
+
+def _frequency_wise(port: ElectrodePort, kind: Kind) -> float:
+    """Figure if every frequency had a passive shunt of its own."""
+    op = port.view.operation
+    if kind == "peak" and op.band is not None:
+        band = _angular(op.band)
+        omega = subdivided(mesh(band, port.poles, *_MESHES[kind][0]), 4)
+        return Target(kind, band, op.amplitude**2).frequency_wise(omega, port.at(omega))
+    at = port.at(2 * np.pi * op.frequencies)
+    if kind == "power":
+        return float(op.squares @ (np.abs(at.voltage) ** 2 / (8 * at.resistance)))
+    return float(np.sqrt(op.squares @ least_displacement(at) ** 2))
+
+
+def _shorted(view: LinearView) -> float:
+    """The displacement's figure with shorted electrodes, m."""
+    if view.operation.apart:
+        return view.shorted
+    displacement = np.abs(view.response(Short(), view.operation.frequencies).displacement)
+    return float(np.sqrt(view.operation.squares @ displacement**2))
+
+
+def _decibels(displacement: float | None, shorted: float) -> float | None:
+    """Attenuation in dB; None where the displacement can be cancelled whole, or is not known."""
+    if displacement is None or not displacement > _CANCELLED * shorted:
+        return None
+    return 20 * float(np.log10(displacement / shorted))
+
+
+def _obstacle(port: ElectrodePort) -> str:
+    """Reason why there is no bound, in words; empty if there is none."""
+    lines = 2 * np.pi * port.view.operation.frequencies
+    at = port.at(np.union1d(lines, np.geomspace(0.1, 10, 201) * np.min(np.abs(port.resonances))))
+    share = at.resistance / np.abs(at.impedance)
+    if np.min(share) < -_LOSSLESS:
+        return "the transducer with its effects gives off power by itself"
+    if np.max(share) < _LOSSLESS:
+        return "the transducer has no loss"
+    return ""

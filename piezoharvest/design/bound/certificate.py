@@ -1,0 +1,234 @@
+"""Value that no passive, causal, linear shunt passes, by the dual of the convex program over all of them.
+
+With Q = g + j b the admittance of the loop, passivity is g >= |Q|^2 Re Z at every frequency, and the sum rule
+(2/pi) int g/w^2 dw <= C at the pole of Z at zero. Let rho(w) >= 0 and mu >= 0 be their multipliers. Since
+rho R |Q|^2 >= 2 Re(conj(f) Q) - |f|^2/(R rho) for any f (R = Re Z), the Lagrangian is bounded by a linear functional
+of g, whose coefficient must not be positive. With D(jw) any function whose real part is the Hilbert transform of its
+imaginary part, and D' = D + mu/(pi w^2), the best f and rho at each frequency are known in closed form:
+
+    P <= mu C + int h dw,   h = (|D'| - Re D')/R                   where 2 |D'| >= rho_0,
+                            h = |D' - rho_0/2|^2/(R rho_0)         elsewhere,
+
+rho_0 = density |v|^2/2 in the band, 0 outside. For a displacement x + a Q, with any y(w) in the band whose dual norm
+is one (int |y| dw for the peak):
+
+    max |x + a Q| >= int Re(conj(y) x) dw - mu C - int (|D''| - Re D'')/R dw,   D'' = D' + conj(y) a/2.
+
+Every D, mu, y gives a bound that holds; the convex program finds good ones, and its accuracy decides only how close the
+bound is. D has a piecewise linear imaginary part that vanishes where Re Z is negligible: there h = 0 if D' >= 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from piezoharvest.design.bound.density import Hats, interpolation, subdivided, trapezoid_weights
+from piezoharvest.design.bound.port import ElectrodePort, PortValues
+from piezoharvest.design.bound.target import Target
+
+_MARGIN = 1e-8  # the solver's accuracy
+_FINE = 16  # points in an interval of the mesh at which the certificate is evaluated
+
+
+@dataclass(frozen=True, eq=False)
+class Multipliers:
+    """Feasible point of the dual program.
+
+    Attributes
+    ----------
+    hats : Hats
+    imaginary : (n,) array
+        Im D at the peaks of the hats.
+    pole : float
+        mu.
+    pull : (m,) complex array
+        conj(y) a/2 at the nodes in the band; empty for power.
+    """
+
+    hats: Hats
+    imaginary: np.ndarray
+    pole: float
+    pull: np.ndarray
+
+
+def certify(port: ElectrodePort, target: Target, nodes: np.ndarray, support: tuple[float, float]) -> float:
+    """Largest power, or least displacement, that is shown to be out of reach beyond.
+
+    Parameters
+    ----------
+    port : ElectrodePort
+    target : Target
+    nodes : (n,) array
+        Mesh, rad/s.
+    support : pair of float
+        Frequencies between which Im D differs from zero, rad/s.
+    """
+    hats = Hats(nodes[(nodes >= support[0]) & (nodes <= support[1])])
+    beyond = np.concatenate((nodes[0] * np.array([0.01, 0.1, 0.5]), nodes, nodes[-1] * np.array([2.0, 10.0, 100.0])))
+    found = _DualProgram(port, target, hats, np.union1d(subdivided(beyond, 3), subdivided(hats.nodes, 2))).solve()
+    omega = subdivided(beyond, _FINE)
+    at = port.at(omega)
+    value = np.nan if found is None else _evaluate(port, target, found, omega, at)
+    trivial = target.frequency_wise(omega, at)
+    return float(np.fmin(value, trivial) if target.kind == "power" else np.fmax(value, trivial))
+
+
+def _evaluate(port: ElectrodePort, target: Target, found: Multipliers, omega: np.ndarray, at: PortValues) -> float:
+    """Value of a feasible point on a fine mesh; the pole's multiplier is raised where that makes the bound closer."""
+    hats, inside = found.hats, target.inside(omega)
+    d = hats.adjoint(omega) @ found.imaginary + 1j * (hats.values(omega) @ found.imaginary)
+    gain, scale = 0.0, 1.0
+    if target.kind != "power":
+        pull = interpolation(omega, _band_nodes(hats.nodes, target)) @ found.pull
+        y = np.conj(2 * pull / at.influence)
+        scale = _dual_norm(target, omega, y)
+        d = d + pull
+        gain = float(target.weights(omega) @ np.real(np.conj(y) * at.displacement))
+    least = max(found.pole, -2 * float(hats.first_moments @ found.imaginary), 0.0)
+    weights, capacitance = trapezoid_weights(omega), port.free_capacitance
+    quota = np.where(inside, 0.5 * target.density * np.abs(at.voltage) ** 2, 0.0) if target.kind == "power" else 0.0
+
+    def cost(pole: float) -> float:
+        penalty = _penalty(d + pole / (np.pi * omega**2), quota, at.resistance)
+        if target.kind == "power":
+            edges = target.weights(omega)
+            outside = _penalty(d + pole / (np.pi * omega**2), 0.0, at.resistance)
+            return float(edges @ penalty + (weights - edges) @ outside) + (pole * capacitance if pole else 0.0)
+        return float(weights @ penalty) + (pole * capacitance if pole else 0.0)
+
+    outside = (omega <= hats.nodes[0]) | (omega >= hats.nodes[-1])
+    most = max(least, float(np.max(-np.real(d) * np.pi * omega**2, where=outside, initial=0.0)))
+    costs = [cost(least), cost(most)] if np.isfinite(capacitance) else [cost(0.0)]
+    if most > least and np.isfinite(capacitance):
+        costs.append(float(minimize_scalar(cost, bounds=(least, most), method="bounded").fun))  # pyright: ignore
+    return min(costs) if target.kind == "power" else (gain - min(costs)) * np.sqrt(target.density) / scale
+
+
+def _penalty(d: np.ndarray, quota: Any, resistance: np.ndarray) -> np.ndarray:
+    """The function h of the module's description."""
+    size = np.abs(d)
+    # |D| - Re D without cancellation.
+    beyond = np.where(d.real > 0, d.imag**2 / np.maximum(size + np.abs(d.real), 1e-300), size - d.real)
+    within = np.abs(d - quota / 2) ** 2 / np.maximum(quota, 1e-300)
+    return np.where(2 * size >= quota, beyond, within) / resistance
+
+
+def _dual_norm(target: Target, omega: np.ndarray, y: np.ndarray) -> float:
+    weights = target.weights(omega)
+    return float(weights @ np.abs(y) if target.kind == "peak" else np.sqrt(weights @ np.abs(y) ** 2))
+
+
+def _band_nodes(nodes: np.ndarray, target: Target) -> np.ndarray:
+    return nodes[target.inside(nodes)]
+
+
+@dataclass
+class _DualProgram:
+    """The dual program on a mesh, in units in which its solution is of the order of one.
+
+    The value is over that without causality (power) or the displacement with open electrodes; D is over Re Z times
+    the value's unit over the bandwidth.
+    """
+
+    port: ElectrodePort
+    target: Target
+    hats: Hats
+    omega: np.ndarray
+
+    def __post_init__(self) -> None:
+        target, omega = self.target, self.omega
+        self.at = at = self.port.at(omega)
+        self.inside = target.inside(omega)
+        self.support = (omega > self.hats.nodes[0]) & (omega < self.hats.nodes[-1])
+        self.width = width = target.band[1] - target.band[0]
+        # y over the inverse of its dual norm where it is one throughout the band.
+        self.weight_unit = 1 / width if target.kind == "peak" else 1 / np.sqrt(width)
+        if target.kind == "power":
+            self.size = target.frequency_wise(omega, at)
+        else:
+            self.size = float(np.max(np.abs(at.displacement[self.inside]))) * self.weight_unit * width
+        self.unit = at.resistance * self.size / width
+        self.scale = np.interp(self.hats.peaks, omega, self.unit)
+        self.leaks = not np.isfinite(self.port.free_capacitance)
+        self.pole_unit = 0.0 if self.leaks else self.size / self.port.free_capacitance
+
+    def solve(self) -> Multipliers | None:
+        """Multipliers near the best; None if the solver fails."""
+        import cvxpy as cp
+
+        c, pole = cp.Variable(len(self.scale)), cp.Variable(nonneg=True)
+        real, imaginary, outside = self._conjugate_pair(c, pole)
+        gain, pull, constraints = 0.0, np.empty(0), []
+        if self.target.kind != "power":
+            y = cp.Variable((np.count_nonzero(self.target.inside(self.hats.nodes)), 2))
+            spread, norm, forward = self._pull()
+            real, imaginary = real + spread @ y[:, 0], imaginary + spread @ y[:, 1]
+            gain = forward.real @ y[:, 0] - forward.imag @ y[:, 1]
+            constraints.append(_unit_norm(cp, self.target, norm, self.target.weights(self.omega) / self.width, y))
+        r, t = cp.Variable(np.count_nonzero(self.support)), cp.Variable(np.count_nonzero(self.support))
+        # D must not be negative far above the support, where it falls with the square of the frequency.
+        moments = self.hats.first_moments * self.scale
+        far = moments / np.max(moments) @ c if self.leaks else moments / self.pole_unit @ c + pole / 2
+        constraints += [
+            r >= self._quota()[self.support],
+            # |D'|^2/r <= t
+            cp.SOC(r + t, cp.vstack([2 * real[self.support], 2 * imaginary[self.support], r - t]), axis=0),
+            outside >= _MARGIN,
+            far >= _MARGIN,
+        ]
+        weights = (trapezoid_weights(self.omega) / self.width)[self.support]
+        cost = weights @ (r / 4 - real[self.support] + t) + (0.0 if self.leaks else pole)
+        try:
+            cp.Problem(cp.Minimize(cost - gain), constraints).solve(solver=cp.CLARABEL)
+        except cp.SolverError:
+            return None
+        if c.value is None or not np.all(np.isfinite(c.value)):
+            return None
+        if self.target.kind != "power":
+            pull = (y.value[:, 0] + 1j * y.value[:, 1]) * self._pull_unit()
+        return Multipliers(self.hats, c.value * self.scale, max(float(pole.value), 0.0) * self.pole_unit, pull)
+
+    def _conjugate_pair(self, c: Any, pole: Any) -> tuple[Any, Any, Any]:
+        """Re D' and Im D over their unit, and Re D' outside of the support over a natural size."""
+        omega, unit = self.omega, self.unit
+        adjoint, values = self.hats.adjoint(omega) * self.scale, self.hats.values(omega) * self.scale
+        pole_part = self.pole_unit / (np.pi * omega**2)
+        real = (adjoint / unit[:, None]) @ c + (pole_part / unit) * pole
+        imaginary = (values / unit[:, None]) @ c
+        natural = 1 / np.interp(omega, omega[self.support], unit[self.support])
+        if not self.leaks:
+            natural = np.minimum(natural, 1 / pole_part)
+        off = ~self.support
+        outside = (adjoint * natural[:, None])[off] @ c + (pole_part * natural)[off] * pole
+        return real, imaginary, outside
+
+    def _quota(self) -> np.ndarray:
+        """rho_0 over the unit of D."""
+        if self.target.kind != "power":
+            return np.zeros(len(self.omega))
+        return np.where(self.inside, 0.5 * self.target.density * np.abs(self.at.voltage) ** 2 / self.unit, 0.0)
+
+    def _pull_unit(self) -> np.ndarray:
+        nodes = _band_nodes(self.hats.nodes, self.target)
+        return np.interp(nodes, self.omega, self.weight_unit * np.abs(self.at.influence) / 2)
+
+    def _pull(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Matrices from conj(y) a/2 at the nodes to itself, to y, and to int Re(conj(y) x) dw, all over their units."""
+        at, target, omega = self.at, self.target, self.omega
+        spread = interpolation(omega, _band_nodes(self.hats.nodes, target)) * self._pull_unit()
+        norm = 2 * spread / np.abs(at.influence)[:, None] / self.weight_unit
+        forward = (2 * at.displacement / at.influence / self.size * target.weights(omega)) @ spread
+        return spread / self.unit[:, None], norm, forward
+
+
+def _unit_norm(cp: Any, target: Target, norm: np.ndarray, weights: np.ndarray, y: Any) -> Any:
+    """Constraint that the dual norm of y is one at most."""
+    inside = weights > 0
+    norm, weights = norm[inside], weights[inside]
+    if target.kind == "peak":
+        return weights @ cp.norm(norm @ y, 2, axis=1) <= 1
+    return cp.norm(cp.multiply(np.sqrt(weights)[:, None], norm @ y), "fro") <= 1
