@@ -19,7 +19,7 @@ from piezoharvest.design.result import Bound
 # Intervals in the band and spacing near poles: refined until the certified and the reached value agree. Displacements,
 # which are differences of large parts, need finer meshes than powers.
 _MESHES = {"power": ((20, 0.25), (40, 0.12)), "peak": ((20, 0.12), (40, 0.08)), "mean_square": ((20, 0.12), (40, 0.08))}
-_BELOW, _ABOVE = 0.6, 1.6  # of all resonances and the band: beyond, Re Z is negligible
+_BELOW, _ABOVE, _NEGLIGIBLE = 0.6, 1.6, 1e-3  # of the band; Re Z/|Z|
 _LOSSLESS = 1e-9  # Re Z/|Z|, below which rounding decides
 _AGREEMENT = 0.01
 _CANCELLED = 1e-6  # of the displacement with shorted electrodes
@@ -62,7 +62,7 @@ def bound_of(view: LinearView) -> Bound:
         found["attenuation_db"] = _decibels(value, shorted)
         if objective == "damping":
             found |= {"reached": _decibels(reached, shorted), "frequency_wise": _decibels(wise, shorted)}
-    notes += [_gap(*values) for values in computed if not (values[1] is not None and _agree(*values)) and values[0] > 0]
+    notes += [_gap(*values) for values in computed if values[0] > 0 and not _agree(*values)]
     return Bound(**found, linearised=linearised, notes=tuple(notes))
 
 
@@ -71,27 +71,29 @@ def _figures(port: ElectrodePort, kind: Kind) -> tuple[float, float | None, floa
     target, wise = _target(port.view, kind), _frequency_wise(port, kind)
     if target is None:
         return wise, wise, wise
-    best = max if kind == "power" else min
-    value, reached, sizes = wise, None, np.abs(port.resonances)
-    support = (_BELOW * min(target.band[0], np.min(sizes)), _ABOVE * max(target.band[1], np.max(sizes)))
+    power, values, reached = kind == "power", [wise], []
     for count, near_pole in _MESHES[kind]:
+        # Every mesh gives a bound, and a value that is reached: the closest count.
         nodes = mesh(target.band, port.poles, count, near_pole)
-        # Each is a bound, and each is reached: the closest of all counts.
-        value = (
-            min(value, certify(port, target, nodes, support))
-            if kind == "power"
-            else max(value, certify(port, target, nodes, support))
-        )
+        values.append(certify(port, target, nodes, _support(port, target, nodes)))
         found = reach(port, target, nodes)
-        if found is not None:
-            reached = found[0] if reached is None else best(reached, found[0])
-        if (kind != "power" and value == 0) or (reached is not None and _agree(value, reached)):
+        reached += [] if found is None else [found[0]]
+        value, best = (min(values), max(reached, default=None)) if power else (max(values), min(reached, default=None))
+        if (not power and value == 0) or _agree(value, best):
             break
-    return value, reached, wise
+    return value, best, wise
 
 
-def _agree(value: float, reached: float) -> bool:
-    return abs(value - reached) <= _AGREEMENT * value
+def _support(port: ElectrodePort, target: Target, nodes: np.ndarray) -> tuple[float, float]:
+    """Frequencies about the band between which Re Z counts, rad/s."""
+    impedance = port.at(nodes).impedance
+    lossy = nodes[np.real(impedance) > _NEGLIGIBLE * np.abs(impedance)]
+    low, high = _BELOW * target.band[0], _ABOVE * target.band[1]
+    return float(np.min(lossy, initial=low)), float(np.max(lossy, initial=high))
+
+
+def _agree(value: float, reached: float | None) -> bool:
+    return reached is not None and abs(value - reached) <= _AGREEMENT * value
 
 
 def _gap(value: float, reached: float | None) -> str:
@@ -152,8 +154,8 @@ def _obstacle(port: ElectrodePort) -> str:
     lines = 2 * np.pi * port.view.operation.frequencies
     at = port.at(np.union1d(lines, np.geomspace(0.1, 10, 201) * np.min(np.abs(port.resonances))))
     share = at.resistance / np.abs(at.impedance)
-    if np.min(share) < -_LOSSLESS:
+    if np.nanmin(share) < -_LOSSLESS:
         return "the transducer with its effects gives off power by itself"
-    if np.max(share) < _LOSSLESS:
+    if not np.nanmax(share) > _LOSSLESS:
         return "the transducer has no loss"
     return ""

@@ -110,10 +110,10 @@ def _evaluate(port: ElectrodePort, target: Target, found: Multipliers, omega: np
 
 def _penalty(d: np.ndarray, quota: Any, resistance: np.ndarray) -> np.ndarray:
     """The function h of the module's description."""
-    size = np.abs(d)
+    size, real, imaginary = np.abs(d), np.real(d), np.imag(d)
     # |D| - Re D without cancellation.
-    beyond = np.where(d.real > 0, d.imag**2 / np.maximum(size + np.abs(d.real), 1e-300), size - d.real)
-    within = np.abs(d - quota / 2) ** 2 / np.maximum(quota, 1e-300)
+    beyond = np.where(real > 0, imaginary**2 / np.maximum(size + np.abs(real), 1e-300), size - real)
+    within = np.abs(d - quota / 2) ** 2 / np.where(2 * size < quota, quota, 1.0)
     return np.where(2 * size >= quota, beyond, within) / resistance
 
 
@@ -162,14 +162,14 @@ class _DualProgram:
 
         c, pole = cp.Variable(len(self.scale)), cp.Variable(nonneg=True)
         real, imaginary, outside = self._conjugate_pair(c, pole)
-        gain, pull, constraints = 0.0, np.empty(0), []
+        gain, y, constraints = 0.0, None, []
         if self.target.kind != "power":
-            y = cp.Variable((np.count_nonzero(self.target.inside(self.hats.nodes)), 2))
+            y = cp.Variable((len(_band_nodes(self.hats.nodes, self.target)), 2))
             spread, norm, forward = self._pull()
             real, imaginary = real + spread @ y[:, 0], imaginary + spread @ y[:, 1]
-            gain = forward.real @ y[:, 0] - forward.imag @ y[:, 1]
+            gain = np.real(forward) @ y[:, 0] - np.imag(forward) @ y[:, 1]
             constraints.append(_unit_norm(cp, self.target, norm, self.target.weights(self.omega) / self.width, y))
-        r, t = cp.Variable(np.count_nonzero(self.support)), cp.Variable(np.count_nonzero(self.support))
+        r, t = (cp.Variable(int(np.count_nonzero(self.support))) for _ in range(2))
         # D must not be negative far above the support, where it falls with the square of the frequency.
         moments = self.hats.first_moments * self.scale
         far = moments / np.max(moments) @ c if self.leaks else moments / self.pole_unit @ c + pole / 2
@@ -186,11 +186,11 @@ class _DualProgram:
             cp.Problem(cp.Minimize(cost - gain), constraints).solve(solver=cp.CLARABEL)
         except cp.SolverError:
             return None
-        if c.value is None or not np.all(np.isfinite(c.value)):
+        unknowns = [np.asarray(v.value, float) for v in (c, pole, *(() if y is None else (y,)))]
+        if not all(np.all(np.isfinite(values)) for values in unknowns):
             return None
-        if self.target.kind != "power":
-            pull = (y.value[:, 0] + 1j * y.value[:, 1]) * self._pull_unit()
-        return Multipliers(self.hats, c.value * self.scale, max(float(pole.value), 0.0) * self.pole_unit, pull)
+        pull = np.empty(0) if y is None else (unknowns[2] @ np.array([1, 1j])) * self._pull_unit()
+        return Multipliers(self.hats, unknowns[0] * self.scale, max(float(unknowns[1]), 0.0) * self.pole_unit, pull)
 
     def _conjugate_pair(self, c: Any, pole: Any) -> tuple[Any, Any, Any]:
         """Re D' and Im D over their unit, and Re D' outside of the support over a natural size."""

@@ -43,7 +43,7 @@ class PortValues(NamedTuple):
     @property
     def resistance(self) -> np.ndarray:
         """Re Z, ohm."""
-        return self.impedance.real
+        return np.real(self.impedance)
 
 
 @dataclass(frozen=True, eq=False)

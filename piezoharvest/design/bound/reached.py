@@ -91,7 +91,7 @@ def reach(port: ElectrodePort, target: Target, nodes: np.ndarray) -> tuple[float
 def _margin(at: PortValues, q: np.ndarray) -> np.ndarray:
     """Conductance beyond R |Q|^2, over the larger of that and a small share of |Q|; negative where not passive."""
     least = at.resistance * np.abs(q) ** 2
-    return (q.real - least) / np.maximum(least, _LOSSLESS * np.abs(q))
+    return (np.real(q) - least) / np.maximum(least, _LOSSLESS * np.abs(q))
 
 
 def _made_passive(
@@ -103,7 +103,7 @@ def _made_passive(
     ends = [(omega < hats.nodes[1], len(near)), (omega > hats.nodes[-2], len(parts) - 1)]
     for _ in range(_REPAIRS):
         q = basis @ parts
-        lack = at.resistance * np.abs(q) ** 2 - q.real
+        lack = at.resistance * np.abs(q) ** 2 - np.real(q)
         lack = np.where(at.resistance * np.abs(q) < _LOSSLESS, lack, 0.0)
         if np.max(lack) <= 0:
             break
@@ -111,7 +111,7 @@ def _made_passive(
         for where, n in ends:
             parts[n] += _MORE * np.max(lack[where] / basis[where, n].real, initial=0.0)
     q = basis @ parts
-    share = np.min(q.real / (at.resistance * np.abs(q) ** 2))
+    share = np.min(np.real(q) / (at.resistance * np.abs(q) ** 2))
     share = min(1.0, share, port.free_capacitance / (found.capacitances @ parts))
     return LoopAdmittance(hats, found.branches, share * parts) if share > 0 else None
 
