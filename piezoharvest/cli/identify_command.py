@@ -48,9 +48,8 @@ def on_campaign(path: Path, report: Path | None, run: Callable[..., _T]) -> _T |
         note(f"piezoharvest: error: {path}: the model with its nominal values cannot follow the records: {error}")
         return None
     except (ArithmeticError, LinAlgError) as error:
-        found = f"nominal values with which the records cannot be computed ({error})"
-        allowed = "allowed are those of a device that may have given these records"
-        raise StudyError(path, "transducer", f"found {found}, {allowed}") from None
+        message = f"the records cannot be computed with these nominal values ({error}), check them and their units"
+        raise StudyError(path, "transducer", message) from None
 
 
 def identify(path: Path, *, as_json: bool, report: Path | None) -> int:

@@ -215,7 +215,7 @@ def identify(
     """
     data = prepared(campaign, "fit")
     if not data:
-        raise CampaignError(campaign.path, "records", 'found none with role "fit", allowed is one or more')
+        raise CampaignError(campaign.path, "records", 'no record has role = "fit", at least one is needed')
     if offsets is None:
         offsets = sorted({channel for each in data for channel in each.channels})
     problem = Problem(data, campaign.transducer, tuple(offsets))

@@ -156,8 +156,7 @@ def _locked(path: Path) -> Iterator[None]:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            found = "found another sweep at work on the same file"
-            raise OutputError(f"{path.parent}: {found}, allowed is one at a time") from None
+            raise OutputError(f"{path.parent}: another sweep is writing the same file at this moment") from None
         yield
 
 

@@ -132,9 +132,11 @@ def _checked(inputs: np.ndarray, outputs: np.ndarray, skip: int) -> tuple[np.nda
     for name, values in (("inputs", inputs), ("outputs", outputs)):
         if not np.all(np.isfinite(values)):
             count = np.sum(~np.isfinite(values))
-            raise FrequencyError(f"{name}: found {count} NaN or infinite values, allowed are none")
+            raise FrequencyError(f"{name}: found {count} NaN or infinite values, allowed are finite numbers")
     _, sources, realisations, periods = inputs.shape
     if realisations < sources or periods < 2:
         found = f"found {realisations} realisations of {periods} periods for {sources} inputs"
-        raise FrequencyError(f"inputs: {found}, allowed are as many realisations as inputs, of 2 periods, or more")
+        raise FrequencyError(
+            f"inputs: {found}, allowed are at least as many realisations as inputs, each of 2 periods or more"
+        )
     return inputs, outputs

@@ -31,8 +31,8 @@ def too_short(record: Record, transducer: Transducer) -> Iterator[Finding]:
     rates = rates[rates > 0]
     slowest = 1 / rates.min() if len(rates) else 0.0
     if record.duration < slowest:
-        found = f"found a record of {record.duration:.4g} s, allowed is one longer than the slowest time constant"
-        message = f"{found} of the nominal model, {slowest:.4g} s"
+        found = f"the record lasts {record.duration:.4g} s, less than the slowest time constant"
+        message = f"found that {found} of the nominal model, {slowest:.4g} s"
         rows = shifted([(0, len(record) - 1)], record.time.first_row)
         yield Finding("warning", "too short", record.time.file, "time", rows, message)
 

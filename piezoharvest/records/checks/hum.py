@@ -50,7 +50,7 @@ def mains_hum(record: Record, spectra: Spectra, transducer: Transducer) -> Itera
             signal = record.signals[channel]
             size = abs(spectra[channel][line])
             found = f"found a line of {size:.3g} {UNITS[channel]} at {spectra.frequencies[line]:.4g} Hz"
-            message = f"{found} that does not come from the drive, allowed is none; likely mains hum"
+            message = f"{found} that does not come from the drive; likely mains hum"
             rows = shifted([(0, len(record) - 1)], signal.first_row)
             yield Finding("warning", "mains hum", signal.file, channel, rows, message)
 
