@@ -201,7 +201,7 @@ def read_toml(path: Path) -> dict[str, Any]:
             raise ValueError(f"a key of more than {_MAX_KEY_PARTS} parts")
         return tomllib.loads(text)
     except InputError as error:
-        raise StudyError(path, "", f"{error}, a study or a campaign is a TOML file") from None
+        raise StudyError(path, "", str(error)) from None
     except OSError as error:
         raise StudyError(path, "", f"the file cannot be read ({error.strerror})") from None
     except UnicodeDecodeError as error:
