@@ -410,6 +410,8 @@ def _described(field: dataclasses.Field, hint: Any) -> str:
     if get_origin(hint) is tuple:
         parts = get_args(hint)
         count = "" if Ellipsis in parts else f" of {len(parts)}"
+        if _component_in(parts[0]) is not None:
+            return f"a list{count} of tables"
         return f"a list{count}, each {_described(field, parts[0])}"
     if hint in (int, float):
         return allowed(field).replace("finite", "whole" if hint is int else "finite")

@@ -114,7 +114,7 @@ def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
     sources = {**default_sources(), **build_sources(table.get("channels", {}), "campaign", "channels")}
     entries = table.get("records")
     if not isinstance(entries, list) or not entries:
-        found = "missing tables [[records]]" if entries is None else f"found {repr(entries)[:60]}"
+        found = "missing" if entries is None else f"found {repr(entries)[:60]}"
         raise ParameterError("records", f"{found}, at least one table [[records]] is needed")
     read = list(_entries(entries, sources, path))
     records = tuple(record for record, _ in read)

@@ -32,7 +32,7 @@ def too_short(record: Record, transducer: Transducer) -> Iterator[Finding]:
     slowest = 1 / rates.min() if len(rates) else 0.0
     if record.duration < slowest:
         found = f"the record lasts {record.duration:.4g} s, less than the slowest time constant"
-        message = f"found that {found} of the nominal model, {slowest:.4g} s"
+        message = f"{found} of the nominal model, {slowest:.4g} s"
         rows = shifted([(0, len(record) - 1)], record.time.first_row)
         yield Finding("warning", "too short", record.time.file, "time", rows, message)
 
