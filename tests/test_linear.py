@@ -126,7 +126,7 @@ def test_linearize_shunt(shunt, formula, drive):
     }  # fmt: skip
     name = NAMES[SHUNTS.index(shunt)]
     if name in improper[drive]:
-        with pytest.raises(ParameterError, match="improper .* allowed is"):
+        with pytest.raises(ParameterError, match=r"improper .* allowed is"):
             linear.linearize_shunt(shunt, drive=drive)
         return
     system = linear.linearize_shunt(shunt, drive=drive)

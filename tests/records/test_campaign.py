@@ -231,7 +231,7 @@ class TestWrong:
              "standard gravity is g_0"),
             (TRANSDUCER + "[channels]\nvoltage = { gain = 0 }\n" + RECORD, "channels.voltage.gain", "found 0"),
             (TRANSDUCER + "[channels]\nvoltage = { sigma = 0 }\n" + RECORD, "channels.voltage.sigma", "greater than 0"),
-            (TRANSDUCER + "[channels]\nvoltage = { column = 0 }\n" + RECORD, "channels.voltage.column", "from 1 on"),
+            (TRANSDUCER + "[channels]\nvoltage = { column = 0 }\n" + RECORD, "channels.voltage.column", "from 1"),
             (TRANSDUCER + "[channels]\nvoltage = { column = [] }\n" + RECORD, "channels.voltage.column", "empty list"),
             (TRANSDUCER + "[channels]\nvoltage = { col = 1 }\n" + RECORD, "channels.voltage.col", "unknown key"),
             (TRANSDUCER.replace("NAC2125", "NAC") + RECORD, "transducer.catalogue", "did you mean"),
@@ -246,7 +246,7 @@ class TestWrong:
         with pytest.raises(CampaignError, match="the file cannot be read"):
             load_campaign(tmp_path / "campaign.toml")
         (tmp_path / "campaign.toml").write_text("= 3")
-        with pytest.raises(CampaignError, match="TOML syntax"):
+        with pytest.raises(CampaignError, match="not a valid TOML file"):
             load_campaign(tmp_path / "campaign.toml")
 
     def test_no_data_file(self, tmp_path):
@@ -262,7 +262,7 @@ class TestWrong:
 
     def test_nothing_but_the_drive(self, tmp_path, columns):
         kept = {name: columns[name] for name in ("time_s", "force_N")}
-        assert "no channel beside the drive" in failure(tmp_path, TRANSDUCER + RECORD, run_csv=kept).message
+        assert "no channel was found beside the drive" in failure(tmp_path, TRANSDUCER + RECORD, run_csv=kept).message
 
     def test_a_column_that_the_record_itself_names(self, tmp_path, columns):
         text = TRANSDUCER + RECORD + '[records.channels]\nvoltage = { column = "u" }\n'
@@ -633,8 +633,8 @@ class TestInstruments:
         write_table(columns, tmp_path / "run.csv")
         with pytest.raises(CampaignError) as caught:  # the checks find a current that is far too large
             load(tmp_path, campaign)
-        assert "the same samples" not in caught.value.message
-        assert "the same samples" in failure(tmp_path, campaign.replace("1.0", "2.0")).message
+        assert "samples are the same" not in caught.value.message
+        assert "samples are the same" in failure(tmp_path, campaign.replace("1.0", "2.0")).message
 
     def test_real_columns_of_a_complex_array(self, tmp_path, columns):
         names = list(columns)

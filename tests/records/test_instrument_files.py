@@ -253,7 +253,7 @@ class TestSaidOtherwise:
 
     def test_a_header_that_is_no_header_is_skipped(self, tmp_path):
         path = written(tmp_path, lines("Sample Interval,0.001", rows()))
-        assert "as in the header, line 1: 'Sample Interval,0.001'; skip_rows" in failure(path, 1).message
+        assert "but 2 in the header (line 1: 'Sample Interval,0.001'); skip_rows" in failure(path, 1).message
         same(path, 1, 2, 3, skip_rows=1)
 
     def test_header_row_that_does_not_fit(self, tmp_path):
