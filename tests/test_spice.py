@@ -288,7 +288,7 @@ class TestText:
     def test_what_an_effect_may_not_use(self, monkeypatch):
         monkeypatch.setattr(Stiffening, "act", lambda self, specimen: specimen.push(specimen.q))
         system, excitation = objects(bench({"kind": "open"}, DRIVE, effects={"stiffening": EFFECTS["stiffening"]}))
-        with pytest.raises(ParameterError, match=r"effects: found terms of q .* allowed are one, drive, v_t"):
+        with pytest.raises(ParameterError, match=r"effects: found terms of q, .* allowed are one, drive, v_t"):
             export_spice(*_parts(system), excitation)
 
     def test_what_sensors_make_of_it_is_not_there(self):
