@@ -163,8 +163,8 @@ class Identification:
             f"the records contradict the nominal {' and '.join(contradicted)} without telling the value: give a nearer "
             "one; standard errors of what else is fitted are rough"
         )
-        told = (r.warning for r in self.records if r.warning and not (r.missed and r.role == "fit"))
-        return (*((rough,) if contradicted else ()), *told)
+        warnings = (r.warning for r in self.records if r.warning and not (r.missed and r.role == "fit"))
+        return (*((rough,) if contradicted else ()), *warnings)
 
 
 def prepared(campaign: Campaign, role: str) -> tuple[Data | FrequencyData, ...]:
@@ -254,8 +254,8 @@ def identify(
 
 def _explained_quasi_statically(campaign: Campaign, problem: Problem, found: Fit) -> bool:
     """True if a quasi-static specimen explains the records as well as a fit does."""
-    quiet = replace(campaign, transducer=as_quasi_static(campaign.transducer))
-    still = Problem(prepared(quiet, "fit"), quiet.transducer, problem.offset_channels)
+    quasi_static = replace(campaign, transducer=as_quasi_static(campaign.transducer))
+    still = Problem(prepared(quasi_static, "fit"), quasi_static.transducer, problem.offset_channels)
     return quasi_static_fits_as_well(problem, still, found)
 
 

@@ -136,8 +136,8 @@ def _blocks(path: Path, encoding: str | None) -> Iterator[bytes]:
                 data, first = data.removeprefix(codecs.BOM_UTF8), False
             data = rest + data
             if b"\r" in data:
-                held = b"\r" if data.endswith(b"\r") and not final else b""  # its line feed may be in the next block
-                data = data[: len(data) - len(held)].replace(b"\r\n", b"\n").replace(b"\r", b"\n") + held
+                pending = b"\r" if data.endswith(b"\r") and not final else b""  # its line feed may be in the next block
+                data = data[: len(data) - len(pending)].replace(b"\r\n", b"\n").replace(b"\r", b"\n") + pending
             end = len(data) if final else data.rfind(b"\n") + 1
             if end:
                 yield data[:end] if data[:end].endswith(b"\n") else data[:end] + b"\n"

@@ -157,16 +157,16 @@ def test_a_record_is_evaluated_once_for_a_model_and_anew_for_any_other(tmp_path,
     data, nominal = prepared(campaign, "fit")[0], campaign.transducer
     model = models.Model(nominal, tuple(parameters_of(nominal, {"force"})), ("voltage",))
     nuisance = np.asarray(Problem([data], nominal, ("voltage",)).start(model)[0])
-    marched, blocks = [], models.residual_blocks
-    monkeypatch.setattr(models, "residual_blocks", lambda *some: marched.append(some) or blocks(*some))
+    runs, blocks = [], models.residual_blocks
+    monkeypatch.setattr(models, "residual_blocks", lambda *some: runs.append(some) or blocks(*some))
 
     def evaluated(model, nuisance):
-        """Residuals and derivatives, which are always those of a march through the record."""
+        """Residuals and derivatives, which are always those of a run through the record."""
         ((_, residual, slopes),) = models.evaluated(model, data, nuisance)
         ((_, _, wanted, derivatives),) = blocks(model, data, nuisance, True)
         np.testing.assert_array_equal(residual, wanted)
         np.testing.assert_array_equal(slopes, derivatives)
-        return len(marched)
+        return len(runs)
 
     stiffer = replace(model, transducer=replace(nominal, stiffness=1.01 * nominal.stiffness))
     assert [evaluated(model, nuisance) for _ in range(3)] == [1, 1, 1]

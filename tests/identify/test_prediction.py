@@ -262,7 +262,7 @@ def test_blocks_are_the_whole(size):
     np.testing.assert_allclose(of_parts, slopes, rtol=1e-9, atol=1e-9 * np.abs(slopes).max())
 
 
-def test_a_noisy_drive_never_stops_the_march():
+def test_the_prediction_never_stops_under_a_noisy_drive():
     """Every sample may turn every operator: the equations of a step have to be solved all the same."""
     rng, device = np.random.default_rng(9), build_transducer(STACK)
     held = np.where(np.arange(20000) < 10000, 1000.0, 100.0) + 0.5 * rng.standard_normal(20000)

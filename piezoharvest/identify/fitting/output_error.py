@@ -121,7 +121,7 @@ def linearised(
     return total_information(model, nuisance, sums_of(problem, model, nuisance, found.white))
 
 
-def covariance(found: Fit, held: Sequence[int] = ()) -> np.ndarray:
+def covariance(found: Fit, fixed: Sequence[int] = ()) -> np.ndarray:
     """Covariance of all parameters for coloured residuals: a sandwich estimate by bands of frequency.
 
     If the residuals of a band exceed the noise (rounding, slow noise, model error), the information of the band is
@@ -130,7 +130,7 @@ def covariance(found: Fit, held: Sequence[int] = ()) -> np.ndarray:
     Parameters
     ----------
     found : Fit
-    held : sequence of int
+    fixed : sequence of int
         Parameters that are taken as known, whose rows and columns are zero.
     """
     model, nuisance = found.model, found.nuisance
@@ -145,7 +145,7 @@ def covariance(found: Fit, held: Sequence[int] = ()) -> np.ndarray:
         places = np.concatenate([np.arange(p), np.arange(at, at + len(mine))])
         meat[np.ix_(places, places)] += np.einsum("b,bij->ij", excess, part.information) + part.scatter
         at += len(mine)
-    free = np.delete(np.arange(len(meat)), list(held))
+    free = np.delete(np.arange(len(meat)), list(fixed))
     bread = np.zeros_like(meat)
     bread[np.ix_(free, free)] = posterior(*(part[np.ix_(free, free)] for part in (found.information, found.prior)))
     if np.all(excess == 1.0) and not any(np.any(part.scatter) for part in found.sums):
@@ -174,12 +174,17 @@ def posterior(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
     """
     size = np.maximum(np.sqrt(np.abs(np.diag(information + prior))), 1e-50)
     values, vectors = np.linalg.eigh((information + prior) / np.outer(size, size))
-    told, untold = values > MIN_EIGENVALUE_RATIO * values.max(), values <= MIN_EIGENVALUE_RATIO * values.max()
-    found = (vectors[:, told] / values[told]) @ vectors[:, told].T
-    if np.any(untold):
-        null = vectors[:, untold] / size[:, None]
+    determined, undetermined = (
+        values > MIN_EIGENVALUE_RATIO * values.max(),
+        values <= MIN_EIGENVALUE_RATIO * values.max(),
+    )
+    found = (vectors[:, determined] / values[determined]) @ vectors[:, determined].T
+    if np.any(undetermined):
+        null = vectors[:, undetermined] / size[:, None]
         left, right = np.linalg.eigh(null.T @ prior @ null)
-        found = found + (vectors[:, untold] @ right / np.maximum(left, 1e-300)) @ (vectors[:, untold] @ right).T
+        found = (
+            found + (vectors[:, undetermined] @ right / np.maximum(left, 1e-300)) @ (vectors[:, undetermined] @ right).T
+        )
     return found / np.outer(size, size)
 
 

@@ -98,13 +98,13 @@ def multisine_response(inputs: np.ndarray, outputs: np.ndarray, sample_rate: flo
 
 def _distortion_between_lines(spectra: np.ndarray, lines: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """Distortion power at the excited lines, interpolated from lines that are not excited; (f, y)."""
-    quiet = np.setdiff1d(np.arange(lines[0], lines[-1]), lines)
-    if len(quiet) == 0:
+    between = np.setdiff1d(np.arange(lines[0], lines[-1]), lines)
+    if len(between) == 0:
         return np.full(noise.shape, np.nan)
     # Averaged over the same bandwidth, in which there are fewer of these lines.
-    size = max(_SMOOTHING_LINES * len(quiet) // (len(lines) + len(quiet)), 1)
-    power = _smooth((np.abs(spectra[quiet].mean(-1)) ** 2).mean(-1), size)
-    at_lines = [np.interp(lines, quiet, column) for column in power.T]
+    size = max(_SMOOTHING_LINES * len(between) // (len(lines) + len(between)), 1)
+    power = _smooth((np.abs(spectra[between].mean(-1)) ** 2).mean(-1), size)
+    at_lines = [np.interp(lines, between, column) for column in power.T]
     return np.stack(at_lines, axis=1) - noise
 
 

@@ -133,13 +133,13 @@ def _fit_if_better(problem: Problem, start: Model, nuisance, best: Fit) -> Fit |
     return other if other.cost < best.cost - _rough_tolerance(problem) else None
 
 
-def _nearest_model(problem: Problem, nominal: Model, told: Model) -> Model:
+def _nearest_model(problem: Problem, nominal: Model, tuned: Model) -> Model:
     """The model nearest to the records: initial estimates may be wrong if records show an unmodelled effect.
 
     The operators alone may be wrong, if the loops are due to another effect. Parameters are not varied, so that this
     takes a fraction of an iteration.
     """
-    if told.transducer == nominal.transducer:
+    if tuned.transducer == nominal.transducer:
         return nominal
     white = whiteners(problem, nominal, problem.start(nominal), problem.noise())
 
@@ -150,10 +150,10 @@ def _nearest_model(problem: Problem, nominal: Model, told: Model) -> Model:
         except PredictionError:
             return np.inf
 
-    if cost(told) < MAX_INITIAL_MEAN_SQUARE * _residual_count(problem):
-        return told
-    again = put(told.transducer, ("hysteresis",), nominal.transducer.hysteresis)
-    return min((told, replace(told, transducer=again), nominal), key=cost)
+    if cost(tuned) < MAX_INITIAL_MEAN_SQUARE * _residual_count(problem):
+        return tuned
+    again = put(tuned.transducer, ("hysteresis",), nominal.transducer.hysteresis)
+    return min((tuned, replace(tuned, transducer=again), nominal), key=cost)
 
 
 def _residual_count(problem: Problem) -> int:

@@ -50,9 +50,9 @@ def lost_between_samples(record: Record, spectra: Spectra, transducer: Transduce
         return 0.0
     images = np.concatenate([n * rate + side * kept for n in range(1, _MAX_IMAGES + 1) for side in (-1, 1)])
     frequencies = np.concatenate((kept, images))
-    foretold = transfers(transducer, record.shunt, record.drive, frequencies, nominal=True)
+    responses = transfers(transducer, record.shunt, record.drive, frequencies, nominal=True)
     causes = {record.drive: np.tile(drive[lines], len(frequencies) // len(kept))}
-    expected = (predicted(foretold, channel, causes) for channel in ("displacement", "voltage", "current"))
+    expected = (predicted(responses, channel, causes) for channel in ("displacement", "voltage", "current"))
     spectrum = next((found for found in expected if found is not None), None)
     if spectrum is None:
         return 0.0

@@ -113,8 +113,8 @@ class Files(ExitStack):
     def error(self, name: str, channel: str, error: ReadError) -> CampaignError:
         """Campaign error from that of a reader, with file, channel, column and row."""
         rows = () if error.row is None else ((error.row, error.row),)
-        told = isinstance(error, MissingColumnError) or error.column == "rows"  # in the message
-        column = f"column {error.column!r}" if error.column and channel and not told else ""
+        in_message = isinstance(error, MissingColumnError) or error.column == "rows"  # in the message
+        column = f"column {error.column!r}" if error.column and channel and not in_message else ""
         key = " ".join(part for part in (channel, f"({column})" if column else "") if part)
         key = key or ("rows" if error.column == "rows" else "")
         return CampaignError(self.folder / name, key, error.message, channel=channel, rows=rows)

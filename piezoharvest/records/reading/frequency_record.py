@@ -124,8 +124,8 @@ def _find(files: Files, entry: FrfEntry | ImpedanceEntry, sources: Sources) -> t
                 raise files.error(entry.file, part, error) from None
     if "phase" not in found and "phase_deg" in reader.names and "phase" not in sources:
         found["phase"], used["phase"] = ["phase_deg"], ChannelSource(unit="deg")
-    told = [form for form in _FORMS if any(part in sources for part in form)] or _FORMS
-    form = next((form for form in told if all(part in found for part in form)), None)
+    given = [form for form in _FORMS if any(part in sources for part in form)] or _FORMS
+    form = next((form for form in given if all(part in found for part in form)), None)
     if "frequency" not in found or form is None:
         what = "frequency" if "frequency" not in found else "response"
         defaults = ", ".join(RESPONSE_COLUMNS[entry.kind].values())
