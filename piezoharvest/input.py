@@ -12,7 +12,7 @@ _KINDS = {
 
 
 class InputError(ValueError):
-    """A file that cannot be read; the message says what was found."""
+    """A file that cannot be read; the message says why."""
 
 
 def check_readable(path: str | Path, most: int) -> int:
@@ -40,17 +40,19 @@ def check_readable(path: str | Path, most: int) -> int:
         found = os.stat(path)
         kind = _KINDS.get(stat.S_IFMT(found.st_mode))
         if kind is not None:
-            raise InputError(f"found {kind}")
+            raise InputError(f"found {kind}, not a file")
         with open(path, "rb"):
             pass
     except OSError as error:
-        raise InputError(f"found no readable file ({error.strerror})") from None
+        raise InputError(f"the file cannot be read ({error.strerror})") from None
     except ValueError as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"found no name of a file ({error})") from None  # "embedded null byte", as Python calls a NUL
+        raise InputError(
+            f"this is no name of a file ({error})"
+        ) from None  # "embedded null byte", as Python calls a NUL
     if found.st_size > most:
-        raise InputError(f"found a file of {in_bytes(found.st_size)}, more than the {in_bytes(most)} allowed")
+        raise InputError(f"found a file of {in_bytes(found.st_size)}, allowed are up to {in_bytes(most)}")
     return found.st_size
 
 

@@ -47,11 +47,11 @@ def check_file(path: str | Path, suffixes: Sequence[str] = ()) -> Path:
     """
     path = Path(path)
     if suffixes and path.suffix.lower() not in suffixes:
-        found = repr(path.suffix) if path.suffix else "no suffix"
-        raise OutputError(f"{path}: found {found}, allowed are files ending in {', '.join(suffixes)}")
+        found = repr(path.suffix) if path.suffix else "no ending"
+        raise OutputError(f"{path}: found {found}, allowed are names ending in {', '.join(suffixes)}")
     target = Path(os.path.realpath(path))
     if target.exists() and not target.is_file():
-        raise OutputError(f"{path}: found something that is not a file, allowed is a new file or one to be replaced")
+        raise OutputError(f"{path}: this exists and is not a file, so that it cannot be replaced by one")
     check_directory(target.parent)
     return path
 
@@ -71,8 +71,7 @@ def check_directory(path: str | Path, *, create: bool = False) -> Path:
         with tempfile.TemporaryFile(dir=path):
             return path
     except OSError as error:
-        found = f"found no directory to write to ({error.strerror})"
-        raise OutputError(f"{path}: {found}, allowed is one that exists and may be written to") from None
+        raise OutputError(f"{path}: no files can be written to this directory ({error.strerror})") from None
 
 
 def check_new_directory(path: str | Path) -> Path:

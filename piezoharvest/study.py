@@ -30,7 +30,11 @@ from piezoharvest.input import InputError, check_readable
 _T = TypeVar("_T")
 _C = TypeVar("_C", bound=Component)
 _WORDS: dict[Any, str] = {str: "a string", bool: "true or false", list: "a list of tables", dict: "a table"}
-_NEEDED = {"transducer": "a table", "excitation": "a table", "shunts": "a list of tables"}
+_NEEDED = {
+    "transducer": "table [transducer]",
+    "excitation": "table [excitation]",
+    "shunts": "tables [[shunts]], at least one is needed",
+}
 _TABLES = ("title", *_NEEDED, "design", "sweep", "bench")
 MAX_DESIGNS = 2**30  # of a sweep: the length of a Sobol sequence
 MAX_TOML_BYTES = 1 << 22  # bytes: tomllib takes about a second for 2 MB; a study of a thousand lines has 40 kB
@@ -75,7 +79,7 @@ class DesignOptions(Component):
         if self.band is not None and not self.band[0] < self.band[1]:
             raise ParameterError("band", f"found {list(self.band)}, allowed is [lower, upper] with lower < upper (Hz)")
         if self.candidates is not None and not self.candidates:
-            raise ParameterError("candidates", "found an empty list, allowed is one kind of shunt or more")
+            raise ParameterError("candidates", "found an empty list, at least one kind of shunt is needed")
         for n, kind in enumerate(self.candidates or ()):
             if kind not in shunts.registered():
                 raise unknown(f"candidates.{n}", kind, shunts.registered())
@@ -97,7 +101,9 @@ class SweepParameter(Component):
             if self.scale == "log" and value <= 0:
                 raise ParameterError(key, f"found {value:g} with scale = 'log', allowed is a number greater than 0")
         if self.from_ == self.to:
-            raise ParameterError("to", f"found {self.to:g}, the same as from, allowed is another value")
+            raise ParameterError(
+                "to", f"found {self.to:g}, which is the value of from as well, but the two must differ"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,20 +119,20 @@ class SweepOptions(Component):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.parameters:
-            raise ParameterError("parameters", "found an empty list, allowed is one table or more")
+            raise ParameterError("parameters", "found an empty list, at least one table [[sweep.parameters]] is needed")
         counts = {f"parameters.{n}.count": parameter.count for n, parameter in enumerate(self.parameters)}
         for key, count in (counts if self.method == "grid" else {"samples": self.samples}).items():
             if count is None:
-                raise ParameterError(key, f"found no such key, allowed is a whole number (method = {self.method!r})")
+                raise ParameterError(key, f"missing key, method = {self.method!r} needs a whole number here")
         if self.designs > MAX_DESIGNS:
             raise ParameterError("parameters", f"found {self.designs} designs, allowed are up to {MAX_DESIGNS}")
         if self.outputs == ():
-            raise ParameterError("outputs", "found an empty list, allowed is one output or more")
+            raise ParameterError("outputs", "found an empty list, at least one output is needed")
         names = {"parameters.{}.path": [p.path for p in self.parameters], "outputs.{}": self.outputs or ()}
         for key, given in names.items():
             for n, name in enumerate(given):
                 if name in given[:n]:
-                    raise ParameterError(key.format(n), f"found {name!r} a second time, allowed is each one once")
+                    raise ParameterError(key.format(n), f"found {name!r} a second time, each may be named once")
 
     @property
     def designs(self) -> int:
@@ -146,8 +152,8 @@ class Study:
         Empty only with a table [design], which adds its own candidates.
     path : Path
         The file.
-    The table [bench] as in the file; empty if there is none.
-        The table [bench] as it stands in the file; empty where there is none.
+    bench : mapping
+        The table [bench] as in the file; empty if there is none.
     """
 
     title: str
@@ -195,15 +201,15 @@ def read_toml(path: Path) -> dict[str, Any]:
             raise ValueError(f"a key of more than {_MAX_KEY_PARTS} parts")
         return tomllib.loads(text)
     except InputError as error:
-        raise StudyError(path, "", f"{error}, allowed is a TOML file") from None
+        raise StudyError(path, "", str(error)) from None
     except OSError as error:
-        raise StudyError(path, "", f"found no readable file ({error.strerror}), allowed is a TOML file") from None
+        raise StudyError(path, "", f"the file cannot be read ({error.strerror})") from None
     except UnicodeDecodeError as error:
         found = f"byte {error.object[error.start]:#04x} at offset {error.start}"
-        raise StudyError(path, "", f"found {found}, allowed is text in UTF-8") from None
+        raise StudyError(path, "", f"found {found}, but a TOML file must be text in UTF-8") from None
     except (ValueError, RecursionError) as error:  # ValueError: a syntax error, or a number of thousands of digits
         what = "tables nested too deep" if isinstance(error, RecursionError) else error
-        raise StudyError(path, "", f"found a TOML syntax error: {what}, allowed is a TOML file") from None
+        raise StudyError(path, "", f"not a valid TOML file: {what}") from None
 
 
 def study_from(table: Mapping[str, Any], path: Path) -> Study:
@@ -216,12 +222,12 @@ def study_from(table: Mapping[str, Any], path: Path) -> Study:
     """
     for key in table:
         if key not in _TABLES:
-            raise unknown(key, key, _TABLES, "an unknown key")
+            raise unknown(key, key, _TABLES, "key")
     for key, wanted in _NEEDED.items():
         if key not in table and not (key == "shunts" and "design" in table):
-            raise ParameterError(key, f"found no such key, allowed is {wanted}")
+            raise ParameterError(key, f"missing {wanted}")
     if table.get("shunts") == []:
-        raise ParameterError("shunts", "found an empty list, allowed is a list of one table or more")
+        raise ParameterError("shunts", "found an empty list, at least one table [[shunts]] is needed")
     study = Study(
         title=_typed(str, table.get("title", path.stem), "title"),
         transducer=build_transducer(table["transducer"]),
@@ -233,7 +239,7 @@ def study_from(table: Mapping[str, Any], path: Path) -> Study:
         bench=_typed(dict, table.get("bench", {}), "bench"),
     )
     if study.transducer.quasi_static:
-        raise ParameterError("transducer.quasi_static", "found true, allowed is false in a study")
+        raise ParameterError("transducer.quasi_static", "found true, which only a campaign of measured records may say")
     check_systems(study)
     return study
 
@@ -252,7 +258,9 @@ def check_systems(study: Study) -> None:
         except ParameterError as error:
             raise error.within(f"shunts.{n}") from None
         except np.linalg.LinAlgError:
-            raise ParameterError(f"shunts.{n}", "found overflow in its equations, allowed is a real device") from None
+            raise ParameterError(
+                f"shunts.{n}", "its values are so large or so small that its equations overflow"
+            ) from None
 
 
 def build_transducer(table: Any, where: str = "transducer") -> Transducer:
@@ -301,9 +309,7 @@ def build(cls: type[_C], table: Any, where: str) -> _C:
     except ParameterError as error:
         raise ParameterError(error.key.removesuffix("_"), error.message).within(where) from None
     except (ValueError, OSError) as error:
-        raise ParameterError(
-            where, f"found what {cls.__name__} refuses ({error}), allowed is what it documents"
-        ) from None
+        raise ParameterError(where, f"values that {cls.__name__} does not accept ({error})") from None
 
 
 def _build_part(part: type[Component], hint: Any, value: Any, where: str) -> Any:
@@ -311,7 +317,7 @@ def _build_part(part: type[Component], hint: Any, value: Any, where: str) -> Any
     if issubclass(part, Effect):
         known = effects.registered()
         for name in (name for name in _typed(dict, value, where) if name not in known):
-            raise unknown(f"{where}.{name}", name, known, "an unknown effect")
+            raise unknown(f"{where}.{name}", name, known, "effect")
         return tuple(build(known[name], table, f"{where}.{name}") for name, table in value.items())
     if get_origin(hint) is tuple:
         return _build_list(value, where, lambda table, place: build(part, table, place))
@@ -327,7 +333,7 @@ def _by_kind(table: Any, known: Mapping[str, type[_C]], where: str) -> tuple[typ
     """Class that the table's `kind` names, and the table's other keys."""
     keys = dict(_typed(dict, table, where))
     if "kind" not in keys:
-        raise ParameterError(f"{where}.kind", f"found no such key, allowed are {', '.join(sorted(known))}")
+        raise ParameterError(f"{where}.kind", f"missing key, allowed are {', '.join(sorted(known))}")
     kind = keys.pop("kind")
     if not isinstance(kind, str) or kind not in known:
         raise unknown(f"{where}.kind", kind, known)
@@ -387,14 +393,14 @@ def _validation_message(cls: type[Component], error: ValidationError) -> Paramet
     name, *inner = map(str, first["loc"])
     fields = {_key(field): field for field in dataclasses.fields(cls) if field.init}
     if first["type"] == "extra_forbidden":
-        return unknown(name, name, fields, "an unknown key")
+        return unknown(name, name, fields, "key")
     field = fields[name]
     hint = _without_none(get_type_hints(cls)[field.name])
     if first["type"] != "missing" and inner:
         name, hint = f"{name}.{inner[0]}", get_args(hint)[0]
     # An element is missing if a list is too short: the list is reported.
-    found = "no such key" if first["type"] == "missing" and not inner else _shown_value(first["input"])
-    return ParameterError(name, f"found {found}, allowed is {_described(field, hint)}")
+    found = "missing key" if first["type"] == "missing" and not inner else f"found {_shown_value(first['input'])}"
+    return ParameterError(name, f"{found}, allowed is {_described(field, hint)}")
 
 
 def _described(field: dataclasses.Field, hint: Any) -> str:
@@ -404,6 +410,8 @@ def _described(field: dataclasses.Field, hint: Any) -> str:
     if get_origin(hint) is tuple:
         parts = get_args(hint)
         count = "" if Ellipsis in parts else f" of {len(parts)}"
+        if _component_in(parts[0]) is not None:
+            return f"a list{count} of tables"
         return f"a list{count}, each {_described(field, parts[0])}"
     if hint in (int, float):
         return allowed(field).replace("finite", "whole" if hint is int else "finite")
@@ -423,11 +431,12 @@ def _frozen(value: Any) -> Any:
 
 
 def unknown(key: str, name: Any, known: Iterable[str], what: str = "") -> ParameterError:
-    """Error for an unknown name, with the most similar known one."""
+    """Error for an unknown name, with the most similar known one; `what` is named by a key ("key", "effect")."""
     names = {right.lower(): right for right in sorted(known)}
     near = difflib.get_close_matches(str(name)[:100].lower(), names, n=1)
     hint = f" (did you mean {names[near[0]]!r}?)" if near else ""
-    return ParameterError(key, f"found {what or _shown_value(name)}{hint}, allowed are {', '.join(names.values())}")
+    found = f"unknown {what}{hint}, known {what}s" if what else f"found {_shown_value(name)}{hint}, allowed"
+    return ParameterError(key, f"{found} are {', '.join(names.values())}")
 
 
 def _shortened(text: str, most: int = 450) -> str:

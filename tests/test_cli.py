@@ -285,12 +285,12 @@ class TestOut:
     @pytest.mark.parametrize("name", ["w.xls", "w", ".csv", "w.csv.gz"])
     def test_unknown_suffix_before_simulating(self, study, refused, engine, name):
         engine()
-        assert "allowed are files ending in .csv, .npz, .h5, .parquet" in refused("simulate", study, "--out", name)
+        assert "allowed are names ending in .csv, .npz, .h5, .parquet" in refused("simulate", study, "--out", name)
 
     @pytest.mark.parametrize("name", ["nowhere/w.csv", "study.toml/w.csv", "/proc/w.csv"])
     def test_directory_that_cannot_be_written_to_before_simulating(self, study, refused, engine, name):
         engine()
-        assert "found no directory to write to" in refused("simulate", study, "--out", name)
+        assert "no files can be written to this directory" in refused("simulate", study, "--out", name)
 
     def test_not_a_file(self, study, refused, engine, tmp_path):
         engine()
@@ -386,8 +386,8 @@ class TestBadInput:
 
     def test_simulating_needs_shunts(self, study, refused, tmp_path):
         (tmp_path / study).write_text(STUDY[: STUDY.index("[[shunts]]")] + "[design]\n")
-        assert "shunts: found no such key" in refused("simulate", study)
-        assert "shunts: found no such key" in refused("export", study, "--out", "x.cir")
+        assert "shunts: missing tables [[shunts]]" in refused("simulate", study)
+        assert "shunts: missing tables [[shunts]]" in refused("export", study, "--out", "x.cir")
 
     @pytest.mark.parametrize(("key", "value"), [("objective", "trade_off"), ("parts", "E24")])
     def test_what_is_to_come_says_so(self, study, refused, tmp_path, key, value):
@@ -429,7 +429,7 @@ class TestProgram:
         process = self.start("simulate", "nowhere.toml", cwd=tmp_path)
         out, err = process.communicate()
         assert (process.returncode, out) == (2, "")
-        assert err.startswith("piezoharvest: error: nowhere.toml: found no readable file (No such file or directory)")
+        assert err.startswith("piezoharvest: error: nowhere.toml: the file cannot be read (No such file or directory)")
         assert err.count("\n") == 1
 
     def test_reader_that_leaves(self, study):
@@ -577,7 +577,7 @@ class TestExport:
         assert run("export", study, "--out", "first.cir", "--shunt", "0") == (0, "first.cir\n", "")
         assert run("export", study, "--out", "second.cir", "--shunt", "1") == (0, "second.cir\n", "")
         assert (tmp_path / "first.cir").read_text() != (tmp_path / "second.cir").read_text()
-        assert "shunts.2: found no such shunt, allowed are 0 to 1" in refused(
+        assert "shunts.2: the study has no such shunt, --shunt may be 0 to 1" in refused(
             "export", study, "--out", "x", "--shunt", "2"
         )
         refused("export", study, "--out", "x", "--shunt", "-1")

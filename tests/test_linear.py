@@ -126,7 +126,7 @@ def test_linearize_shunt(shunt, formula, drive):
     }  # fmt: skip
     name = NAMES[SHUNTS.index(shunt)]
     if name in improper[drive]:
-        with pytest.raises(ParameterError, match="improper, allowed is"):
+        with pytest.raises(ParameterError, match=r"improper .* allowed is"):
             linear.linearize_shunt(shunt, drive=drive)
         return
     system = linear.linearize_shunt(shunt, drive=drive)
@@ -589,7 +589,7 @@ def test_cancelled_capacitance_is_refused():
 def test_series_negative_capacitance_with_a_leak_drifts_away():
     """The floating charge leaks through -C_n: a slow unstable pole at any value, for which no limit can be named."""
     leaking = dataclasses.replace(PLAIN, effects=(Leakage(resistance=1e9),))
-    with pytest.raises(ParameterError, match="allowed is no value of it with this transducer"):
+    with pytest.raises(ParameterError, match="allowed is no value at all with this transducer"):
         linear.check_stability(System(leaking, NegativeCapacitance(capacitance=9e-8, resistance=R, topology="series")))
 
 

@@ -282,13 +282,13 @@ class TestText:
         system, excitation = objects(bench({"kind": "open"}, DRIVE))
         shunt = Open()
         object.__setattr__(shunt, "kind", "mine")  # not a class of its own, which would stay registered
-        with pytest.raises(ParameterError, match=r"found kind 'mine' .* allowed are .*network, open"):
+        with pytest.raises(ParameterError, match=r"found kind 'mine', .* allowed are .*network, open"):
             export_spice(system.transducer, shunt, excitation)
 
     def test_what_an_effect_may_not_use(self, monkeypatch):
         monkeypatch.setattr(Stiffening, "act", lambda self, specimen: specimen.push(specimen.q))
         system, excitation = objects(bench({"kind": "open"}, DRIVE, effects={"stiffening": EFFECTS["stiffening"]}))
-        with pytest.raises(ParameterError, match=r"effects: found terms of q .* allowed are one, drive, v_t"):
+        with pytest.raises(ParameterError, match=r"effects: found terms of q, .* allowed are one, drive, v_t"):
             export_spice(*_parts(system), excitation)
 
     def test_what_sensors_make_of_it_is_not_there(self):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import pytest
+from messages import is_sentence
 
 from piezoharvest.description import catalogue, shunts
 from piezoharvest.description.effects import Leakage
@@ -103,10 +104,8 @@ def error(folder, *changes: tuple[str, str]) -> str:
     path = str(folder / "study.toml")
     assert message.startswith(path + ": ")
     assert "\n" not in message
-    assert "found " in message
-    assert "allowed " in message
+    assert is_sentence(message)
     assert caught.value.path == path
-    assert caught.value.message.startswith("found ")
     return message.removeprefix(path + ": ")
 
 
@@ -295,7 +294,7 @@ class TestValues:
             (
                 ("[5e5, 1.5e6]", "[5e5]"),
                 "transducer.hysteresis.weights",
-                "found 1 for 2 thresholds, allowed is one for each",
+                "found 1 for 2 thresholds, allowed is one weight for each",
             ),
             (('"bench harvester"', "7"), "title", "found 7, allowed is a string"),
             (
@@ -316,7 +315,7 @@ class TestValues:
             (
                 ('["resistor", "parallel_sshi"]', "[]"),
                 "design.candidates",
-                "found an empty list, allowed is one kind of shunt or more",
+                "found an empty list, at least one kind of shunt is needed",
             ),
             (('["resistor", "parallel_sshi"]', "[1]"), "design.candidates.0", "found 1, allowed is a string"),
             (
@@ -366,21 +365,21 @@ class TestNames:
     @pytest.mark.parametrize(
         ("change", "key", "message"),
         [
-            (("mass", "mas"), "transducer.mas", "found an unknown key (did you mean 'mass'?), allowed are "),
+            (("mass", "mas"), "transducer.mas", "unknown key (did you mean 'mass'?), known keys are "),
             (
                 ("[design]", "[desing]"),
                 "desing",
-                "found an unknown key (did you mean 'design'?), allowed are bench, design, ",
+                "unknown key (did you mean 'design'?), known keys are bench, design, ",
             ),
             (
                 ("thresholds", "threshold"),
                 "transducer.hysteresis.threshold",
-                "found an unknown key (did you mean 'thresholds'?)",
+                "unknown key (did you mean 'thresholds'?)",
             ),
             (
                 ("effects.leakage", "effects.leakge"),
                 "transducer.effects.leakge",
-                "found an unknown effect (did you mean 'leakage'?)",
+                "unknown effect (did you mean 'leakage'?)",
             ),
             (
                 ('"sine_force"', '"Sine_Forces"'),
@@ -391,7 +390,7 @@ class TestNames:
             (
                 ("frequency", "freqency"),
                 "excitation.freqency",
-                "found an unknown key (did you mean 'frequency'?), allowed are amplitude, ",
+                "unknown key (did you mean 'frequency'?), known keys are amplitude, ",
             ),
             (
                 ('kind = "resistor"', 'kind = "paralel_rl"'),
@@ -401,12 +400,12 @@ class TestNames:
             (
                 ("resistance = 1e5", "resistence = 1e5"),
                 "shunts.0.resistence",
-                "found an unknown key (did you mean 'resistance'?), allowed are resistance",
+                "unknown key (did you mean 'resistance'?), known keys are resistance",
             ),
             (
                 ("resistance = 1e5", "resistance = 1e5\nxyz = 0"),
                 "shunts.0.xyz",
-                "found an unknown key, allowed are resistance",
+                "unknown key, known keys are resistance",
             ),
             (
                 ('["resistor", ', '["resister", '),
@@ -417,7 +416,7 @@ class TestNames:
             (
                 ("from = 1e4", "from_ = 1e4"),
                 "sweep.parameters.0.from_",
-                "found an unknown key (did you mean 'from'?), allowed are count, from, path, scale, to",
+                "unknown key (did you mean 'from'?), known keys are count, from, path, scale, to",
             ),
         ],
     )
@@ -427,7 +426,7 @@ class TestNames:
     @pytest.mark.parametrize("key", ["mass", "damping", "stiffness", "coupling", "capacitance"])
     def test_missing_in_transducer(self, tmp_path, key):
         text = "\n".join(line for line in STUDY.split("[transducer.hyst")[0].splitlines() if not line.startswith(key))
-        with pytest.raises(StudyError, match=rf"transducer\.{key}: found no such key, allowed is a finite number"):
+        with pytest.raises(StudyError, match=rf"transducer\.{key}: missing key, allowed is a finite number"):
             load_study(write(tmp_path, text + "\n[transducer.hyst" + STUDY.split("[transducer.hyst")[1]))
 
     @pytest.mark.parametrize(
@@ -443,7 +442,7 @@ class TestNames:
         ],
     )
     def test_missing(self, tmp_path, change, key):
-        assert error(tmp_path, change).startswith(f"{key}: found no such key, allowed ")
+        assert error(tmp_path, change).startswith(f"{key}: missing key, allowed ")
 
     @pytest.mark.parametrize("table", ["transducer", "excitation", "shunts"])
     def test_missing_table(self, tmp_path, table):
@@ -454,34 +453,34 @@ class TestNames:
         }
         assert load_study(write(tmp_path, "\n".join(tables.values()))).shunts
         del tables[table]
-        with pytest.raises(StudyError, match=f"study.toml: {table}: found no such key, allowed is a "):
+        with pytest.raises(StudyError, match=rf"study.toml: {table}: missing tables? \[+{table}\]"):
             load_study(write(tmp_path, "\n".join(tables.values())))
 
-    @pytest.mark.parametrize(("value", "found"), [("[]", "an empty list"), ("{}", "{}"), ("[1]", "1")])
+    @pytest.mark.parametrize(
+        ("value", "found"), [("[]", "an empty list, at least"), ("{}", "{}, allowed is a"), ("[1]", "1, allowed is a")]
+    )
     def test_shunts_are_a_list_of_tables(self, tmp_path, value, found):
         text = f"shunts = {value}\n" + STUDY[: STUDY.index("[[shunts]]")]
-        with pytest.raises(StudyError, match=rf"shunts(\.0)?: found {found}, allowed is a "):
+        with pytest.raises(StudyError, match=rf"shunts(\.0)?: found {found} "):
             load_study(write(tmp_path, text))
 
     @pytest.mark.parametrize("kind", sorted(shunts.registered()))
     def test_every_kind_refuses_unknown_keys(self, tmp_path, kind):
         found = error(tmp_path, RESISTOR_TO(f'kind = "{kind}"\nno_such_key = 1'))
-        assert found.startswith("shunts.0.no_such_key: found an unknown key, allowed are ")
+        assert found.startswith("shunts.0.no_such_key: unknown key, known keys are ")
 
 
 class TestFiles:
     def test_missing_file(self, tmp_path):
-        with pytest.raises(
-            StudyError, match=r"nowhere\.toml: found no readable file \(No such file or directory\), allowed"
-        ):
+        with pytest.raises(StudyError, match=r"nowhere\.toml: the file cannot be read \(No such file or directory\)"):
             load_study(tmp_path / "nowhere.toml")
 
     def test_directory(self, tmp_path):
-        with pytest.raises(StudyError, match=r"found no readable file \(Is a directory\), allowed is a TOML file"):
+        with pytest.raises(StudyError, match=r"the file cannot be read \(Is a directory\)"):
             load_study(tmp_path)
 
     def test_not_utf8(self, tmp_path):
-        with pytest.raises(StudyError, match=r"found byte 0xe9 at offset 9, allowed is text in UTF-8"):
+        with pytest.raises(StudyError, match=r"found byte 0xe9 at offset 9, but a TOML file must be text in UTF-8"):
             load_study(write(tmp_path, 'title = "é"'.encode("latin-1")))
 
     @pytest.mark.parametrize(
@@ -504,11 +503,13 @@ class TestFiles:
         error(tmp_path, ("mass = 0.010", r'mass = "1\n2"'))
 
     def test_record_file_and_column(self, tmp_path):
-        assert error(tmp_path, RECORD).startswith("excitation.file: found no file ")
+        assert error(tmp_path, RECORD).startswith("excitation.file: the file ")
         (tmp_path / "data").mkdir()
         force = tmp_path / "data" / "force.csv"
         force.write_text("time_s,load_N\n0,1\n0.1,2\n")
-        assert error(tmp_path, RECORD).startswith("excitation.column: found no column 'force_N', allowed are ")
+        assert error(tmp_path, RECORD).startswith(
+            "excitation.column: the file has no column 'force_N', its columns are "
+        )
         force.write_bytes("time_s,force_N,°C\n0,1,2\n".encode("latin-1"))
         # Letters of another encoding in the name of another column do no harm; one sample is too few.
         assert error(tmp_path, RECORD).startswith("excitation.file: found 1 samples in ")
@@ -524,7 +525,7 @@ def test_whatever_stands_at_a_key_is_accepted_or_refused_in_one_sentence(tmp_pat
         try:
             load_study(write(tmp_path, text))
         except StudyError as problem:
-            assert ": found " in str(problem)
+            assert is_sentence(str(problem))
             assert "\n" not in str(problem)
 
 

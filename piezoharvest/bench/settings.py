@@ -103,14 +103,16 @@ def build_bench(study: Study) -> tuple[Bench, tuple[BenchEffect, ...], tuple[Set
         duration = option.duration or bench.duration or excitation.length or 10.0
         if duration * bench.sample_rate < 3:
             found = f"found {duration:g} s at {bench.sample_rate:g} Hz"
-            raise ParameterError(f"{where}.duration", f"{found}, allowed is a record of three samples or more")
+            raise ParameterError(
+                f"{where}.duration", f"{found}, which is less than the three samples that a record needs"
+            )
         if not duration * bench.sample_rate <= MAX_SAMPLES:
             found = f"found {duration:g} s at {bench.sample_rate:g} Hz, {duration * bench.sample_rate:.7g} samples"
             raise ParameterError(f"{where}.duration", f"{found}, allowed are up to {MAX_SAMPLES}")
         check_size(study.transducer, excitation, shunt)
         setups.append(Setup(excitation, _sensed(shunt, bench.current_sense, where), option.role, duration))
     if not setups:
-        raise ParameterError("shunts", "found no such key, allowed is a list of tables")
+        raise ParameterError("shunts", "missing tables [[shunts]] or [[bench.records]], at least one is needed")
     return bench, effects, tuple(setups)
 
 
@@ -120,16 +122,18 @@ def _effects(study: Study, tables: Any) -> tuple[BenchEffect, ...]:
     for effect in study.transducer.effects:
         where = f"transducer.effects.{effect.name}"
         if effect.name not in known:
-            raise ParameterError(where, f"found what the bench cannot build, allowed are {', '.join(known)}")
+            raise ParameterError(where, f"the bench has no such effect, it has {', '.join(known)}")
         found[effect.name] = build(known[effect.name], vars(effect), where)
     if not isinstance(tables, Mapping):
-        raise ParameterError("bench.effects", f"found {tables!r}, allowed is a table of tables")
+        raise ParameterError(
+            "bench.effects", f"found {tables!r}, allowed is a table for each effect, [bench.effects.NAME]"
+        )
     for name, table in tables.items():
         where = f"bench.effects.{name}"
         if name not in known:
-            raise ParameterError(where, f"found an unknown effect, allowed are {', '.join(sorted(known))}")
+            raise ParameterError(where, f"unknown effect, known effects are {', '.join(sorted(known))}")
         if name in found:
-            raise ParameterError(where, f"found transducer.effects.{name} too, allowed is one of them")
+            raise ParameterError(where, f"transducer.effects.{name} is given too, but only one of the two may be")
         found[name] = build(known[name], table, where)
     return tuple(found.values())
 
@@ -137,13 +141,15 @@ def _effects(study: Study, tables: Any) -> tuple[BenchEffect, ...]:
 def _shunt(study: Study, option: RecordOptions, where: str, default: int) -> Shunt:
     """Shunt of a record by its label."""
     if option.shunt is not None and option.load_resistance is not None:
-        raise ParameterError(f"{where}.shunt", "found load_resistance too, allowed is one of them")
+        raise ParameterError(f"{where}.shunt", "load_resistance is given too, but only one of the two may be")
     if option.shunt is not None:
         return build_shunt(option.shunt, f"{where}.shunt")
     if option.load_resistance is not None:
         return Resistor(resistance=option.load_resistance)
     if not study.shunts:
-        raise ParameterError(f"{where}.load_resistance", "found no such key, allowed is a number of ohms")
+        raise ParameterError(
+            f"{where}.load_resistance", "missing key, allowed is a resistance in ohm, or a table shunt in its place"
+        )
     return study.shunts[default]
 
 
@@ -165,11 +171,11 @@ def _excitation(study: Study, table: Any, where: str) -> Excitation:
 def _sensed(shunt: Shunt, sense: CurrentSense, where: str) -> Shunt:
     """Shunt including the current's sense resistor; raises if the bench cannot build it."""
     if shunt.kind not in CIRCUITS:
-        found = f"found {shunt.kind!r}, which the bench cannot build"
+        found = f"found {shunt.kind!r}, which the bench has no circuit for"
         raise ParameterError(f"{where}.kind", f"{found}, allowed are {', '.join(CIRCUITS)}")
     if isinstance(shunt, Short):
         return Resistor(resistance=sense.resistance)
     if isinstance(shunt, Resistor) and shunt.resistance < sense.resistance:
-        allowed = f"allowed is at least bench.current_sense.resistance ({sense.resistance:g} ohm), which is part of it"
+        allowed = f"allowed is at least {sense.resistance:g} ohm (bench.current_sense.resistance, which is part of it)"
         raise ParameterError(f"{where}.resistance", f"found {shunt.resistance:g} ohm, {allowed}")
     return shunt

@@ -34,8 +34,10 @@ def check_folder(path: str | Path) -> Path:
     path = Path(path)
     check_new_directory(path.resolve().parent)
     if path.exists() and not _replaceable(path):
-        found = "found a folder with other files" if path.is_dir() else "found something that is not a folder"
-        raise OutputError(f"{path}: {found}, allowed is a new or empty one, or one that measure has written")
+        found = "this folder holds other files" if path.is_dir() else "this exists and is not a folder"
+        raise OutputError(
+            f"{path}: {found}, allowed is a new or empty folder, or one that piezoharvest measure has written"
+        )
     return path
 
 

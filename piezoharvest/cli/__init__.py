@@ -125,7 +125,7 @@ def sweep(
     converged, and the outputs; an output without an answer is null.
     """
     if scheduler is not None and workers > 1:
-        raise typer.BadParameter("found --workers with it, allowed is one of them", param_hint="--scheduler")
+        raise typer.BadParameter("--workers is given too, but only one of the two may be", param_hint="--scheduler")
     from piezoharvest.cli import sweep_command
 
     return partial(sweep_command.sweep, study, out, workers=workers, scheduler=scheduler, as_json=json)
@@ -190,7 +190,7 @@ def export(
 ) -> Work:
     """Write a netlist for circuit simulators."""
     if form != "spice":
-        raise typer.BadParameter(f"found {form!r}, allowed is spice", param_hint="--format")
+        raise typer.BadParameter(f"found {form!r}, the only format is spice", param_hint="--format")
     from piezoharvest.cli import commands
 
     return partial(commands.export, study, out, shunt)
@@ -274,7 +274,7 @@ def _failed(error: Exception) -> int:
     if isinstance(error, BAD_INPUT):
         return _say(f"error: {error}", 2)
     if isinstance(error, MemoryError):
-        return _say("error: found less memory than this takes, allowed is a smaller task", 2)
+        return _say("error: there is not enough memory for this task", 2)
     if isinstance(error, OSError):
         return _say(f"error: {error}", 2 if error.errno in _FULL else 1)
     if os.environ.get("PIEZOHARVEST_TRACEBACK"):

@@ -98,11 +98,13 @@ def _design(study: Study, *, as_json: bool, report: Path | None) -> int:
 def _refuse_what_is_to_come(study: Study) -> None:
     """Raise for options of [design] that are not implemented yet."""
     options = study.design or DesignOptions()
-    later = "which this version cannot do yet, allowed is"
+    later = "which this version cannot do yet,"
     if options.objective == "trade_off":
-        raise StudyError(study.path, "design.objective", f"found 'trade_off', {later} 'harvest' or 'damping'")
+        raise StudyError(
+            study.path, "design.objective", f"found 'trade_off', {later} allowed is 'harvest' or 'damping'"
+        )
     if options.parts is not None:
-        raise StudyError(study.path, "design.parts", f"found {options.parts!r}, {later} to leave it out")
+        raise StudyError(study.path, "design.parts", f"found {options.parts!r}, {later} leave this key out")
 
 
 def export(path: Path, out: Path, shunt: int | None) -> int:
@@ -111,7 +113,9 @@ def export(path: Path, out: Path, shunt: int | None) -> int:
     study = _with_shunts(load_study(path))
     n = shunt or 0
     if not n < len(study.shunts):
-        raise StudyError(study.path, f"shunts.{n}", f"found no such shunt, allowed are 0 to {len(study.shunts) - 1}")
+        raise StudyError(
+            study.path, f"shunts.{n}", f"the study has no such shunt, --shunt may be 0 to {len(study.shunts) - 1}"
+        )
     from piezoharvest.spice import export_spice
 
     try:
@@ -133,5 +137,5 @@ def demo(out: Path) -> int:
 
 def _with_shunts(study: Study) -> Study:
     if not study.shunts:
-        raise StudyError(study.path, "shunts", "found no such key, allowed is a list of tables")
+        raise StudyError(study.path, "shunts", "missing tables [[shunts]], at least one is needed")
     return study

@@ -48,9 +48,8 @@ def on_campaign(path: Path, report: Path | None, run: Callable[..., _T]) -> _T |
         note(f"piezoharvest: error: {path}: the model with its nominal values cannot follow the records: {error}")
         return None
     except (ArithmeticError, LinAlgError) as error:
-        found = f"nominal values with which the records cannot be computed ({error})"
-        allowed = "allowed are those of a device that may have given these records"
-        raise StudyError(path, "transducer", f"found {found}, {allowed}") from None
+        message = f"the records cannot be computed with these nominal values ({error}), check them and their units"
+        raise StudyError(path, "transducer", message) from None
 
 
 def identify(path: Path, *, as_json: bool, report: Path | None) -> int:
@@ -75,16 +74,16 @@ def identify(path: Path, *, as_json: bool, report: Path | None) -> int:
 
 def remarks(found: Identification) -> list[str]:
     """Reservations about the result."""
-    told = [*(f"not to be trusted: {doubt}" for doubt in found.doubts), *found.warnings]
+    texts = [*(f"not to be trusted: {doubt}" for doubt in found.doubts), *found.warnings]
     for role, quality in (("fitted", found.fit), ("validation", found.validation)):
-        told += [
+        texts += [
             f"{channel} of the {role} records: residual {quality.rms[channel] / noise:.3g} times the noise: the model "
             "lacks something"
             for channel, noise in quality.noise.items()
             # The noise of a response depends on frequency: reported above.
             if "/" not in channel and quality.rms[channel] > MAX_NOISE_RATIO * noise
         ]
-    return told
+    return texts
 
 
 def identification_json(found: Identification) -> dict[str, Any]:

@@ -151,7 +151,7 @@ class StepForce(Excitation):
         super().__post_init__()
         if self.rise_time > self.duration:
             raise ParameterError(
-                "rise_time", f"found {self.rise_time:g} s, allowed is up to duration ({self.duration:g} s)"
+                "rise_time", f"found {self.rise_time:g} s, allowed is at most duration ({self.duration:g} s)"
             )
 
     @property
@@ -184,9 +184,9 @@ class Multisine(Excitation):
         for name in ("amplitudes", "phases"):
             if len(getattr(self, name)) != len(self.frequencies):
                 found = f"found {len(getattr(self, name))} values for {len(self.frequencies)} frequencies"
-                raise ParameterError(name, f"{found}, allowed is one for each")
+                raise ParameterError(name, f"{found}, allowed is one value for each frequency")
         if not self.frequencies:
-            raise ParameterError("frequencies", "found an empty list, allowed is one frequency or more")
+            raise ParameterError("frequencies", "found an empty list, at least one frequency is needed")
 
     @property
     def period(self):
@@ -224,7 +224,10 @@ class _Random(Excitation):
         if len(self.band) != 2 or not self.band[0] < self.band[1]:
             raise ParameterError("band", f"found {list(self.band)}, allowed is [lower, upper] with lower < upper (Hz)")
         if self.duration * (self.band[1] - self.band[0]) < 1:
-            raise ParameterError("duration", f"found {self.duration:g} s, allowed is at least one over the bandwidth")
+            least = 1 / (self.band[1] - self.band[0])
+            raise ParameterError(
+                "duration", f"found {self.duration:g} s, allowed is at least {least:g} s (one over the bandwidth)"
+            )
 
     @property
     def length(self):
@@ -300,9 +303,11 @@ class Record(Excitation):
         from piezoharvest.readers import MissingColumnError, ReadError, open_reader
 
         if not isinstance(self.column, str) and not (type(self.column) is int and self.column > 0):
-            raise ParameterError("column", f"found {self.column!r}, allowed is a name or a number from 1 on")
+            raise ParameterError(
+                "column", f"found {self.column!r}, allowed is the name of a column or its number, counted from 1"
+            )
         if not Path(self.file).exists():
-            raise ParameterError("file", f"found no file {self.file!r}, allowed is a file of measured data")
+            raise ParameterError("file", f"the file {self.file!r} does not exist")
         lines = {"skip_rows": self.skip_rows, "header_row": self.header_row}
         try:
             with open_reader(Path(self.file), **{key: n for key, n in lines.items() if n is not None}) as reader:
@@ -315,16 +320,16 @@ class Record(Excitation):
             raise ParameterError(key, f"{error.message} (in {where})") from None
         where = f"in column {name!r} of {self.file}"
         if np.any(np.imag(values)):
-            raise ParameterError("column", f"found complex values {where}, allowed are real ones")
+            raise ParameterError("column", f"found complex numbers {where}, allowed are real numbers")
         if unit is not None and unit.si != "N" and unit.firm:
-            raise ParameterError("column", f"found the unit {unit.text!r} {where}, allowed is one of force")
+            raise ParameterError("column", f"found the unit {unit.text!r} {where}, allowed is a unit of force")
         values = np.real(values) * (unit.factor if unit is not None and unit.si == "N" else 1.0)
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             row = rows[bad[0]] if isinstance(rows, np.ndarray) else rows + bad[0]
             raise ParameterError("file", f"found {values[bad[0]]} {where}, row {row}, allowed is a finite number")
         if len(values) < 2:
-            raise ParameterError("file", f"found {len(values)} samples in {self.file}, allowed is two or more")
+            raise ParameterError("file", f"found {len(values)} samples in {self.file}, allowed are two or more")
         return values
 
     @property

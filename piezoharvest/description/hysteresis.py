@@ -68,7 +68,8 @@ class Hysteresis(Component):
         object.__setattr__(self, "weights", tuple(self.weights))
         if len(self.thresholds) != len(self.weights):
             raise ParameterError(
-                "weights", f"found {len(self.weights)} for {len(self.thresholds)} thresholds, allowed is one for each"
+                "weights",
+                f"found {len(self.weights)} for {len(self.thresholds)} thresholds, allowed is one weight for each",
             )
         for before, after in zip(self.thresholds, self.thresholds[1:], strict=False):
             if not np.all(after > before):

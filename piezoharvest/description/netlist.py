@@ -81,7 +81,7 @@ def read_netlist(netlist: Any) -> tuple[Element, ...]:
     if isinstance(netlist, str):
         netlist = netlist.splitlines()
     if not isinstance(netlist, Sequence):
-        raise ParameterError("netlist", f"found {netlist!r}, allowed is a text or a list of lines or tables")
+        raise ParameterError("netlist", f"found {netlist!r}, allowed is a text, or a list of lines or tables")
     keyed: list[tuple[str, Element]] = []
     for index, entry in enumerate(netlist):
         key = f"netlist.{index}"
@@ -119,16 +119,18 @@ def _element(table: Mapping[str, Any], key: str, number: int) -> Element:
     known = ("name", "kind", "element", "type", "nodes", "value", *VALUE_KEYS.values(), "load")
     for name in table:
         if name not in known:
-            raise ParameterError(f"{key}.{name}", f"found an unknown key, allowed are {', '.join(known)}")
+            raise ParameterError(f"{key}.{name}", f"unknown key, known keys are {', '.join(known)}")
     kind = _kind(table, key)
     name = table.get("name", f"{kind}{number}")
     if not isinstance(name, str) or not re.fullmatch(r"[\w-]+", name, re.ASCII):
-        raise ParameterError(f"{key}.name", f"found {name!r}, allowed are letters, digits, _ and -")
+        raise ParameterError(f"{key}.name", f"found {name!r}, allowed is a name of letters, digits, _ and -")
     load = table.get("load", False)
     if not isinstance(load, bool):
         raise ParameterError(f"{key}.load", f"found {load!r}, allowed is true or false")
     if load and kind != "R":
-        raise ParameterError(f"{key}.load", f"found true for {name} of kind {kind}, allowed is true for a resistor")
+        raise ParameterError(
+            f"{key}.load", f"found true for {name} of kind {kind}, but only a resistor may be the load"
+        )
     return Element(name, kind, _nodes(table, key), _value(table, kind, key), load)
 
 
@@ -167,7 +169,7 @@ def _value(table: Mapping[str, Any], kind: str, key: str) -> float:
     if len(given) != 1 or given[0] not in ("value", VALUE_KEYS[kind]):
         found = f"{' and '.join(given) or 'no value'} for kind {kind}"
         where = f"{key}.{given[-1] if given else 'value'}"
-        raise ParameterError(where, f"found {found}, allowed is one of value and {VALUE_KEYS[kind]}")
+        raise ParameterError(where, f"found {found}, allowed is either value or {VALUE_KEYS[kind]}")
     value = table[given[0]]
     number = spice_number(value) if isinstance(value, str) else value
     if isinstance(number, bool) or not isinstance(number, int | float | np.integer | np.floating):
@@ -202,20 +204,19 @@ def _check_circuit(keyed: list[tuple[str, Element]]) -> None:
     used = {node for _, element in keyed for node in element.nodes}
     for node in (1, 0):
         if node not in used:
-            raise ParameterError("netlist", f"found no element at node {node}, allowed is a port at nodes 1 and 0")
+            raise ParameterError("netlist", f"no element is connected to node {node}, but the port is at nodes 1 and 0")
     names: set[str] = set()
     parts = _Parts()
     parts.join((1, 0))
     for key, element in keyed:
         # SPICE ignores case, and the network may be exported.
         if element.name.lower() in names:
-            raise ParameterError(f"{key}.name", f"found {element.name} a second time, allowed is each name once")
+            raise ParameterError(f"{key}.name", f"found {element.name} a second time, each name may be used once")
         names.add(element.name.lower())
         parts.join(element.nodes)
     for key, element in keyed:
         if parts.of(element.nodes[0]) != parts.of(0):
-            found = f"found {element.name} in a part that floats"
-            raise ParameterError(f"{key}.nodes", f"{found}, allowed is a part connected to node 1 or 0")
+            raise ParameterError(f"{key}.nodes", f"{element.name} is not connected to node 1 or 0, even through others")
 
 
 class NormalTree(NamedTuple):

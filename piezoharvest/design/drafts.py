@@ -110,8 +110,8 @@ class Drafting:
             drafts = [self._from_template(shunt) for shunt in own] or self._assume(cls, named is not None)
             found += [draft for draft in drafts if named is not None or self._fits(draft.shunt, bool(own))]
         if not found:
-            reasons = "; ".join(self.left_out) or "no kind of shunt that fits the objective"
-            raise ParameterError("design.candidates", f"found {reasons}, allowed are kinds that need nothing else")
+            reasons = "; ".join(self.left_out) or "no kind of shunt fits the objective"
+            raise ParameterError("design.candidates", f"no candidate can be designed ({reasons})")
         return _distinct(found)
 
     def _fits(self, shunt: Shunt, templated: bool) -> bool:

@@ -64,8 +64,9 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
     options = study.design or DesignOptions()
     for key, allowed in (("objective", ("harvest", "damping")), ("parts", (None,))):
         if getattr(options, key) not in allowed:
-            words = " or ".join(repr(value) for value in allowed if value) or "to leave it out"
-            later = f"found {getattr(options, key)!r}, which this version cannot do yet, allowed is {words}"
+            words = " or ".join(repr(value) for value in allowed if value)
+            words = f"allowed is {words}" if words else "leave this key out"
+            later = f"found {getattr(options, key)!r}, which this version cannot do yet, {words}"
             raise ParameterError(f"design.{key}", later)
     return _Design(study, options, progress or (lambda _: None)).run()
 

@@ -114,8 +114,8 @@ class Trial:
         with self._counted() as budget:
             response = simulate(System(self.view.transducer, shunt), excitation, budget=budget, **samples)
         if self.left <= 0:
-            what = "found more to simulate than one design may take"
-            raise ParameterError("design", f"{what}, allowed are fewer candidates, a narrower band or fewer tones")
+            what = "this is more to simulate than a design may take"
+            raise ParameterError("design", f"{what}, take fewer candidates, a narrower band or fewer tones")
         if response.exhausted:  # as many others would be
             raise self._impossible(response)
         return response
@@ -220,5 +220,5 @@ class Trial:
 
     @staticmethod
     def _impossible(response: Response) -> ParameterError:
-        found = f"found what cannot be designed for, with {response.shunt}: {response.message or 'nothing moves'}"
-        return ParameterError("excitation", f"{found}, allowed is what can be simulated")
+        found = f"cannot be simulated with {response.shunt}: {response.message or 'nothing moves'}"
+        return ParameterError("excitation", found)

@@ -133,7 +133,7 @@ class CandidateFits:
             return plain
         if id(found) not in self._refitted:
             try:
-                refitted = fit(self.problem, found.model, found.own, found.noise, rounds=2)
+                refitted = fit(self.problem, found.model, found.nuisance, found.noise, rounds=2)
             except (PredictionError, np.linalg.LinAlgError):
                 refitted = found
             self._refitted[id(found)] = found, refitted
@@ -154,12 +154,12 @@ class CandidateFits:
         """
         more = effect_parameters([effect], len(now.found.model.transducer.effects))
         model = extended(now.found.model, [effect], more)
-        nuisance = nuisance_for_model(self.problem, now.found.model, now.found.own, model)
+        nuisance = nuisance_for_model(self.problem, now.found.model, now.found.nuisance, model)
         if varied is not None and set(varied) > set(now.found.model.parameters):
             alone = self._fit(model, nuisance, now.found, enough=COARSE_FIT_TOLERANCE, most=most)
             if alone is None:
                 return None
-            model, nuisance = replace(alone.found.model, parameters=(*varied, *more)), alone.found.own
+            model, nuisance = replace(alone.found.model, parameters=(*varied, *more)), alone.found.nuisance
         step = self._remember_converged(self._fit(model, nuisance, now.found, aim=aim, most=most))
         return step if most < MAX_ITERATIONS else self._visible(step)
 
@@ -168,7 +168,7 @@ class CandidateFits:
         done = [step for step in tried if step.found.message != NOT_CONVERGED]
         for slow in sorted((step for step in tried if step.found.message == NOT_CONVERGED), key=lambda s: s.fair_cost):
             step = self._remember_converged(
-                self._fit(slow.found.model, slow.found.own, slow.found, aim=cost_to_reach(done))
+                self._fit(slow.found.model, slow.found.nuisance, slow.found, aim=cost_to_reach(done))
             )
             done += [] if step is None else [step]
         return sorted((step for step in done if self._visible(step)), key=lambda step: step.fair_cost)
@@ -209,7 +209,7 @@ class CandidateFits:
         kept = tuple(p for p in model.parameters if p not in deviating)
         return self._fit(
             replace(model, transducer=transducer, parameters=kept),
-            now.found.own,
+            now.found.nuisance,
             now.found,
             enough=COARSE_FIT_TOLERANCE,
         )
@@ -245,7 +245,7 @@ class CandidateFits:
         drives = {data.drive for data in self.problem.data if isinstance(data, Data)}
         full = replace(model, parameters=(*parameters_of(nominal, drives), *of_effects))
         if len(full.parameters) > len(model.parameters):
-            information, _, _ = linearised(self.problem, full, found.own, found)
+            information, _, _ = linearised(self.problem, full, found.nuisance, found)
             prior = np.diag(prior_of(self.problem, full)[1])
             found = replace(found, model=full, information=information, prior=prior)
         out = {full.parameters[k].path for k in undetermined(found)} - {parameter.path for parameter in of_effects}
@@ -257,14 +257,14 @@ class CandidateFits:
         for path in out:
             transducer = put(transducer, path, value_at(nominal, path))
         again = self._remember_converged(
-            self._fit(replace(model, transducer=transducer, parameters=kept), begun or now.found.own, now.found)
+            self._fit(replace(model, transducer=transducer, parameters=kept), begun or now.found.nuisance, now.found)
         )
         return again or now
 
     def with_freed_parameters(self, at_nominal: EffectChange, now: EffectChange) -> EffectChange | None:
         """Full fit from another step's values with all parameters of `now` free."""
         model = replace(at_nominal.found.model, parameters=now.found.model.parameters)
-        return self.remember(self._fit(model, at_nominal.found.own, now.found))
+        return self.remember(self._fit(model, at_nominal.found.nuisance, now.found))
 
     def best_without(self, now: EffectChange, n: int) -> EffectChange | None:
         """Best known fit without the n-th effect."""
@@ -279,18 +279,18 @@ class CandidateFits:
         less = _model_without(now.found.model, n)
         known = self._best_fits.get(_effect_keys(less))
         aim = np.inf if known is None else known.cost + CLOSE_COST  # only a better fit matters
-        nuisance = nuisance_for_model(self.problem, now.found.model, now.found.own, less)
+        nuisance = nuisance_for_model(self.problem, now.found.model, now.found.nuisance, less)
         step = self._fit(
             less, nuisance, now.found, aim=min(aim, now.cost + INDISPENSABLE_GAIN), most=REMOVAL_ITERATIONS
         )
         if step is not None and step.found.message == NOT_CONVERGED and step.cost < now.cost + INDISPENSABLE_GAIN:
-            step = self._fit(step.found.model, step.found.own, step.found, aim=aim)
+            step = self._fit(step.found.model, step.found.nuisance, step.found, aim=aim)
         self.remember(step)
 
     def refined(self, now: EffectChange) -> EffectChange:
         """The same fit, iterated to full convergence."""
         found = now.found
-        return EffectChange(self._refit(found.model, found.own, found))
+        return EffectChange(self._refit(found.model, found.nuisance, found))
 
     def _refit(self, model: Model, nuisance, before: Fit, **options: Any) -> Fit:
         """Fit with the noise and the whitening of another fit."""
@@ -389,8 +389,8 @@ def line_amplitude(problem: Problem, found: Fit, n: int, scatter: np.ndarray) ->
     """Root mean square over records of the amplitude of a line (the n-th effect), and its standard error."""
     effect = found.model.transducer.effects[n]
     start = f"{effect.name} {getattr(effect, 'channel', '')} "  # prefix of its nuisance parameters
-    names = [problem.own_names(found.model, data) for data in problem.data]
-    parts = np.concatenate(found.own) * [name.startswith(start) for some in names for name in some]
+    names = [problem.nuisance_names(found.model, data) for data in problem.data]
+    parts = np.concatenate(found.nuisance) * [name.startswith(start) for some in names for name in some]
     records = sum(any(name.startswith(start) for name in some) for some in names)
     amplitude = float(np.sqrt(parts @ parts / records))
     slopes = np.pad(parts / (records * amplitude), (len(scatter) - len(parts), 0))

@@ -84,12 +84,12 @@ class _NormalEquations:
 
     def __init__(self, problem: Problem, final: Fit, terms: Terms) -> None:
         scales, at = _scales(problem), len(final.model.parameters)
-        count = at + sum(map(len, final.own))
+        count = at + sum(map(len, final.nuisance))
         self.names: list[tuple[str, str]] = []
         sums: dict[tuple[str, str], int] = {}
         records = [
             (data, nuisance, white)
-            for data, nuisance, white in zip(problem.data, final.own, final.white, strict=True)
+            for data, nuisance, white in zip(problem.data, final.nuisance, final.white, strict=True)
             if isinstance(data, Data) and isinstance(white, Whitener)
         ]
         parts = []

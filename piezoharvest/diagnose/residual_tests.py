@@ -140,7 +140,7 @@ class ResidualBlock:
 
 def blocks_of(problem: Problem, found: Fit) -> Iterator[ResidualBlock]:
     """Blocks of all records over time."""
-    for data, nuisance, white in zip(problem.data, found.own, found.white, strict=True):
+    for data, nuisance, white in zip(problem.data, found.nuisance, found.white, strict=True):
         yield from _record_blocks(found.model, data, nuisance, white)
 
 
@@ -176,7 +176,7 @@ def run_tests(problem: Problem, found: Fit, *, drive_noise: bool = True) -> list
     drive_noise : bool
         Include the variance that the noise of drives adds, which takes a while to compute.
     """
-    of_records = map_records(partial(_blocks, found, drive_noise), problem.data, found.own, found.white)
+    of_records = map_records(partial(_blocks, found, drive_noise), problem.data, found.nuisance, found.white)
     blocks = list(itertools.chain(*of_records))
     places = [
         *_band_tests(blocks),

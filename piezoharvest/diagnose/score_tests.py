@@ -127,14 +127,14 @@ def _linearised_scores(problem: Problem, found: Fit, starts: Sequence[Effect]) -
         field = type(start).strength()
         strengths.append(None if is_line(start) else parameter_of(start, field, ("effects", n, field.name)))
     model = extended(found.model, starts, [p for p in strengths if p is not None])
-    nuisance = nuisance_for_model(problem, found.model, found.own, model)
+    nuisance = nuisance_for_model(problem, found.model, found.nuisance, model)
     information, gradient, _ = linearised(problem, model, nuisance, found)
     columns = _columns(problem, model, starts, strengths, base, first)
     tested = sorted({k for some in columns for k in some})
     weight = information.copy()
     weight[:base, :base] += found.prior[:base, :base]
     # A range that no value reaches has no information; a parameter at its limit stays there.
-    away = np.abs(np.concatenate(nuisance)) < problem.own_limits(model)
+    away = np.abs(np.concatenate(nuisance)) < problem.nuisance_limits(model)
     free = (np.diag(weight) > 0.0) & np.pad(away, (len(weight) - len(away), 0), constant_values=True)
     rest = [k for k in range(len(weight)) if free[k] and k not in set(tested)]
     # Parameters of the fit projected out.
@@ -171,7 +171,7 @@ def _columns(problem, model: Model, starts, strengths, base: int, first: int) ->
     for data in problem.data:
         if isinstance(data, FrequencyData):
             continue
-        names = problem.own_names(model, data)
+        names = problem.nuisance_names(model, data)
         # Lines come last, in the order of their effects.
         lines = [n for n, e in enumerate(model.transducer.effects) for c in (*data.channels, data.drive) if e.line(c)]
         begin = at + len(names) - 2 * len(lines)
@@ -188,10 +188,10 @@ def _one_step_scores(problem: Problem, found: Fit, starts: Sequence[Effect]) -> 
     Without that step, parameters that compensate for the missing effect would count against it.
     """
     candidates = []
-    _, before, cost = total_information(found.model, found.own, found.sums)
+    _, before, cost = total_information(found.model, found.nuisance, found.sums)
     for start in starts:
         model = extended(found.model, [start], [])
-        nuisance = nuisance_for_model(problem, found.model, found.own, model)
+        nuisance = nuisance_for_model(problem, found.model, found.nuisance, model)
         try:
             information, gradient, squares = linearised(problem, model, nuisance, found)
         except PredictionError:  # no solution with this effect

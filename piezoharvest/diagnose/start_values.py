@@ -113,7 +113,9 @@ def campaign_scales(data: Sequence[Data | FrequencyData], found: Fit) -> Campaig
     resistors = [each.setting.shunt for each in records if isinstance(each.setting.shunt, Resistor)]
     loads = sorted({shunt.resistance for shunt in resistors})
     bare = replace(found.model, parameters=())
-    blocks = list(chain(*map_records(lambda each, nuisance: _block_residuals(bare, each, nuisance), data, found.own)))
+    blocks = list(
+        chain(*map_records(lambda each, nuisance: _block_residuals(bare, each, nuisance), data, found.nuisance))
+    )
     drives = {each.record.input if isinstance(each, FrequencyData) else each.drive for each in data}
     return CampaignScales(
         drives=tuple(sorted({each.drive for each in records})),

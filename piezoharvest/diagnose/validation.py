@@ -76,7 +76,7 @@ def _validated(
     for each in found:
         model = replace(each.model, parameters=())
         starts = [
-            nuisance_for_model(problem, fits[-1].model, fits[-1].own, model)
+            nuisance_for_model(problem, fits[-1].model, fits[-1].nuisance, model)
             if fits
             else _identified_nuisance(problem, before, model)
         ]
@@ -88,7 +88,7 @@ def _validated(
         except PredictionError:
             if any(one.role != "fit" for one in data):
                 raise
-            fits.append(_best_fit(problem, model, [each.own], noise, white))  # from where it follows the records
+            fits.append(_best_fit(problem, model, [each.nuisance], noise, white))  # from where it follows the records
     return problem, fits
 
 
@@ -107,7 +107,7 @@ def _identified_nuisance(problem: Problem, before: Identification, model: Model)
     """Nuisance parameters of the records as they were identified."""
     known = {record.name: record.own for record in before.records}
     return tuple(
-        np.array([known.get(data.name, {}).get(name, 0.0) for name in problem.own_names(model, data)])
+        np.array([known.get(data.name, {}).get(name, 0.0) for name in problem.nuisance_names(model, data)])
         for data in problem.data
     )
 

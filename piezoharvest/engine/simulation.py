@@ -277,11 +277,11 @@ def _response(
     if energy["source"] == 0.0:
         del energy["source"]
     half = 0.5 * (state.extremes[:, 1] - state.extremes[:, 0])
-    held = 0.0 if most is not None else before  # in a steady state only flows count
+    stored = 0.0 if most is not None else before  # in a steady state only flows count
     computed, energy = energy, without_rounding(energy, before if most is not None else 0.0)
     if not any(energy.values()) and most is not None:
         computed, change = energy, 0.0
-    share, largest = (float(value) for value in closure(computed, change, held))
+    share, largest = (float(value) for value in closure(computed, change, stored))
     wrong = faults(computed, change, before, half[0], most or NO_BOUNDS, periodic=most is not None)
     found = next((sentence for sentence, holds in wrong.items() if holds), "")
     if change != 0.0:

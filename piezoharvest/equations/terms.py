@@ -198,9 +198,7 @@ class Terms:
 
     def _column(self, name: str) -> Row:
         if len(self.columns) == MAX_COLUMNS:
-            raise ParameterError(
-                "transducer", f"found more than {MAX_COLUMNS} rows, allowed are fewer modes or effects"
-            )
+            raise ParameterError("transducer", f"found more than {MAX_COLUMNS} equations, take fewer modes or effects")
         self.columns[name] = len(self.columns)
         return UNITS[self.columns[name]]
 

@@ -101,7 +101,7 @@ class RecordQuality:
     ----------
     name, role : str
     quality : Quality
-    own : mapping of str to float
+    nuisance : mapping of str to float
     warning : str
         Warning about the fit of a frequency response.
     missed : bool
@@ -163,8 +163,8 @@ class Identification:
             f"the records contradict the nominal {' and '.join(contradicted)} without telling the value: give a nearer "
             "one; standard errors of what else is fitted are rough"
         )
-        told = (r.warning for r in self.records if r.warning and not (r.missed and r.role == "fit"))
-        return (*((rough,) if contradicted else ()), *told)
+        warnings = (r.warning for r in self.records if r.warning and not (r.missed and r.role == "fit"))
+        return (*((rough,) if contradicted else ()), *warnings)
 
 
 def prepared(campaign: Campaign, role: str) -> tuple[Data | FrequencyData, ...]:
@@ -192,7 +192,7 @@ def _prepared(campaign: Campaign, record: Record | FrequencyRecord) -> Data | Fr
 @single_threaded
 def identify(
     campaign: Campaign,
-    tell: Progress = lambda text: None,
+    progress: Progress = lambda text: None,
     offsets: Sequence[str] | None = None,
     near: Identification | None = None,
 ) -> Identification:
@@ -201,7 +201,7 @@ def identify(
     Parameters
     ----------
     campaign : Campaign
-    tell : callable
+    progress : callable
         Called with messages about progress.
     offsets : sequence of str, optional
         Channels whose offset is free in every record; default all responses.
@@ -215,35 +215,35 @@ def identify(
     """
     data = prepared(campaign, "fit")
     if not data:
-        raise CampaignError(campaign.path, "records", 'found none with role "fit", allowed is one or more')
+        raise CampaignError(campaign.path, "records", 'no record has role = "fit", at least one is needed')
     if offsets is None:
         offsets = sorted({channel for each in data for channel in each.channels})
     problem = Problem(data, campaign.transducer, tuple(offsets))
     if resonance_above_nyquist(problem, campaign.transducer):
-        return _identify_quasi_static(campaign, tell, offsets)
+        return _identify_quasi_static(campaign, progress, offsets)
     drives = {r.drive for r in campaign.records if isinstance(r, Record)}
     parameters, unsigned = with_known_signs(parameters_of(campaign.transducer, drives), data, campaign.transducer)
     model = Model(campaign.transducer, tuple(parameters), tuple(offsets))
-    first = _first_fit(problem, model, tell) if near is None else _fit_near(problem, model, near, tell)
+    first = _first_fit(problem, model, progress) if near is None else _fit_near(problem, model, near, progress)
     if may_be_quasi_static(problem, first) and _explained_quasi_statically(campaign, problem, first):
-        return _identify_quasi_static(campaign, tell, offsets)
+        return _identify_quasi_static(campaign, progress, offsets)
     # With `near`, this was tested for that fit, whose model is less distorted by effects in the records.
     begun = search_initial_states(problem, first) if near is None else None
     if begun is not None:
-        tell("some records begin after a load that is not recorded")
-        first = fit(problem, first.model, begun, first.noise, tell=tell, rounds=2)
+        progress("some records begin after a load that is not recorded")
+        first = fit(problem, first.model, begun, first.noise, progress=progress, rounds=2)
     relaxed = may_have_initial_states(problem, first.model) and not has_initial_states(problem, first)
     model = replace(first.model, relaxed=True) if relaxed else first.model
-    first = _with_final_weights(problem, first, tell)
-    own = nuisance_for_model(problem, first.model, first.own, model)
-    verdict = _select_parameters(problem, first, replace(model, transducer=first.model.transducer), own, tell)
+    first = _with_final_weights(problem, first, progress)
+    nuisance = nuisance_for_model(problem, first.model, first.nuisance, model)
+    verdict = _select_parameters(problem, first, replace(model, transducer=first.model.transducer), nuisance, progress)
     last = verdict.last
     # Nominal values that no record confirms are as good as unknown.
     unconfirmed = {first.model.parameters[k].path for k in verdict.fixed}
     if {(name,) for name in INERT} <= unconfirmed and _explained_quasi_statically(campaign, problem, last):
-        return _identify_quasi_static(campaign, tell, offsets)
+        return _identify_quasi_static(campaign, progress, offsets)
     estimates = _estimates(campaign, first, verdict, unsigned)
-    shown = [*judged(problem.data, last), *_validation_qualities(campaign, last, tuple(offsets), tell)]
+    shown = [*judged(problem.data, last), *_validation_qualities(campaign, last, tuple(offsets), progress)]
     return Identification(
         campaign, last.model.transducer, tuple(estimates),
         combined_quality([r for r in shown if r.role == "fit"]),
@@ -254,18 +254,18 @@ def identify(
 
 def _explained_quasi_statically(campaign: Campaign, problem: Problem, found: Fit) -> bool:
     """True if a quasi-static specimen explains the records as well as a fit does."""
-    quiet = replace(campaign, transducer=as_quasi_static(campaign.transducer))
-    still = Problem(prepared(quiet, "fit"), quiet.transducer, problem.offset_channels)
+    quasi_static = replace(campaign, transducer=as_quasi_static(campaign.transducer))
+    still = Problem(prepared(quasi_static, "fit"), quasi_static.transducer, problem.offset_channels)
     return quasi_static_fits_as_well(problem, still, found)
 
 
-def _identify_quasi_static(campaign: Campaign, tell: Progress, offsets: Sequence[str]) -> Identification:
+def _identify_quasi_static(campaign: Campaign, progress: Progress, offsets: Sequence[str]) -> Identification:
     """Identification of the quasi-static specimen."""
-    tell("inertia and damping do not show: the specimen is taken to be quasi-static")
-    return identify(replace(campaign, transducer=as_quasi_static(campaign.transducer)), tell, offsets)
+    progress("inertia and damping do not show: the specimen is taken to be quasi-static")
+    return identify(replace(campaign, transducer=as_quasi_static(campaign.transducer)), progress, offsets)
 
 
-def _first_fit(problem: Problem, model: Model, tell: Progress) -> Fit:
+def _first_fit(problem: Problem, model: Model, progress: Progress) -> Fit:
     """Fit of all parameters; the beginning of long records is fitted first, to save time."""
     data = [
         data_of(each.record.beginning(INITIAL_SAMPLES), problem.nominal)
@@ -274,33 +274,41 @@ def _first_fit(problem: Problem, model: Model, tell: Progress) -> Fit:
         for each in problem.data
     ]
     if all(each is whole for each, whole in zip(data, problem.data, strict=True)):
-        return fit_multistart(problem, model, tell)
+        return fit_multistart(problem, model, progress)
     part = Problem(data, problem.nominal, problem.offset_channels)
-    near = fit_multistart(part, model, tell)
-    own = nuisance_for_problem(part, near.own, problem, near.model)
-    return fit(problem, near.model, own, near.noise, tell=tell, rounds=2)
+    near = fit_multistart(part, model, progress)
+    nuisance = nuisance_for_problem(part, near.nuisance, problem, near.model)
+    return fit(problem, near.model, nuisance, near.noise, progress=progress, rounds=2)
 
 
-def _fit_near(problem: Problem, model: Model, near: Identification, tell: Progress) -> Fit:
+def _fit_near(problem: Problem, model: Model, near: Identification, progress: Progress) -> Fit:
     """Fit of all parameters, started from the fit of fewer records, whose noise is kept."""
     noise, before = Noise({**problem.noise().sigma, **near.noise.sigma}), near.found
-    known = {record.name: own for record, own in zip(near.campaign.of_role("fit"), before.own, strict=True)}
+    known = {
+        record.name: nuisance for record, nuisance in zip(near.campaign.of_role("fit"), before.nuisance, strict=True)
+    }
     model = replace(model, transducer=before.model.transducer)
-    own = []
+    nuisance = []
     for data in problem.data:
         alone = Problem([data], problem.nominal, problem.offset_channels)
         # Nuisance parameters first: the exact instant of a jump of the drive can be mistaken for other errors.
-        mine = (known[data.name],) if data.name in known else fit_nuisance(alone, before.model, None, noise, tell).own
-        own += nuisance_for_model(alone, before.model, mine, model)
-    return fit(problem, model, own, noise, estimate_noise=False, tell=tell)
+        mine = (
+            (known[data.name],)
+            if data.name in known
+            else fit_nuisance(alone, before.model, None, noise, progress).nuisance
+        )
+        nuisance += nuisance_for_model(alone, before.model, mine, model)
+    return fit(problem, model, nuisance, noise, estimate_noise=False, progress=progress)
 
 
-def _with_final_weights(problem: Problem, first: Fit, tell: Progress) -> Fit:
+def _with_final_weights(problem: Problem, first: Fit, progress: Progress) -> Fit:
     """The same fit with the final weights of the responses, so that later fits can be compared with it."""
     factors = noise_of_responses(problem, first)
     if all(abs(factor / first.noise.sigma[name] - 1.0) < WEIGHT_TOLERANCE for name, factor in factors.items()):
         return first
-    return fit(problem, first.model, first.own, Noise({**first.noise.sigma, **factors}), tell=tell, rounds=1)
+    return fit(
+        problem, first.model, first.nuisance, Noise({**first.noise.sigma, **factors}), progress=progress, rounds=1
+    )
 
 
 class _Selection(NamedTuple):
@@ -312,15 +320,17 @@ class _Selection(NamedTuple):
 
 
 def _select_parameters(
-    problem: Problem, first: Fit, model: Model, own: Sequence[np.ndarray], tell: Progress
+    problem: Problem, first: Fit, model: Model, nuisance: Sequence[np.ndarray], progress: Progress
 ) -> _Selection:
     """Fit of the parameters that the records determine; others stay nominal unless the records contradict that."""
 
     def refitted(fixed: Sequence[int]) -> Fit:
         kept = tuple(p for k, p in enumerate(model.parameters) if k not in fixed)
         device = _with_nominal(model.transducer, problem.nominal, [model.parameters[k] for k in fixed])
-        start = tune_to_responses(problem, replace(model, transducer=device, parameters=kept), tell) if fixed else model
-        return fit(problem, start, own, first.noise, tell=tell, rounds=1)
+        start = (
+            tune_to_responses(problem, replace(model, transducer=device, parameters=kept), progress) if fixed else model
+        )
+        return fit(problem, start, nuisance, first.noise, progress=progress, rounds=1)
 
     fixed, contradicted = undetermined(first), list[int]()
     last = refitted(fixed)
@@ -391,7 +401,7 @@ def _estimates(campaign: Campaign, first: Fit, verdict: _Selection, unsigned: fr
 
 
 def _validation_qualities(
-    campaign: Campaign, last: Fit, offsets: tuple[str, ...], tell: Progress
+    campaign: Campaign, last: Fit, offsets: tuple[str, ...], progress: Progress
 ) -> list[RecordQuality]:
     """Quality of the validation records, of which only the nuisance parameters are fitted."""
     data = prepared(campaign, "validate")
@@ -399,13 +409,13 @@ def _validation_qualities(
         return []
     problem = Problem(data, campaign.transducer, offsets)
     sigma = {**problem.noise().sigma, **last.noise.sigma}
-    return judged(data, fit_nuisance(problem, last.model, None, Noise(sigma), tell))
+    return judged(data, fit_nuisance(problem, last.model, None, Noise(sigma), progress))
 
 
 def judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuality]:
     """Residuals of each record."""
     each_record = []
-    for each, own in zip(data, found.own, strict=True):
+    for each, nuisance in zip(data, found.nuisance, strict=True):
         if isinstance(each, FrequencyData):
             value, _ = each.response(replace(found.model, parameters=()))
             rms = float(np.sqrt(np.mean(np.abs(each.record.response - value) ** 2)))
@@ -416,13 +426,15 @@ def judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuali
             each_record.append(RecordQuality(each.name, each.role, quality, {}, _warning(each, judgement), missed))
             continue
         squares, count = np.zeros(len(each.channels)), 0
-        for _, _, residual in unexplained_blocks(found.model, each, own):
+        for _, _, residual in unexplained_blocks(found.model, each, nuisance):
             squares += (residual**2).sum(axis=0)
             count += len(residual)
         rms = dict(zip(each.channels, np.sqrt(squares / count).tolist(), strict=True))
-        names = Problem([each], found.model.transducer, found.model.offset_channels).own_names(found.model, each)
-        own_values = dict(zip(names, own.tolist(), strict=True))
-        each_record.append(RecordQuality(each.name, each.role, Quality(rms, _expected_rms(each, found)), own_values))
+        names = Problem([each], found.model.transducer, found.model.offset_channels).nuisance_names(found.model, each)
+        nuisance_values = dict(zip(names, nuisance.tolist(), strict=True))
+        each_record.append(
+            RecordQuality(each.name, each.role, Quality(rms, _expected_rms(each, found)), nuisance_values)
+        )
     return each_record
 
 

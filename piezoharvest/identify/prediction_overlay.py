@@ -47,6 +47,6 @@ def predictions(found: Identification) -> Iterator[Predicted]:
             if isinstance(data, FrequencyData):
                 yield Predicted(record, findings, one, (), data.response(model)[0])
                 continue
-            own = np.array(list(one.own.values()))
-            residuals = [residual for _, _, residual in unexplained_blocks(model, data, own)]
+            nuisance = np.array(list(one.own.values()))
+            residuals = [residual for _, _, residual in unexplained_blocks(model, data, nuisance)]
             yield Predicted(record, findings, one, data.channels, data.part(0, len(data)) - np.concatenate(residuals))

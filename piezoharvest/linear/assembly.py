@@ -19,7 +19,7 @@ from piezoharvest.equations.terms import Rows, Terms, state_names
 
 OperatingPoint = str | Sequence[bool]
 Termination = Callable[[Port, SimpleNamespace, SimpleNamespace, Mapping[str, Row]], Sequence[Row]]
-CANCELLED = "found a circuit that cancels the transducer's exactly"
+CANCELLED = "the circuit cancels the transducer's capacitance exactly"
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class LinearModel:
         try:
             solution = np.linalg.solve(self.M, np.concatenate((self.N, self.B), axis=-1))
         except np.linalg.LinAlgError:
-            raise ParameterError("capacitance", f"{CANCELLED}, allowed is another value") from None
+            raise ParameterError("capacitance", f"{CANCELLED}, take another value") from None
         return solution[..., : len(self.states)], solution[..., len(self.states) :]
 
     def explicit(self, outputs: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -140,7 +140,7 @@ def hysteresis_slope(
         operating_point = [operating_point == "slip"] * len(weights)
     if len(operating_point) != len(weights):
         found = f"found {len(operating_point)} flags for {len(weights)} operators"
-        raise ParameterError("operating_point", f"{found}, allowed is one for each")
+        raise ParameterError("operating_point", f"{found}, allowed is one flag for each operator")
     return sum((w for w, slips in zip(weights, operating_point, strict=True) if not slips), 0.0)
 
 

@@ -53,7 +53,7 @@ def poles(system: System, *, operating_point: OperatingPoint = "stick") -> np.nd
     try:
         found = np.linalg.eigvals(motion.T @ np.linalg.solve(m, n @ motion)) * rate
     except np.linalg.LinAlgError:
-        raise ParameterError("capacitance", f"{CANCELLED}, allowed is another value") from None
+        raise ParameterError("capacitance", f"{CANCELLED}, take another value") from None
     found = np.concatenate((np.zeros(len(conserved)), found)).astype(complex)
     return found[np.lexsort((np.imag(found), np.abs(found)))]
 
@@ -86,7 +86,7 @@ def check_stability(system: System) -> None:
     reason = f"closed loop unstable: pole at +{worst.real:.4g}{imaginary} 1/s"
     key = _active_field(system)
     if key is None:
-        raise ParameterError("shunt", f"found {system.shunt.kind}, allowed is a stable closed loop ({reason})")
+        raise ParameterError("shunt", f"found {system.shunt.kind}, which is not stable with this transducer ({reason})")
     unit = next(field.metadata["unit"] for field in dataclasses.fields(system.shunt) if field.name == key)
     found, allowed = getattr(system.shunt, key), _stable_values(system, key, unit)
     raise ParameterError(key, f"found {found:g} {unit}, allowed is {allowed} ({reason})")
@@ -135,4 +135,4 @@ def _stable_values(system: System, key: str, unit: str) -> str:
                 middle = (good * bad) ** 0.5
                 good, bad = (middle, bad) if stable(middle) else (good, middle)
             return f"{words} {good:.6g} {unit}"
-    return "no value of it with this transducer"
+    return "no value at all with this transducer"

@@ -172,7 +172,8 @@ def linearize_shunt(
         rest = np.ones(1)
     if np.any(rest):
         raise ParameterError(
-            "drive", f'found "{drive}" for {shunt.kind}, whose response to it is improper, allowed is "{output}"'
+            "drive",
+            f'found "{drive}" for {shunt.kind}, whose response to it is improper (not causal), allowed is "{output}"',
         )
     n = len(columns.states)
     signals = {"inputs": [drive], "outputs": [output], "states": list(columns.states), "name": name}

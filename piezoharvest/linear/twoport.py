@@ -66,7 +66,7 @@ class TwoPort:
         transfer = model.phasors(angular(frequencies))
         u, v = transfer(model.rows["velocity"]), transfer(model.rows["voltage"])
         if np.any(u[:, 0] == 0):
-            raise ParameterError("force_participation", "found none that moves, allowed is a mode that takes force")
+            raise ParameterError("force_participation", "no mode takes force, at least one must")
         # u = u_F F - u_i i_p and v = v_F F - v_i i_p, solved for F and v; the input was the load current, -i_p.
         force = np.stack((1 / u[:, 0], u[:, 1] / u[:, 0]), axis=-1)
         voltage = v[:, :1] * force - np.stack((0 * v[:, 1], v[:, 1]), axis=-1)
@@ -153,7 +153,7 @@ class TwoPort:
         """Chain: the leads of this two-port feed the first port of `other`, a two-port or its chain matrix."""
         if isinstance(other, TwoPort):
             if not np.array_equal(other.frequencies, self.frequencies):
-                raise ParameterError("frequencies", "found two-ports at different ones, allowed are equal ones")
+                raise ParameterError("frequencies", "the two-ports have different frequencies, but must have the same")
             other = other.abcd
         return TwoPort.from_abcd(self.frequencies, self.abcd @ other)
 

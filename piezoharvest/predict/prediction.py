@@ -33,7 +33,7 @@ class Block(NamedTuple):
         First sample.
     values : (samples, channels) array
     derivatives : (samples, channels, parameters) array
-        With respect to the parameters' variables, then to the record's own numbers, as in `Prediction.own_names`.
+        With respect to the parameters' variables, then to its nuisance parameters, `Prediction.nuisance_names`.
     between : ((samples - 1) * parts + 1, channels) array or None
         Values between the samples, too, if requested; they are meaningless within steps over which the drive jumps.
     """
@@ -53,12 +53,12 @@ class Prediction:
     setting : Setting
     parameters : sequence of Parameter
         Variables of the derivatives.
-    own : (n,) array, optional
-        The record's own numbers, named in `own_names`: initial deviations of the states from equilibrium (SI units);
+    nuisance : (n,) array, optional
+        Named in `nuisance_names`: initial deviations of the states from equilibrium (SI units);
         the value of the drive before a record that begins abruptly; the initial output of every stop as fraction of its
         threshold, which depends on the history before the record; the delay of every jump from the middle of its step,
         as integral in the drive's unit times the time of a small step, and the logarithm of its duration over
-        `RISE_PARTS` of these. `own_limits` are bounds of their magnitudes.
+        `RISE_PARTS` of these. `nuisance_limits` are bounds of their magnitudes.
     lowered : DiscreteModel, optional
         The equations, if already computed.
     relaxed : bool
@@ -70,7 +70,7 @@ class Prediction:
         transducer: Transducer,
         setting: Setting,
         parameters: Sequence[Parameter] = (),
-        own: np.ndarray | None = None,
+        nuisance: np.ndarray | None = None,
         lowered: DiscreteModel | None = None,
         *,
         relaxed: bool = False,
@@ -88,12 +88,12 @@ class Prediction:
         self.stops = np.flatnonzero((matrices.kinds == STOP) & (not relaxed))
         memories = () if relaxed else matrices.memories
         jumps = tuple(f"{name}{j}" for j in setting.motion.jumps for name in ("jump", "rise"))
-        self.own_names = (*(matrices.states[k] for k in self.free), *before, *memories, *jumps)
-        self.own = np.zeros(len(self.own_names)) if own is None else own
+        self.nuisance_names = (*(matrices.states[k] for k in self.free), *before, *memories, *jumps)
+        self.nuisance = np.zeros(len(self.nuisance_names)) if nuisance is None else nuisance
         # A jump lies between its samples.
         far = 0.5 * JUMP_PARTS * np.abs(setting.motion.coefficients[setting.motion.jumps, 1])
         limits = np.column_stack([far, np.full(len(far), np.log(JUMP_PARTS / RISE_PARTS))]).ravel()
-        self.own_limits = np.concatenate(
+        self.nuisance_limits = np.concatenate(
             [np.full(len(self.free) + len(before), np.inf), np.ones(len(self.stops)), limits]
         )
         self.channels = matrices.channels
@@ -103,12 +103,12 @@ class Prediction:
 
     @cached_property
     def slopes(self) -> SampleStep:
-        """Derivatives of the step with respect to the parameters and the record's own numbers, by a complex step."""
+        """Derivatives of the step with respect to the parameters and the nuisance parameters, by a complex step."""
         return self._slopes(self.step, self._lowered.tangent_steps(1))
 
     @np.errstate(over="ignore")  # as in `step_of`
     def _slopes(self, step: SampleStep, found: Sequence[SampleStep]) -> SampleStep:
-        count = len(self.own_names)
+        count = len(self.nuisance_names)
         return SampleStep(*(
             np.stack([*(np.imag(getattr(varied, name)) / MAGNIFIED for varied in found),
                       *[np.zeros(getattr(step, name).shape)] * count], axis=-1)
@@ -126,20 +126,20 @@ class Prediction:
     def _start(self, derivatives: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Initial scaled states and their derivatives; initial outputs of the elements and theirs."""
         tangents = self._lowered.tangents if derivatives else []
-        several = [self.matrices, *tangents, *[self.matrices] * (len(self.own) * derivatives)]
-        own = np.tile(self.own.astype(complex), (len(several), 1))
-        steps = own[1 + len(tangents) :]
-        steps += 1j * MAGNIFIED * np.eye(len(steps), len(self.own))
-        start = self._begun(several, own)
+        several = [self.matrices, *tangents, *[self.matrices] * (len(self.nuisance) * derivatives)]
+        nuisance = np.tile(self.nuisance.astype(complex), (len(several), 1))
+        steps = nuisance[1 + len(tangents) :]
+        steps += 1j * MAGNIFIED * np.eye(len(steps), len(self.nuisance))
+        start = self._begun(several, nuisance)
         slopes = np.imag(start[1:]).T / MAGNIFIED
         (z, w), (dz, dw) = (np.split(some, [len(self.matrices.states)]) for some in (np.real(start[0]), slopes))
         return z, dz, w, dw
 
-    def _begun(self, several: Sequence[Matrices], own: np.ndarray) -> np.ndarray:
-        """Initial scaled states and outputs of the elements, (k, n + elements), for k equations and own numbers."""
+    def _begun(self, several: Sequence[Matrices], nuisance: np.ndarray) -> np.ndarray:
+        """Initial scaled states and outputs of the elements, (k, n + elements), of k equations."""
         count, matrices = len(several), self.matrices
         off, w = np.zeros((count, len(matrices.states)), complex), np.zeros((count, len(matrices.kinds)), complex)
-        states, rest = np.split(own, [len(self.free)], axis=1)
+        states, rest = np.split(nuisance, [len(self.free)], axis=1)
         off[:, self.free] = states / matrices.scale[self.free]
         if self.free and self.swift:
             A = np.array([each.A for each in several])[:, self.swift]
@@ -184,7 +184,7 @@ class Prediction:
         wanted = self.channels if channels is None else channels
         setting, inputs = self.setting, len(self.matrices.O) - len(self.channels)
         rows = [*range(inputs), *(inputs + self.channels.index(channel) for channel in wanted)]
-        count = len(self.parameters) + len(self.own_names) if derivatives else 0
+        count = len(self.parameters) + len(self.nuisance_names) if derivatives else 0
         z, dz, w, dw = self._start(derivatives)
         run = _Propagation(self, Propagation(self.matrices, z, padded(dz), w, padded(dw)), derivatives, rows)
         # Values between the samples come from a separate run: their derivatives would take most of the time.
@@ -265,8 +265,8 @@ class _Propagation:
         motion, parts, rise = of.setting.motion, of.setting.parts[begin], NO_RISE
         line = motion.coefficients[begin]
         if begin in motion.jumps:
-            k = len(of.own_names) - 2 * (len(motion.jumps) - int(np.searchsorted(motion.jumps, begin)))
-            coefficients, slopes = rise_steps(line, -of.own[k] / line[1], of.own[k + 1])
+            k = len(of.nuisance_names) - 2 * (len(motion.jumps) - int(np.searchsorted(motion.jumps, begin)))
+            coefficients, slopes = rise_steps(line, -of.nuisance[k] / line[1], of.nuisance[k + 1])
             if run.lanes:
                 rise = len(of.parameters) + k, slopes
         else:

@@ -194,7 +194,7 @@ class RecordModel:
     def _column(self) -> Row:
         if self._used == MAX_COLUMNS:
             raise ParameterError(
-                "transducer", f"found more than {MAX_COLUMNS} rows, allowed are fewer modes or operators"
+                "transducer", f"found more than {MAX_COLUMNS} equations, take fewer modes or operators"
             )
         row = np.zeros(MAX_COLUMNS)
         row[self._used] = 1.0
@@ -211,7 +211,7 @@ class RecordModel:
         if self.drive_name == "displacement":
             if len(modes) > 1:
                 raise ParameterError(
-                    "transducer.modes", "found further modes, allowed under an imposed displacement is one"
+                    "transducer.modes", "found further modes, but only one is allowed where the displacement is imposed"
                 )
             self._motion = [(self.drive, self.drive_rate, None)]
         else:
@@ -237,7 +237,7 @@ class RecordModel:
             shunt = Resistor(resistance=LEADS * self.sample_time / device.capacitance)
         if not isinstance(shunt, LinearShunt):
             kind = getattr(shunt, "kind", None)
-            raise ParameterError("shunt", f"found {kind!r}, allowed in a record that is fitted is a linear circuit")
+            raise ParameterError("shunt", f"found {kind!r}, but a record that is fitted needs a linear circuit")
         port = Port(self.v - source, np.nan * self.one, self.i, self.one, device.capacitance)
         own = [
             (state.name, *self.state(f"shunt_{state.name}", state.storage))
@@ -247,7 +247,7 @@ class RecordModel:
         for residual in shunt.equations("linear", port, *rows):
             if np.any(np.isnan(residual)):
                 raise ParameterError(
-                    "shunt", f"found {shunt.kind!r}, allowed is one without a capacitor across the leads"
+                    "shunt", f"found {shunt.kind!r}, allowed is a circuit without a capacitor across the leads"
                 )
             self.equation(residual)
 

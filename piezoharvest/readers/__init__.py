@@ -45,15 +45,15 @@ def open_reader(path: Path, **lines: int) -> Reader:
     if path.suffix.lower() not in known:
         found = repr(path.suffix) if path.suffix else "no ending"
         endings = ", ".join(sorted(known))
-        raise ReadError(f"found {found}, allowed are files ending in {endings} (.txt for any table of numbers in text)")
+        raise ReadError(f"found {found}, allowed are names ending in {endings} (.txt for any table of numbers in text)")
     cls = known[path.suffix.lower()]
     try:
         empty = not check_readable(path, cls.most_bytes)
     except InputError as error:
-        raise ReadError(f"{error}, allowed is a file of measured data") from None
+        raise ReadError(str(error)) from None
     if empty:
-        raise ReadError("found an empty file, allowed is a file of measured data")
+        raise ReadError("the file is empty, it must hold measured data")
     if lines and not cls.by_lines:
         allowed = ", ".join(sorted(suffix for suffix, each in known.items() if each.by_lines))
-        raise ReadError(f"found {' and '.join(lines)}, allowed in text files only ({allowed})")
+        raise ReadError(f"{' and '.join(lines)} may be given for text files only ({allowed})")
     return Apart(path, cls.unsafe) if cls.unsafe and sys.executable else cls(path, **lines)

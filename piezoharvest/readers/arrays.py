@@ -58,7 +58,9 @@ class ArrayReader(Reader):
             if found in self.arrays or _INDEX.fullmatch(found):
                 return found
             shape = self.arrays[found.rpartition("[")[0]].shape  # of an array whose columns are too many to be listed
-            raise ReadError(f"found an array of shape {shape}, allowed is one column of it, by an index", str(column))
+            raise ReadError(
+                f"found an array of shape {shape}, one of its columns must be named by an index", str(column)
+            )
         name, index = indexed.groups()
         if name not in self.arrays:
             name = super().resolve(name)
@@ -66,7 +68,7 @@ class ArrayReader(Reader):
         fine = len(parts) == len(shape) and ":" in parts
         fine &= all(part == ":" or (part.isdigit() and int(part) < n) for part, n in zip(parts, shape, strict=False))
         if not fine:
-            raise ReadError(f"found an array of shape {shape}, allowed is one index for each axis", str(column))
+            raise ReadError(f"found an array of shape {shape}, allowed is one index for each of its axes", str(column))
         return f"{name}[{', '.join(parts)}]"
 
     def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -89,7 +91,7 @@ class ArrayReader(Reader):
         except MemoryError:
             raise
         except Exception as error:  # libraries raise any exception on damaged files
-            raise ReadError(f"found damaged data ({error}), allowed is a whole file", name) from None
+            raise ReadError(f"the file is damaged ({error})", name) from None
         return numbers(np.ravel(values, order="F"), name)
 
 

@@ -104,7 +104,7 @@ class Reader(ABC):
         values = self.read(names)
         count, (begin, end) = min(map(len, values.values())), (row - self.first_row for row in rows)
         if begin < 0 or end >= count:
-            allowed = f"allowed is from {self.first_row} to {self.first_row + count - 1}"
+            allowed = f"allowed are rows from {self.first_row} to {self.first_row + count - 1}"
             raise ReadError(f"found {list(rows)}, {allowed}", "rows")
         self.numbering = rows[0]
         return {name: array[begin : end + 1] for name, array in values.items()}
@@ -130,18 +130,21 @@ class Reader(ABC):
         if isinstance(column, int):
             if column <= len(self.names):
                 return self.names[column - 1]
-            raise MissingColumnError(f"found {len(self.names)} columns, allowed is a number up to that", str(column))
+            raise MissingColumnError(f"the file has {len(self.names)} columns, no column {column}", str(column))
         named = [name for name in self.names if name == column]
         found = named or [name for name in self.names if last_part(name) == column]
         found = found or [name for name in self.names if _plain(column) in (_plain(name), _plain(_without_unit(name)))]
         if len(found) > 1:
             raise ReadError(
-                f"found {len(found)} columns {cut(column)!r} ({shown(found)}), allowed is one (or its number)", column
+                f"found {len(found)} columns {cut(column)!r} ({shown(found)}), give the number of one, counted from 1",
+                column,
             )
         if not found:
             near = difflib.get_close_matches(column[:_MAX_QUOTED], [name[:_MAX_QUOTED] for name in self.names], n=1)
             hint = f" (did you mean {near[0]!r}?)" if near else ""
-            raise MissingColumnError(f"found no column {cut(column)!r}{hint}, allowed are {shown(self.names)}", column)
+            raise MissingColumnError(
+                f"the file has no column {cut(column)!r}{hint}, its columns are {shown(self.names)}", column
+            )
         return found[0]
 
     def close(self) -> None:  # noqa: B027 - most files have nothing to be closed
@@ -157,7 +160,7 @@ class Reader(ABC):
 def check_count(count: int) -> None:
     """Raise `ReadError` if `count` numbers are too many to be read."""
     if count > MAX_NUMBERS:
-        raise ReadError(f"found {count} numbers in the columns that are used, allowed are {MAX_NUMBERS}")
+        raise ReadError(f"found {count} numbers in the columns that are used, allowed are up to {MAX_NUMBERS}")
 
 
 def last_part(name: str) -> str:
@@ -201,5 +204,5 @@ def numbers(values: Any, name: str) -> np.ndarray:
     if array.dtype.names == ("real", "imag"):  # how MATLAB and others write complex numbers to HDF5
         array = array["real"] + 1j * array["imag"]
     if array.dtype.kind not in "fiubc":
-        raise ReadError(f"found {array.dtype.name} values, allowed are numbers", name)
+        raise ReadError(f"found values of type {array.dtype.name}, allowed are numbers", name)
     return np.ascontiguousarray(array, complex if array.dtype.kind == "c" else float)

@@ -29,7 +29,7 @@ class Hdf5(ArrayReader):
             self._file = h5py.File(path, "r")
             self._file.visititems(visit)
         except (OSError, RuntimeError, KeyError) as error:
-            raise ReadError(f"found no HDF5 file ({error}), allowed is a whole one") from None
+            raise ReadError(f"not a complete HDF5 file ({error})") from None
         self._found(arrays)
 
     def _values(self, array: Any, index: tuple[Any, ...]) -> Any:

@@ -143,7 +143,7 @@ def find_layout(lines: Sequence[str], skip_rows: int = 0, header_row: int | None
     if run is None:
         seen = next(((n, line) for n, line in enumerate(lines[begin:], begin + 1) if line.strip()), None)
         what = f"no rows of numbers (line {seen[0]} is {cut(seen[1])!r})" if seen else "no samples"
-        raise ReadError(f"found {what}, allowed is a table of numbers; {ADVICE}")
+        raise ReadError(f"found {what}, but a table of numbers is needed; {ADVICE}")
     names, units = _names(lines, run, skip_rows, header_row)
     named = bool(names)
     names = names or tuple(str(n) for n in range(1, run.width + 1))
@@ -241,7 +241,7 @@ def _names(
         names = _column_names(lines[header_row - 1], run, samples)
         if names is None:
             count = len(run.dialect.split(_bare(lines[header_row - 1])))
-            found = f"found {count} names in {cut(lines[header_row - 1])!r}, allowed are {run.width} as in the table"
+            found = f"found {count} names in {cut(lines[header_row - 1])!r}, but {run.width} columns in the table"
             raise ReadError(f"{found} that begins in line {run.first + 1}", row=header_row)
         below = [_column_names(line, run, samples) for line in lines[header_row : run.first] if line.strip()]
         units = next((row for row in below if row is not None and _are_units(row)), None)
@@ -268,11 +268,11 @@ def _refuse_header(lines: Sequence[str], run: _NumberRows, near: Sequence[int]) 
     if len(cells) == 1 and run.width == 2:
         single = _first_run(lines, run.first, _DIALECTS[-1], True, 1)
         if run.dialect == Dialect(",", ".") and single is not None and single.count >= run.count:
-            found = f"found numbers such as {cut(lines[run.first])!r}, two columns or one with a decimal comma"
-            raise ReadError(f"{found}, allowed is a header with one name for each column; {ADVICE}", row=run.first + 1)
+            found = f"found {cut(lines[run.first])!r}, which may be two columns or one with a decimal comma"
+            raise ReadError(f"{found}: a header with a name for each column would show it; {ADVICE}", row=run.first + 1)
     if len(cells) > 1 and run.dialect.delimiter is not None:
-        seen = f"as in the header, line {near[0] + 1}: {cut(lines[near[0]])!r}"
-        raise ReadError(f"found {run.width} columns, allowed are {len(cells)} {seen}; {ADVICE}", row=run.first + 1)
+        seen = f"in the header (line {near[0] + 1}: {cut(lines[near[0]])!r})"
+        raise ReadError(f"found {run.width} columns, but {len(cells)} {seen}; {ADVICE}", row=run.first + 1)
 
 
 def _bare(line: str) -> str:

@@ -47,7 +47,7 @@ class Matlab(ArrayReader):
         except MemoryError:
             raise
         except Exception as error:  # libraries raise any exception on damaged files
-            raise ReadError(f"found no readable MATLAB file ({error}), allowed is a whole one") from None
+            raise ReadError(f"not a complete MATLAB file ({error})") from None
         self._found(arrays)
 
     def _values(self, array: Any, index: tuple[Any, ...]) -> Any:

@@ -33,8 +33,7 @@ class NumpyFile(ArrayReader):
             else:
                 arrays = dict(_members(self._file))
         except Exception as error:  # zipfile, zlib and numpy each have their own
-            allowed = "allowed is a whole file of numpy's, without pickled objects"
-            raise ReadError(f"found no readable numpy file ({error}), {allowed}") from None
+            raise ReadError(f"not a complete NumPy file without pickled objects ({error})") from None
         self._found(arrays)
 
     def close(self) -> None:

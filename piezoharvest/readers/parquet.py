@@ -24,7 +24,7 @@ class Parquet(Reader):
         try:
             self._file = parquet.ParquetFile(path)
         except (ArrowException, OSError) as error:
-            raise ReadError(f"found no Parquet file ({error}), allowed is a whole one") from None
+            raise ReadError(f"not a complete Parquet file ({error})") from None
         self.names = tuple(self._file.schema_arrow.names)
 
     def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -34,7 +34,7 @@ class Parquet(Reader):
         try:
             return {name: self._column(name) for name in names}
         except (ArrowException, OSError) as error:
-            raise ReadError(f"found damaged data ({error}), allowed is a whole Parquet file") from None
+            raise ReadError(f"the file is damaged ({error})") from None
 
     def _column(self, name: str) -> np.ndarray:
         """One column, read row group by row group to limit memory."""

@@ -182,7 +182,7 @@ class Table:
                 )
                 raise ReadError(f"found {cut(cells[n])!r}, allowed is a number", name, row)
             if len(cells) != layout.width and (dialect.is_cut(cells) or dialect.number(cells[0] or "x") is not None):
-                raise ReadError(f"found {len(cells)} columns, allowed are {layout.width} as above", row=row)
+                raise ReadError(f"found {len(cells)} columns, but {layout.width} in the rows above", row=row)
             self._text = row, list(cells)
         numbers = any(cell and dialect.is_number(cell) for cell in cells)
         self._titled |= len(cells) > 1 and not numbers

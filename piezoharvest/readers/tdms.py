@@ -28,9 +28,9 @@ class Tdms(Reader):
             self._file = TdmsFile.open(path)
             incomplete = self._file.file_status.incomplete_final_segment
         except Exception as error:  # nptdms raises any exception on damaged files
-            raise ReadError(f"found no TDMS file ({error}), allowed is a whole one") from None
+            raise ReadError(f"not a complete TDMS file ({error})") from None
         if incomplete:
-            raise ReadError("found a last segment that is cut off, allowed is a whole TDMS file")
+            raise ReadError("the file is incomplete: its last segment is cut off")
         self._channels: dict[str, Any] = {
             f"{group.name}/{channel.name}": channel for group in self._file.groups() for channel in group.channels()
         }
@@ -46,7 +46,7 @@ class Tdms(Reader):
         except MemoryError:
             raise
         except Exception as error:  # as above
-            raise ReadError(f"found damaged data ({error}), allowed is a whole TDMS file", name) from None
+            raise ReadError(f"the file is damaged ({error})", name) from None
         return numbers(values, name)
 
     def time_of(self, name: str) -> np.ndarray | None:

@@ -42,7 +42,7 @@ class Text(Reader):
         head = _head(_blocks(path, self._encoding), begin)
         if len(head) < begin:
             key = "skip_rows" if begin == skip_rows else "header_row"
-            raise ReadError(f"found {len(head)} lines, allowed is {key} up to that")
+            raise ReadError(f"{key} is {begin}, but the file has only {len(head)} lines")
         self.layout = find_layout(head, skip_rows, header_row)
         self.names = self.layout.names
         self._positions = {self._key(n): n for n in range(self.layout.width)}
@@ -51,7 +51,7 @@ class Text(Reader):
     def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
         table = self._table(names, self.first_row)
         if not table.count:
-            raise ReadError(f"found no samples, allowed is a table of numbers; {ADVICE}")
+            raise ReadError(f"found no samples, but a table of numbers is needed; {ADVICE}")
         self.numbering, self.left_out = table.numbering(), table.left_out
         return table.finish()
 
@@ -63,7 +63,7 @@ class Text(Reader):
                 self.numbering = table.numbering()
                 return table.finish()
         end = self._table(names[:1], self.first_row).last_row
-        raise ReadError(f"found {list(rows)}, allowed is from {self.first_row} to {end}", "rows")
+        raise ReadError(f"found {list(rows)}, allowed are rows from {self.first_row} to {end}", "rows")
 
     def unit(self, name: str) -> Unit | None:
         of_row = self.layout.units[self._positions[name]]
@@ -118,7 +118,7 @@ def _encoding(path: Path) -> str | None:
             return encoding
     if 0 in start:
         row = start[: start.index(0)].count(b"\n") + 1
-        raise ReadError("found binary data, allowed is text in UTF-8, UTF-16 or Latin 1", row=row)
+        raise ReadError("found binary data, but a text file is needed (UTF-8, UTF-16 or Latin 1)", row=row)
     return None
 
 
@@ -136,8 +136,8 @@ def _blocks(path: Path, encoding: str | None) -> Iterator[bytes]:
                 data, first = data.removeprefix(codecs.BOM_UTF8), False
             data = rest + data
             if b"\r" in data:
-                held = b"\r" if data.endswith(b"\r") and not final else b""  # its line feed may be in the next block
-                data = data[: len(data) - len(held)].replace(b"\r\n", b"\n").replace(b"\r", b"\n") + held
+                pending = b"\r" if data.endswith(b"\r") and not final else b""  # its line feed may be in the next block
+                data = data[: len(data) - len(pending)].replace(b"\r\n", b"\n").replace(b"\r", b"\n") + pending
             end = len(data) if final else data.rfind(b"\n") + 1
             if end:
                 yield data[:end] if data[:end].endswith(b"\n") else data[:end] + b"\n"
@@ -145,8 +145,8 @@ def _blocks(path: Path, encoding: str | None) -> Iterator[bytes]:
             if final:
                 return
             if len(rest) > 4 * _BLOCK:
-                what = f"found a line of {len(rest) >> 20} MiB and more that begins with {cut(decoded(rest[:200]))!r}"
-                raise ReadError(f"{what}, allowed is a table of numbers")
+                what = f"found a line of {len(rest) >> 20} MiB or more that begins with {cut(decoded(rest[:200]))!r}"
+                raise ReadError(f"{what}, but a table of numbers is needed")
 
 
 def _head(blocks: Iterator[bytes], begin: int) -> list[str]:

@@ -104,18 +104,18 @@ def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
     """Campaign from the tables of its file; raises `ParameterError` and `CampaignError`."""
     for key in table:
         if key not in _TABLES:
-            raise ParameterError(key, f"found an unknown key, allowed are {', '.join(_TABLES)}")
+            raise ParameterError(key, f"unknown key, known keys are {', '.join(_TABLES)}")
     title = table.get("title", path.stem)
     if not isinstance(title, str):
         raise ParameterError("title", f"found {repr(title)[:80]}, allowed is a string")
     if "transducer" not in table:
-        raise ParameterError("transducer", "found no such key, allowed is a table")
+        raise ParameterError("transducer", "missing table [transducer]")
     transducer, unknown = _nominal(table["transducer"])
     sources = {**default_sources(), **build_sources(table.get("channels", {}), "campaign", "channels")}
     entries = table.get("records")
     if not isinstance(entries, list) or not entries:
-        found = "no such key" if entries is None else repr(entries)[:60]
-        raise ParameterError("records", f"found {found}, allowed is a list of one table or more")
+        found = "missing" if entries is None else f"found {repr(entries)[:60]}"
+        raise ParameterError("records", f"{found}, at least one table [[records]] is needed")
     read = list(_entries(entries, sources, path))
     records = tuple(record for record, _ in read)
     # A channel may be missing in some records; one that [channels] names and no record has may be misspelt.
@@ -124,7 +124,7 @@ def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
     found = (tuple((*some, *_checked(record, transducer))) for record, some in zip(records, absent, strict=True))
     campaign = Campaign(title, path, transducer, records, tuple(found), unknown)
     if "mass" in unknown and campaign.drives_base:
-        raise ParameterError("transducer.mass", "found no value, allowed under a base acceleration is a number")
+        raise ParameterError("transducer.mass", "missing key, records driven by a base acceleration need a number (kg)")
     return campaign
 
 
@@ -155,7 +155,9 @@ def _entries(entries: list, sources: Mapping, path: Path) -> Iterator[tuple[Reco
         record, found = _read_entry(entry, f"records.{n}", sources, path.parent)
         count += len(record) * (1 + len(record.signals) if isinstance(record, Record) else 4)
         if count > MAX_NUMBERS:
-            raise ParameterError(f"records.{n}", f"found {count} numbers up to here, allowed are {MAX_NUMBERS} in all")
+            raise ParameterError(
+                f"records.{n}", f"found {count} numbers in the records up to this one, allowed are {MAX_NUMBERS} in all"
+            )
         yield record, found
 
 

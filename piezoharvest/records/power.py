@@ -229,13 +229,15 @@ def _checked(
     for name, values in arrays.items():
         if values.ndim != 1 or len(values) != len(arrays["time"]) or len(values) < 4:
             found = f"found an array of shape {values.shape}"
-            raise ParameterError(name, f"{found}, allowed is one of four samples or more, as many as time has")
+            raise ParameterError(
+                name, f"{found}, allowed is one-dimensional, of four samples or more, as many as time has"
+            )
         if not np.all(np.isfinite(values)):
             raise ParameterError(name, f"found {values[~np.isfinite(values)][0]}, allowed are finite numbers")
     time = arrays.pop("time")
     step = (time[-1] - time[0]) / (len(time) - 1)
     if not step > 0 or np.any(np.abs(np.diff(time) - step) > 1e-3 * step):
-        raise ParameterError("time", "found samples that are not equally spaced, allowed is one sample rate")
+        raise ParameterError("time", "the samples are not equally spaced, but must be")
     if not 0 < cutoff < 0.5 / step:
         raise ParameterError("cutoff", f"found {cutoff} Hz, allowed is a frequency below {0.5 / step:g} Hz")
     return time, arrays, step

@@ -206,8 +206,8 @@ def _similar_effects(rows: Sequence[Scored]) -> Iterator[str]:
         (abs(table[i, j]), i, j) for i in range(len(names)) for j in range(i) if abs(table[i, j]) > MIN_SIMILAR_COSINE
     ]
     for size, i, j in sorted(pairs, reverse=True):
-        told = registered()[names[i]].told_by or registered()[names[j]].told_by
-        yield f"{names[j].replace('_', ' ')} and {names[i].replace('_', ' ')}: {number(size, 2)}. To tell them: {told}."
+        remedy = registered()[names[i]].told_by or registered()[names[j]].told_by
+        yield f"{names[j].replace('_', ' ')} and {names[i].replace('_', ' ')}: {number(size, 2)}. To tell them: {remedy}."
 
 
 def _alternatives(found: Diagnosis) -> Iterator[tuple[str, str]]:

@@ -21,7 +21,9 @@ def write_shunt(deck: Deck, shunt: Shunt, point: OperatingPoint) -> NetlistCircu
     """
     if shunt.kind not in WRITERS:
         known = ", ".join(sorted(WRITERS))
-        raise ParameterError("shunt", f"found kind {shunt.kind!r} to be exported to SPICE, allowed are {known}")
+        raise ParameterError(
+            "shunt", f"found kind {shunt.kind!r}, which cannot be exported to SPICE, allowed are {known}"
+        )
     deck.section(f"shunt: {shunt.kind}")
     return WRITERS[shunt.kind](deck, shunt, point)
 

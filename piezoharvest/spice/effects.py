@@ -112,6 +112,6 @@ class _Values:
         used = self.point.terms.used(row)
         others = ", ".join(sorted(used.keys() - known.keys()))
         if others:
-            found = f"found terms of {others} in a system to be exported to SPICE"
+            found = f"found terms of {others}, which cannot be exported to SPICE"
             raise ParameterError("transducer.effects", f"{found}, allowed are {', '.join(known)}")
         return [(float(factor[0]) * known[name][0], known[name][1]) for name, factor in used.items()]

@@ -121,7 +121,7 @@ def _write_window(
     period, length = point.excitation.period, point.excitation.length
     if period is None:
         if length is None:
-            raise ParameterError("excitation", "found neither a period nor a length, allowed is one that has either")
+            raise ParameterError("excitation", "it has neither a period nor a length, one of them is needed")
         deck.comment("The excitation is not periodic: one run through it, measured from beginning to end.")
         return 0.0, length
     slowest = max(circuit.slowest, *_decay_times(point.transducer))

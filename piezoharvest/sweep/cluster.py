@@ -70,7 +70,7 @@ def _evaluate(version: str, study: bytes, values: np.ndarray) -> tuple[str, Answ
 
 
 def _refused(found: str) -> ParameterError:
-    return ParameterError(_KEY, f"found {found}, allowed are workers with piezoharvest {__version__} as here")
+    return ParameterError(_KEY, f"found {found}, but every worker needs piezoharvest {__version__}, as here")
 
 
 @contextmanager
@@ -88,9 +88,9 @@ def _connected(address: str) -> Iterator[Client]:
                 resolved = _answering(address)
             client = Client(resolved, timeout=_TIMEOUT, set_as_default=False)
         except Exception:  # a wrong address may raise anything, in Dask and below it
-            found = f"found no scheduler that answers at {address!r}"
-            allowed = "allowed is the address of a running one, such as tcp://127.0.0.1:8786"
-            raise ParameterError(_KEY, f"{found}, {allowed}") from None
+            found = f"no Dask scheduler answers at {address!r}"
+            needed = "give the address of a running one, such as tcp://127.0.0.1:8786"
+            raise ParameterError(_KEY, f"{found}, {needed}") from None
         with client:
             yield client
     finally:

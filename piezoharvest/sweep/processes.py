@@ -40,37 +40,37 @@ def in_processes(study: Study, chunks: Iterable[Chunk], workers: int) -> Done:
         A process died.
     """
     context = multiprocessing.get_context(_method())
-    lifeline, held = context.Pipe(duplex=False)
+    worker_end, parent_end = context.Pipe(duplex=False)
     with _single_threaded():
-        pool = ProcessPoolExecutor(workers, context, begin_worker, (lifeline,))
+        pool = ProcessPoolExecutor(workers, context, begin_worker, (worker_end,))
         try:
             yield from stream(pool, partial(evaluate, study), chunks, _CHUNKS_PER_PROCESS * workers)
         except BrokenExecutor:
             raise OSError("a worker process died (too little memory?); the same command resumes") from None
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
-            held.close()
+            parent_end.close()
 
 
 def _method() -> str:
     return "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
 
 
-def begin_worker(lifeline: Connection) -> None:
+def begin_worker(worker_end: Connection) -> None:
     """Start a worker process: it ignores interrupts, and ends when its parent closes the pipe or is killed.
 
     Parameters
     ----------
-    lifeline : Connection
+    worker_end : Connection
         The receiving end of a pipe whose other end only the parent holds.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
+    threading.Thread(target=_end_with, args=(worker_end,), daemon=True).start()
 
 
-def _end_with(lifeline: Connection) -> None:
+def _end_with(worker_end: Connection) -> None:
     try:
-        lifeline.recv()
+        worker_end.recv()
     except (EOFError, OSError):
         os._exit(1)
 

@@ -107,9 +107,9 @@ def _ignore(*what: object) -> None:
 def _plan(study: Study) -> Plan:
     """Plan of a study, checked."""
     if study.sweep is None:
-        raise StudyError(study.path, "sweep", "found no such key, allowed is a table")
+        raise StudyError(study.path, "sweep", "missing table [sweep]")
     if not study.shunts:
-        raise StudyError(study.path, "shunts", "found no such key, allowed is a list of tables")
+        raise StudyError(study.path, "shunts", "missing tables [[shunts]], at least one is needed")
     plan = Plan(study.sweep)
     check(study, plan)
     return plan

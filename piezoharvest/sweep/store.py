@@ -124,13 +124,13 @@ class Store:
         """Tables of `_ROWS` rows or more, in order."""
         import pyarrow as pa
 
-        held: list[Any] = []
+        tables: list[Any] = []
         for part in range(parts):
             with pa.OSFile(str(self._path(part))) as source:
-                held.append(pa.ipc.open_file(source).read_all().replace_schema_metadata())
-            if part == parts - 1 or sum(table.num_rows for table in held) >= _ROWS:
-                yield pa.concat_tables(held).combine_chunks()
-                held = []
+                tables.append(pa.ipc.open_file(source).read_all().replace_schema_metadata())
+            if part == parts - 1 or sum(table.num_rows for table in tables) >= _ROWS:
+                yield pa.concat_tables(tables).combine_chunks()
+                tables = []
 
 
 def _schema_of(path: Path) -> pyarrow.Schema | None:
@@ -156,8 +156,7 @@ def _locked(path: Path) -> Iterator[None]:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            found = "found another sweep at work on the same file"
-            raise OutputError(f"{path.parent}: {found}, allowed is one at a time") from None
+            raise OutputError(f"{path.parent}: another sweep is writing the same file at this moment") from None
         yield
 
 

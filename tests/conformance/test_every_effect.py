@@ -519,4 +519,4 @@ def test_commands_refuse_an_effect_that_they_do_not_know(command, tmp_path, caps
     options = ["--out", str(tmp_path / options[0]), *options[1:]] if options else []
     path = write_study(tmp_path / "study.toml", "stifening", {"cubic_stiffness": 1e9})
     told = refused(capsys, command, path, *options)
-    assert "study.toml: transducer.effects.stifening: found an unknown effect (did you mean 'stiffening'?)" in told
+    assert "study.toml: transducer.effects.stifening: unknown effect (did you mean 'stiffening'?)" in told

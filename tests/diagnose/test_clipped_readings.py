@@ -17,8 +17,8 @@ def test_a_range_that_ends_before_the_noise_is_found(tmp_path):
     before = identify(measured, offsets=("displacement",))
     data = prepared(measured, "fit")
     limit = 0.95 * max(np.abs(each.record[channel]).max() for each in data)
-    for each, own in zip(data, before.found.own, strict=True):
-        for _, begin, residual in unexplained_blocks(before.found.model, each, own):
+    for each, nuisance in zip(data, before.found.nuisance, strict=True):
+        for _, begin, residual in unexplained_blocks(before.found.model, each, nuisance):
             values = each.record[channel][begin : begin + len(residual)]
             noise = residual[:, each.channels.index(channel)]
             values[:] = np.clip(values - noise, -limit, limit) + noise

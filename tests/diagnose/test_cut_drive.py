@@ -50,10 +50,10 @@ def test_records_end_where_their_drive_is_cut_off(tmp_path):
 def test_where_too_little_is_left_for_a_fit_whole_records_are_diagnosed(tmp_path, monkeypatch):
     measured, told, rest = campaign(tmp_path, CLIPPED, WITH_SMALL), [], diagnosis._diagnose_all
 
-    def fails(some, tell, library):
+    def fails(some, progress, library):
         if some is not measured:
             raise PredictionError("no solution at sample 59")
-        return rest(some, tell, library)
+        return rest(some, progress, library)
 
     monkeypatch.setattr(diagnosis, "_diagnose_all", fails)
     found = diagnose(measured, told.append, library=[Clipping, Leakage])

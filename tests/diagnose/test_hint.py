@@ -28,7 +28,7 @@ def test_finds_the_term_that_was_put_in(records, channel, of, term):
         return reading(data, channel, lambda values: values + size * signal**order)
 
     problem = Problem([bent(data) for data in problem.data], problem.nominal, problem.offset_channels)
-    again = fit(problem, found.model, found.own, found.noise, estimate_noise=False)
+    again = fit(problem, found.model, found.nuisance, found.noise, estimate_noise=False)
     first = hints(problem, again)[0]
     assert (first.channel, first.term) == (channel, term)
     assert first.size == pytest.approx(size, rel=0.2)

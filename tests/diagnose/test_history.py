@@ -36,10 +36,10 @@ def test_the_stop_of_a_new_effect_begins_where_the_last_known_one_does(tmp_path,
     problem = Problem(prepared(measured, "fit"), measured.transducer, ("displacement",))
     before = Model(measured.transducer, (), ("displacement",))
     after = extended(before, [Friction(stiffness=1e6, threshold=1e-6)], [])
-    names = problem.own_names(before, problem.data[0])
-    own = [[share if name == "history q2" else 0.0 for name in names] for share in (0.8, -0.3)]
+    names = problem.nuisance_names(before, problem.data[0])
+    nuisance = [[share if name == "history q2" else 0.0 for name in names] for share in (0.8, -0.3)]
     for data, mine, last in zip(
-        problem.data, nuisance_for_model(problem, before, own, after), (0.8, -0.3), strict=True
+        problem.data, nuisance_for_model(problem, before, nuisance, after), (0.8, -0.3), strict=True
     ):
-        values = dict(zip(problem.own_names(after, data), mine, strict=True))
+        values = dict(zip(problem.nuisance_names(after, data), mine, strict=True))
         assert (values["history x10"], values["history q2"], values["history q1"]) == (last, last, 0.0)

@@ -26,8 +26,8 @@ def test_the_frequency_is_told_as_well_as_it_can_be(tmp_path):
     problem = Problem(humming, problem.nominal, problem.offset_channels)
     start = MainsHum(amplitude=0.0, frequency=50.1, channel="voltage")
     model = extended(found.model, [start], effect_parameters([start], 0))
-    own = nuisance_for_model(problem, found.model, found.own, model)
-    line = fit(problem, model, own, found.noise, estimate_noise=False)
+    nuisance = nuisance_for_model(problem, found.model, found.nuisance, model)
+    line = fit(problem, model, nuisance, found.noise, estimate_noise=False)
     assert line.converged
     (k,) = (k for k, parameter in enumerate(model.parameters) if parameter.path[0] == "effects")
     (hum,) = line.model.transducer.effects

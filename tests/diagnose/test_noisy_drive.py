@@ -78,8 +78,8 @@ def sigma(problem):
 def test_residuals_of_the_truth_are_white_as_every_operator_passes_the_noise_on_average(slow):
     """Those that slip pass none on: a third of the voltage's slow noise."""
     model = Model(slow.nominal, (), ("displacement",))
-    own = slow.start(model)
-    for data, mine, white in zip(slow.data, own, whiteners(slow, model, own, sigma(slow)), strict=True):
+    nuisance = slow.start(model)
+    for data, mine, white in zip(slow.data, nuisance, whiteners(slow, model, nuisance, sigma(slow)), strict=True):
         ((_, _, residual),) = unexplained_blocks(model, data, mine)
         spectrum = (white.of(len(residual)) @ spectra_of(residual)[:, :, None])[:, :, 0]
         if "step" in data.name:
@@ -100,7 +100,7 @@ def test_what_operators_make_of_noise_that_a_drive_keeps_is_as_large_as_it_is_to
     time = record["time"]
     true = 550.0 + sum(a * np.sin(2 * np.pi * f * time + f) for f, a in ((0.55, 160.0), (1.3, 130.0), (5.1, 110.0)))
     clean = with_values(slow, record, {"force": true})
-    ((_, _, residual, _),) = residual_blocks(model, clean, np.zeros(len(model.prediction(clean).own_names)), False)
+    ((_, _, residual, _),) = residual_blocks(model, clean, np.zeros(len(model.prediction(clean).nuisance_names)), False)
     follows = dict(zip(clean.channels, (clean.values - residual).T, strict=True))
     edges, squares, told = np.array([0.0, 1.5, 4.0, 20.0, 100.0]), [], None
     for seed in range(12):
@@ -108,11 +108,11 @@ def test_what_operators_make_of_noise_that_a_drive_keeps_is_as_large_as_it_is_to
         read = {name: values + noise.sigma[name] * rng.standard_normal(len(time)) for name, values in follows.items()}
         read["force"] = true + noise.sigma["force"] * rng.standard_normal(len(time))
         data = with_values(slow, record, read)
-        own = np.zeros(len(model.prediction(data).own_names))
-        white = Whitener(model.prediction(data, own), noise, data)
+        nuisance = np.zeros(len(model.prediction(data).nuisance_names))
+        white = Whitener(model.prediction(data, nuisance), noise, data)
         if told is None:
-            told = drive_noise.drive_noise_variance(data, white, model, own, noise.sigma["force"], edges)
-        _, _, spectrum = next(white.left(model, own))
+            told = drive_noise.drive_noise_variance(data, white, model, nuisance, noise.sigma["force"], edges)
+        _, _, spectrum = next(white.left(model, nuisance))
         lines = np.searchsorted(np.fft.rfftfreq(len(time), data.setting.sample_time), edges)
         squares.append([0.5 * np.mean(np.abs(spectrum[a:b]) ** 2, axis=0) for a, b in pairwise(lines)])
     found = np.mean(squares, axis=0)
@@ -147,11 +147,11 @@ def test_an_effect_that_is_not_there_gains_no_more_than_chance_whatever_it_does_
     """A delay takes the damping's place, but passes fast noise on in another way: that says nothing about either."""
     free = tuple(p for p in parameters_of(slow.nominal, {"force"}) if p.path[0] != "mass")
     model = replace(healthy.model, parameters=free)
-    before = fit(slow, model, healthy.own, healthy.noise, white=healthy.white, estimate_noise=False)
+    before = fit(slow, model, healthy.nuisance, healthy.noise, white=healthy.white, estimate_noise=False)
     skew = ChannelSkew(delay=3e-4)
     model = extended(before.model, [skew], effect_parameters([skew]))
-    own = nuisance_for_model(slow, before.model, before.own, model)
-    found = fit(slow, model, own, before.noise, white=before.white, estimate_noise=False)
+    nuisance = nuisance_for_model(slow, before.model, before.nuisance, model)
+    found = fit(slow, model, nuisance, before.noise, white=before.white, estimate_noise=False)
     assert before.converged
     assert found.converged
     assert -0.1 < before.cost - found.cost < 12.0

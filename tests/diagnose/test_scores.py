@@ -38,8 +38,8 @@ def records(tmp_path_factory):
 def likelihood_ratio(problem, found, start):
     """By how much -2 ln L falls in a full fit with an effect."""
     model = extended(found.model, [start], effect_parameters([start]))
-    own = nuisance_for_model(problem, found.model, found.own, model)
-    return found.cost - fit(problem, model, own, found.noise, estimate_noise=False).cost
+    nuisance = nuisance_for_model(problem, found.model, found.nuisance, model)
+    return found.cost - fit(problem, model, nuisance, found.noise, estimate_noise=False).cost
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def disturbed(records, seed, wave):
         return reading(data, "voltage", lambda values: values + SIGMA["voltage"] * wave(time))
 
     problem = Problem([heard(data) for data in problem.data], problem.nominal, problem.offset_channels)
-    return problem, fit(problem, found.model, found.own, found.noise, estimate_noise=False)
+    return problem, fit(problem, found.model, found.nuisance, found.noise, estimate_noise=False)
 
 
 def test_leftovers_find_a_line_at_any_frequency(records):
@@ -177,8 +177,8 @@ def test_a_range_that_no_value_comes_to_leaves_the_other_scores_as_they_are(reco
     problem, found, scales = fitted(*records, [BiasCurrent(current=2e-9)], seed=1)
     clip = Clipping(limit=1e3, channel="voltage")
     model = extended(found.model, [clip], effect_parameters([clip]))
-    own = nuisance_for_model(problem, found.model, found.own, model)
-    idle = fit(problem, model, own, found.noise, estimate_noise=False)
+    nuisance = nuisance_for_model(problem, found.model, found.nuisance, model)
+    idle = fit(problem, model, nuisance, found.noise, estimate_noise=False)
     scored = [scores(problem, each, scales, [BiasCurrent, Leakage])[0] for each in (found, idle)]
     assert scored[1].name == scored[0].name
     assert scored[1].score == pytest.approx(scored[0].score, rel=1e-3)
@@ -191,7 +191,7 @@ def test_parameters_that_stand_in_for_clipping_do_not_hide_it(records):
     clip = Clipping(limit=0.998 * max(np.abs(values).max() for values in voltages), channel="voltage")
     cut = [reading(data, "voltage", lambda x: np.clip(x, -clip.limit, clip.limit)) for data in problem.data]
     problem = Problem(cut, problem.nominal, problem.offset_channels)
-    found = fit(problem, found.model, found.own, found.noise, estimate_noise=False)
+    found = fit(problem, found.model, found.nuisance, found.noise, estimate_noise=False)
     score = _one_step_scores(problem, found, [clip])[0].score
     assert score > 20.0
     assert score == pytest.approx(likelihood_ratio(problem, found, clip), rel=0.3)

@@ -41,7 +41,7 @@ def test_a_descent_too_slow_for_its_aim_is_given_up(searched, monkeypatch):
     away = replace(now.found.model, transducer=put(now.found.model.transducer, ("stiffness",), 2.5e8))
 
     def again(aim):
-        return fit(trials.problem, away, now.found.own, now.found.noise, estimate_noise=False, aim=aim)
+        return fit(trials.problem, away, now.found.nuisance, now.found.noise, estimate_noise=False, aim=aim)
 
     monkeypatch.setattr(levenberg_marquardt, "RATE_ITERATIONS", 1)
     hopeless, reached = again(-1e12), again(now.cost + 1.0)
@@ -74,7 +74,7 @@ def test_a_search_comes_back_from_a_false_minimum(searched):
         transducer=put(model.transducer, ("capacitance",), 3.0 * model.transducer.capacitance),
         parameters=tuple(p for p in model.parameters if p.path != ("capacitance",)),
     )
-    false = fit(trials.problem, held, now.found.own, now.found.noise, estimate_noise=False)
+    false = fit(trials.problem, held, now.found.nuisance, now.found.noise, estimate_noise=False)
     assert false.cost > now.cost + 1e3
     strayed = replace(false, model=replace(false.model, parameters=model.parameters))
     back, held = Searcher(trials)._with_nominal_values(EffectChange(strayed))

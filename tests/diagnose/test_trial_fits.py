@@ -31,8 +31,8 @@ def records(tmp_path_factory):
 
 def with_effect(problem, found, start, enough):
     model = extended(found.model, [start], effect_parameters([start]))
-    own = nuisance_for_model(problem, found.model, found.own, model)
-    return fit(problem, model, own, found.noise, estimate_noise=False, enough=enough)
+    nuisance = nuisance_for_model(problem, found.model, found.nuisance, model)
+    return fit(problem, model, nuisance, found.noise, estimate_noise=False, enough=enough)
 
 
 @pytest.mark.parametrize(

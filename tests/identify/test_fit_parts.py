@@ -156,25 +156,25 @@ def test_a_record_is_evaluated_once_for_a_model_and_anew_for_any_other(tmp_path,
     campaign = load_campaign(campaign_file(tmp_path, 1)[0])
     data, nominal = prepared(campaign, "fit")[0], campaign.transducer
     model = models.Model(nominal, tuple(parameters_of(nominal, {"force"})), ("voltage",))
-    own = np.asarray(Problem([data], nominal, ("voltage",)).start(model)[0])
-    marched, blocks = [], models.residual_blocks
-    monkeypatch.setattr(models, "residual_blocks", lambda *some: marched.append(some) or blocks(*some))
+    nuisance = np.asarray(Problem([data], nominal, ("voltage",)).start(model)[0])
+    runs, blocks = [], models.residual_blocks
+    monkeypatch.setattr(models, "residual_blocks", lambda *some: runs.append(some) or blocks(*some))
 
-    def evaluated(model, own):
-        """Residuals and derivatives, which are always those of a march through the record."""
-        ((_, residual, slopes),) = models.evaluated(model, data, own)
-        ((_, _, wanted, derivatives),) = blocks(model, data, own, True)
+    def evaluated(model, nuisance):
+        """Residuals and derivatives, which are always those of a run through the record."""
+        ((_, residual, slopes),) = models.evaluated(model, data, nuisance)
+        ((_, _, wanted, derivatives),) = blocks(model, data, nuisance, True)
         np.testing.assert_array_equal(residual, wanted)
         np.testing.assert_array_equal(slopes, derivatives)
-        return len(marched)
+        return len(runs)
 
     stiffer = replace(model, transducer=replace(nominal, stiffness=1.01 * nominal.stiffness))
-    assert [evaluated(model, own) for _ in range(3)] == [1, 1, 1]
-    assert evaluated(stiffer, own) == 2  # as a step that is tried in vain,
-    assert evaluated(model, own) == 2  # before the end is judged
-    assert evaluated(model, own + 1e-9) == 3
-    assert evaluated(replace(model, parameters=model.parameters[:-1]), own) == 4
-    assert evaluated(model, own) == 5  # not kept any more
+    assert [evaluated(model, nuisance) for _ in range(3)] == [1, 1, 1]
+    assert evaluated(stiffer, nuisance) == 2  # as a step that is tried in vain,
+    assert evaluated(model, nuisance) == 2  # before the end is judged
+    assert evaluated(model, nuisance + 1e-9) == 3
+    assert evaluated(replace(model, parameters=model.parameters[:-1]), nuisance) == 4
+    assert evaluated(model, nuisance) == 5  # not kept any more
     monkeypatch.setattr(models, "CACHE_BYTES", 1000)
-    assert evaluated(stiffer, own) == 6
-    assert evaluated(stiffer, own) == 7  # too large
+    assert evaluated(stiffer, nuisance) == 6
+    assert evaluated(stiffer, nuisance) == 7  # too large

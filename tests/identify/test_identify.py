@@ -158,7 +158,7 @@ def test_a_frequency_response_alone_finds_the_resonance(tmp_path):
 def test_nothing_to_fit_is_an_error(tmp_path):
     path, _ = campaign_file(tmp_path, 1)
     path.write_text(path.read_text().replace('role = "fit"', 'role = "validate"'))
-    with pytest.raises(CampaignError, match='records: found none with role "fit"'):
+    with pytest.raises(CampaignError, match='records: no record has role = "fit"'):
         identify(load_campaign(path))
 
 

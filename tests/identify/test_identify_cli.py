@@ -91,7 +91,7 @@ def _edited(campaign, tmp_path, old, new):
         ("stiffness = ", "stiffness = -", r"campaign\.toml: transducer\.stiffness: found -"),
         ("load_resistance = 51430.0", 'shunt = { kind = "sece" }', r"records\.1\.shunt: found 'sece'"),
         ('unit = "V"', 'unit = "kg"', r"campaign\.toml: channels\.voltage\.unit: found 'kg'"),
-        ('role = "fit"', 'role = "validate"', r"campaign\.toml: records: found none with role"),
+        ('role = "fit"', 'role = "validate"', r"campaign\.toml: records: no record has role ="),
         ("02_", "92_", r"92_.*: "),
     ],
 )
@@ -124,7 +124,7 @@ def test_a_report_that_cannot_be_written_is_told_before_the_work(campaign, tmp_p
     assert main(["identify", str(campaign), "--report", str(tmp_path / "file")]) == 2
     err = capsys.readouterr().err
     assert "iteration" not in err
-    assert "allowed is one that exists and may be written to" in err
+    assert "no files can be written to this directory" in err
 
 
 def test_a_missing_file(tmp_path, capsys):

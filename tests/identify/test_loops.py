@@ -93,7 +93,7 @@ class TestInverse:
         np.testing.assert_allclose(loop("stop").predict(SIGNAL) - 0.4, by_hand)
 
     def test_needs_a_slope(self):
-        with pytest.raises(LoopError, match="slope: found 0, allowed for an inverse is a value greater than 0"):
+        with pytest.raises(LoopError, match="slope: found 0, but an inverse needs a value greater than 0"):
             _ = loop("play", slope=0.0).inverse
         with pytest.raises(LoopError, match="kind: found 'play' with slope 2"):
             loop("play").hysteresis()

@@ -39,10 +39,10 @@ def waves(transducer, excitation, shunt=LOAD, times=TIMES, effects=()):
     return integrate(model, excitation, times)
 
 
-def predicted(transducer, drive, values, shunt=LOAD, parameters=(), own=None, step=1e-3, size=1 << 16, fine=1):
+def predicted(transducer, drive, values, shunt=LOAD, parameters=(), nuisance=None, step=1e-3, size=1 << 16, fine=1):
     setting = replace(setting_of(drive, shunt and build_shunt(shunt), step, values), fine=fine)
-    prediction = Prediction(transducer, setting, parameters, own)
-    blocks = list(prediction.blocks(bool(parameters) or own is not None, size))
+    prediction = Prediction(transducer, setting, parameters, nuisance)
+    blocks = list(prediction.blocks(bool(parameters) or nuisance is not None, size))
     names = prediction.channels
     found = np.concatenate([block.values for block in blocks])
     return dict(zip(names, found.T, strict=True)), np.concatenate([block.derivatives for block in blocks])
@@ -75,7 +75,7 @@ def test_beam_on_a_moving_base_agrees_with_the_bench():
     truth = waves(BEAM, excitation, {"kind": "resistor", "resistance": 1e5}, times)
     found, _ = predicted(
         build_transducer(BEAM), "base_acceleration", truth.sensed("base_acceleration"),
-        {"kind": "resistor", "resistance": 1e5}, own=None, step=1e-4,
+        {"kind": "resistor", "resistance": 1e5}, nuisance=None, step=1e-4,
     )  # fmt: skip
     late = slice(len(times) * 3 // 4, None)  # ringing of the start, which a fit has free, is gone
     for channel in ("displacement", "voltage"):
@@ -242,7 +242,7 @@ def _own_derivatives(device: Transducer, drive, values, shunt, slopes, count, fi
     for k in range(count):
         step = np.zeros(count)
         step[k] = 1e-4
-        sides = [predicted(device, drive, values, shunt, own=sign * step, fine=fine)[0] for sign in (1, -1)]
+        sides = [predicted(device, drive, values, shunt, nuisance=sign * step, fine=fine)[0] for sign in (1, -1)]
         for c, channel in enumerate(sides[0]):
             wanted = (sides[0][channel] - sides[1][channel]) / 2e-4
             size = max(np.abs(wanted).max(), 1e-7 * np.abs(sides[0][channel]).max())
@@ -262,7 +262,7 @@ def test_blocks_are_the_whole(size):
     np.testing.assert_allclose(of_parts, slopes, rtol=1e-9, atol=1e-9 * np.abs(slopes).max())
 
 
-def test_a_noisy_drive_never_stops_the_march():
+def test_the_prediction_never_stops_under_a_noisy_drive():
     """Every sample may turn every operator: the equations of a step have to be solved all the same."""
     rng, device = np.random.default_rng(9), build_transducer(STACK)
     held = np.where(np.arange(20000) < 10000, 1000.0, 100.0) + 0.5 * rng.standard_normal(20000)
@@ -325,14 +325,14 @@ def test_what_bends_at_resonance_takes_several_steps_a_sample():
     assert off[4] < off[1] / 12.0
 
 
-def _beam_off_equilibrium(lag, own=(1e-4, 0.02, 1e-8), parameters=()):
+def _beam_off_equilibrium(lag, nuisance=(1e-4, 0.02, 1e-8), parameters=()):
     """Displacement of a beam that a record finds in motion, and its derivatives."""
     device = build_transducer(BEAM)
     effects = () if lag is None else (DisplacementLag(time_constant=lag),)
     force = 0.01 * np.cos(2 * np.pi * 30.0 * np.arange(300) / 1000.0)
     setting = setting_of("force", build_shunt(LOAD), 1e-3, force, device)
     assert setting.free == ("x1", "u1", "q")
-    prediction = Prediction(replace(device, effects=effects), setting, parameters, np.array(own))
+    prediction = Prediction(replace(device, effects=effects), setting, parameters, np.array(nuisance))
     (block,) = prediction.blocks(True)
     return block.values[:, prediction.channels.index("displacement")], block.derivatives
 
@@ -350,7 +350,7 @@ def test_a_sensor_that_lags_has_followed_what_it_sees_before_the_record():
 def test_a_charge_that_is_off_equilibrium_has_moved_the_displacement_before_the_record():
     device = build_transducer(LINEAR)
     setting = setting_of("force", build_shunt(LOAD), 1e-3, np.full(50, 300.0), device)
-    prediction = Prediction(device, setting, own=np.array([4e-6]))
+    prediction = Prediction(device, setting, nuisance=np.array([4e-6]))
     (block,) = prediction.blocks(False)
     displacement, voltage, _ = block.values.T
     assert prediction.channels[:2] == ("displacement", "voltage")
@@ -360,15 +360,15 @@ def test_a_charge_that_is_off_equilibrium_has_moved_the_displacement_before_the_
 
 
 def test_derivatives_where_a_lagging_sensor_begins():
-    own, varied = (
+    nuisance, varied = (
         np.array([1e-4, 0.02, 1e-8]),
         Parameter(("effects", 0, "time_constant"), "s", "linear", 0.0, 1.0),
     )
-    _, slopes = _beam_off_equilibrium(2e-4, own, (varied,))
-    steps = [np.zeros(3), *(np.eye(3) * 1e-3 * own)]
+    _, slopes = _beam_off_equilibrium(2e-4, nuisance, (varied,))
+    steps = [np.zeros(3), *(np.eye(3) * 1e-3 * nuisance)]
     for k, step in enumerate(steps):
         lag = 0.0 if k else 1e-7
-        sides = [_beam_off_equilibrium(2e-4 + sign * lag, own + sign * step)[0] for sign in (1, -1)]
+        sides = [_beam_off_equilibrium(2e-4 + sign * lag, nuisance + sign * step)[0] for sign in (1, -1)]
         wanted = (sides[0] - sides[1]) / (2 * (step.sum() if k else lag))
         found = slopes[:, 0, k]
         np.testing.assert_allclose(found, wanted, atol=1e-5 * np.abs(wanted).max())
@@ -383,11 +383,11 @@ def stepped(transducer, duration, effects=(), parameters=(), rise=-4.0):
     setting = setting_of("force", build_shunt(LOAD), 1e-3, truth.sensed("force"), transducer, abrupt=True)
     instant = duration / 1e-3 - setting.motion.jumps[0]  # share of the step
     fall, jump = setting.motion.coefficients[setting.motion.jumps[0], 1], setting.motion.jumps[0]
-    history = [name for name in Prediction(transducer, setting).own_names if name.startswith("history")]
-    own = {"q": 0.0, "drive before": STEP["offset"], **dict.fromkeys(history, 0.0)}
-    own |= {f"jump{jump}": -fall * JUMP_PARTS * (instant - 0.5), f"rise{jump}": rise}
-    prediction = Prediction(transducer, setting, parameters, np.array([*own.values()]))
-    assert prediction.own_names == tuple(own)
+    history = [name for name in Prediction(transducer, setting).nuisance_names if name.startswith("history")]
+    nuisance = {"q": 0.0, "drive before": STEP["offset"], **dict.fromkeys(history, 0.0)}
+    nuisance |= {f"jump{jump}": -fall * JUMP_PARTS * (instant - 0.5), f"rise{jump}": rise}
+    prediction = Prediction(transducer, setting, parameters, np.array([*nuisance.values()]))
+    assert prediction.nuisance_names == tuple(nuisance)
     (block,) = prediction.blocks(True)
     clear = np.arange(len(TIMES)) != setting.motion.jumps[0] + 1
     return prediction, block, truth, clear
@@ -460,12 +460,12 @@ def test_friction_sees_what_overshoots_at_a_step():
 def test_derivatives_to_what_begins_and_to_when_it_ends(name, by, rise):
     device = build_transducer(STACK)
     prediction, block, _, _ = stepped(device, 1.00035, rise=rise)
-    k = prediction.own_names.index(name)
+    k = prediction.nuisance_names.index(name)
     sides = []
     for sign in (1.0, -1.0):
-        own = prediction.own.copy()
-        own[k] += sign * by
-        (side,) = Prediction(device, prediction.setting, (), own).blocks(False)
+        nuisance = prediction.nuisance.copy()
+        nuisance[k] += sign * by
+        (side,) = Prediction(device, prediction.setting, (), nuisance).blocks(False)
         sides.append(side.values)
     wanted = (sides[0] - sides[1]) / (2.0 * by)
     for c in range(len(prediction.channels)):

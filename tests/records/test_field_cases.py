@@ -42,5 +42,5 @@ def test_sweeps(campaign, lines):
 
 @pytest.mark.parametrize("campaign", ["campaign.toml", "campaign2.toml"])
 def test_two_channels_of_one_column(campaign):
-    with pytest.raises(CampaignError, match="allowed is a column of its own for each channel"):
+    with pytest.raises(CampaignError, match="but each channel needs a column of its own"):
         load_campaign(CASES / "same_column" / campaign)

@@ -51,7 +51,7 @@ def test_they_are_needed_else(tmp_path):
 
 
 def test_a_base_acceleration_needs_a_mass(tmp_path):
-    with pytest.raises(CampaignError, match=r"transducer\.mass: found no value"):
+    with pytest.raises(CampaignError, match=r"transducer\.mass: missing key"):
         load_campaign(campaign(tmp_path, 'mass = "unknown"', drive="base_acceleration"))
 
 
@@ -73,5 +73,7 @@ frequency = 10.0
 kind = "open"
 """
     )
-    with pytest.raises(StudyError, match=r"transducer\.quasi_static: found true, allowed is false in a study"):
+    with pytest.raises(
+        StudyError, match=r"transducer\.quasi_static: found true, which only a campaign of measured records may say"
+    ):
         load_study(study)

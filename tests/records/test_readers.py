@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pyarrow
 import pytest
+from messages import is_sentence
 from nptdms import ChannelObject, TdmsWriter
 from pyarrow import parquet
 from scipy.io import savemat
@@ -51,8 +52,7 @@ def same(path: Path, *columns) -> None:
 def failure(path: Path, *columns) -> ReadError:
     with pytest.raises(ReadError) as caught:
         read(path, *columns)
-    assert "found " in caught.value.message
-    assert "allowed " in caught.value.message
+    assert is_sentence(caught.value.message)
     assert "\n" not in caught.value.message
     return caught.value
 
@@ -137,7 +137,7 @@ class TestText:
     def test_a_column_too_many(self, tmp_path):
         error = failure(text(tmp_path / "run.csv", "t,F\n0,1\n1,2\n2,3,4\n"), "F")
         assert error.row == 4
-        assert error.message == "found 3 columns, allowed are 2 as above"
+        assert error.message == "found 3 columns, but 2 in the rows above"
 
     def test_header_that_does_not_fit(self, tmp_path):
         error = failure(text(tmp_path / "run.csv", "t,F,x\n0,1\n1,2\n"), "F")
@@ -163,11 +163,11 @@ class TestColumns:
         error = failure(path, "force")
         assert isinstance(error, MissingColumnError)
         assert error.message == (
-            "found no column 'force' (did you mean 'force_N'?), allowed are time_s, force_N, current_A"
+            "the file has no column 'force' (did you mean 'force_N'?), its columns are time_s, force_N, current_A"
         )
 
     def test_a_number_beyond(self, tmp_path):
-        assert "found 3 columns" in failure(text(tmp_path / "run.csv", table()), 4).message
+        assert "the file has 3 columns" in failure(text(tmp_path / "run.csv", table()), 4).message
 
     def test_last_part_of_a_path(self, tmp_path):
         with h5py.File(tmp_path / "run.h5", "w") as file:
@@ -181,7 +181,7 @@ class TestFiles:
     @pytest.mark.parametrize("suffix", sorted(registered()))
     def test_empty(self, tmp_path, suffix):
         (tmp_path / f"run{suffix}").touch()
-        assert failure(tmp_path / f"run{suffix}", "x").message.startswith("found an empty file")
+        assert failure(tmp_path / f"run{suffix}", "x").message.startswith("the file is empty")
 
     @pytest.mark.parametrize("suffix", sorted(set(registered()) - {".csv", ".txt", ".dat", ".tsv"}))
     @pytest.mark.parametrize("content", [b"time_s,force_N\n0,1\n", bytes(range(256)) * 20])

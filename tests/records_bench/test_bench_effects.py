@@ -259,7 +259,7 @@ def test_effects_that_do_not_go_together_are_refused():
         columns(
             {"contact_compliance": {"coefficient": 1e-9}}, {"kind": "sine_base", "amplitude": 1.0, "frequency": 5.0}
         )
-    with pytest.raises(StudyError, match=r"displacement_lag\.time_constant: found bench\.laser\.lag too"):
+    with pytest.raises(StudyError, match=r"displacement_lag\.time_constant: bench\.laser\.lag is given too"):
         columns({"displacement_lag": {"time_constant": 1e-3}}, laser={"lag": 1e-3})
     with pytest.raises(ParameterError):
         build(registered()["creep"], {"compliance_ratio": -1.0, "time_constant": 1.0}, "creep")

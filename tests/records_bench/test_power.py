@@ -170,10 +170,13 @@ def test_transposes():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"force": np.ones(7)}, r"force: found an array of shape \(7,\), allowed is one of four samples or more"),
+        (
+            {"force": np.ones(7)},
+            r"force: found an array of shape \(7,\), allowed is one-dimensional, of four samples or more",
+        ),
         ({"voltage": np.full(4000, np.nan)}, "voltage: found nan, allowed are finite numbers"),
-        ({"time": np.arange(4000.0) ** 2}, "time: found samples that are not equally spaced"),
-        ({"time": np.zeros(4000)}, "time: found samples that are not equally spaced"),
+        ({"time": np.arange(4000.0) ** 2}, "time: the samples are not equally spaced"),
+        ({"time": np.zeros(4000)}, "time: the samples are not equally spaced"),
         ({"cutoff": 600.0}, "cutoff: found 600.0 Hz, allowed is a frequency below 500 Hz"),
         ({"frequency": -1.0}, "frequency: found -1.0, allowed is a finite number greater than 0 Hz"),
     ],

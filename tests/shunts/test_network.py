@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from messages import is_sentence
 
 from piezoharvest.description.circuit import Port
 from piezoharvest.description.netlist import Element, normal_tree, read_netlist, spice_number
@@ -216,5 +217,4 @@ def test_errors_name_key_value_and_what_is_allowed(netlist, key, found):
         Network(netlist=netlist)
     assert caught.value.key == key
     assert found in caught.value.message.partition("allowed")[0]
-    assert "allowed" in caught.value.message
-    assert "\n" not in str(caught.value)
+    assert is_sentence(caught.value.message)

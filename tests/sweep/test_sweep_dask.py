@@ -155,8 +155,8 @@ def refused(folder, address):
 
 def no_scheduler(address):
     return (
-        f"piezoharvest: error: --scheduler: found no scheduler that answers at {address!r}, "
-        "allowed is the address of a running one, such as tcp://127.0.0.1:8786\n"
+        f"piezoharvest: error: --scheduler: no Dask scheduler answers at {address!r}, "
+        "give the address of a running one, such as tcp://127.0.0.1:8786\n"
     )
 
 
@@ -208,7 +208,8 @@ def test_another_version_on_the_workers_is_refused(dask, tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "__version__", "99.0")
     study = study_of(tmp_path, LONG)
     with pytest.raises(
-        ParameterError, match=f"--scheduler: found piezoharvest {re.escape(__version__)} on a worker, allowed are"
+        ParameterError,
+        match=f"--scheduler: found piezoharvest {re.escape(__version__)} on a worker, but every worker needs",
     ):
         sweep(study, tmp_path / "out.parquet", scheduler=dask.address)
     assert os.listdir(tmp_path) == ["study.toml"]

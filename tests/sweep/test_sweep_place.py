@@ -120,7 +120,7 @@ def test_values_for_another_shunt_are_left_out():
         ("transducer.modes.0.mass", 0.0, "transducer.modes.0.mass: found 0.0"),
         ("transducer.effects.leakage.resistance", 0.0, "transducer.effects.leakage.resistance: found 0.0"),
         ("transducer.hysteresis.thresholds.0", 4e-7, "transducer.hysteresis.thresholds: found 3e-07 after 4e-07"),
-        ("shunts.1.flip_time", 1e-4, "shunts.1.inductance: found both of inductance and flip_time"),
+        ("shunts.1.flip_time", 1e-4, "shunts.1.inductance: found both inductance and flip_time"),
     ],
 )
 def test_what_a_component_refuses_is_named_by_its_path(path, value, message):

@@ -117,7 +117,7 @@ class TestProcess:
         write(tmp_path, LONG)
         process = start(tmp_path, "study.toml", "--out", "out.parquet")
         wait_for(lambda: len(parts(tmp_path / "out.parquet")) >= 1, process)
-        with pytest.raises(OutputError, match="found another sweep at work on the same file"):
+        with pytest.raises(OutputError, match="another sweep is writing the same file"):
             sweep(study_of(tmp_path, LONG), tmp_path / "out.parquet")
         process.kill()
         process.communicate()

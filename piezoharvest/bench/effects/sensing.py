@@ -28,7 +28,9 @@ class ContactCompliance(BenchEffect):
 
     def act(self, model, duration):
         if model.base:
-            raise ParameterError("coefficient", "found a base excitation, allowed is a force that presses the joint")
+            raise ParameterError(
+                "coefficient", "found a base excitation, but this effect needs a force that presses the joint"
+            )
         specimen = model.sensed
         least = -np.inf if self.tension == "closed" else 0.0
 
@@ -52,7 +54,7 @@ class DisplacementLag(BenchEffect):
         if not self.time_constant:
             return
         if model.reading is not None:
-            raise ParameterError("time_constant", "found bench.laser.lag too, allowed is one of them")
+            raise ParameterError("time_constant", "bench.laser.lag is given too, but only one of the two may be")
 
         def rate(m):
             return (model.sensed(m) - m.y[row]) / self.time_constant

@@ -50,9 +50,9 @@ class Drive:
         # One linear piece for each interval, evaluated at its middle: at its ends there may be a jump.
         middle = 0.5 * (self.nodes[:-1] + self.nodes[1:])
         piece = np.clip(np.searchsorted(corners, middle, side="right") - 1, 0, len(signal.starts) - 1)
-        held = middle > corners[-1]
-        self._slope = np.where(held, 0.0, signal.slopes[piece])
-        since = np.where(held, corners[-1], self.nodes[:-1]) - corners[piece]
+        after_end = middle > corners[-1]
+        self._slope = np.where(after_end, 0.0, signal.slopes[piece])
+        since = np.where(after_end, corners[-1], self.nodes[:-1]) - corners[piece]
         self._level = signal.starts[piece] + signal.slopes[piece] * since
 
     def within(self, interval: int | np.ndarray, times: float | np.ndarray) -> np.ndarray:

@@ -45,14 +45,14 @@ class Stepper:
         """Adopt new branches of the model, without slack on its guards."""
         self.key = tuple(branch if isinstance(branch, int) else branch[0] for branch in self.model.branches)
         self.slack = np.zeros(0)
-        self.draw_line(t, drive, y)
+        self.linearise(t, drive, y)
 
     def allow(self, slack: np.ndarray) -> None:
         """Count guards as crossed only above these values."""
         self.slack = slack
         self.known[2 * self.n + 4 :] = self.line.c[self.n :] - slack
 
-    def draw_line(self, t: float, drive: float, y: np.ndarray) -> None:
+    def linearise(self, t: float, drive: float, y: np.ndarray) -> None:
         """Compute the matrices of rates and guards: exact for linear equations, else a tangent."""
         n, smooth = self.n, self.model.smooth
         origin, level, steps = (y, drive, 1e-5 * self.sizes) if smooth else (0.0 * y, 0.0, np.ones(n))
@@ -65,7 +65,7 @@ class Stepper:
         J, b = slopes[:, :n] / steps, slopes[:, n]
         self.line = Line(J, b, values[:, n + 1] - J @ origin - b * level)
         self.known = np.concatenate([np.zeros(n + 4), self.line.c])
-        self.drawn_at, self.stale, self.behind = t, False, None
+        self.linearised_at, self.stale, self.behind = t, False, None
         if smooth:
             self.tables.clear()
         if len(self.slack):

@@ -34,7 +34,7 @@ class Bridge(Shunt):
         if given not in (["smoothing_capacitance", "load_resistance"], ["dc_voltage"]):
             raise ParameterError(
                 given[-1] if given else "smoothing_capacitance",
-                f"found {' and '.join(given) or 'none of them'}, "
+                f"found {' and '.join(given) or 'no dc side'}, "
                 "allowed is smoothing_capacitance with load_resistance, or dc_voltage alone",
             )
 

@@ -36,7 +36,8 @@ class SynchronisedShunt(Shunt):
         lag: Any = self.time_lag
         if period is None and np.any(self.phase_lag != 0):
             raise ParameterError(
-                "phase_lag", f"found {self.phase_lag} for an excitation without a frequency, allowed is time_lag (s)"
+                "phase_lag",
+                f"found {self.phase_lag} for an excitation without a frequency, which needs time_lag (s) instead",
             )
         if period is not None:
             lag = lag + self.phase_lag * period / (2 * np.pi)
@@ -44,7 +45,7 @@ class SynchronisedShunt(Shunt):
         early: Any = np.asarray(lag) < 0
         if np.any(early):
             if period is None or np.any(lag <= -0.5 * period):
-                allowed = "an early action only for a periodic excitation, and by less than half its period"
+                allowed = "early (below 0) only for a periodic excitation, and by less than half its period"
                 raise ParameterError("time_lag", f"found {np.min(lag):g} s, allowed is {allowed}")
             # The next extremum is half a period after the last one, of the other kind.
             lag = cast(Any, np.where(early, 0.5 * period + lag, lag))
@@ -69,8 +70,8 @@ class InductiveSwitch(SynchronisedShunt):
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.inductance is None) == (self.flip_time is None):
-            found = "neither" if self.inductance is None else "both"
-            raise ParameterError("inductance", f"found {found} of inductance and flip_time, allowed is one of them")
+            found = "neither inductance nor" if self.inductance is None else "both inductance and"
+            raise ParameterError("inductance", f"found {found} flip_time, allowed is one of them")
 
     def loop(self, capacitance: float) -> tuple[float, float]:
         """Inductance (H) and resistance (ohm) of the loop with the clamped capacitance (F)."""

@@ -70,5 +70,5 @@ def _element_outputs(elements: list[SmoothElement], inputs: np.ndarray, at_rest:
     size[size == 0.0] = 1.0
     solved = root(lambda w: outputs(w * size) / size - w, np.ones(len(elements)), tol=1e-13)
     if not np.max(np.abs(solved.fun)) < 1e-9:
-        raise ParameterError("excitation.offset", "found a preload without equilibrium, allowed is a smaller one")
+        raise ParameterError("excitation.offset", "there is no equilibrium under this preload, take a smaller one")
     return solved.x * size

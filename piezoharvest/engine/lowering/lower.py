@@ -84,8 +84,8 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
                 _assemble(layout, physics, tables, names, shunt, switch, signal, excitation, record)
             )
     except np.linalg.LinAlgError:
-        found = "found values so far apart that its equations have no solution"
-        raise ParameterError("transducer", f"{found}, allowed is a real device") from None
+        message = "its values are so many decades apart that its equations have no solution"
+        raise ParameterError("transducer", message) from None
     categories = (*pg.CATEGORIES, *layout.effects, pg.MEAN_DC)
     return Lowered(program, tuple(layout.names), names, categories, signal, terms.unfelt, Budget())
 

@@ -100,12 +100,14 @@ def data_of(record: Record, transducer: Transducer) -> Data:
     off = np.abs(time - time[0] - step * np.arange(len(time)))
     if off.max() > MAX_TIME_JITTER * step:
         worst = int(np.argmax(off))
-        message = f"found a time stamp {off.max() / step:.2g} samples off a uniform grid, allowed are uniform samples"
+        message = (
+            f"found a time stamp {off.max() / step:.2g} samples off even spacing, allowed are evenly spaced samples"
+        )
         rows = shifted([(worst, worst)], record.time.first_row)
         raise CampaignError(record.time.file, "", message, channel="time", rows=rows)
     channels = tuple(channel for channel in RESPONSES if channel in record.signals and channel != record.drive)
     if not channels:
-        raise CampaignError(record.name, record.key, "found the drive alone, allowed is a record with a response")
+        raise CampaignError(record.name, record.key, "the record has its drive alone, at least one response is needed")
     sigma = {c: s.sigma for c, s in record.signals.items() if s.sigma is not None}
     drive, clean = record[record.drive], clean_drive(record.signals[record.drive])
     noise = {c: sigma.get(c, unclipped_noise(record[c])) for c in channels}

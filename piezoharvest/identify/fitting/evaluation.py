@@ -21,21 +21,21 @@ R = TypeVar("R")
 
 
 def whiteners(
-    problem: Problem, model: Model, own: Sequence[np.ndarray], noise: Noise
+    problem: Problem, model: Model, nuisance: Sequence[np.ndarray], noise: Noise
 ) -> tuple[Whitener | ResponseWeights, ...]:
     """Whiteners of all records, from a model that need not be the best."""
     return tuple(
         ResponseWeights(noise.sigma[data.name], data)
         if isinstance(data, FrequencyData)
         else Whitener(prediction_of(model, data, mine), noise, data)
-        for data, mine in zip(problem.data, own, strict=True)
+        for data, mine in zip(problem.data, nuisance, strict=True)
     )
 
 
 def sums_of(
     problem: Problem,
     model: Model,
-    own: Sequence[np.ndarray],
+    nuisance: Sequence[np.ndarray],
     white: Sequence[Whitener | ResponseWeights],
     scatter: bool = False,
 ) -> tuple[Sums, ...]:
@@ -47,11 +47,11 @@ def sums_of(
         The model cannot follow a record.
     """
     if len(white) == 1:  # a thread's memory is kept for the next one, which adds up for a long record
-        return (white[0].sums(model, own[0], scatter),)
+        return (white[0].sums(model, nuisance[0], scatter),)
     for data in problem.data:
         if isinstance(data, Data):
             model.lowered(data)
-    return map_records(lambda each, mine: each.sums(model, mine, scatter), white, own)
+    return map_records(lambda each, mine: each.sums(model, mine, scatter), white, nuisance)
 
 
 def map_records(function: Callable[..., R], *each: Iterable) -> tuple[R, ...]:
@@ -61,10 +61,10 @@ def map_records(function: Callable[..., R], *each: Iterable) -> tuple[R, ...]:
 
 
 def total_information(
-    model: Model, own: Sequence[np.ndarray], sums: Sequence[Sums]
+    model: Model, nuisance: Sequence[np.ndarray], sums: Sequence[Sums]
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Information, gradient and sum of squares of all records."""
-    p, sizes = len(model.parameters), [len(mine) for mine in own]
+    p, sizes = len(model.parameters), [len(mine) for mine in nuisance]
     total = p + sum(sizes)
     information, gradient, squares, at = np.zeros((total, total)), np.zeros(total), 0.0, p
     for size, part in zip(sizes, sums, strict=True):

@@ -49,7 +49,7 @@ class Fit:
     Attributes
     ----------
     model : Model
-    own : tuple of (o,) array
+    nuisance : tuple of (o,) array
         Nuisance parameters of each record: initial states, jumps and offsets.
     noise : Noise
     cost : float
@@ -66,7 +66,7 @@ class Fit:
     """
 
     model: Model
-    own: tuple[np.ndarray, ...]
+    nuisance: tuple[np.ndarray, ...]
     noise: Noise
     cost: float
     sums: tuple[Sums, ...]
@@ -79,7 +79,7 @@ class Fit:
 
 
 def descend(
-    problem: Problem, model: Model, own: Sequence[np.ndarray], noise: Noise, tell: Callable[[str], None],
+    problem: Problem, model: Model, nuisance: Sequence[np.ndarray], noise: Noise, progress: Callable[[str], None],
     *, white: Whiteners | None, loose: bool, enough: float, aim: float, most: int,
 ) -> Fit:  # fmt: skip
     """Levenberg-Marquardt with bounds, from a model and the records' nuisance parameters.
@@ -88,10 +88,10 @@ def descend(
     ----------
     problem : Problem
     model : Model
-    own : sequence of (o,) array
+    nuisance : sequence of (o,) array
     noise : Noise
         Fixed during the descent.
-    tell : callable
+    progress : callable
         Called with a message for every successful iteration.
     white : tuple of Whitener or ResponseWeights, optional
         Kept to the end. By default they are computed from the model at the start, and again at the end.
@@ -104,100 +104,155 @@ def descend(
     most : int
         Most iterations.
     """
-    limits = problem.own_limits(model)
-    lower = np.concatenate([[p.lower for p in model.parameters], -limits])
-    upper = np.concatenate([[p.upper for p in model.parameters], limits])
-    leap = np.array(
-        [MAX_LOG_STEP if p.scaling == "log" else np.inf for p in model.parameters] + [np.inf] * sum(map(len, own))
-    )
-    delaying = np.array([p.path[-1] == "damping" for p in model.parameters] + [False] * sum(map(len, own)))
-    mean, precision = prior_of(problem, model)
-    judge = _CostFunction(problem, white or whiteners(problem, model, own, noise), mean, precision)
-    here = judge.at(model, own, np.concatenate([inner_values(model), *own]))
-    damping, converged, message = ROUGH_INITIAL_DAMPING if loose else INITIAL_DAMPING, False, NOT_CONVERGED
-    iteration, quiet, reliefs, bend = 0, 0, 0, np.zeros_like(here.information)
-    costs, hopes, rejected = [here.cost], list[float](), False
-    count = sum(float(part.count.sum()) for part in here.sums)
-    # Responses have no corners that would make the cost uneven: a predicted decrease is achieved there.
-    smooth = all(isinstance(data, FrequencyData) for data in problem.data)
-    for iteration in range(1, most + 1):
-        values = here.values
-        step, promise = _step(
-            here.information + np.diag(precision) + bend, here.slope, damping,
-            np.maximum(lower - values, -leap), np.minimum(upper - values, leap), np.diag(here.information) != 0.0,
-        )  # fmt: skip
-        limit = (
-            max(1.0, ROUGH_TOLERANCE * here.squares)
-            if loose
-            else max(enough, RELATIVE_TOLERANCE * (here.squares - count))
-        )
-        if smooth and promise < limit and damping > MIN_DAMPING and reliefs < MAX_DAMPING_REDUCTIONS:
-            damping, reliefs = max(1e-3 * damping, MIN_DAMPING), reliefs + 1  # the damping may be the reason
-            continue
-        if promise < limit or quiet == MAX_SMALL_DECREASES:
-            converged, message = True, "converged"
+    judge = _CostFunction(problem, white or whiteners(problem, model, nuisance, noise), *prior_of(problem, model))
+    start = judge.at(model, nuisance, np.concatenate([inner_values(model), *nuisance]))
+    descent = _Descent(judge, _Bounds.of(problem, model, nuisance), start, loose, enough, aim)
+    for _ in range(most):
+        if descent.advance():
+            progress(f"iteration {descent.iteration}: {descent.here.cost:.6g}")
+        if descent.ended:
             break
-        hopes += [] if rejected else [promise]
-        # Linear in the values, not their logarithms: damping that compensates a delay is linear in the delay.
-        step = np.where(delaying, np.log1p(np.maximum(step, np.expm1(-MAX_LOG_STEP))), step)
-        there = judge.tried(here, np.clip(values + step, lower, upper))
-        if smooth and there is not None and there.cost >= here.cost:
-            there = _return_to_valley(judge, there, 100.0 * damping, lower, upper, leap, here.cost)
-        if there is not None and there.cost < here.cost:
-            gained = (here.cost - there.cost) / promise
-            quiet = quiet + 1 if here.cost - there.cost < limit else 0
-            if gained < MIN_GAIN_RATIO:
-                gone = there.values - values
-                bend = _updated_correction(bend, there.information + np.diag(precision), gone, here.slope - there.slope)
-            elif gained > 1.0 / MIN_GAIN_RATIO:
-                bend = np.zeros_like(bend)  # from an earlier point: it only makes steps too short here
-            here, reliefs = there, 0
-            # After a rejected step, the damping is not reduced.
-            relief = 1.0 if rejected else 0.1
-            damping = max(damping * (relief if gained > 0.5 else 1.0 if gained > 0.1 else 4.0), MIN_DAMPING)
-            rejected = False
-            tell(f"iteration {iteration}: {here.cost:.6g}")
-        else:
-            # Corners of the operators make the cost uneven, so that small predicted decreases are not achieved.
-            quiet = quiet + 1 if promise < RIPPLE_FACTOR * limit else 0
-            damping, rejected = max((100.0 if rejected else 10.0) * damping, 1e-6), True
-            if damping > 1e10:
-                message = "no step improves the fit"
-                converged = promise < 1.0
-                break
-        costs.append(here.cost)
-        if here.cost - EXTRAPOLATED_ITERATIONS * _expected_decrease(costs, hopes) > aim:
-            message = "given up: it would not come to what others have reached"
-            break
+    here = descent.here
     if not loose:
         judge, here = judge.in_the_end(here, white, noise)
     return Fit(
-        here.model, here.own, noise, here.cost, here.sums, here.information, np.diag(precision), judge.white,
-        converged, iteration, message,
+        here.model, here.nuisance, noise, here.cost, here.sums, here.information, np.diag(judge.precision), judge.white,
+        descent.converged, descent.iteration, descent.message,
     )  # fmt: skip
 
 
-def _return_to_valley(
-    judge: _CostFunction,
-    there: _Point,
-    damping: float,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    leap: np.ndarray,
-    cost: float,
-) -> _Point:
+class _Bounds(NamedTuple):
+    """Bounds of the variables, the largest step of each, and a mask of those that compensate a delay.
+
+    Damping that compensates a delay is linear in the delay.
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    largest_step: np.ndarray
+    delaying: np.ndarray
+
+    @classmethod
+    def of(cls, problem: Problem, model: Model, nuisance: Sequence[np.ndarray]) -> _Bounds:
+        limits = problem.nuisance_limits(model)
+        others = sum(map(len, nuisance))
+        return cls(
+            np.concatenate([[p.lower for p in model.parameters], -limits]),
+            np.concatenate([[p.upper for p in model.parameters], limits]),
+            np.array([MAX_LOG_STEP if p.scaling == "log" else np.inf for p in model.parameters] + [np.inf] * others),
+            np.array([p.path[-1] == "damping" for p in model.parameters] + [False] * others),
+        )
+
+    def step(self, here: _Point, information: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
+        """Step from a point, and the predicted decrease of the cost."""
+        low = np.maximum(self.lower - here.values, -self.largest_step)
+        high = np.minimum(self.upper - here.values, self.largest_step)
+        return _step(information, here.slope, damping, low, high, np.diag(here.information) != 0.0)
+
+    def moved(self, values: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """Values after a step, within the bounds."""
+        return np.clip(values + step, self.lower, self.upper)
+
+
+class _Descent:
+    """State of a descent from iteration to iteration."""
+
+    def __init__(
+        self, judge: _CostFunction, bounds: _Bounds, start: _Point, loose: bool, enough: float, aim: float
+    ) -> None:
+        self.judge, self.bounds, self.here, self.loose, self.enough, self.aim = judge, bounds, start, loose, enough, aim
+        self.damping = ROUGH_INITIAL_DAMPING if loose else INITIAL_DAMPING
+        self.correction = np.zeros_like(start.information)  # of the information to the curvature of the cost
+        self.count = sum(float(part.count.sum()) for part in start.sums)
+        # Responses have no corners that would make the cost uneven: a predicted decrease is achieved there.
+        self.smooth = all(isinstance(data, FrequencyData) for data in judge.problem.data)
+        self.iteration, self.small_decreases, self.reductions, self.rejected = 0, 0, 0, False
+        self.costs, self.predictions = [start.cost], list[float]()
+        self.ended, self.converged, self.message = False, False, NOT_CONVERGED
+
+    def advance(self) -> bool:
+        """Carry out one iteration; True if its step decreases the cost."""
+        self.iteration += 1
+        here = self.here
+        information = here.information + np.diag(self.judge.precision) + self.correction
+        step, predicted = self.bounds.step(here, information, self.damping)
+        limit = self._limit()
+        can_reduce = self.damping > MIN_DAMPING and self.reductions < MAX_DAMPING_REDUCTIONS
+        if self.smooth and predicted < limit and can_reduce:
+            # The damping may be the reason.
+            self.damping, self.reductions = max(1e-3 * self.damping, MIN_DAMPING), self.reductions + 1
+            return False
+        if predicted < limit or self.small_decreases == MAX_SMALL_DECREASES:
+            self._end("converged", True)
+            return False
+        self.predictions += [] if self.rejected else [predicted]
+        there = self._tried(step)
+        better = there is not None and there.cost < here.cost
+        if there is not None and better:
+            self._accept(there, predicted, limit)
+        else:
+            self._reject(predicted, limit)
+            if self.ended:
+                return False
+        self.costs.append(self.here.cost)
+        if self.here.cost - EXTRAPOLATED_ITERATIONS * _expected_decrease(self.costs, self.predictions) > self.aim:
+            self._end("given up: it would not come to what others have reached", False)
+        return better
+
+    def _end(self, message: str, converged: bool) -> None:
+        self.ended, self.message, self.converged = True, message, converged
+
+    def _limit(self) -> float:
+        """Predicted decrease at which the descent ends."""
+        if self.loose:
+            return max(1.0, ROUGH_TOLERANCE * self.here.squares)
+        return max(self.enough, RELATIVE_TOLERANCE * (self.here.squares - self.count))
+
+    def _tried(self, step: np.ndarray) -> _Point | None:
+        """Point after a step; None if the records cannot be predicted there."""
+        # Linear in the values, not their logarithms.
+        linear = np.log1p(np.maximum(step, np.expm1(-MAX_LOG_STEP)))
+        step = np.where(self.bounds.delaying, linear, step)
+        there = self.judge.tried(self.here, self.bounds.moved(self.here.values, step))
+        if self.smooth and there is not None and there.cost >= self.here.cost:
+            return _return_to_valley(self.judge, self.bounds, there, 100.0 * self.damping, self.here.cost)
+        return there
+
+    def _accept(self, there: _Point, predicted: float, limit: float) -> None:
+        """Go to a point of lower cost."""
+        here = self.here
+        gain_ratio = (here.cost - there.cost) / predicted
+        self.small_decreases = self.small_decreases + 1 if here.cost - there.cost < limit else 0
+        if gain_ratio < MIN_GAIN_RATIO:
+            information = there.information + np.diag(self.judge.precision)
+            step, change = there.values - here.values, here.slope - there.slope
+            self.correction = _updated_correction(self.correction, information, step, change)
+        elif gain_ratio > 1.0 / MIN_GAIN_RATIO:
+            # From an earlier point: it only makes steps too short here.
+            self.correction = np.zeros_like(self.correction)
+        self.here, self.reductions = there, 0
+        # After a rejected step, the damping is not reduced.
+        factor = (1.0 if self.rejected else 0.1) if gain_ratio > 0.5 else 1.0 if gain_ratio > 0.1 else 4.0
+        self.damping, self.rejected = max(self.damping * factor, MIN_DAMPING), False
+
+    def _reject(self, predicted: float, limit: float) -> None:
+        """Stay, with more damping."""
+        # Corners of the operators make the cost uneven, so that small predicted decreases are not achieved.
+        self.small_decreases = self.small_decreases + 1 if predicted < RIPPLE_FACTOR * limit else 0
+        self.damping, self.rejected = max((100.0 if self.rejected else 10.0) * self.damping, 1e-6), True
+        if self.damping > 1e10:
+            self._end("no step improves the fit", predicted < 1.0)
+
+
+def _return_to_valley(judge: _CostFunction, bounds: _Bounds, there: _Point, damping: float, cost: float) -> _Point:
     """Return from the end of a straight step to the bottom of a curved valley of the cost.
 
     The effect of a circuit on a sharp resonance can be exchanged for damping and stiffness along a curved valley whose
     sides are 1e10 times as steep as its bottom. With more damping, a step only goes down the side.
     """
     for _ in range(MAX_RETURN_STEPS):
-        values = there.values
-        information = there.information + np.diag(judge.precision)
-        alive = np.diag(there.information) != 0.0
-        low, high = np.maximum(lower - values, -leap), np.minimum(upper - values, leap)
-        step, _ = _step(information, there.slope, damping, low, high, alive)
-        lower_still = judge.tried(there, np.clip(values + step, lower, upper))
+        step, _ = bounds.step(there, there.information + np.diag(judge.precision), damping)
+        lower_still = judge.tried(there, bounds.moved(there.values, step))
         if lower_still is None or lower_still.cost >= there.cost:
             break
         there = lower_still
@@ -213,7 +268,7 @@ class _Point(NamedTuple):
     """
 
     model: Model
-    own: tuple[np.ndarray, ...]
+    nuisance: tuple[np.ndarray, ...]
     values: np.ndarray
     sums: tuple[Sums, ...]
     information: np.ndarray
@@ -228,51 +283,57 @@ class _CostFunction:
     def __init__(self, problem: Problem, white: Whiteners, mean: np.ndarray, precision: np.ndarray) -> None:
         self.problem, self.white, self.mean, self.precision = problem, white, mean, precision
 
-    def at(self, model: Model, own: Sequence[np.ndarray], values: np.ndarray, scatter: bool = False) -> _Point:
+    def at(self, model: Model, nuisance: Sequence[np.ndarray], values: np.ndarray, scatter: bool = False) -> _Point:
         """Evaluate a model."""
-        return self._judged(model, own, values, sums_of(self.problem, model, own, self.white, scatter))
+        return self._judged(model, nuisance, values, sums_of(self.problem, model, nuisance, self.white, scatter))
 
     def tried(self, here: _Point, values: np.ndarray) -> _Point | None:
         """Evaluate a model with other values; None if the records cannot be predicted with them."""
         try:
             model = with_values(here.model, values[: len(here.model.parameters)])
-            return self.at(model, _split(values, model, here.own), values)
+            return self.at(model, _split(values, model, here.nuisance), values)
         except (PredictionError, ParameterError, np.linalg.LinAlgError, ArithmeticError):
             return None
 
     def in_the_end(self, here: _Point, white: Whiteners | None, noise: Noise) -> tuple[_CostFunction, _Point]:
         """Evaluate the final point with its scatter, with the given whiteners or those of its own model."""
-        white = white or whiteners(self.problem, here.model, here.own, noise)
+        white = white or whiteners(self.problem, here.model, here.nuisance, noise)
         judge = _CostFunction(self.problem, white, self.mean, self.precision)
-        return judge, judge.at(here.model, here.own, here.values, scatter=True)
+        return judge, judge.at(here.model, here.nuisance, here.values, scatter=True)
 
-    def _judged(self, model: Model, own: Sequence[np.ndarray], values: np.ndarray, sums: tuple[Sums, ...]) -> _Point:
-        information, gradient, squares = total_information(model, own, sums)
+    def _judged(
+        self, model: Model, nuisance: Sequence[np.ndarray], values: np.ndarray, sums: tuple[Sums, ...]
+    ) -> _Point:
+        information, gradient, squares = total_information(model, nuisance, sums)
         away = values - self.mean
         cost = squares + float(self.precision @ away**2)
-        return _Point(model, tuple(own), values, sums, information, gradient - self.precision * away, squares, cost)
+        return _Point(
+            model, tuple(nuisance), values, sums, information, gradient - self.precision * away, squares, cost
+        )
 
 
-def _expected_decrease(costs: Sequence[float], hopes: Sequence[float]) -> float:
+def _expected_decrease(costs: Sequence[float], predictions: Sequence[float]) -> float:
     """Expected decrease of the cost per iteration, from the costs so far and the predicted decreases."""
     gained = (costs[-1 - RATE_ITERATIONS] - costs[-1]) / RATE_ITERATIONS if len(costs) > RATE_ITERATIONS else np.inf
-    return min(gained, max(hopes[-RATE_PREDICTIONS:]) if len(hopes) >= RATE_PREDICTIONS else np.inf)
+    return min(gained, max(predictions[-RATE_PREDICTIONS:]) if len(predictions) >= RATE_PREDICTIONS else np.inf)
 
 
-def _updated_correction(bend: np.ndarray, information: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
+def _updated_correction(
+    correction: np.ndarray, information: np.ndarray, step: np.ndarray, change: np.ndarray
+) -> np.ndarray:
     """Correction of the information to the curvature of the cost, from the change of the slope over a step.
 
     A secant of rank one (Dennis, Gay & Welsch, ACM Transactions on Mathematical Software 7(3), 348-368, 1981, on why:
     without it, steps are too long if the noise that a model filters depends on the parameters). It is only added:
     the curvature stays positive.
     """
-    miss = change - (information + bend) @ step
+    miss = change - (information + correction) @ step
     along = float(miss @ step)
-    return bend + np.outer(miss, miss) / along if along > 0 else bend
+    return correction + np.outer(miss, miss) / along if along > 0 else correction
 
 
-def _split(values: np.ndarray, model: Model, own: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
-    ends = np.cumsum([len(model.parameters), *(len(mine) for mine in own)])
+def _split(values: np.ndarray, model: Model, nuisance: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
+    ends = np.cumsum([len(model.parameters), *(len(mine) for mine in nuisance)])
     return tuple(values[begin:end] for begin, end in itertools.pairwise(ends))
 
 

@@ -111,7 +111,7 @@ class Whitener:
         if len(self._prediction.matrices.kinds) and noisy:
             self._prediction.settle()
 
-    def sums(self, model: Model, own: np.ndarray, scatter: bool = False) -> Sums:
+    def sums(self, model: Model, nuisance: np.ndarray, scatter: bool = False) -> Sums:
         """Sums of the record for a model, with the scatter by rounded sensors if required.
 
         Raises
@@ -120,7 +120,7 @@ class Whitener:
             The model cannot follow the record.
         """
         parts = []
-        for begin, found, slopes in evaluated(model, self._data, own):
+        for begin, found, slopes in evaluated(model, self._data, nuisance):
             end = begin + len(found)
             residual = found - self.passed(begin, end)
             white, rows = self._of(len(residual))
@@ -130,9 +130,9 @@ class Whitener:
             parts.append(_whitened(residual, slopes, rows, frequencies, rounded))
         return reduce(add, parts)
 
-    def left(self, model: Model, own: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    def left(self, model: Model, nuisance: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """Blocks (begin, residuals, their whitened spectra (f, channels)) of a record for a model."""
-        for _, begin, residual, _ in residual_blocks(replace(model, parameters=()), self._data, own, False):
+        for _, begin, residual, _ in residual_blocks(replace(model, parameters=()), self._data, nuisance, False):
             residual -= self.passed(begin, begin + len(residual))
             yield begin, residual, (self.of(len(residual)) @ spectra_of(residual)[:, :, None])[:, :, 0]
 

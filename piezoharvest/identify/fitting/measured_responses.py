@@ -227,7 +227,7 @@ class ResponseWeights:
     def __init__(self, factor: float, data: FrequencyData) -> None:
         self.factor, self.data = factor, data
 
-    def sums(self, model: Model, own: np.ndarray, scatter: bool = False) -> Sums:
+    def sums(self, model: Model, nuisance: np.ndarray, scatter: bool = False) -> Sums:
         """Sums of squares of the weighted residuals, all in the last band; see `likelihood.Sums`."""
         value, slopes = self.data.response(model)
         flat = self.data.weighted(self.data.record.response - value) / self.factor

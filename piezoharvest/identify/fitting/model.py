@@ -47,10 +47,10 @@ class Model:
     relaxed: bool = False
     _lowered: dict = field(init=False, repr=False, compare=False, default_factory=dict)
 
-    def prediction(self, data: Data, own: np.ndarray | None = None) -> Prediction:
-        """Prediction of a record with its nuisance parameters, in the order of its `own_names`."""
+    def prediction(self, data: Data, nuisance: np.ndarray | None = None) -> Prediction:
+        """Prediction of a record with its nuisance parameters, in the order of its `nuisance_names`."""
         lowered = self.lowered(data)
-        return Prediction(self.transducer, data.setting, self.parameters, own, lowered, relaxed=self.relaxed)
+        return Prediction(self.transducer, data.setting, self.parameters, nuisance, lowered, relaxed=self.relaxed)
 
     def lowered(self, data: Data) -> DiscreteModel:
         """Equations for a record, shared by records with the same settings."""
@@ -134,33 +134,33 @@ def first_samples(data: Data) -> list[tuple[int, int]]:
     return [(sample, c) for sample in sorted(after) if sample < len(data) for c in range(len(data.channels))]
 
 
-def own_names(model: Model, data: Data) -> tuple[str, ...]:
+def nuisance_names(model: Model, data: Data) -> tuple[str, ...]:
     """Names of a record's nuisance parameters: initial states, jumps, first samples after these, offsets, lines."""
     prediction = model.prediction(data)
     first = (f"{data.channels[c]} sample{sample}" for sample, c in first_samples(data))
-    return (*prediction.own_names, *first, *(extra.name for extra in extras(model, data, prediction)))
+    return (*prediction.nuisance_names, *first, *(extra.name for extra in extras(model, data, prediction)))
 
 
-def own_limits(model: Model, data: Data) -> np.ndarray:
+def nuisance_limits(model: Model, data: Data) -> np.ndarray:
     """Largest magnitudes of a record's nuisance parameters."""
-    limits = model.prediction(data).own_limits
-    return np.pad(limits, (0, len(own_names(model, data)) - len(limits)), constant_values=np.inf)
+    limits = model.prediction(data).nuisance_limits
+    return np.pad(limits, (0, len(nuisance_names(model, data)) - len(limits)), constant_values=np.inf)
 
 
-def prediction_of(model: Model, data: Data, own: np.ndarray) -> Prediction:
+def prediction_of(model: Model, data: Data, nuisance: np.ndarray) -> Prediction:
     """Prediction of a record with initial states and jumps from its nuisance parameters."""
-    return model.prediction(data, own[: len(model.prediction(data).own_names)])
+    return model.prediction(data, nuisance[: len(model.prediction(data).nuisance_names)])
 
 
 def residual_blocks(
-    model: Model, data: Data, own: np.ndarray, derivatives: bool
+    model: Model, data: Data, nuisance: np.ndarray, derivatives: bool
 ) -> Iterator[tuple[Prediction, int, np.ndarray, Any]]:
-    """Blocks (prediction, begin, residuals, derivatives) of a record; `own` in the order of `own_names`.
+    """Blocks (prediction, begin, residuals, derivatives) of a record; `nuisance` in the order of `nuisance_names`.
 
     The residuals are those of the response to the drive without its noise.
     """
     first, more = first_samples(data), extras(model, data, model.prediction(data))
-    states, read, added = np.split(own, [len(own) - len(first) - len(more), len(own) - len(more)])
+    states, read, added = np.split(nuisance, [len(nuisance) - len(first) - len(more), len(nuisance) - len(more)])
     prediction = model.prediction(data, states)
     h, effects = data.setting.sample_time, model.transducer.effects
     parts = SUBSAMPLES if any_delays(effects, data.channels) and len(prediction.matrices.kinds) else 1
@@ -169,7 +169,7 @@ def residual_blocks(
         time = (np.arange(block.begin, end) - 0.5 * len(data)) * h
         predicted, slopes = block.values, None
         if derivatives:
-            slopes = _widened(block.derivatives, len(model.parameters) + len(own))
+            slopes = _widened(block.derivatives, len(model.parameters) + len(nuisance))
         _add(model, more, added, time, predicted, slopes)
         abrupt = data.setting.abrupt and block.begin == 0
         course = Course(h, data.setting.jumps - block.begin, block.between, abrupt)
@@ -185,19 +185,19 @@ def residual_blocks(
         yield prediction, block.begin, residual, slopes
 
 
-def evaluated(model: Model, data: Data, own: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+def evaluated(model: Model, data: Data, nuisance: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
     """Blocks (begin, residuals, derivatives) of a record, read-only.
 
     Those of the last two models are cached if they are small: the next descent begins where the last one has ended,
     and a failed step may have been tried in between.
     """
-    what = model.transducer, model.parameters, model.offset_channels, model.relaxed, own.tobytes()
+    what = model.transducer, model.parameters, model.offset_channels, model.relaxed, nuisance.tobytes()
     for known, blocks in _CACHE.get(data, ()):
         if known == what:
             yield from blocks
             return
     blocks, room = [], CACHE_BYTES if data in _CACHE or len(_CACHE) < CACHED_RECORDS else 0
-    for _, begin, residual, slopes in residual_blocks(model, data, own, True):
+    for _, begin, residual, slopes in residual_blocks(model, data, nuisance, True):
         yield begin, residual, slopes
         room -= slopes.nbytes
         blocks = [*blocks, (begin, residual, slopes)] if room >= 0 else []
@@ -213,9 +213,9 @@ def drive_noise_response(prediction: Prediction, data: Data, begin: int, end: in
     return small_response(prediction, data.channels, data.rest[begin:end])
 
 
-def unexplained_blocks(model: Model, data: Data, own: np.ndarray) -> Iterator[tuple[Prediction, int, np.ndarray]]:
+def unexplained_blocks(model: Model, data: Data, nuisance: np.ndarray) -> Iterator[tuple[Prediction, int, np.ndarray]]:
     """Blocks (prediction, begin, residuals) of a record, minus the noise of the drive as filtered by the model."""
-    for prediction, begin, residual, _ in residual_blocks(replace(model, parameters=()), data, own, False):
+    for prediction, begin, residual, _ in residual_blocks(replace(model, parameters=()), data, nuisance, False):
         yield prediction, begin, residual - drive_noise_response(prediction, data, begin, begin + len(residual))
 
 

@@ -27,7 +27,7 @@ NOISE_ROUNDS = 3  # of fit and noise estimation
 def fit(
     problem: Problem,
     model: Model,
-    own: Sequence[np.ndarray] | None = None,
+    nuisance: Sequence[np.ndarray] | None = None,
     noise: Noise | None = None,
     *,
     white: Whiteners | None = None,
@@ -36,7 +36,7 @@ def fit(
     enough: float = TOLERANCE,
     aim: float = np.inf,
     most: int = MAX_ITERATIONS,
-    tell: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str], None] = lambda text: None,
 ) -> Fit:
     """Fit a model to the records of a problem.
 
@@ -45,7 +45,7 @@ def fit(
     problem : Problem
     model : Model
         Start of the fit, and the parameters to fit.
-    own : sequence of arrays, optional
+    nuisance : sequence of arrays, optional
         Start of the records' nuisance parameters.
     noise : Noise, optional
     white : tuple of Whitener or ResponseWeights, optional
@@ -61,17 +61,19 @@ def fit(
         Value of -2 ln L: a fit that will not reach it at its present rate is stopped.
     most : int
         Most iterations in a round.
-    tell : callable
+    progress : callable
         Called with a message for every iteration.
     """
     noise = problem.noise() if noise is None else noise
-    own = problem.start(model) if own is None else tuple(own)
+    nuisance = problem.start(model) if nuisance is None else tuple(nuisance)
     found: Fit | None = None
     rounds = rounds if estimate_noise else 1
     for n in range(rounds):
         loose = n < rounds - 1
-        found = descend(problem, model, own, noise, tell, white=white, loose=loose, enough=enough, aim=aim, most=most)
-        model, own = found.model, found.own
+        found = descend(
+            problem, model, nuisance, noise, progress, white=white, loose=loose, enough=enough, aim=aim, most=most
+        )
+        model, nuisance = found.model, found.nuisance
         if loose:
             noise = reestimated(problem, found)
     assert found is not None
@@ -104,22 +106,22 @@ def noise_of_responses(problem: Problem, found: Fit) -> dict[str, float]:
 
 def _residual_spectra(problem: Problem, found: Fit) -> Iterator[tuple[Sequence[str], str, np.ndarray, np.ndarray]]:
     """Input of `noise_model.estimate`, one block at a time: all spectra of a long record would not fit into memory."""
-    for data, own in zip(problem.data, found.own, strict=True):
+    for data, nuisance in zip(problem.data, found.nuisance, strict=True):
         if isinstance(data, FrequencyData):
             continue
-        for prediction, _, residual in unexplained_blocks(found.model, data, own):
+        for prediction, _, residual in unexplained_blocks(found.model, data, nuisance):
             gain = gain_of(prediction, data.channels, np.fft.rfftfreq(len(residual), data.setting.sample_time))
             yield data.channels, data.drive, spectra_of(residual) / np.sqrt(2.0), gain
 
 
 def linearised(
-    problem: Problem, model: Model, own: Sequence[np.ndarray], found: Fit
+    problem: Problem, model: Model, nuisance: Sequence[np.ndarray], found: Fit
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Information, gradient and sum of squares of a model, with the whiteners of another fit of the same records."""
-    return total_information(model, own, sums_of(problem, model, own, found.white))
+    return total_information(model, nuisance, sums_of(problem, model, nuisance, found.white))
 
 
-def covariance(found: Fit, held: Sequence[int] = ()) -> np.ndarray:
+def covariance(found: Fit, fixed: Sequence[int] = ()) -> np.ndarray:
     """Covariance of all parameters for coloured residuals: a sandwich estimate by bands of frequency.
 
     If the residuals of a band exceed the noise (rounding, slow noise, model error), the information of the band is
@@ -128,10 +130,10 @@ def covariance(found: Fit, held: Sequence[int] = ()) -> np.ndarray:
     Parameters
     ----------
     found : Fit
-    held : sequence of int
+    fixed : sequence of int
         Parameters that are taken as known, whose rows and columns are zero.
     """
-    model, own = found.model, found.own
+    model, nuisance = found.model, found.nuisance
     p, at = len(model.parameters), len(model.parameters)
     meat = np.zeros_like(found.information)
     squares = sum(part.squares for part in found.sums)
@@ -139,11 +141,11 @@ def covariance(found: Fit, held: Sequence[int] = ()) -> np.ndarray:
     # Bands with few lines are judged together with those below them.
     excess = np.maximum(np.cumsum(squares) / np.maximum(np.cumsum(count), 1.0), squares / np.maximum(count, 1.0))
     excess = np.maximum(excess, 1.0)
-    for mine, part in zip(own, found.sums, strict=True):
+    for mine, part in zip(nuisance, found.sums, strict=True):
         places = np.concatenate([np.arange(p), np.arange(at, at + len(mine))])
         meat[np.ix_(places, places)] += np.einsum("b,bij->ij", excess, part.information) + part.scatter
         at += len(mine)
-    free = np.delete(np.arange(len(meat)), list(held))
+    free = np.delete(np.arange(len(meat)), list(fixed))
     bread = np.zeros_like(meat)
     bread[np.ix_(free, free)] = posterior(*(part[np.ix_(free, free)] for part in (found.information, found.prior)))
     if np.all(excess == 1.0) and not any(np.any(part.scatter) for part in found.sums):
@@ -172,12 +174,17 @@ def posterior(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
     """
     size = np.maximum(np.sqrt(np.abs(np.diag(information + prior))), 1e-50)
     values, vectors = np.linalg.eigh((information + prior) / np.outer(size, size))
-    told, untold = values > MIN_EIGENVALUE_RATIO * values.max(), values <= MIN_EIGENVALUE_RATIO * values.max()
-    found = (vectors[:, told] / values[told]) @ vectors[:, told].T
-    if np.any(untold):
-        null = vectors[:, untold] / size[:, None]
+    determined, undetermined = (
+        values > MIN_EIGENVALUE_RATIO * values.max(),
+        values <= MIN_EIGENVALUE_RATIO * values.max(),
+    )
+    found = (vectors[:, determined] / values[determined]) @ vectors[:, determined].T
+    if np.any(undetermined):
+        null = vectors[:, undetermined] / size[:, None]
         left, right = np.linalg.eigh(null.T @ prior @ null)
-        found = found + (vectors[:, untold] @ right / np.maximum(left, 1e-300)) @ (vectors[:, untold] @ right).T
+        found = (
+            found + (vectors[:, undetermined] @ right / np.maximum(left, 1e-300)) @ (vectors[:, undetermined] @ right).T
+        )
     return found / np.outer(size, size)
 
 

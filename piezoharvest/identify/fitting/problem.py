@@ -10,7 +10,7 @@ import numpy as np
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
-from piezoharvest.identify.fitting.model import Model, own_limits, own_names
+from piezoharvest.identify.fitting.model import Model, nuisance_limits, nuisance_names
 from piezoharvest.identify.noise.drive_denoising import high_frequency_noise
 from piezoharvest.identify.noise.noise_model import Noise, initial_noise, noise_upper_bound
 from piezoharvest.predict.parameters import value_at
@@ -102,36 +102,36 @@ class Problem:
 
     def start(self, model: Model) -> tuple[np.ndarray, ...]:
         """Start values of the records' nuisance parameters: all zero."""
-        return tuple(np.zeros(len(self.own_names(model, data))) for data in self.data)
+        return tuple(np.zeros(len(self.nuisance_names(model, data))) for data in self.data)
 
-    def own_names(self, model: Model, data: Data | FrequencyData) -> tuple[str, ...]:
+    def nuisance_names(self, model: Model, data: Data | FrequencyData) -> tuple[str, ...]:
         """Names of a record's nuisance parameters."""
-        return () if isinstance(data, FrequencyData) else own_names(model, data)
+        return () if isinstance(data, FrequencyData) else nuisance_names(model, data)
 
-    def own_limits(self, model: Model) -> np.ndarray:
+    def nuisance_limits(self, model: Model) -> np.ndarray:
         """Largest magnitudes of the nuisance parameters of all records, concatenated."""
         return np.concatenate(
-            [own_limits(model, data) for data in self.data if isinstance(data, Data)] or [np.zeros(0)]
+            [nuisance_limits(model, data) for data in self.data if isinstance(data, Data)] or [np.zeros(0)]
         )
 
 
 def nuisance_for_model(
-    problem: Problem, before: Model, own: Sequence[np.ndarray], after: Model
+    problem: Problem, before: Model, nuisance: Sequence[np.ndarray], after: Model
 ) -> tuple[np.ndarray, ...]:
     """Nuisance parameters of the records for another model: those of the same name are kept, new ones are zero.
 
     A new stop, however, gets the initial state of the last old one, because the same load has moved it before.
     """
     found = []
-    for data, mine in zip(problem.data, own, strict=True):
-        old = _numbered(problem.own_names(before, data))
+    for data, mine in zip(problem.data, nuisance, strict=True):
+        old = _numbered(problem.nuisance_names(before, data))
         values = dict(zip(old, mine, strict=True))
         past = next((value for (name, _), value in reversed(values.items()) if name.startswith("history")), 0.0)
         found.append(
             np.array(
                 [
                     values.get(name, past if name[0].startswith("history") else 0.0)
-                    for name in _numbered(problem.own_names(after, data))
+                    for name in _numbered(problem.nuisance_names(after, data))
                 ]
             )
         )
@@ -139,7 +139,11 @@ def nuisance_for_model(
 
 
 def nuisance_for_problem(
-    before: Problem, own: Sequence[np.ndarray], after: Problem, model: Model, rest: Sequence[np.ndarray] | None = None
+    before: Problem,
+    nuisance: Sequence[np.ndarray],
+    after: Problem,
+    model: Model,
+    rest: Sequence[np.ndarray] | None = None,
 ) -> tuple[np.ndarray, ...]:
     """Nuisance parameters of records with other lengths: those of the same name are kept, others are from `rest`.
 
@@ -147,15 +151,15 @@ def nuisance_for_problem(
     ----------
     before, after : Problem
         Problems with the same records.
-    own : sequence of (o,) array
+    nuisance : sequence of (o,) array
     model : Model
     rest : sequence of (o,) array, optional
         Values of the others; default zero.
     """
     found = []
-    for old, new, mine, other in zip(before.data, after.data, own, rest or after.start(model), strict=True):
-        values = dict(zip(_numbered(before.own_names(model, old)), mine, strict=True))
-        names = _numbered(after.own_names(model, new))
+    for old, new, mine, other in zip(before.data, after.data, nuisance, rest or after.start(model), strict=True):
+        values = dict(zip(_numbered(before.nuisance_names(model, old)), mine, strict=True))
+        names = _numbered(after.nuisance_names(model, new))
         found.append(np.array([values.get(name, value) for name, value in zip(names, other, strict=True)]))
     return tuple(found)
 
@@ -179,6 +183,6 @@ def prior_of(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
     known = [
         next((size**-2 for start, size in NUISANCE_PRIORS.items() if name.startswith(start)), 0.0)
         for data in problem.data
-        for name in problem.own_names(model, data)
+        for name in problem.nuisance_names(model, data)
     ]
     return np.concatenate([means, np.zeros(len(known))]), np.concatenate([precision, known])

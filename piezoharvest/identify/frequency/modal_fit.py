@@ -112,10 +112,12 @@ def _check(frequency: np.ndarray, response: np.ndarray, start: int | Modes) -> N
         shapes = f"found {len(frequency)} frequencies and a response of shape {response.shape}"
         raise FrequencyError(f"response: {shapes}, allowed is (frequencies, outputs, inputs)")
     if not np.all(np.isfinite(response)) or np.any(np.diff(frequency, prepend=0.0) <= 0):
-        raise FrequencyError("response: found NaN or frequencies that do not increase from 0, allowed are neither")
+        raise FrequencyError("response: found NaN, or frequencies that do not increase from 0")
     number = len(start.poles) if isinstance(start, Modes) else start
     if number < 1 or 2 * number * sum(response.shape[1:]) > response.size:
-        raise FrequencyError(f"start: found {number} modes, allowed are 1 or more, fewer than the lines can tell")
+        raise FrequencyError(
+            f"start: found {number} modes, allowed are 1 or more, and at most as many as the lines can determine"
+        )
 
 
 def _start(s: np.ndarray, response: np.ndarray, weight: np.ndarray, number: int) -> Modes:
@@ -137,7 +139,9 @@ def _start(s: np.ndarray, response: np.ndarray, weight: np.ndarray, number: int)
         lines = np.outer(c, b) / (s - pole)[:, None, None]
         found.append((float(np.linalg.norm(weight * lines)), pole, c, b))
     if len(found) < number:
-        raise FrequencyError(f"response: found {len(found)} resonances, allowed are no fewer than modes ({number})")
+        raise FrequencyError(
+            f"response: found {len(found)} resonances, allowed are at least as many as modes ({number})"
+        )
     kept = sorted(sorted(found, key=lambda one: -one[0])[:number], key=lambda one: abs(one[1]))
     _, p, c, b = (np.array(part) for part in zip(*kept, strict=True))
     return Modes(poles=p, outputs=c, inputs=b, direct=fit.direct.reshape(response.shape[1:]) * size, delay=delay)

@@ -98,13 +98,13 @@ def multisine_response(inputs: np.ndarray, outputs: np.ndarray, sample_rate: flo
 
 def _distortion_between_lines(spectra: np.ndarray, lines: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """Distortion power at the excited lines, interpolated from lines that are not excited; (f, y)."""
-    quiet = np.setdiff1d(np.arange(lines[0], lines[-1]), lines)
-    if len(quiet) == 0:
+    between = np.setdiff1d(np.arange(lines[0], lines[-1]), lines)
+    if len(between) == 0:
         return np.full(noise.shape, np.nan)
     # Averaged over the same bandwidth, in which there are fewer of these lines.
-    size = max(_SMOOTHING_LINES * len(quiet) // (len(lines) + len(quiet)), 1)
-    power = _smooth((np.abs(spectra[quiet].mean(-1)) ** 2).mean(-1), size)
-    at_lines = [np.interp(lines, quiet, column) for column in power.T]
+    size = max(_SMOOTHING_LINES * len(between) // (len(lines) + len(between)), 1)
+    power = _smooth((np.abs(spectra[between].mean(-1)) ** 2).mean(-1), size)
+    at_lines = [np.interp(lines, between, column) for column in power.T]
     return np.stack(at_lines, axis=1) - noise
 
 
@@ -132,9 +132,11 @@ def _checked(inputs: np.ndarray, outputs: np.ndarray, skip: int) -> tuple[np.nda
     for name, values in (("inputs", inputs), ("outputs", outputs)):
         if not np.all(np.isfinite(values)):
             count = np.sum(~np.isfinite(values))
-            raise FrequencyError(f"{name}: found {count} NaN or infinite values, allowed are none")
+            raise FrequencyError(f"{name}: found {count} NaN or infinite values, allowed are finite numbers")
     _, sources, realisations, periods = inputs.shape
     if realisations < sources or periods < 2:
         found = f"found {realisations} realisations of {periods} periods for {sources} inputs"
-        raise FrequencyError(f"inputs: {found}, allowed are as many realisations as inputs, of 2 periods, or more")
+        raise FrequencyError(
+            f"inputs: {found}, allowed are at least as many realisations as inputs, each of 2 periods or more"
+        )
     return inputs, outputs

@@ -71,7 +71,7 @@ class Loop:
             The slope is 0: the output of stop operators saturates, that of play operators begins with a dead zone.
         """
         if self.slope <= 0:
-            raise LoopError(f"slope: found {self.slope:g}, allowed for an inverse is a value greater than 0")
+            raise LoopError(f"slope: found {self.slope:g}, but an inverse needs a value greater than 0")
         slopes = self._virgin_slopes
         corners = np.cumsum(slopes[:-1] * np.diff(self.thresholds, prepend=0.0))
         inverse = 1.0 / slopes
@@ -111,7 +111,9 @@ class Loop:
             The operator is of play type (its inverse has this form), or has no slope.
         """
         if self.kind != "stop" or self.slope <= 0:
-            raise LoopError(f"kind: found {self.kind!r} with slope {self.slope:g}, allowed is 'stop' with one above 0")
+            raise LoopError(
+                f"kind: found {self.kind!r} with slope {self.slope:g}, allowed is 'stop' with a slope greater than 0"
+            )
         r, w = (tuple(map(float, values)) for values in (self.thresholds, self.weights))
         return Hysteresis(thresholds=r, weights=w), 1.0 / self.slope
 
@@ -166,13 +168,13 @@ class LoopFit(Loop):
             found.append(f"{where}; seen is {instead}; {more}")
         if self.slope_std > 0.5 * self.slope:
             found.append(
-                f"slope: found {self.slope:.3g} +- {self.slope_std:.3g}, seen is its sum with the narrowest "
+                f"slope: found {self.slope:.3g} +- {self.slope_std:.3g}, only its sum with the narrowest "
                 "threshold's weight; more samples after each reversal, or a lower frequency, would tell"
             )
         for r, w, std in zip(self.thresholds, self.weights, self.weights_std, strict=True):
             if std > 0.5 * w:
                 found.append(
-                    f"weight of the threshold {r:.3g}: found {w:.3g} +- {std:.3g}, seen is its sum with the "
+                    f"weight of the threshold {r:.3g}: found {w:.3g} +- {std:.3g}, only its sum with the "
                     "neighbours'; loops of amplitudes near the threshold would tell"
                 )
         return tuple(found)

@@ -80,7 +80,7 @@ def _checked(signal: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.nda
     signal, output = (np.asarray(values, float) for values in (signal, output))
     if signal.ndim != 1 or signal.shape != output.shape:
         shapes = f"found arrays of shapes {signal.shape} and {output.shape}"
-        raise LoopError(f"signal and output: {shapes}, allowed are two of one length")
+        raise LoopError(f"signal and output: {shapes}, allowed are two arrays of the same length")
     if len(signal) < _MIN_SAMPLES:
         raise LoopError(f"signal: found {len(signal)} samples, allowed are {_MIN_SAMPLES} or more")
     for name, values in (("signal", signal), ("output", output)):
@@ -88,7 +88,7 @@ def _checked(signal: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.nda
             row = int(np.argmin(np.isfinite(values)))
             raise LoopError(f"{name}, sample {row}: found {values[row]}, allowed are finite numbers")
     if len(np.unique(np.sign(np.diff(signal)))) < 2:
-        raise LoopError("signal: found no reversal, allowed is one that goes up and down")
+        raise LoopError("signal: found no reversal, but a loop needs a signal that goes up and down")
     return signal, output
 
 

@@ -50,8 +50,8 @@ def denoised(values: np.ndarray, sigma: float) -> np.ndarray:
     -------
     (n,) array
     """
-    found, held = _locally_averaged(values, sigma)
-    return _fit_tones(values, held, sigma, found)
+    found, plateaus = _locally_averaged(values, sigma)
+    return _fit_tones(values, plateaus, sigma, found)
 
 
 def high_frequency_noise(values: np.ndarray) -> tuple[float, int] | None:
@@ -71,7 +71,7 @@ def _locally_averaged(values: np.ndarray, sigma: float) -> tuple[np.ndarray, lis
     """Drive of any kind without noise, and the runs (first, last) in which it is constant."""
     sums = np.concatenate([[0.0], np.cumsum(values - values[0])])
     levels = _window_levels(values, sums, sigma) - SPARE_LEVELS
-    found, held = np.empty(len(values)), []
+    found, plateaus = np.empty(len(values)), []
     bounds = np.array([0, *(jumps_of(values) + 1), len(values)])
     for begin, end in pairwise(bounds):
         found[begin:end] = _without_high_frequencies(values[begin:end], sigma)
@@ -87,10 +87,10 @@ def _locally_averaged(values: np.ndarray, sigma: float) -> tuple[np.ndarray, lis
             first = begin if _is_constant(values[begin:first][::-1], mean, sigma) else first
             last = end - 1 if _is_constant(values[last + 1 : end], mean, sigma) else last
             found[first : last + 1] = values[first : last + 1].mean()
-            held.append((int(first), int(last)))
-    for (_, last), (first, _) in pairwise(held):
+            plateaus.append((int(first), int(last)))
+    for (_, last), (first, _) in pairwise(plateaus):
         _clip_between(values, found, last, first, sigma)
-    return found, held
+    return found, plateaus
 
 
 def _clip_between(values: np.ndarray, found: np.ndarray, last: int, first: int, sigma: float) -> None:
@@ -104,11 +104,11 @@ def _clip_between(values: np.ndarray, found: np.ndarray, last: int, first: int, 
         found[part] = np.clip(found[part], low, high)
 
 
-def _fit_tones(values: np.ndarray, held: list[tuple[int, int]], sigma: float, otherwise: np.ndarray) -> np.ndarray:
+def _fit_tones(values: np.ndarray, plateaus: list[tuple[int, int]], sigma: float, otherwise: np.ndarray) -> np.ndarray:
     """Drive as a sum of sines, from where on these leave only noise: at once, after a rest or after a build-up."""
     count = len(values)
-    rest = held[0][1] + 1 if held and held[0][0] == 0 else 0
-    moving = count - sum(last + 1 - first for first, last in held)
+    rest = plateaus[0][1] + 1 if plateaus and plateaus[0][0] == 0 else 0
+    moving = count - sum(last + 1 - first for first, last in plateaus)
     if (
         rest > HIGHEST_OCTAVE * count
         or moving < HIGHEST_OCTAVE * (count - rest)
@@ -157,10 +157,10 @@ def _is_noise(left: np.ndarray, sigma: float) -> bool:
     return slow and signal_end(power) <= MIN_LINES and level < (MAX_NOISE_RATIO * sigma) ** 2
 
 
-def _is_constant(values: np.ndarray, held: float, sigma: float) -> bool:
+def _is_constant(values: np.ndarray, level: float, sigma: float) -> bool:
     """True if all averages from the first sample on, and from the last one back, agree with a constant value."""
     each = np.sqrt(np.arange(1.0, len(values) + 1.0))
-    off = [np.abs(np.cumsum(part - held)) / each for part in (values, values[::-1])]
+    off = [np.abs(np.cumsum(part - level)) / each for part in (values, values[::-1])]
     return bool(np.max(off, initial=0.0) < MAX_CONSTANT_DEVIATION * sigma)
 
 

@@ -116,9 +116,9 @@ def _largest_kink(noise: np.ndarray, count: int, level: float) -> int | None:
     """Sample of the most significant kink in the highest lines, for noise of a mean power, or None."""
     begin = count - len(noise)
     weights = 1.0 / (1.0 - np.cos(np.pi * np.arange(begin, count) / count))
-    told = np.abs(np.asarray(idct(np.pad(weights * noise, (begin, 0)), norm="ortho")))
-    place = int(np.argmax(told))
-    return place if told[place] > KINK_SIGNIFICANCE * np.sqrt(level * np.sum(weights**2) / count) else None
+    statistic = np.abs(np.asarray(idct(np.pad(weights * noise, (begin, 0)), norm="ortho")))
+    place = int(np.argmax(statistic))
+    return place if statistic[place] > KINK_SIGNIFICANCE * np.sqrt(level * np.sum(weights**2) / count) else None
 
 
 def signal_end(power: np.ndarray) -> int:

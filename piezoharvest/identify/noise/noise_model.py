@@ -91,7 +91,9 @@ def estimate(
     bounds = np.array([np.square(limits.get(name, (0.0, np.inf))) / start.sigma[name] ** 2 for name in names]).T
     parts = [part for one in spectra for part in _band_spectra(names, start, *one)]
     shares = np.array([(known.get(name, start.sigma[name]) / start.sigma[name]) ** 2 for name in names])
-    free = np.array([k for k, name in enumerate(names) if name not in known and any(p.told[k] for p in parts)], int)
+    free = np.array(
+        [k for k, name in enumerate(names) if name not in known and any(p.observable[k] for p in parts)], int
+    )
     for _ in range(MAX_ITERATIONS if len(free) else 0):
         before = shares.copy()
         information, score = (np.sum(t, axis=0) for t in zip(*(_scoring(p, shares) for p in parts), strict=True))
@@ -134,13 +136,13 @@ class _BandSpectrum(NamedTuple):
     sources : (names, channels, channels) array
     count : int
         Number of frequencies.
-    told : (names,) array of bool
+    observable : (names,) array of bool
     """
 
     cross: np.ndarray
     sources: np.ndarray
     count: int
-    told: np.ndarray
+    observable: np.ndarray
 
 
 def _band_spectra(
@@ -162,8 +164,8 @@ def _band_spectra(
         sources = own.copy()
         if drive in names:
             sources[names.index(drive)] = start.sigma[drive] ** 2 * np.real(_cross(passed)).mean(axis=0)
-        cross, told = np.real(_cross(left)).mean(axis=0), np.asarray(sources.any(axis=(1, 2)))
-        found.append(_BandSpectrum(cross, sources, len(left), told))
+        cross, observable = np.real(_cross(left)).mean(axis=0), np.asarray(sources.any(axis=(1, 2)))
+        found.append(_BandSpectrum(cross, sources, len(left), observable))
     times = np.array([np.diag(part.cross) / np.diag(part.sources.sum(axis=0)) for part in found])
     spoilt = np.any(
         times > np.median(times, axis=0) * (1.0 + LINE_STANDARD_DEVIATIONS / np.sqrt(found[-1].count)), axis=1

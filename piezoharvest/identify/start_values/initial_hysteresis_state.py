@@ -53,11 +53,13 @@ def has_initial_states(problem: Problem, found: Fit) -> bool:
 
     Initial states affect a few samples only, but cost as much time as parameters: they are dropped if not needed.
     """
-    own = np.concatenate(found.own)
+    nuisance = np.concatenate(found.nuisance)
     std = np.sqrt(np.diag(inverse(found.information + found.prior)))[len(found.model.parameters) :]
-    std[np.abs(own) >= problem.own_limits(found.model)] = 0.0  # a stop at its limit has no valid standard error
+    std[np.abs(nuisance) >= problem.nuisance_limits(found.model)] = (
+        0.0  # a stop at its limit has no valid standard error
+    )
     history = np.concatenate([_history_mask(problem, found.model, data) for data in problem.data])
-    return bool(np.any(np.abs(own) > np.maximum(MIN_INITIAL_STATE, MIN_STANDARD_ERRORS * std), where=history))
+    return bool(np.any(np.abs(nuisance) > np.maximum(MIN_INITIAL_STATE, MIN_STANDARD_ERRORS * std), where=history))
 
 
 def search_initial_states(problem: Problem, found: Fit) -> tuple[np.ndarray, ...] | None:
@@ -86,26 +88,28 @@ def search_initial_states(problem: Problem, found: Fit) -> tuple[np.ndarray, ...
         except PredictionError:  # the beginning alone is another problem, which may have no solution
             return mine
         again = _fits_from(one, bare, starts, found.noise, white=(white,))
-        return again[0].own[0] if again and again[0].cost < cost - MIN_COST_DECREASE else mine
+        return again[0].nuisance[0] if again and again[0].cost < cost - MIN_COST_DECREASE else mine
 
-    own = _for_each_record(better, problem, found.own, found.sums, found.white)
-    return None if all(new is old for new, old in zip(own, found.own, strict=True)) else own
+    nuisance = _for_each_record(better, problem, found.nuisance, found.sums, found.white)
+    return None if all(new is old for new, old in zip(nuisance, found.nuisance, strict=True)) else nuisance
 
 
-def _candidate_states(one: Problem, bare: Model, own: np.ndarray, noise: Noise) -> list[np.ndarray]:
+def _candidate_states(one: Problem, bare: Model, nuisance: np.ndarray, noise: Noise) -> list[np.ndarray]:
     """Nuisance parameters of a record for several histories between which its beginning does not decide.
 
     A load that reversed before the record has left stops with small thresholds at one end and others at the other.
     """
     short = Problem([_beginning(one.data[0], one)], one.nominal, one.offset_channels)
-    near = _fit_record(short, bare, nuisance_for_problem(one, [own], short, bare)[0], noise, enough=ROUGH_TOLERANCE)
+    near = _fit_record(
+        short, bare, nuisance_for_problem(one, [nuisance], short, bare)[0], noise, enough=ROUGH_TOLERANCE
+    )
     past = _history_mask(short, bare, short.data[0])
-    states = np.isin(short.own_names(bare, short.data[0]), _free_states(short))
+    states = np.isin(short.nuisance_names(bare, short.data[0]), _free_states(short))
     alike = product((0,), (1.0, -1.0), (0.0,))  # and at rest
     several = product(range(np.count_nonzero(past)), (1.0, -1.0), (1.0,))
     starts = []
     for turned, sign, kept in (*alike, *several):
-        starts.append(np.where(states, kept * near.own[0], near.own[0]))
+        starts.append(np.where(states, kept * near.nuisance[0], near.nuisance[0]))
         starts[-1][past] = LOADED_STATE * sign * np.where(np.arange(np.count_nonzero(past)) < turned, -1.0, 1.0)
     ends = [
         near,
@@ -114,22 +118,24 @@ def _candidate_states(one: Problem, bare: Model, own: np.ndarray, noise: Noise) 
     ends.sort(key=lambda each: each.cost)
     apart: list[Fit] = []
     for end in ends:
-        new = all(np.abs(end.own[0] - other.own[0])[past].max() > MIN_INITIAL_STATE for other in apart)
+        new = all(np.abs(end.nuisance[0] - other.nuisance[0])[past].max() > MIN_INITIAL_STATE for other in apart)
         if new and end.cost < ends[0].cost + MAX_COST_EXCESS:
             apart.append(end)
-    found = [each.own[0] for each in apart]
+    found = [each.nuisance[0] for each in apart]
     # A stop that has not slipped acts as an offset and keeps its state: it may still reach its end later.
     vague = past & (np.sqrt(np.diag(inverse(apart[0].information + apart[0].prior))) > UNCERTAIN_STATE_ERROR)
     if np.any(vague):
         found += [np.where(vague, sign * LOADED_STATE, found[0]) for sign in (1.0, -1.0)]
-    return [nuisance_for_problem(short, [each], one, bare, [own])[0] for each in found]
+    return [nuisance_for_problem(short, [each], one, bare, [nuisance])[0] for each in found]
 
 
-def _exceeds_noise(data: Data | FrequencyData, bare: Model, own: np.ndarray, white: Whitener | ResponseWeights) -> bool:
+def _exceeds_noise(
+    data: Data | FrequencyData, bare: Model, nuisance: np.ndarray, white: Whitener | ResponseWeights
+) -> bool:
     """True if residuals at the beginning of a record exceed noise, as a wrong history would cause."""
     if not isinstance(data, Data) or not isinstance(white, Whitener):
         return False
-    _, residual, spectrum = next(white.left(bare, own))
+    _, residual, spectrum = next(white.left(bare, nuisance))
     values = in_time(spectrum, len(residual))[: _beginning_samples(data)]
     for scale in (scale for scale in SUM_LENGTHS if scale <= len(values)):
         sums = values[: len(values) // scale * scale].reshape(-1, scale, values.shape[1]).sum(axis=1) / np.sqrt(scale)
@@ -156,16 +162,20 @@ def _beginning_samples(data: Data) -> int:
 
 
 def fit_nuisance(
-    problem: Problem, model: Model, own: Sequence[np.ndarray] | None, noise: Noise, tell: Progress = lambda text: None
+    problem: Problem,
+    model: Model,
+    nuisance: Sequence[np.ndarray] | None,
+    noise: Noise,
+    progress: Progress = lambda text: None,
 ) -> Fit:
     """Fit of the records' nuisance parameters, with the model's parameters fixed."""
     bare = replace(model, parameters=())
 
-    def fitted(own: Sequence[np.ndarray]) -> Fit:
-        each = _for_each_record(lambda one, mine: _fit_record(one, bare, mine, noise).own[0], problem, own)
-        return fit(problem, bare, each, noise, estimate_noise=False, tell=tell)
+    def fitted(nuisance: Sequence[np.ndarray]) -> Fit:
+        each = _for_each_record(lambda one, mine: _fit_record(one, bare, mine, noise).nuisance[0], problem, nuisance)
+        return fit(problem, bare, each, noise, estimate_noise=False, progress=progress)
 
-    found = fitted(problem.start(bare) if own is None else own)
+    found = fitted(problem.start(bare) if nuisance is None else nuisance)
     begun = search_initial_states(problem, found)
     return found if begun is None else fitted(begun)
 
@@ -176,8 +186,8 @@ def _for_each_record(function: Callable[..., np.ndarray], problem: Problem, *eac
     return map_records(function, alone, *each)
 
 
-def _fit_record(one: Problem, bare: Model, own: np.ndarray, noise: Noise, **options: Any) -> Fit:
-    return fit(one, bare, [own], noise, estimate_noise=False, **options)
+def _fit_record(one: Problem, bare: Model, nuisance: np.ndarray, noise: Noise, **options: Any) -> Fit:
+    return fit(one, bare, [nuisance], noise, estimate_noise=False, **options)
 
 
 def _fits_from(one: Problem, bare: Model, starts: Sequence[np.ndarray], noise: Noise, **options: Any) -> list[Fit]:
@@ -196,4 +206,4 @@ def _free_states(one: Problem) -> tuple[str, ...]:
 
 def _history_mask(problem: Problem, model: Model, data: Data | FrequencyData) -> np.ndarray:
     """Mask of a record's nuisance parameters that are initial states of stops."""
-    return np.array([name.startswith("history") for name in problem.own_names(model, data)], bool)
+    return np.array([name.startswith("history") for name in problem.nuisance_names(model, data)], bool)

@@ -27,7 +27,7 @@ RESPONSE_ITERATIONS = 40  # iterations from each start of the responses
 ROUGH_TOLERANCE = 1e-3  # of -2 ln L for each residual: tolerance of a rough fit
 
 
-def fit_multistart(problem: Problem, model: Model, tell: Callable[[str], None]) -> Fit:
+def fit_multistart(problem: Problem, model: Model, progress: Callable[[str], None]) -> Fit:
     """Fit a model from initial estimates, and from others if the residuals stay much larger than noise.
 
     The fit is convex enough except in the thresholds of the operators. While stiffness, coupling and capacitance are
@@ -39,35 +39,37 @@ def fit_multistart(problem: Problem, model: Model, tell: Callable[[str], None]) 
     problem : Problem
     model : Model
         Model with the nominal values.
-    tell : callable
+    progress : callable
         Called with messages about progress.
     """
     first = _nearest_model(
         problem, model, replace(model, transducer=estimate_initial_values(problem.data, model.transducer))
     )
-    first = tune_to_responses(problem, first, tell)
+    first = tune_to_responses(problem, first, progress)
     free = tuple(p for p in model.parameters if p.path[0] != "hysteresis")
     if len(free) == len(model.parameters):
-        return fit(problem, first, tell=tell, rounds=2)
-    own = None
+        return fit(problem, first, progress=progress, rounds=2)
+    nuisance = None
     if any(len(data.setting.jumps) for data in problem.data if isinstance(data, Data)):
         # The exact instant of a jump of the drive can be mistaken for other errors, so it is fitted first.
         bare = replace(first, parameters=())
-        own = fit(problem, bare, estimate_noise=False, enough=_rough_tolerance(problem), tell=tell).own
+        nuisance = fit(
+            problem, bare, estimate_noise=False, enough=_rough_tolerance(problem), progress=progress
+        ).nuisance
     if first.transducer.hysteresis == model.transducer.hysteresis:
         rough = replace(first, parameters=free)
-        rough = fit(problem, rough, own, estimate_noise=False, enough=_rough_tolerance(problem), tell=tell)
-        first, own = replace(rough.model, parameters=model.parameters), rough.own
-    best = fit(problem, first, own, tell=tell, rounds=2)
+        rough = fit(problem, rough, nuisance, estimate_noise=False, enough=_rough_tolerance(problem), progress=progress)
+        first, nuisance = replace(rough.model, parameters=model.parameters), rough.nuisance
+    best = fit(problem, first, nuisance, progress=progress, rounds=2)
     if _mean_square(best) < MAX_MEAN_SQUARE:
         return best
-    other = _fit_with_initial_states(problem, replace(first, parameters=model.parameters), own, best, tell)
+    other = _fit_with_initial_states(problem, replace(first, parameters=model.parameters), nuisance, best, progress)
     if other is None:
-        other = _fit_with_other_thresholds(problem, first, own, best, tell)
-    return best if other is None else fit(problem, other.model, other.own, tell=tell, rounds=2)
+        other = _fit_with_other_thresholds(problem, first, nuisance, best, progress)
+    return best if other is None else fit(problem, other.model, other.nuisance, progress=progress, rounds=2)
 
 
-def tune_to_responses(problem: Problem, first: Model, tell: Callable[[str], None]) -> Model:
+def tune_to_responses(problem: Problem, first: Model, progress: Callable[[str], None]) -> Model:
     """Model fitted to the frequency responses alone, from the first model or from their resonances."""
     data = [each for each in problem.data if isinstance(each, FrequencyData)]
     if not data:
@@ -96,46 +98,48 @@ def tune_to_responses(problem: Problem, first: Model, tell: Callable[[str], None
             break
     if best is None:
         return first
-    tell("start: the resonances that the responses show")
+    progress("start: the resonances that the responses show")
     return replace(first, transducer=best.model.transducer)
 
 
-def _fit_with_initial_states(problem: Problem, first: Model, own, best: Fit, tell: Callable[[str], None]) -> Fit | None:
+def _fit_with_initial_states(
+    problem: Problem, first: Model, nuisance, best: Fit, progress: Callable[[str], None]
+) -> Fit | None:
     """Fit from initial states of stops for the first model, if it is better than the best; else None.
 
     While initial states of stops are wrong, the operators' parameters change to compensate.
     """
-    begun = fit_nuisance(problem, first, own, best.noise)
+    begun = fit_nuisance(problem, first, nuisance, best.noise)
     if not has_initial_states(problem, begun):
         return None
-    tell("another start: stops that began elsewhere")
-    return _fit_if_better(problem, first, begun.own, best)
+    progress("another start: stops that began elsewhere")
+    return _fit_if_better(problem, first, begun.nuisance, best)
 
 
 def _fit_with_other_thresholds(
-    problem: Problem, first: Model, own, best: Fit, tell: Callable[[str], None]
+    problem: Problem, first: Model, nuisance, best: Fit, progress: Callable[[str], None]
 ) -> Fit | None:
     """The best fit from other thresholds, if it is better than the best; else None."""
     found = None
     for stretch in THRESHOLD_FACTORS:
-        tell(f"another start: thresholds {stretch:g} times the first ones")
-        found = _fit_if_better(problem, _with_scaled_thresholds(first, stretch), own, found or best) or found
+        progress(f"another start: thresholds {stretch:g} times the first ones")
+        found = _fit_if_better(problem, _with_scaled_thresholds(first, stretch), nuisance, found or best) or found
     return found
 
 
-def _fit_if_better(problem: Problem, start: Model, own, best: Fit) -> Fit | None:
+def _fit_if_better(problem: Problem, start: Model, nuisance, best: Fit) -> Fit | None:
     """Rough fit from a start, if it is better than the best; else None."""
-    other = fit(problem, start, own, best.noise, estimate_noise=False, enough=_rough_tolerance(problem))
+    other = fit(problem, start, nuisance, best.noise, estimate_noise=False, enough=_rough_tolerance(problem))
     return other if other.cost < best.cost - _rough_tolerance(problem) else None
 
 
-def _nearest_model(problem: Problem, nominal: Model, told: Model) -> Model:
+def _nearest_model(problem: Problem, nominal: Model, tuned: Model) -> Model:
     """The model nearest to the records: initial estimates may be wrong if records show an unmodelled effect.
 
     The operators alone may be wrong, if the loops are due to another effect. Parameters are not varied, so that this
     takes a fraction of an iteration.
     """
-    if told.transducer == nominal.transducer:
+    if tuned.transducer == nominal.transducer:
         return nominal
     white = whiteners(problem, nominal, problem.start(nominal), problem.noise())
 
@@ -146,10 +150,10 @@ def _nearest_model(problem: Problem, nominal: Model, told: Model) -> Model:
         except PredictionError:
             return np.inf
 
-    if cost(told) < MAX_INITIAL_MEAN_SQUARE * _residual_count(problem):
-        return told
-    again = put(told.transducer, ("hysteresis",), nominal.transducer.hysteresis)
-    return min((told, replace(told, transducer=again), nominal), key=cost)
+    if cost(tuned) < MAX_INITIAL_MEAN_SQUARE * _residual_count(problem):
+        return tuned
+    again = put(tuned.transducer, ("hysteresis",), nominal.transducer.hysteresis)
+    return min((tuned, replace(tuned, transducer=again), nominal), key=cost)
 
 
 def _residual_count(problem: Problem) -> int:

@@ -76,9 +76,9 @@ def quasi_static_fits_as_well(problem: Problem, quasi_static: Problem, found: Fi
         return False  # the mass shows in the gain
     kept = tuple(parameter for parameter in found.model.parameters if parameter.path[-1] not in INERT)
     model = Model(as_quasi_static(found.model.transducer), kept, found.model.offset_channels, found.model.relaxed)
-    own = nuisance_for_problem(problem, found.own, quasi_static, model)
+    nuisance = nuisance_for_problem(problem, found.nuisance, quasi_static, model)
     try:
-        other = fit(quasi_static, model, own, found.noise, estimate_noise=False)
+        other = fit(quasi_static, model, nuisance, found.noise, estimate_noise=False)
     except (PredictionError, np.linalg.LinAlgError):
         return False
     wanted = MIN_DECREASE * max(1.0, mean_square(found))  # relative to the residuals, if these exceed noise

@@ -51,9 +51,9 @@ def transducers_at_resonances(
             continue
         shown = each.reference.resonances
         for chosen in _assignments(shown.poles, order):
-            for held in ("stiffness", "mass"):
+            for unchanged in ("stiffness", "mass"):
                 try:
-                    found = _with_poles(each, shown, nominal, chosen, held)
+                    found = _with_poles(each, shown, nominal, chosen, unchanged)
                 except (ParameterError, np.linalg.LinAlgError):
                     continue
                 if found is not None:
@@ -80,23 +80,23 @@ def _assignments(poles: np.ndarray, nominal: Transducer) -> list[dict[int, int]]
 
 
 def _with_poles(
-    data: FrequencyData, found: MeasuredResonances, nominal: Transducer, chosen: dict[int, int], held: str
+    data: FrequencyData, found: MeasuredResonances, nominal: Transducer, chosen: dict[int, int], unchanged: str
 ) -> Transducer | None:
-    """Transducer with some modes at some resonances; `held` says whether stiffness or mass is kept."""
+    """Transducer with some modes at some resonances; `unchanged` says whether stiffness or mass is kept."""
     targets = {mode: complex(found.poles[k]) for mode, k in chosen.items()}
     if data.record.kind != "impedance":
         device = nominal
         for _ in range(SCALING_ROUNDS):
             device = _scaled_to_magnitude(
                 data,
-                _with_coupled_poles(data, device, targets, held),
+                _with_coupled_poles(data, device, targets, unchanged),
                 list(targets),
                 found.poles[list(chosen.values())],
             )
-        return _with_coupled_poles(data, device, targets, held)
+        return _with_coupled_poles(data, device, targets, unchanged)
     device = nominal
     for mode, pole in targets.items():
-        device = _with_uncoupled_pole(device, mode, pole, held)
+        device = _with_uncoupled_pole(device, mode, pole, unchanged)
         # The residue of T^2/m / (s^2 + ...) is T^2/m over twice the imaginary part of the pole.
         square = float(np.real(2j * pole.imag * found.residues[chosen[mode]])) * _value(device, mode, "mass")
         if square <= 0:
@@ -105,18 +105,20 @@ def _with_poles(
     return replace(device, capacitance=found.direct) if found.direct > 0 else device
 
 
-def _with_uncoupled_pole(device: Transducer, mode: int, pole: complex, held: str) -> Transducer:
+def _with_uncoupled_pole(device: Transducer, mode: int, pole: complex, unchanged: str) -> Transducer:
     """Transducer with one mode moved to a pole, for shorted electrodes and without coupling to other modes."""
     square = abs(pole) ** 2
     stiffness, mass = _value(device, mode, "stiffness"), _value(device, mode, "mass")
-    stiffness, mass = (stiffness, stiffness / square) if held == "stiffness" else (mass * square, mass)
+    stiffness, mass = (stiffness, stiffness / square) if unchanged == "stiffness" else (mass * square, mass)
     return _put(device, mode, stiffness=stiffness, mass=mass, damping=-2.0 * pole.real * mass)
 
 
-def _with_coupled_poles(data: FrequencyData, device: Transducer, targets: dict[int, complex], held: str) -> Transducer:
+def _with_coupled_poles(
+    data: FrequencyData, device: Transducer, targets: dict[int, complex], unchanged: str
+) -> Transducer:
     """Transducer with some modes moved to poles, including the effect of the circuit of the measurement."""
     for mode, pole in targets.items():
-        device = _with_uncoupled_pole(device, mode, pole, held)
+        device = _with_uncoupled_pole(device, mode, pole, unchanged)
     if data.record.input == "voltage" or isinstance(data.record.shunt, Short):
         return device
     for _ in range(POLE_ITERATIONS):
@@ -128,7 +130,7 @@ def _with_coupled_poles(data: FrequencyData, device: Transducer, targets: dict[i
             own = np.abs(vectors[[states.index(f"x{mode + 1}"), states.index(f"u{mode + 1}")]]) ** 2
             here = values[np.argmax(np.where(np.imag(values) > 0, own.sum(axis=0), -1.0))]
             off = max(off, abs(here / pole - 1.0))
-            device = _with_shifted_pole(device, mode, here, pole, held)
+            device = _with_shifted_pole(device, mode, here, pole, unchanged)
         if off < POLE_TOLERANCE:
             break
     return device
@@ -160,11 +162,11 @@ def _scaled_to_magnitude(
     return device
 
 
-def _with_shifted_pole(device: Transducer, mode: int, here: complex, pole: complex, held: str) -> Transducer:
+def _with_shifted_pole(device: Transducer, mode: int, here: complex, pole: complex, unchanged: str) -> Transducer:
     """Transducer with one mode shifted by the error of its pole."""
     ratio = float(abs(pole) / abs(here)) ** 2
     stiffness, mass, damping = (_value(device, mode, key) for key in ("stiffness", "mass", "damping"))
-    stiffness, mass = (stiffness, mass / ratio) if held == "stiffness" else (stiffness * ratio, mass)
+    stiffness, mass = (stiffness, mass / ratio) if unchanged == "stiffness" else (stiffness * ratio, mass)
     wanted = damping + 2.0 * mass * (here.real - pole.real)
     return _put(
         device, mode, stiffness=stiffness, mass=mass, damping=max(wanted, MIN_MODE_DAMPING * -2.0 * pole.real * mass)

@@ -91,8 +91,8 @@ class _Process:
         try:
             self.answer({"number": 0, "action": "start", "values": libraries}, _START_TIMEOUT)
         except ReadError:
-            found = f"no process that could read it with {' and '.join(libraries)}"
-            raise ReadError(f"found {found}, allowed is a Python that can be started once more") from None
+            libraries = " and ".join(libraries)
+            raise ReadError(f"no second Python process could be started to read this file with {libraries}") from None
 
     def answer(self, request: dict[str, Any], patience: float) -> dict[str, Any]:
         """Answer to a request, within so many seconds; raises `ReadError`."""
@@ -123,7 +123,7 @@ class _Process:
         except (OSError, EOFError, ValueError):  # of a pipe that is broken, and of half an answer
             status = self._end()
             found = f"reading took more than {patience:.0f} s" if late.is_set() else f"its reader crashed ({status})"
-            raise ReadError(f"found damaged data ({found}), allowed is a whole file") from None
+            raise ReadError(f"the file is damaged ({found})") from None
         except BaseException:  # interrupted: the pending answer must not be taken for that to the next request
             self._end()
             raise

@@ -55,9 +55,9 @@ def _answer(
         column, missing = str(error.column), isinstance(error, MissingColumnError)
         return {"error": error.message, "column": column, "row": error.row, "missing": missing}, []
     except MemoryError:
-        found = f"found data that need more than {in_bytes(_MEMORY)} of memory to be read, allowed are smaller ones"
+        found = f"the file needs more than the {in_bytes(_MEMORY)} of memory that are allowed for reading it"
     except Exception as error:  # libraries raise any exception on damaged files
-        found = f"found damaged data ({type(error).__name__}: {error}), allowed is a whole file"
+        found = f"the file is damaged ({type(error).__name__}: {error})"
     return {"error": found, "column": "", "row": None, "missing": False}, []
 
 

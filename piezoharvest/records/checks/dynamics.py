@@ -31,7 +31,7 @@ def too_short(record: Record, transducer: Transducer) -> Iterator[Finding]:
     rates = rates[rates > 0]
     slowest = 1 / rates.min() if len(rates) else 0.0
     if record.duration < slowest:
-        found = f"found a record of {record.duration:.4g} s, allowed is one longer than the slowest time constant"
+        found = f"the record lasts {record.duration:.4g} s, less than the slowest time constant"
         message = f"{found} of the nominal model, {slowest:.4g} s"
         rows = shifted([(0, len(record) - 1)], record.time.first_row)
         yield Finding("warning", "too short", record.time.file, "time", rows, message)
@@ -50,9 +50,9 @@ def lost_between_samples(record: Record, spectra: Spectra, transducer: Transduce
         return 0.0
     images = np.concatenate([n * rate + side * kept for n in range(1, _MAX_IMAGES + 1) for side in (-1, 1)])
     frequencies = np.concatenate((kept, images))
-    foretold = transfers(transducer, record.shunt, record.drive, frequencies, nominal=True)
+    responses = transfers(transducer, record.shunt, record.drive, frequencies, nominal=True)
     causes = {record.drive: np.tile(drive[lines], len(frequencies) // len(kept))}
-    expected = (predicted(foretold, channel, causes) for channel in ("displacement", "voltage", "current"))
+    expected = (predicted(responses, channel, causes) for channel in ("displacement", "voltage", "current"))
     spectrum = next((found for found in expected if found is not None), None)
     if spectrum is None:
         return 0.0

@@ -103,6 +103,6 @@ def _expected(record: FrequencyRecord, transducer: Transducer, frequency: np.nda
     """Response of the nominal model, (variants, f); None if there is no prediction."""
     if record.kind == "impedance":
         return impedances(transducer, frequency, record.mechanical)
-    foretold = transfers(transducer, record.shunt, record.input, frequency).get(record.output)
-    expected = None if foretold is None else foretold[record.input]
+    responses = transfers(transducer, record.shunt, record.input, frequency).get(record.output)
+    expected = None if responses is None else responses[record.input]
     return expected if expected is not None and np.all(expected) else None

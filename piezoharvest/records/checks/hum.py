@@ -50,7 +50,7 @@ def mains_hum(record: Record, spectra: Spectra, transducer: Transducer) -> Itera
             signal = record.signals[channel]
             size = abs(spectra[channel][line])
             found = f"found a line of {size:.3g} {UNITS[channel]} at {spectra.frequencies[line]:.4g} Hz"
-            message = f"{found} that does not come from the drive, allowed is none; likely mains hum"
+            message = f"{found} that does not come from the drive; likely mains hum"
             rows = shifted([(0, len(record) - 1)], signal.first_row)
             yield Finding("warning", "mains hum", signal.file, channel, rows, message)
 
@@ -108,15 +108,15 @@ def _combines(tones: np.ndarray, mains: float, duration: float) -> bool:
 
 def _explained(record: Record, spectra: Spectra, transducer: Transducer, channel: str, line: int) -> bool:
     """True if the line is the response to the drive at its frequency; for the drive, True if a response follows it."""
-    foretold = transfers(transducer, record.shunt, record.drive, spectra.frequencies[line : line + 1])
+    responses = transfers(transducer, record.shunt, record.drive, spectra.frequencies[line : line + 1])
     causes = {cause: spectra[cause][line : line + 1] for cause in record.signals}
     if channel != record.drive:
-        expected = predicted(foretold, channel, causes)
+        expected = predicted(responses, channel, causes)
         if expected is not None:
             return bool(np.max(np.abs(expected)) > _MIN_EXPLAINED_SHARE * abs(spectra[channel][line]))
         return _line(spectra, record.drive, float(spectra.frequencies[line]), np.empty(0)) is not None
     for response in record.responses:
-        expected = predicted(foretold, response, causes)
+        expected = predicted(responses, response, causes)
         if expected is not None and abs(spectra[response][line]) < _MIN_EXPLAINED_SHARE * np.min(np.abs(expected)):
             return False
     return True

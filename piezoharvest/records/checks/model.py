@@ -21,7 +21,7 @@ from piezoharvest.records.reading.channels import UNITS
 from piezoharvest.records.record import Record
 from piezoharvest.records.spectra import Spectra
 
-_SIGN_HINT = "allowed is the sign of the model; likely a wrong sign, which a gain below zero turns"
+_SIGN_HINT = "likely a wrong sign, which a gain below zero in [channels] corrects"
 _MIN_STEP = 0.2  # of the drive's range from one sample to the next
 
 
@@ -39,7 +39,7 @@ def against_model(record: Record, spectra: Spectra, transducer: Transducer) -> I
     for channel, score in scores.items():
         if score.too_small and not score.judged and channel not in over:
             least = f"found at most {score.high:.2g} times what the nominal model gives for this {_named(record.drive)}"
-            message = f"{least}, and no likeness to it, allowed is a channel that is alive"
+            message = f"{least}, and not correlated with it; likely a dead channel"
             yield _finding(record, "dead", channel, message)
 
 
@@ -93,7 +93,7 @@ def _unit_hint(channel: str, factor: float) -> str:
     """Text with what is allowed, and the unit that would explain the factor."""
     prefix = _prefix(factor)
     unit = f" (is it {prefix}{UNITS[channel]}?)" if prefix and channel != "base_acceleration" else ""
-    return f"allowed is up to {MAX_FACTOR:g} times more or less; likely a wrong unit{unit}"
+    return f"allowed is a factor of up to {MAX_FACTOR:g} either way; likely a wrong unit{unit}"
 
 
 def _prefix(factor: float) -> str:
@@ -107,18 +107,20 @@ def _wrong_signs(record: Record, scores: Mapping[str, Score]) -> Iterator[Findin
     """Findings for channels of the opposite sign to the prediction; for the drive, if all are."""
     opposed = [channel for channel, score in scores.items() if score.reversed]
     if len(opposed) > 1 and len(opposed) == sum(score.judged for score in scores.values()):
-        message = f"found all responses against what the nominal model gives for this {_named(record.drive)}"
+        message = (
+            f"found all responses of opposite sign to what the nominal model gives for this {_named(record.drive)}"
+        )
         yield _finding(record, "sign", record.drive, f"{message}, {_SIGN_HINT}")
         return
     for channel in opposed:
-        message = f"found values against what the nominal model gives for this {_named(record.drive)}"
+        message = f"found values of opposite sign to what the nominal model gives for this {_named(record.drive)}"
         hint = " (current is that of the load, out of the transducer)" if channel == "current" else ""
         yield _finding(record, "sign", channel, f"{message}, {_SIGN_HINT}{hint}")
 
 
 def _swap_message(one: str, other: str) -> str:
     found = f"found that {_named(one)} and {_named(other)} fit the nominal model only when exchanged"
-    return f"{found}, allowed are columns in their places; likely swapped"
+    return f"{found}; likely their columns are swapped"
 
 
 def _named(channel: str) -> str:

@@ -49,7 +49,7 @@ def clock(record: Record) -> Iterator[Finding]:
         return
     steps = np.diff(time.values)
     usual = float(np.median(steps))
-    allowed = "allowed is time that increases evenly"
+    allowed = "but time must increase in equal steps"
 
     def rows(mask: np.ndarray) -> Rows:
         """Rows after the steps of a mask."""
@@ -78,5 +78,7 @@ def _uneven(record: Record, steps: np.ndarray) -> Iterator[Finding]:
     stray = np.abs(record.time.values - record.time.values[0] - mean * np.arange(len(record))) > _MAX_UNEVENNESS * mean
     if stray.any():
         rows = shifted(runs(stray), record.time.first_row)
-        message = f"found time stamps that stray from even ones by more than {_MAX_UNEVENNESS:.0%} of {mean:.6g} s"
-        yield Finding("warning", "uneven time", record.time.file, "time", rows, f"{message}, allowed are even ones")
+        message = f"found time stamps that differ from even ones by more than {_MAX_UNEVENNESS:.0%} of {mean:.6g} s"
+        yield Finding(
+            "warning", "uneven time", record.time.file, "time", rows, f"{message}, allowed are evenly spaced ones"
+        )

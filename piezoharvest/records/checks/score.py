@@ -81,18 +81,18 @@ def scores_of(
     if not len(lines):
         return {}
     some = spread(lines)
-    foretold = transfers(transducer, record.shunt, record.drive, own.frequencies[some])
+    responses = transfers(transducer, record.shunt, record.drive, own.frequencies[some])
     found = {}
     for channel in record.responses:
-        expected = predicted(foretold, channel, {cause: values[some] for cause, values in spectra.items()})
+        expected = predicted(responses, channel, {cause: values[some] for cause, values in spectra.items()})
         if expected is not None:
             found[channel] = _score(spectra[channel], some, lines, expected)
     return found
 
 
-def predicted(foretold: Transfers, channel: str, causes: Mapping[str, np.ndarray]) -> np.ndarray | None:
+def predicted(responses: Transfers, channel: str, causes: Mapping[str, np.ndarray]) -> np.ndarray | None:
     """Predicted spectrum (variants, f) of a response; None if there is no prediction or it is zero."""
-    by_cause = foretold.get(channel)
+    by_cause = responses.get(channel)
     if by_cause is None:
         return None
     total = np.sum([transfer * causes[cause] for cause, transfer in by_cause.items() if cause in causes], axis=0)
@@ -103,8 +103,8 @@ def _score(response: np.ndarray, some: np.ndarray, lines: np.ndarray, expected: 
     """Compare a response with its expectation (variants, f) in some of the drive's lines."""
     measured = response[some]
     energy = np.linalg.norm(measured)
-    foretold = np.linalg.norm(expected, axis=-1)
-    correlation = expected.conj() @ measured / np.maximum(energy * foretold, np.finfo(float).tiny)
+    expected_size = np.linalg.norm(expected, axis=-1)
+    correlation = expected.conj() @ measured / np.maximum(energy * expected_size, np.finfo(float).tiny)
     fit = np.abs(correlation)
     others = np.ones(min(len(response), 2 * int(lines[-1]) + 10), bool)
     others[: lines[0]] = False
@@ -114,7 +114,7 @@ def _score(response: np.ndarray, some: np.ndarray, lines: np.ndarray, expected: 
         floor = np.median(np.abs(response[: len(others)][others]) ** 2)
         stands_out = bool(energy**2 > _MIN_POWER_RATIO * floor * len(some))
     return Score(
-        low=float(np.min(energy / foretold)), high=float(np.max(energy / foretold)),
+        low=float(np.min(energy / expected_size)), high=float(np.max(energy / expected_size)),
         agreement=float(np.max(correlation.real[fit >= _NEARLY_BEST * fit.max()])), coherence=float(fit.max()),
         stands_out=stands_out,
     )  # fmt: skip

@@ -21,7 +21,7 @@ def stated_noise(record: Record) -> Iterator[Finding]:
         times = _floor(signal.values) / signal.sigma
         if times > _MAX_RATIO:
             message = (
-                f"found noise {times:.2g} times the sigma that the campaign states, allowed is its standard deviation "
+                f"found noise {times:.2g} times the sigma that the campaign states, but must be the standard deviation "
                 "in the channel's unit"
             )
             yield Finding("warning", "sigma", signal.file, channel, (), message)

@@ -27,8 +27,8 @@ def constant(record: Record) -> Iterator[Finding]:
     for channel, signal in record.signals.items():
         if signal.values.min() < signal.values.max() or channel in silent:
             continue
-        which = "the drive at" if channel == record.drive else "a dead channel,"
-        message = f"found {which} {signal.values[0]:.6g} throughout, allowed is one that changes"
+        which = "the drive" if channel == record.drive else "the channel"
+        message = f"found {signal.values[0]:.6g} in all samples, but {which} must change"
         rows = shifted([(0, len(record) - 1)], signal.first_row)
         yield Finding("error", "constant", signal.file, channel, rows, message)
 
@@ -70,15 +70,15 @@ def _findings(signal: Signal, channel: str, ranges: np.ndarray, sure: np.ndarray
         if len(clipped):
             count = int(np.sum(clipped[:, 1] - clipped[:, 0] + 1))
             found = f"found {count} samples pinned at the {side} value, {limit:.6g}"
-            message = f"{found}, allowed is a range that is not used up"
+            message = f"{found}; likely the range of the sensor or converter is exceeded"
             yield Finding("warning", "clipped", signal.file, channel, shifted(clipped, signal.first_row), message)
     inner = (at != values.max()) & (at != values.min())
     for sure_of_it, frozen in ((True, ranges[inner & sure]), (False, ranges[inner & ~sure])):
         if len(frozen):
             count = int(np.sum(frozen[:, 1] - frozen[:, 0] + 1))
-            found = f"found {count} samples that stand still while the others go on"
+            found = f"found {count} equal samples in a row while other channels change"
             rows = shifted(frozen, signal.first_row)
-            message = f"{found}, allowed is a channel that is alive"
+            message = f"{found}; likely a dead channel"
             yield Finding("error" if sure_of_it else "warning", "frozen", signal.file, channel, rows, message)
 
 

@@ -59,15 +59,15 @@ class ChannelSource(Component):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.gain == 0:
-            raise ParameterError("gain", "found 0, allowed is any other finite number")
+            raise ParameterError("gain", "found 0, allowed is any finite number but 0")
         columns = self.column if isinstance(self.column, tuple) else (self.column,)
         for column in columns:
             fine = isinstance(column, str) or (type(column) is int and column > 0)
             if not fine and self.column is not None:
-                allowed = "a name, a number from 1 on, or a list of these"
+                allowed = "the name of a column, its number counted from 1, or a list of these"
                 raise ParameterError("column", f"found {repr(column)[:80]}, allowed is {allowed}")
         if not columns:
-            raise ParameterError("column", "found an empty list, allowed is one column or more")
+            raise ParameterError("column", "found an empty list, at least one column is needed")
 
     def columns(self, default: str) -> tuple[str | int, ...]:
         """Columns that are averaged; usually one."""
@@ -103,7 +103,7 @@ class ChannelSource(Component):
             return stated.factor
         if stated.firm and not (same and np.isclose(stated.factor, factor, rtol=1e-9, atol=0)):
             wanted = f"{self.unit!r} in the campaign" if self.unit else f"none in the campaign, which means {si!r}"
-            allowed = "allowed is the same unit in both, or a gain (for one raw unit; 1 if they are right as they are)"
+            allowed = "give the same unit, or a gain (per raw unit; 1 if the values are right as they are)"
             raise ParameterError("unit", f"found the unit {stated.text!r} in the file and {wanted}, {allowed}")
         return factor
 

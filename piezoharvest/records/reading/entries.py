@@ -62,15 +62,15 @@ class _EntryWithShunt(_Entry):
             No key gives it, or two keys do.
         """
         if self.shunt is not None and self.load_resistance is not None:
-            raise ParameterError(f"{where}.shunt", "found load_resistance too, allowed is one of them")
+            raise ParameterError(f"{where}.shunt", "load_resistance is given too, but only one of the two may be")
         if self.shunt is not None:
             return build_shunt(self.shunt, f"{where}.shunt")
         if self.load_resistance is not None:
             return Resistor(resistance=self.load_resistance)
         if voltage_imposed:
             return None
-        allowed = 'allowed is a number of ohms, or a table shunt (kind = "open" or "short" too)'
-        raise ParameterError(f"{where}.load_resistance", f"found no such key, {allowed}")
+        allowed = 'allowed is a resistance in ohm, or a table shunt in its place (kind = "open", "short", ...)'
+        raise ParameterError(f"{where}.load_resistance", f"missing key, {allowed}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +92,7 @@ class FrfEntry(_EntryWithShunt):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.input == self.output:
-            raise ParameterError("output", f"found {self.output!r} as for the input, allowed is another channel")
+            raise ParameterError("output", f"found {self.output!r}, which is the input, allowed is another channel")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,11 +132,11 @@ def build_sources(tables: Any, level: Level, where: str, units: Mapping[str, str
         A channel or key is unknown, or a unit does not fit its channel.
     """
     if not isinstance(tables, dict):
-        raise ParameterError(where, f"found {repr(tables)[:80]}, allowed is a table of tables")
+        raise ParameterError(where, f"found {repr(tables)[:80]}, allowed is a table for each channel")
     found: dict[str, tuple[ChannelSource, Level]] = {}
     for channel, table in tables.items():
         if channel not in units:
-            raise ParameterError(f"{where}.{channel}", f"found an unknown channel, allowed are {', '.join(units)}")
+            raise ParameterError(f"{where}.{channel}", f"unknown channel, known channels are {', '.join(units)}")
         source = build(ChannelSource, table, f"{where}.{channel}")
         try:
             unit_factor(source.unit or units[channel], units[channel])

@@ -82,7 +82,10 @@ class Files(ExitStack):
         try:
             if len({unit and unit[1:3] for unit in units}) > 1 and not source.unit and source.gain is None:
                 found = " and ".join(repr(unit.text) if unit else "none" for unit in units)
-                raise ParameterError("unit", f"found the units {found} in the file, allowed is a unit in the campaign")
+                raise ParameterError(
+                    "unit",
+                    f"the columns to be averaged have the units {found} in the file, give one unit in the campaign",
+                )
             return source.to_si(raw, si, units[0])
         except ParameterError as error:
             key = f"{channel} (column {', '.join(columns)!r})"
@@ -99,7 +102,7 @@ class Files(ExitStack):
 
     def below(self) -> list[Finding]:
         """Findings for lines with numbers below the tables, which were not read."""
-        allowed = "allowed is one table (rows in the record says which lines belong to it)"
+        allowed = "which is not read (the key rows of the record says which lines belong to it)"
         return [
             Finding("warning", "rows below", name, "", ((row, row),), f"found {text!r} below the table, {allowed}")
             for name, reader in self._open.items()
@@ -110,8 +113,8 @@ class Files(ExitStack):
     def error(self, name: str, channel: str, error: ReadError) -> CampaignError:
         """Campaign error from that of a reader, with file, channel, column and row."""
         rows = () if error.row is None else ((error.row, error.row),)
-        told = isinstance(error, MissingColumnError) or error.column == "rows"  # in the message
-        column = f"column {error.column!r}" if error.column and channel and not told else ""
+        in_message = isinstance(error, MissingColumnError) or error.column == "rows"  # in the message
+        column = f"column {error.column!r}" if error.column and channel and not in_message else ""
         key = " ".join(part for part in (channel, f"({column})" if column else "") if part)
         key = key or ("rows" if error.column == "rows" else "")
         return CampaignError(self.folder / name, key, error.message, channel=channel, rows=rows)
@@ -126,7 +129,7 @@ class Files(ExitStack):
         """Raise an error if two channels have the same column."""
         for (one, some), (other, others) in combinations(columns.items(), 2):
             if both := [column for column in some if column in others]:
-                message = f"found column {both[0]!r} for {one} too, allowed is a column of its own for each channel"
+                message = f"column {both[0]!r} is that of {one} too, but each channel needs a column of its own"
                 raise CampaignError(self.folder / name, other, message, channel=other)
 
 

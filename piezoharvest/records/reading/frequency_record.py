@@ -62,20 +62,20 @@ def read_frequency_record(
         numbering, findings = files.reader(entry.file).numbering, files.below()
     for part, values in parts.items():
         if values.dtype.kind == "c" and part != "response":
-            message = f"found complex values, allowed are real ones (complex ones belong in {'response'!r})"
+            message = "found complex numbers, allowed are real numbers (complex ones belong in 'response')"
             raise CampaignError(folder / entry.file, part, message, channel=part)
     for part, values in parts.items():
         if len(values) != len(parts["frequency"]) or not len(values):
             found = f"found {counted(len(values), 'value')}"
-            allowed = f"allowed are one or more, as many as frequencies ({len(parts['frequency'])})"
+            allowed = f"allowed are as many as frequencies, at least one ({len(parts['frequency'])})"
             raise CampaignError(folder / entry.file, part, f"{found}, {allowed}", channel=part)
     parts, rows, still = _in_order(parts, numbering)
     if len(still):
         where = shifted([(0, len(still) - 1)], still)
-        message = f"found {counted(len(still), 'line')} at 0 Hz, which is left out, allowed are frequencies above 0 Hz"
+        message = f"found {counted(len(still), 'line')} at 0 Hz, left out, as only frequencies above 0 Hz are used"
         findings.append(Finding("warning", "0 Hz", entry.file, "frequency", where, message))
     if not len(parts["frequency"]):
-        message = "found nothing but 0 Hz, allowed are frequencies above 0 Hz"
+        message = "all frequencies are 0 Hz, at least one above 0 Hz is needed"
         raise CampaignError(folder / entry.file, "frequency", message, channel="frequency")
     frf = isinstance(entry, FrfEntry)
     record = FrequencyRecord(
@@ -124,12 +124,14 @@ def _find(files: Files, entry: FrfEntry | ImpedanceEntry, sources: Sources) -> t
                 raise files.error(entry.file, part, error) from None
     if "phase" not in found and "phase_deg" in reader.names and "phase" not in sources:
         found["phase"], used["phase"] = ["phase_deg"], ChannelSource(unit="deg")
-    told = [form for form in _FORMS if any(part in sources for part in form)] or _FORMS
-    form = next((form for form in told if all(part in found for part in form)), None)
+    given = [form for form in _FORMS if any(part in sources for part in form)] or _FORMS
+    form = next((form for form in given if all(part in found for part in form)), None)
     if "frequency" not in found or form is None:
         what = "frequency" if "frequency" not in found else "response"
         defaults = ", ".join(RESPONSE_COLUMNS[entry.kind].values())
-        message = f"found the columns {shown(reader.names)}, allowed are {defaults}, or names in records.channels"
+        message = (
+            f"missing column, the file has {shown(reader.names)}; expected are {defaults}, or names in records.channels"
+        )
         raise CampaignError(files.folder / entry.file, what, message, channel=what)
     kept = {part: columns for part, columns in found.items() if part in ("frequency", "coherence", *form)}
     return kept, used

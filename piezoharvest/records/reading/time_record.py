@@ -50,7 +50,7 @@ class Reading:
                 self._find(channel)
         if len(self.columns.keys() - {"time"}) < 2:
             names = shown(files.reader(entry.file).names)
-            message = f"found no channel beside the drive, allowed is one or more (there are the columns {names})"
+            message = f"no channel was found beside the drive, at least one is needed (the columns are {names})"
             raise CampaignError(files.folder / entry.file, "", message)
         self.values = self._read()
 
@@ -89,10 +89,10 @@ class Reading:
         count = len(values[self.entry.drive])
         for channel, raw in values.items():
             if len(raw) != count:
-                message = f"found {len(raw)} samples, allowed are {count} as in the drive, {self.entry.drive}"
+                message = f"found {len(raw)} samples, but {count} in the drive, {self.entry.drive}"
                 raise self.error(channel, message)
             if raw.dtype.kind == "c":
-                raise self.error(channel, "found complex values, allowed are real ones")
+                raise self.error(channel, "found complex numbers, allowed are real numbers")
         if count < 2:
             raise self.error(self.entry.drive, f"found {count} samples, allowed are two or more")
         self._differ(values)
@@ -103,7 +103,9 @@ class Reading:
         for one, other in combinations((channel for channel in values if channel != "time"), 2):
             ohm = {one, other} == {"voltage", "current"} and self.shunt == Resistor(resistance=1.0)
             if np.array_equal(values[one], values[other]) and np.ptp(values[one]) > 0 and not ohm:
-                raise self.error(other, f"found the same samples as for {one}, allowed is a channel of its own")
+                raise self.error(
+                    other, f"its samples are the same as those of {one}, but each channel needs samples of its own"
+                )
 
     def signals(self) -> dict[str, Signal]:
         """All channels in SI units, "time" among them."""
@@ -131,15 +133,15 @@ class Reading:
                 return
             if stamps is None:
                 names = shown(self.files.reader(self.entry.file).names)
-                allowed = "allowed is a column time_s, another one in [channels], or sample_rate in the record"
-                raise self.error("time", f"found no time among the columns {names}, {allowed}")
+                needed = "give a column time_s, the name of another one in [channels], or sample_rate in the record"
+                raise self.error("time", f"there is no time among the columns {names}; {needed}")
             self.values["time"] = stamps
         raw = self.values["time"]
         time = self._si("time", raw)
         span = float(time[-1] - time[0])
         if rate is not None and span > 0 and abs((count - 1) / span / rate - 1) > _RATE_TOLERANCE:
-            allowed = f"allowed is what sample_rate says, {rate:.6g} Hz, or no such key"
-            raise self.error("time", f"found {(count - 1) / span:.6g} Hz, {allowed}")
+            stated = f"but sample_rate says {rate:.6g} Hz"
+            raise self.error("time", f"the time stamps have a sample rate of {(count - 1) / span:.6g} Hz, {stated}")
         second = span / float(raw[-1] - raw[0]) if span > 0 else 1.0
         even = even_times(raw, None if rate is None else 1.0 / (rate * second))
         if even is None:
@@ -149,7 +151,7 @@ class Reading:
         if even.coarse and rate is None:
             step = second * float(even.times[1] - even.times[0])
             found = f"found time stamps rounded to {second * even.unit:.3g} s, taken for even ones of {step:.6g} s"
-            message = f"{found}, allowed are stamps that would show a lost sample, or sample_rate"
+            message = f"{found}: a lost sample would not show; give finer stamps or sample_rate"
             self.findings.append(Finding("warning", "coarse time", self.file("time"), "time", (), message))
 
     def _stamps_of_format(self) -> np.ndarray | None:
@@ -160,8 +162,8 @@ class Reading:
             if own is not None and found is None and channel == self.entry.drive:
                 found = own
             elif own is not None and found is not None and not np.allclose(own[[0, -1]], found[[0, -1]], rtol=1e-9):
-                message = f"found samples from {own[0]:g} s to {own[-1]:g} s, allowed is the time base of the drive"
-                raise self.error(channel, f"{message}, {found[0]:g} s to {found[-1]:g} s")
+                message = f"its samples are from {own[0]:g} s to {own[-1]:g} s, but those of the drive"
+                raise self.error(channel, f"{message} from {found[0]:g} s to {found[-1]:g} s")
         return found
 
 

@@ -89,10 +89,10 @@ class Integrator:
             self._enter(0)
             for interval in range(len(self.drives)):
                 self.states[interval] = self.y
-                self._cross(interval)
+                self._integrate_interval(interval)
             self.states[-1] = self.y
 
-    def _cross(self, interval: int) -> None:
+    def _integrate_interval(self, interval: int) -> None:
         """Advance from one node to the next."""
         end, self.even = float(self.drive.nodes[interval + 1]), True
         self.force = float(self.drives[interval, 0])
@@ -132,7 +132,7 @@ class Integrator:
             self._fire(int(np.argmax(trial[2][2] / self.guard_sizes)))
             self._enter(interval + 1)
         elif self.stepper.stale:
-            self.stepper.draw_line(self.t, self.force, self.y)
+            self.stepper.linearise(self.t, self.force, self.y)
 
     def _try(self, interval: int, h: float) -> Trial:
         self.trials -= 1
@@ -142,8 +142,8 @@ class Integrator:
 
     def _shorten(self, h: float, error: float) -> None:
         """Recompute an outdated tangent, or else shorten the step according to an error of fourth order."""
-        if self.stepper.stale and self.stepper.drawn_at != self.t:
-            self.stepper.draw_line(self.t, self.force, self.y)
+        if self.stepper.stale and self.stepper.linearised_at != self.t:
+            self.stepper.linearise(self.t, self.force, self.y)
             return
         self.h = h * 0.5 ** (math.ceil(math.log2(error) / 4) if error < 1e6 else 5)
         if self.h < self.least:
