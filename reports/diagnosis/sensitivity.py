@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
@@ -21,10 +21,11 @@ from reports.diagnosis.varied import Key, Varied
 
 FACTORS = (0.7, 1.3)
 TABLE = {name: value for name, value in vars(thresholds).items() if isinstance(value, Threshold)}
-# Thresholds on which the residual tests themselves depend, beside their level.
+# Thresholds on which the residual tests themselves depend, beside their level, and the scales of start values.
 OF_TESTS = (
     "MIN_LINES", "SLOW_LINES", "MAX_CONSTANT_STEP", "MIN_CONSTANT_SHARE", "MIN_ROUNDING_ERROR", "MIN_SINE_SHARE",
 )  # fmt: skip
+OF_SCALES = ("MIN_SINE_SHARE", "MIN_TENSION", "MIN_LIMIT_GAIN", "MAX_PINNED_OFFSET", "MAX_SPIKE_SHARE", "NOISE_MARGIN")
 
 
 class Line(NamedTuple):
@@ -75,33 +76,47 @@ def _varied(name: str, close: set[Key]) -> Varied:
 def _remembered() -> Iterator[None]:
     """Fits, scores and residual tests that were made before are not made again, for one campaign."""
 
-    def roles(problem: Any) -> tuple:
-        return tuple((data.name, data.role, len(data)) for data in problem.data)
+    def roles(data: Any) -> tuple:
+        return tuple((each.name, each.role, len(each)) for each in data)
+
+    def values(names: Sequence[str]) -> tuple:
+        return tuple(float(getattr(thresholds, name)) for name in names)
+
+    def prepared(campaign: Any, role: str) -> tuple:
+        return roles(campaign.records), campaign.transducer.quasi_static, role
 
     def identified(campaign: Any, **options: Any) -> tuple:
-        records = tuple((record.name, record.role, len(record)) for record in campaign.records)
         near = options.pop("near", None)
-        return records, campaign.transducer.quasi_static, id(near), repr(options)
+        return roles(campaign.records), campaign.transducer.quasi_static, id(near), repr(options)
 
     def fitted(problem: Any, model: Any, own: Any = None, noise: Any = None, **options: Any) -> tuple:
         start = None if own is None else tuple(each.tobytes() for each in own)
         white = tuple(map(id, options.pop("white", None) or ()))
         plain = {name: float(value) for name, value in options.items()}
-        return roles(problem), repr(model), start, repr(noise), white, tuple(sorted(plain.items()))
+        return roles(problem.data), repr(model), start, repr(noise), white, tuple(sorted(plain.items()))
 
     def scored(problem: Any, found: Any, scales: Any, library: Any) -> tuple:
-        return roles(problem), id(found), repr(scales)
+        return roles(problem.data), id(found), repr(scales)
+
+    def scaled(data: Any, found: Any) -> tuple:
+        return roles(data), id(found), values(OF_SCALES)
+
+    def squared(problem: Any, found: Any) -> tuple:
+        return roles(problem.data), id(found)
 
     def tested(problem: Any, found: Any, drive_noise: bool = True) -> tuple:
-        return roles(problem), id(found), drive_noise, tuple(float(getattr(thresholds, name)) for name in OF_TESTS)
+        return roles(problem.data), id(found), drive_noise, values(OF_TESTS)
 
-    with (
-        patch.object(diagnosis, "identify", _memory(diagnosis.identify, identified)),
-        patch.object(candidate_fits, "fit", _memory(candidate_fits.fit, fitted)),
-        patch.object(validation, "fit", _memory(validation.fit, fitted)),
-        patch.object(candidate_fits, "scores", _memory(candidate_fits.scores, scored)),
-        patch.object(residual_tests, "run_tests", _memory(residual_tests.run_tests, tested)),
-    ):
+    keys = {
+        diagnosis: {"prepared": prepared, "identify": identified, "whitened_squares": squared},
+        validation: {"prepared": prepared, "fit": fitted},
+        candidate_fits: {"fit": fitted, "scores": scored, "campaign_scales": scaled},
+        residual_tests: {"run_tests": tested},
+    }
+    with ExitStack() as stack:
+        for module, some in keys.items():
+            for name, key in some.items():
+                stack.enter_context(patch.object(module, name, _memory(getattr(module, name), key)))
         yield
 
 
