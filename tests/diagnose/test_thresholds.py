@@ -13,6 +13,7 @@ from piezoharvest.diagnose.thresholds import Threshold
 from piezoharvest.identify import identifiability
 from reports.diagnosis import sensitivity
 from reports.diagnosis.trials import Trial, library_of, right
+from reports.kept import rows_of
 
 TABLE = {name: value for name, value in vars(thresholds).items() if isinstance(value, Threshold)}
 SOURCES = re.compile(r"(theory|source|choice|measured): ")
@@ -27,6 +28,12 @@ def test_a_threshold_decides_something_and_says_where_it_comes_from(name):
     assert one.decides
     assert SOURCES.match(one.source), one.source
     assert one.steady is None or one.steady[0] <= 1.0 <= one.steady[1]
+
+
+def test_ranges_are_those_that_were_measured():
+    rows = rows_of(Path(sensitivity.__file__).with_name("held_out.jsonl"))
+    for line in sensitivity.lines(rows):
+        assert TABLE[line.name].steady in (None, line.steady), line.name
 
 
 def test_a_threshold_of_identification_is_the_one_of_identification():
