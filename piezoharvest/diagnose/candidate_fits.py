@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from piezoharvest.description.effects import Effect
+from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.residual_tests import ResidualTest, failed_tests
 from piezoharvest.diagnose.score_tests import ScoredEffect, effect_parameters, extended, scores
 from piezoharvest.diagnose.start_values import CampaignScales, campaign_scales, displacement_of, drive_jitter
@@ -18,20 +19,14 @@ from piezoharvest.identify.fitting.levenberg_marquardt import MAX_ITERATIONS, NO
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import covariance, fit, inflation, inverse, linearised
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, prior_of
-from piezoharvest.identify.identifiability import MAX_RELATIVE_ERROR, size_of, undetermined
+from piezoharvest.identify.identifiability import size_of, undetermined
 from piezoharvest.identify.start_values.initial_hysteresis_state import search_initial_states
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
 from piezoharvest.predict.prediction import PredictionError
 
-MIN_DEVIATION = 0.4  # of a logarithm: a parameter so far from its nominal value may compensate for a missing effect
 FIT_TOLERANCE = 0.5  # of -2 ln L: predicted decrease at which a trial fit stops
 COARSE_FIT_TOLERANCE = 10.0  # the same, for a fit that only serves for scores
-MIN_DEVIATION_GAIN = 10.0  # of -2 ln L: smallest gain by which parameters are said to deviate from their nominal values
-CLOSE_COST = 6.0  # of -2 ln L: odds of twenty to one
 REMOVAL_ITERATIONS = 12  # iterations of a fit without one effect before its cost is compared
-MIN_STANDARD_ERRORS = 2.0  # standard errors: a smaller effect cannot be told from none, whatever its gain in cost
-# Of -2 ln L: with such a rise the effect is indispensable, however an unfinished fit would end.
-INDISPENSABLE_GAIN = 1e4
 
 
 @dataclass(frozen=True)
@@ -225,13 +220,13 @@ class CandidateFits:
         for k, p in enumerate(found.model.parameters):
             if p.scaling == "log" and p.path[0] != "effects":
                 back = p.inner(value_at(nominal, p.path)) - p.inner(value_at(found.model.transducer, p.path))
-                if abs(back) > MIN_DEVIATION:
+                if abs(back) > thresholds.MIN_DEVIATION:
                     places.append(k)
                     shifts.append(np.expm1(back))
         if not places:
             return []
         covariance = inverse(found.information + found.prior)[np.ix_(places, places)]
-        wanted = np.dot(shifts, np.linalg.solve(covariance, shifts)) > MIN_DEVIATION_GAIN
+        wanted = np.dot(shifts, np.linalg.solve(covariance, shifts)) > thresholds.MIN_DEVIATION_GAIN
         return [found.model.parameters[k] for k in places] if wanted else []
 
     def redetermine(self, now: EffectChange) -> EffectChange:
@@ -278,12 +273,11 @@ class CandidateFits:
         """Fit the model without the n-th effect, from the present values, and remember it."""
         less = _model_without(now.found.model, n)
         known = self._best_fits.get(_effect_keys(less))
-        aim = np.inf if known is None else known.cost + CLOSE_COST  # only a better fit matters
+        aim = np.inf if known is None else known.cost + thresholds.CLOSE_COST  # only a better fit matters
         nuisance = nuisance_for_model(self.problem, now.found.model, now.found.nuisance, less)
-        step = self._fit(
-            less, nuisance, now.found, aim=min(aim, now.cost + INDISPENSABLE_GAIN), most=REMOVAL_ITERATIONS
-        )
-        if step is not None and step.found.message == NOT_CONVERGED and step.cost < now.cost + INDISPENSABLE_GAIN:
+        indispensable = now.cost + thresholds.INDISPENSABLE_GAIN
+        step = self._fit(less, nuisance, now.found, aim=min(aim, indispensable), most=REMOVAL_ITERATIONS)
+        if step is not None and step.found.message == NOT_CONVERGED and step.cost < indispensable:
             step = self._fit(step.found.model, step.found.nuisance, step.found, aim=aim)
         self.remember(step)
 
@@ -330,7 +324,7 @@ class CandidateFits:
 
 def cost_to_reach(others: Sequence[EffectChange]) -> float:
     """Cost that another fit has to reach to be of interest beside these."""
-    return min((other.fair_cost for other in others), default=np.inf) + CLOSE_COST
+    return min((other.fair_cost for other in others), default=np.inf) + thresholds.CLOSE_COST
 
 
 def variance_inflation(found: Fit, n: int) -> float:
@@ -378,7 +372,7 @@ def _undetermined_places(found: Fit) -> list[int]:
     while places:
         std = np.sqrt(np.diag(covariance(found, fixed)))
         worst = max(places, key=lambda k: std[k] / size_of(found, k))
-        if std[worst] / size_of(found, worst) < MAX_RELATIVE_ERROR:
+        if std[worst] / size_of(found, worst) < thresholds.MAX_RELATIVE_ERROR:
             break
         fixed.append(worst)
         places.remove(worst)

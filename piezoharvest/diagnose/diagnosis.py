@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezoharvest.description.effects import Clipping, Effect
+from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.candidate_fits import CandidateFits, EffectChange, line_amplitude
-from piezoharvest.diagnose.drive_saturation import MAX_P_VALUE, SaturatedDrive, find_saturated_drive
+from piezoharvest.diagnose.preparation.drive_saturation import SaturatedDrive, find_saturated_drive
+from piezoharvest.diagnose.preparation.voltage_offset import voltage_is_off
 from piezoharvest.diagnose.residual_tests import ResidualTest, whitened_squares
 from piezoharvest.diagnose.score_tests import is_line
 from piezoharvest.diagnose.stepwise_selection import (
-    MIN_SHARE_OF_INITIAL,
-    MIN_SHARE_OF_PRESENT,
     Search,
     Searcher,
     excess_of,
@@ -28,11 +28,10 @@ from piezoharvest.diagnose.validation import (
     with_fitted,
     worst_record,
 )
-from piezoharvest.diagnose.voltage_offset import voltage_is_off
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import covariance
 from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.identify.identifiability import MAX_RELATIVE_ERROR, experiment, relative_error
+from piezoharvest.identify.identifiability import experiment, relative_error
 from piezoharvest.identify.identification import (
     Estimate,
     Identification,
@@ -49,10 +48,6 @@ from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.campaign import Campaign
 
 OFFSET_CHANNELS = ("displacement",)  # channels whose origin is arbitrary: where the sensor was mounted
-MAX_DEVIATION = 5.0  # times, or divided by, its nominal value: a parameter beyond compensates for something missing
-NOISE_DEVIATIONS = 3.0  # standard deviations above which a sum of squares is not noise alone
-# Of the initial excess over noise: the drive's noise and its motion between samples may explain 3 % of an amplitude.
-MIN_EXPLAINED_SHARE = 1e-3
 MIN_EXCESS = 9.0  # of the sum of squares: a smaller excess may be chance and is not divided between effects
 
 
@@ -180,7 +175,7 @@ def diagnose(
 def _with_saturation(cut: SaturatedDrive, rest: Diagnosis) -> Diagnosis | None:
     """Diagnosis of the campaign up to the saturation, with it as an effect; None if the saturation did no harm."""
     p_value, share = cut.harm(rest.before, rest.search.final)
-    if p_value > MAX_P_VALUE:
+    if p_value > thresholds.MAX_HARMLESS_P_VALUE:
         return None
     unseen, (check,) = validated(cut.measured, rest.before, [rest.before.found])
     named = Named(cut.effect, p_value, share, {"limit": (cut.effect.limit, None, "")}, spoils=False)
@@ -282,7 +277,7 @@ def _last_is_chance(trials: CandidateFits, search: Search, named: Sequence[Named
     """True if no test fails without the last effect, and the effect is weak or makes unseen records worse."""
     without = search.before_last
     if not named or not (
-        named[-1].spoils or without.cost - search.final.cost < MIN_EXPLAINED_SHARE * excess_of(search.base)
+        named[-1].spoils or without.cost - search.final.cost < thresholds.MIN_EXPLAINED_SHARE * excess_of(search.base)
     ):
         return False
     # A model that has no solution without the effect is replaced by the next larger one.
@@ -300,15 +295,16 @@ def _last_is_idle(search: Search, named: Sequence[Named], squares: Sequence[tupl
     if not named or named[-1].spoils or without == with_it:
         return False  # it is reported as spoiling, or there is no solution without it
     (first, count), (before, _), (after, _) = squares[0], squares[-2], squares[-1]
-    scatter = NOISE_DEVIATIONS * np.sqrt(2.0 * count)
+    scatter = thresholds.NOISE_DEVIATIONS * np.sqrt(2.0 * count)
     return before - after < min(
-        MIN_SHARE_OF_INITIAL * (first - count - scatter), MIN_SHARE_OF_PRESENT * (before - count - scatter)
+        thresholds.MIN_SHARE_OF_INITIAL * (first - count - scatter),
+        thresholds.MIN_SHARE_OF_PRESENT * (before - count - scatter),
     )
 
 
 def _is_implausible(estimate: Estimate) -> bool:
     """True if a parameter is so far from its nominal value that it compensates for something missing."""
-    return not 1.0 / MAX_DEVIATION < estimate.value / estimate.nominal < MAX_DEVIATION
+    return not 1.0 / thresholds.MAX_DEVIATION < estimate.value / estimate.nominal < thresholds.MAX_DEVIATION
 
 
 def _verdict(missing: bool, named: Sequence[Named], alternatives: Sequence) -> str:
@@ -357,7 +353,7 @@ def _named(problem: Problem, search: Search, n: int, squares: Sequence[tuple[flo
 
 def _noise_squares(squares: float, count: float) -> float:
     """Part of a sum of squares that noise may explain: all of it, if it may be noise alone."""
-    return squares if squares < count + NOISE_DEVIATIONS * np.sqrt(2.0 * count) else count
+    return squares if squares < count + thresholds.NOISE_DEVIATIONS * np.sqrt(2.0 * count) else count
 
 
 def _estimates(before: Identification, final: Fit):
@@ -374,7 +370,7 @@ def _estimates(before: Identification, final: Fit):
         value = float(np.real(value_at(final.model.transducer, estimate.parameter.path)))
         slope = estimate.parameter.slope(estimate.parameter.inner(value))
         error = float(slope * std[k])
-        identifiable = relative_error(value, error) < MAX_RELATIVE_ERROR
+        identifiable = relative_error(value, error) < thresholds.MAX_RELATIVE_ERROR
         yield replace(
             estimate, value=value, std=error, identifiable=identifiable, combination="",
             experiment="" if identifiable else experiment(estimate.parameter),

@@ -17,6 +17,7 @@ from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.likelihood import Whitener, spectra_of
 from piezoharvest.identify.fitting.model import Model, residual_blocks
 from piezoharvest.identify.noise.drive_denoising import denoised
+from piezoharvest.identify.noise.spectra import first_lines
 from piezoharvest.predict.drive import drive_of
 from piezoharvest.predict.prediction import PredictionError
 
@@ -28,7 +29,7 @@ _NOISY_DRIVES: WeakKeyDictionary[Data, tuple[float, list[np.ndarray]]] = WeakKey
 def drive_noise_variance(
     data: Data, white: Whitener, model: Model, nuisance: np.ndarray, sigma: float, edges: np.ndarray
 ) -> np.ndarray:
-    """Variance of whitened residuals in excess of one, (bands, channels), in bands between frequencies `edges` in Hz.
+    """Variance of whitened residuals in excess of one, (bands, channels), between `edges` in cycles per sample.
 
     By simulation: noise is added to the denoised drive, which is then denoised again. Realisations with other jumps, or
     that the model cannot follow, are left out.
@@ -49,8 +50,7 @@ def drive_noise_variance(
                 count = len(residual)
                 off = residual - plain[begin] + white.passes((noisy - true)[begin : begin + count])
                 squares = 0.5 * np.abs((white.of(count) @ spectra_of(off)[:, :, None])[:, :, 0]) ** 2
-                places = np.searchsorted(np.fft.rfftfreq(count, data.setting.sample_time), edges)
-                for band, (low, high) in enumerate(pairwise(places)):
+                for band, (low, high) in enumerate(pairwise(first_lines(edges, count))):
                     found[band] += squares[low:high].sum(axis=0)
                     counts[band] += high - low
     return found / np.maximum(counts, 1.0)[:, None]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -10,6 +11,7 @@ from functools import cached_property, partial
 import numpy as np
 from scipy.stats import chi2
 
+from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.drive_noise import drive_noise_variance
 from piezoharvest.diagnose.residual_regression import square_terms
 from piezoharvest.identify.fitting.data import Data
@@ -20,18 +22,13 @@ from piezoharvest.identify.fitting.measured_responses import FrequencyData, Resp
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.noise.noise_model import initial_noise, rounding
-from piezoharvest.identify.noise.spectra import in_time
+from piezoharvest.identify.noise.spectra import first_lines, in_time
 
-SIGNIFICANCE_LEVEL = 1e-5  # significance level of a residual test, corrected for the number of tests
 MAX_HARMONIC = 12
 LINE_SEPARATION = 3  # lines between the compared ones: the window of a network analyser correlates neighbours
-MIN_LINES = 20  # lines; shorter spectra are not tested
-# Hz: below it a rounding sensor that reads a constant load is off by a constant, which is no noise.
-SLOW_FREQUENCY = 1.5
-MAX_CONSTANT_STEP = 1e-5  # of the drive's range per sample: a drive that moves less is constant
-MIN_CONSTANT_SHARE = 0.3  # share of the samples at which a drive is constant, above which rounding is tested
-MIN_ROUNDING_ERROR = 0.01  # of the noise: rounding errors above it are felt
-BAND_EDGES = np.array([0.0, 0.25, 0.6, 1.5, 4.0, 10.0, 25.0, 60.0, 150.0])  # Hz, edges
+# Cycles per sample: edges of bands in two decades, and so on in those below, down to the lines of a record.
+BAND_EDGES = np.array([0.15, 0.06, 0.025, 0.01, 0.004])
+FIRST_BAND_LINES = 2.0  # lines below the second edge
 BURST_SAMPLES = 8  # samples
 NOISE_BAND_START = 0.5  # share of the band above which the spectrum shows noise alone
 
@@ -107,6 +104,14 @@ class ResidualBlock:
         return np.fft.rfftfreq(len(self.residual), self.data.setting.sample_time)
 
     @cached_property
+    def bands(self) -> list[tuple[float, float, slice]]:
+        """Lower and upper edge in Hz, and lines, of each band in which the residual is tested."""
+        edges, count = band_edges(len(self.data)), len(self.residual)
+        hertz = edges / self.data.setting.sample_time
+        lines = itertools.starmap(slice, itertools.pairwise(first_lines(edges, count)))
+        return [(*ends, part) for ends, part in zip(itertools.pairwise(hertz.tolist()), lines, strict=True)]
+
+    @cached_property
     def noise_level(self) -> np.ndarray:
         """Standard deviation of the noise (f, channels) in this record, in units of that over all records.
 
@@ -115,14 +120,18 @@ class ResidualBlock:
         upper = self.spectrum[int(NOISE_BAND_START * len(self.spectrum)) : -1]
         variance = np.tile(np.maximum(0.5 * (np.abs(upper) ** 2).mean(axis=0), 1.0), (len(self.spectrum), 1))
         if self.scatter is not None:
-            bands = np.searchsorted(BAND_EDGES, self.frequencies, "right") - 1
-            variance += np.vstack([self.scatter, np.zeros(len(self.data.channels))])[bands]
+            for (_, _, part), added in zip(self.bands, self.scatter, strict=True):
+                variance[part] += added
         return np.sqrt(variance)
 
     @cached_property
     def normalised(self) -> np.ndarray:
         """Spectrum with each channel divided by its noise level in this record."""
         return self.spectrum / self.noise_level
+
+    def squares(self, lines: slice) -> list[float]:
+        """Sum of squares of some lines in units of the noise, for each channel."""
+        return (np.abs(self.normalised[lines]) ** 2).sum(axis=0).tolist()
 
     def rounding_variance(self, line: int) -> np.ndarray:
         """Variance that rounding adds to the parts of one line of the levelled spectrum, (channels,).
@@ -136,6 +145,12 @@ class ResidualBlock:
         matrices = self.white.of(len(self.residual))
         scatter = self.white.scatter(predicted, parts.reshape(*parts.shape[:2], -1), matrices)
         return np.diag(scatter).reshape(-1, 2).mean(axis=1) / self.noise_level[line] ** 2
+
+
+def band_edges(count: int) -> np.ndarray:
+    """Edges of the bands in which a record of `count` samples is tested, in cycles per sample, increasing."""
+    below = np.concatenate([BAND_EDGES * 100.0**-decades for decades in range(5)])
+    return np.concatenate([[0.0], below[below * count >= FIRST_BAND_LINES][::-1]])
 
 
 def blocks_of(problem: Problem, found: Fit) -> Iterator[ResidualBlock]:
@@ -162,7 +177,7 @@ def _blocks(
     """Blocks of a record, with the variance added by the noise of its drive if wanted."""
     sigma, scatter = found.noise.sigma, None
     if drive_noise and isinstance(data, Data) and isinstance(white, Whitener) and data.drive in sigma:
-        scatter = drive_noise_variance(data, white, found.model, nuisance, sigma[data.drive], BAND_EDGES)
+        scatter = drive_noise_variance(data, white, found.model, nuisance, sigma[data.drive], band_edges(len(data)))
     return list(_record_blocks(found.model, data, nuisance, white, scatter))
 
 
@@ -190,32 +205,24 @@ def run_tests(problem: Problem, found: Fit, *, drive_noise: bool = True) -> list
     return sorted(places, key=lambda place: (place.p_value, -place.excess))
 
 
-def _real_values(part: np.ndarray, frequencies: np.ndarray) -> int:
-    """Number of real values in some lines: the line at zero frequency is real."""
-    return 2 * len(part) - int(np.sum(frequencies == 0))
-
-
 def _band_tests(blocks: Sequence[ResidualBlock]) -> list[ResidualTest]:
     found = []
-    pooled: dict[tuple[int, str], list[float]] = {}
+    pooled: dict[tuple[str, str], list[float]] = {}
     for block in blocks:
-        data, frequencies, spectrum = block.data, block.frequencies, block.normalised
+        data = block.data
         rounded = _rounded_at_constant_drive(data)
-        for k, (low, high) in enumerate(itertools.pairwise(BAND_EDGES)):
-            part = (frequencies >= low) & (frequencies < high)
-            if not part.any():
-                continue
-            for c, channel in enumerate(data.channels):
-                squares = float((np.abs(spectrum[part, c]) ** 2).sum())
-                count = _real_values(spectrum[part, c], frequencies[part])
-                if high <= SLOW_FREQUENCY and channel in rounded:
+        for low, high, part in block.bands:
+            count = 2 * (part.stop - part.start) - (part.start == 0)  # the line at zero frequency is real
+            where = f"{low:.4g} to {high:.4g} Hz"
+            for channel, squares in zip(data.channels, block.squares(part), strict=True):
+                if count < 1 or (part.stop <= thresholds.SLOW_LINES and channel in rounded):
                     continue
-                found.append(ResidualTest(f"{low:g} to {high:g} Hz", data.name, channel, squares, count))
-                total = pooled.setdefault((k, channel), [0.0, 0.0])
+                found.append(ResidualTest(where, data.name, channel, squares, count))
+                total = pooled.setdefault((where, channel), [0.0, 0.0])
                 total[0] += squares
                 total[1] += count
-    for (k, channel), (squares, count) in pooled.items():
-        found.append(ResidualTest(f"{BAND_EDGES[k]:g} to {BAND_EDGES[k + 1]:g} Hz", "all", channel, squares, count))
+    for (where, channel), (squares, count) in pooled.items():
+        found.append(ResidualTest(where, "all", channel, squares, count))
     return found
 
 
@@ -224,14 +231,14 @@ def _rounded_at_constant_drive(data: Data) -> set[str]:
     constant_share = float(
         np.mean(
             np.abs(np.gradient(data.record[data.drive] - data.rest))
-            < MAX_CONSTANT_STEP * np.ptp(data.record[data.drive])
+            < thresholds.MAX_CONSTANT_STEP * np.ptp(data.record[data.drive])
         )
     )
     found = set()
-    for channel in data.channels if constant_share > MIN_CONSTANT_SHARE else ():
+    for channel in data.channels if constant_share > thresholds.MIN_CONSTANT_SHARE else ():
         sigma = initial_noise(data.record[channel]) or 1.0
         error = rounding(data.record[channel], data.sigma.get(channel, sigma))
-        if max(error.size, error.second) > MIN_ROUNDING_ERROR * sigma:
+        if max(error.size, error.second) > thresholds.MIN_ROUNDING_ERROR * sigma:
             found.add(channel)
     return found
 
@@ -273,10 +280,10 @@ def _line_tests(blocks: Sequence[ResidualBlock]) -> list[ResidualTest]:
     kinds: dict[tuple[int, float, str], list[np.ndarray]] = {}
     for block in blocks:
         data, frequencies = block.data, block.frequencies
-        if len(frequencies) < MIN_LINES:
+        if len(frequencies) < thresholds.MIN_LINES:
             continue
         power = np.abs(block.normalised[1:-1]) ** 2
-        power[frequencies[1:-1] < SLOW_FREQUENCY] = 0.0  # covered by the bands
+        power[: math.ceil(thresholds.SLOW_LINES) - 1] = 0.0  # covered by the bands
         line = drive_frequency_of(data)
         if line is not None:
             multiple = frequencies[1:-1] / line
@@ -300,7 +307,7 @@ def _burst_tests(blocks: Sequence[ResidualBlock]) -> list[ResidualTest]:
     found = []
     for block in blocks:
         data, count = block.data, len(block.residual)
-        if len(block.frequencies) < MIN_LINES:
+        if len(block.frequencies) < thresholds.MIN_LINES:
             continue
         squares = np.lib.stride_tricks.sliding_window_view(in_time(block.normalised, count) ** 2, BURST_SAMPLES, axis=0)
         rest = squares.sum(axis=-1) - squares.max(axis=-1)
@@ -321,7 +328,7 @@ def _response_tests(problem: Problem, found: Fit) -> list[ResidualTest]:
     """Measured frequency responses, tested for correlation of the residual over frequency."""
     places = []
     for data in problem.data:
-        if not isinstance(data, FrequencyData) or len(data) < MIN_LINES:
+        if not isinstance(data, FrequencyData) or len(data) < thresholds.MIN_LINES:
             continue
         record, value = data.record, data.response(replace(found.model, parameters=()))[0]
         residual = (record.response - value) / data.sigma_of_lines
@@ -342,7 +349,7 @@ def drive_frequency_of(data: Data) -> float | None:
     power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
     peak = int(np.argmax(power))
     near = slice(max(peak - 2, 0), peak + 3)
-    if peak < 3 or power[near].sum() < 0.9 * power.sum():
+    if peak < 3 or power[near].sum() < thresholds.MIN_SINE_SHARE * power.sum():
         return None
     a, b, c = np.log(power[peak - 1 : peak + 2])
     shift = 0.5 * (a - c) / (a - 2.0 * b + c)
@@ -377,4 +384,4 @@ def failed_tests(problem: Problem, found: Fit, *, drive_noise: bool = True) -> t
 
 
 def _failed(places: Sequence[ResidualTest]) -> tuple[ResidualTest, ...]:
-    return tuple(place for place in places if place.p_value * len(places) < SIGNIFICANCE_LEVEL)
+    return tuple(place for place in places if place.p_value * len(places) < thresholds.TEST_LEVEL)

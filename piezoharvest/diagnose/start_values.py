@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import zoom_fft
 
+from piezoharvest.description.effects.sensing.mains_hum import NETWORKS
 from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.residual_tests import drive_frequency_of
 from piezoharvest.identify.fitting.data import Data, is_clipped
 from piezoharvest.identify.fitting.evaluation import map_records
@@ -20,14 +24,9 @@ from piezoharvest.identify.fitting.model import Model, drive_noise_response, res
 from piezoharvest.identify.noise.noise_model import Noise
 
 TIME_CONSTANTS = 6  # time constants over the plausible range
-_MAINS_FREQUENCIES = np.concatenate([mains + np.arange(-15, 16) * 0.02 for mains in (50.0, 60.0)])  # Hz
-MIN_TENSION = 0.01  # of the range of a force: tension below it is noise
+MAINS_DEVIATION = 0.3  # Hz: largest deviation of a network from 50 or 60 Hz at which its line is sought
+MAINS_STEP = 0.2  # of the lines of the longest block: step of that search
 LIMIT_OFFSETS = (0.0, 2.0, 4.0)  # standard deviations below the largest reading, where a saturation limit is tried
-MAX_PINNED_OFFSET = 2.0  # standard deviations: up to these where readings are constant at their extreme
-MIN_LIMIT_GAIN = 50.0  # smallest decrease of the sum of squares by a saturation limit
-MAX_TIME_CONSTANT = 3.0  # times the longest record: a slower relaxation is straight within a sixth of its amplitude
-MAX_SPIKE_SHARE = 2e-3  # share of the samples that may be spikes beyond a saturation limit
-NOISE_MARGIN = 6.0  # standard deviations by which noise may exceed a saturation limit
 
 
 @dataclass(frozen=True)
@@ -82,12 +81,12 @@ class CampaignScales:
 
     def resolves_time(self, time_constant: float) -> bool:
         """True if the records resolve a relaxation with this time constant: its curvature, and its samples."""
-        return self.sample_time < time_constant < MAX_TIME_CONSTANT * self.longest
+        return self.sample_time < time_constant < thresholds.MAX_TIME_CONSTANT * self.longest
 
     def separates_line(self, channel: str, frequency: float) -> bool:
-        """True if some record separates a line from the harmonics of its drive, which any nonlinearity generates."""
+        """True if some record separates a line from zero and the harmonics of its drive, which nonlinearity makes."""
         return any(
-            not line or abs(frequency - round(frequency / line) * line) > apart
+            abs(frequency - (round(frequency / line) * line if line else 0.0)) > apart
             for line, apart in self.harmonics.get(channel, ())
         )
 
@@ -169,9 +168,9 @@ def _compliance(data: Data, transducer: Transducer) -> float:
 def _range_of_limit(records: Sequence[Data], sigma: float, channel: str) -> tuple[float, float]:
     """Lowest and highest possible saturation limit of a channel."""
     sizes = np.sort(np.abs(np.concatenate([each.record[channel] for each in records if channel in each.channels])))
-    return float(sizes[-1 - int(MAX_SPIKE_SHARE * len(sizes))]) - NOISE_MARGIN * sigma, float(
+    return float(sizes[-1 - int(thresholds.MAX_SPIKE_SHARE * len(sizes))]) - thresholds.NOISE_MARGIN * sigma, float(
         sizes[-1]
-    ) + NOISE_MARGIN * sigma
+    ) + thresholds.NOISE_MARGIN * sigma
 
 
 def _drive_frequencies(records: Sequence[Data]) -> dict[str, tuple[tuple[float, float], ...]]:
@@ -186,7 +185,7 @@ def _drive_frequencies(records: Sequence[Data]) -> dict[str, tuple[tuple[float, 
 
 def _has_tension(force: np.ndarray) -> bool:
     """True if a force is tensile at some time by more than noise about zero."""
-    return bool(force.min() < -MIN_TENSION * np.ptp(force))
+    return bool(force.min() < -thresholds.MIN_TENSION * np.ptp(force))
 
 
 def _time_constant_range(data: Sequence[Data | FrequencyData]) -> tuple[float, float]:
@@ -226,7 +225,8 @@ def _candidate_limits(blocks: Sequence[_BlockResidual], sigma: float, channel: s
         gains += np.sum(((residual - drive_noise) ** 2 - (measured - cut) ** 2) / sigma**2, axis=1)
     return tuple(
         limits[
-            (gains > MIN_LIMIT_GAIN) | (is_clipped(together) & (np.array(LIMIT_OFFSETS) <= MAX_PINNED_OFFSET))
+            (gains > thresholds.MIN_LIMIT_GAIN)
+            | (is_clipped(together) & (np.array(LIMIT_OFFSETS) <= thresholds.MAX_PINNED_OFFSET))
         ].tolist()
     )
 
@@ -234,23 +234,28 @@ def _candidate_limits(blocks: Sequence[_BlockResidual], sigma: float, channel: s
 def _mains_frequencies(blocks: Sequence[_BlockResidual]) -> dict[str, tuple[float, ...]]:
     """Mains frequencies of the channels, which differ slightly from the nominal ones."""
     power: dict[str, np.ndarray] = {}
-    for lines, (data, *_) in zip(map_records(_lines_near_mains, blocks), blocks, strict=True):
+    longest = max((len(block.residual) * block.data.setting.sample_time for block in blocks), default=np.inf)
+    steps = max(round(MAINS_DEVIATION * longest / MAINS_STEP), 1) if blocks else 1
+    for lines, (data, *_) in zip(map_records(partial(_lines_near_mains, steps), blocks), blocks, strict=True):
         for c, channel in enumerate(data.channels):
             power[channel] = power.get(channel, 0.0) + np.abs(lines[:, c]) ** 2
         # Hum on the measured drive appears in all channels.
         power[data.drive] = power.get(data.drive, 0.0) + (np.abs(lines) ** 2).sum(axis=1)
-    half = len(_MAINS_FREQUENCIES) // 2
     return {
-        channel: (
-            float(_MAINS_FREQUENCIES[np.argmax(some[:half])]),
-            float(_MAINS_FREQUENCIES[half + np.argmax(some[half:])]),
+        channel: tuple(
+            mains + MAINS_DEVIATION * float(np.argmax(part) - steps) / steps
+            for mains, part in zip(NETWORKS, np.split(some, len(NETWORKS)), strict=True)
         )
         for channel, some in power.items()
     }
 
 
-def _lines_near_mains(block: _BlockResidual) -> np.ndarray:
-    """Spectral lines near the mains frequencies of the residual less the drive's noise, (f, channels)."""
-    residual = block.residual - block.drive_noise
-    time = (block.begin + np.arange(len(residual))) * block.data.setting.sample_time
-    return np.exp(-2j * np.pi * _MAINS_FREQUENCIES[:, None] * time) @ (residual / residual.std(axis=0))
+def _lines_near_mains(steps: int, block: _BlockResidual) -> np.ndarray:
+    """Spectral lines of the residual less the drive's noise at so many steps to both sides of each network's frequency.
+
+    Shape (networks * (2 steps + 1), channels).
+    """
+    residual, nyquist = block.residual - block.drive_noise, 0.5 / block.data.setting.sample_time
+    residual /= residual.std(axis=0)
+    ranges = ((np.array([-1.0, 1.0]) * MAINS_DEVIATION + mains) / nyquist for mains in NETWORKS)
+    return np.concatenate([zoom_fft(residual, ends, 2 * steps + 1, endpoint=True, axis=0) for ends in ranges])

@@ -12,10 +12,8 @@ from typing import NamedTuple
 from scipy.stats import chi2
 
 from piezoharvest.description.effects import Effect
+from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.candidate_fits import (
-    CLOSE_COST,
-    INDISPENSABLE_GAIN,
-    MIN_STANDARD_ERRORS,
     CandidateFits,
     EffectChange,
     FitRecord,
@@ -30,22 +28,10 @@ from piezoharvest.diagnose.score_tests import ScoredEffect, effect_parameters, i
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.predict.prediction import PredictionError
 
-SIGNIFICANCE_LEVEL = 1e-4  # probability of a false alarm over all effects together
-# Times the level, for effects with more parameters: a fit of a time constant between two starts gains up to half more.
-PRELIMINARY_LEVEL_FACTOR = 30.0
-MAX_EFFECTS = 3  # effects that are added
-MIN_RELATIVE_SCORE = 0.15  # of the best score: smaller ones are not fitted
 FITS_PER_STAGE = 4  # full fits a stage
 FITS_AT_NOMINAL = 2  # full fits a stage against the model with deviating parameters at their nominal values
-MIN_SHARE_OF_INITIAL, MIN_SHARE_OF_PRESENT = (
-    0.05,
-    0.5,
-)  # of the sum of squares above noise, initial and present: smaller gains than both do not count
 STAGE_ITERATIONS = 6  # iterations after which a full fit waits for the others of its stage
-MIN_UNDOUBTED_GAIN = 100.0  # of -2 ln L, or of the Wald statistic: a smaller gain may be that of a better local minimum
-OUTSTANDING_SHARE = 0.3  # of the largest excess of a residual test: tests with more have to be explained
 UNEXPLAINED_MESSAGE = "what stands out is as it was: no effect of the library explains it"
-UNEXPLAINED_SHARE = 0.5  # of the excess of a residual test: a test that keeps more is not explained
 
 
 @dataclass(frozen=True)
@@ -149,7 +135,7 @@ class Searcher:
         trials = self.trials
         now, at_nominal = self._with_nominal_values(EffectChange(trials.base))
         first, found = trials.scores(now), _SearchState(now, at_nominal, [], [])
-        while len(found.now.effects) < self.given_effects + MAX_EFFECTS:
+        while len(found.now.effects) < self.given_effects + thresholds.MAX_EFFECTS:
             try:
                 more = self._add_effect(found)
             except PredictionError as error:  # the effects found so far can be simulated
@@ -184,7 +170,7 @@ class Searcher:
         better = self._restarted_without(now, after)
         if better is not None:
             level = self._p_value(better, after, trials.scores(now))
-            if level > SIGNIFICANCE_LEVEL:
+            if level > thresholds.SEARCH_LEVEL:
                 trials.progress(f"{after.effects[-1]} has only led to a better minimum without it")
                 return _SearchState(*self._with_nominal_values(better), found.levels, [], added=False)
         trials.progress(f"found {', '.join(after.effects)}")
@@ -197,11 +183,12 @@ class Searcher:
         The gain of a weak effect may be that of a better local minimum next to that of the earlier fit.
         """
         last = len(now.effects) - 1
-        if before.cost - now.cost > MIN_UNDOUBTED_GAIN and significance(now.found, last) > MIN_UNDOUBTED_GAIN:
+        undoubted = thresholds.MIN_UNDOUBTED_GAIN
+        if before.cost - now.cost > undoubted and significance(now.found, last) > undoubted:
             return None
         self.trials.fit_without(now, last)
         less = self.trials.best_without(now, last)
-        return less if less is not None and less.cost < before.cost - 1.0 else None
+        return less if less is not None and less.cost < before.cost - thresholds.MIN_IMPROVEMENT else None
 
     def _explains_enough(self, before: EffectChange, after: EffectChange) -> bool:
         """True if a new effect explains some of the initial excess over noise, or a good part of the present one.
@@ -209,9 +196,8 @@ class Searcher:
         Where much remains that no effect explains, any effect takes a little of it.
         """
         gain = before.cost - after.cost
-        return gain > MIN_SHARE_OF_INITIAL * excess_of(self.trials.base) or gain > MIN_SHARE_OF_PRESENT * excess_of(
-            before.found
-        )
+        initial, present = excess_of(self.trials.base), excess_of(before.found)
+        return gain > thresholds.MIN_SHARE_OF_INITIAL * initial or gain > thresholds.MIN_SHARE_OF_PRESENT * present
 
     def _with_nominal_values(self, now: EffectChange) -> tuple[EffectChange, EffectChange | None]:
         """A step, and the fit with its deviating parameters at their nominal values, if any deviate.
@@ -220,12 +206,12 @@ class Searcher:
         of an effect, no small step leads from one to the other.
         """
         at_nominal = self.trials.at_nominal(now)
-        if at_nominal is not None and now.effects and at_nominal.cost < now.cost + CLOSE_COST:
+        if at_nominal is not None and now.effects and at_nominal.cost < now.cost + thresholds.CLOSE_COST:
             # It fits as well with fewer parameters: the deviation was that of another local minimum, which is no lower.
             freed = self.trials.with_freed_parameters(at_nominal, now)
             if freed is not None and (
-                freed.cost < now.cost - CLOSE_COST
-                or (freed.cost < now.cost + CLOSE_COST and not self.trials.deviating(freed))
+                freed.cost < now.cost - thresholds.CLOSE_COST
+                or (freed.cost < now.cost + thresholds.CLOSE_COST and not self.trials.deviating(freed))
             ):
                 return self._with_nominal_values(self.trials.redetermine(freed))
         return now, at_nominal
@@ -238,9 +224,9 @@ class Searcher:
             return False
         after = self._excesses(now)
         return all(
-            after.get(key, 0.0) > UNEXPLAINED_SHARE * above
+            after.get(key, 0.0) > thresholds.UNEXPLAINED_SHARE * above
             for key, above in places.items()
-            if above > OUTSTANDING_SHARE * worst
+            if above > thresholds.OUTSTANDING_SHARE * worst
         )
 
     def _excesses(self, step: EffectChange) -> dict[tuple[str, str, str], float]:
@@ -260,8 +246,8 @@ class Searcher:
                 break
             tried = self._fit_stage(now, origin, tried)
             chances = {id(step): self._p_value(now, step, candidates) for step in tried}
-            if min(chances.values(), default=1.0) < SIGNIFICANCE_LEVEL:
-                tried = sorted(tried, key=lambda step: chances[id(step)] >= SIGNIFICANCE_LEVEL)
+            if min(chances.values(), default=1.0) < thresholds.SEARCH_LEVEL:
+                tried = sorted(tried, key=lambda step: chances[id(step)] >= thresholds.SEARCH_LEVEL)
                 gained = 0.0 if at_nominal is None else at_nominal.cost - now.cost
                 if origin is at_nominal or gained < candidates[0].score or not self.trials.deviating(tried[0]):
                     return tried
@@ -273,7 +259,7 @@ class Searcher:
         if not _any_promising(scored):
             return list(tried)
         for candidate in scored:
-            if candidate.score > MIN_RELATIVE_SCORE * scored[0].score and _is_promising(candidate, scored):
+            if candidate.score > thresholds.MIN_RELATIVE_SCORE * scored[0].score and _is_promising(candidate, scored):
                 chosen.setdefault(effect_key(candidate.effect), candidate.effect)
         more = list(tried)
         for effect in list(chosen.values())[: FITS_PER_STAGE if origin is now else FITS_AT_NOMINAL]:
@@ -327,7 +313,7 @@ class Searcher:
                 n += 1
                 continue
             p_value = float(chi2.sf(_deflated_gain(less, now, n), self._parameter_count(now.found, n)))
-            if p_value > SIGNIFICANCE_LEVEL:
+            if p_value > thresholds.SEARCH_LEVEL:
                 self.trials.progress(f"{now.effects[n]} is not needed any more")
                 now, levels = less, self._p_values_without(levels, n)
                 continue
@@ -347,11 +333,11 @@ class Searcher:
         """
         n = len(now.effects) - 1
         while n >= self.given_effects:
-            if standard_errors_from_zero(self.trials.problem, now.found, n) < MIN_STANDARD_ERRORS:
+            if standard_errors_from_zero(self.trials.problem, now.found, n) < thresholds.MIN_STANDARD_ERRORS:
                 less = self.trials.best_without(now, n)
                 if less is not None:
                     self.trials.progress(
-                        f"{now.effects[n]} is within {MIN_STANDARD_ERRORS:g} standard errors of nothing"
+                        f"{now.effects[n]} is within {thresholds.MIN_STANDARD_ERRORS:g} standard errors of nothing"
                     )
                     now, levels = less, self._p_values_without(levels, n)
                     n = len(now.effects)
@@ -367,10 +353,11 @@ class Searcher:
         if _indispensable(now, less):
             return None
         for candidate in self.trials.scores(less)[:3]:
-            if candidate.name == now.effects[n] or candidate.score < 0.8 * (less.cost - now.cost):
+            enough = thresholds.MIN_EXCHANGE_SCORE * (less.cost - now.cost)
+            if candidate.name == now.effects[n] or candidate.score < enough:
                 continue
             other = self.trials.extended(less, candidate.effect, now.fair_cost)
-            if other is not None and other.fair_cost < now.fair_cost - 1.0:
+            if other is not None and other.fair_cost < now.fair_cost - thresholds.MIN_IMPROVEMENT:
                 self.trials.progress(f"{candidate.name} instead of {now.effects[n]}")
                 return other
         return None
@@ -386,12 +373,13 @@ class Searcher:
             if less is None or _indispensable(now, less):
                 continue
             for candidate in self.trials.scores(less)[:4]:
-                if candidate.name not in now.effects and candidate.score > less.cost - now.cost - 3 * CLOSE_COST:
-                    other = self.trials.extended(less, candidate.effect, now.fair_cost + CLOSE_COST)
+                enough = less.cost - now.cost - 3 * thresholds.CLOSE_COST
+                if candidate.name not in now.effects and candidate.score > enough:
+                    other = self.trials.extended(less, candidate.effect, now.fair_cost + thresholds.CLOSE_COST)
                     pool += [other] if other is not None else []
         for step in pool:
             more = step.fair_cost - now.fair_cost
-            if more < CLOSE_COST and set(step.effects) != set(now.effects):
+            if more < thresholds.CLOSE_COST and set(step.effects) != set(now.effects):
                 key = frozenset(step.effects)
                 if key not in found or more < found[key][1]:
                     found[key] = (step, more)
@@ -405,7 +393,7 @@ def excess_of(found: Fit) -> float:
 
 def _indispensable(now: EffectChange, less: EffectChange) -> bool:
     """True if a fit without an effect was abandoned so far off that no other effect can take its place."""
-    return not less.found.converged and less.cost > now.cost + INDISPENSABLE_GAIN
+    return not less.found.converged and less.cost > now.cost + thresholds.INDISPENSABLE_GAIN
 
 
 def _deflated_gain(without: EffectChange, found: EffectChange, n: int) -> float:
@@ -422,5 +410,5 @@ def _is_promising(candidate: ScoredEffect, others: Sequence[ScoredEffect]) -> bo
     """True if one of so many candidates may be significant when it is fitted."""
     finds = len(effect_parameters([candidate.effect])) > 1
     return candidate.p_value * len(others) < (
-        PRELIMINARY_LEVEL_FACTOR * SIGNIFICANCE_LEVEL if finds else SIGNIFICANCE_LEVEL
+        thresholds.PRELIMINARY_LEVEL_FACTOR * thresholds.SEARCH_LEVEL if finds else thresholds.SEARCH_LEVEL
     )

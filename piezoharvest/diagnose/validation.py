@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.residual_tests import ResidualTest, failed_tests
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit, Whiteners
@@ -21,13 +22,7 @@ from piezoharvest.identify.noise.noise_model import Noise
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.campaign import Campaign
 
-# Of the sum of squares: a true effect makes unfitted records no worse than this, and than this share of its gain on
-# the fitted ones.
-MAX_RISE, MAX_RISE_OF_GAIN = 20.0, 0.1
 FIT_TOLERANCE = 0.1  # of -2 ln L: predicted decrease at which a fit stops
-MIN_EXCESS_RATIO = 10.0  # times the excess over noise of all fitted records
-# Of the sum of squares above noise: errors of fitted parameters explain far less in unfitted records.
-MIN_EXCESS = 100.0
 
 
 def validated(campaign: Campaign, before: Identification, found: Sequence[Fit]) -> tuple[Problem, list[Fit]]:
@@ -114,7 +109,7 @@ def _identified_nuisance(problem: Problem, before: Identification, model: Model)
 
 def failed_on(unseen: Problem, check: Fit) -> tuple[ResidualTest, ...]:
     """Failed residual tests of records that were not fitted, far in excess of noise."""
-    places = (place for place in failed_tests(unseen, check) if place.excess_squares > MIN_EXCESS)
+    places = (place for place in failed_tests(unseen, check) if place.excess_squares > thresholds.MIN_UNSEEN_EXCESS)
     return tuple(places) if any(data.role == "validate" for data in unseen.data) else ()
 
 
@@ -127,7 +122,7 @@ def dominant_record(before: Identification) -> str | None:
     above = {data.name: _excess(sums) for data, sums in zip(unseen.data, check.sums, strict=True)}
     name = max(above, key=lambda each: above[each])
     scatter = np.sqrt(2.0 * sum(float(sums.count.sum()) for sums in found.sums))
-    return name if above[name] > MIN_EXCESS_RATIO * max(sum(map(_excess, found.sums)), scatter) else None
+    return name if above[name] > thresholds.MIN_EXCESS_RATIO * max(sum(map(_excess, found.sums)), scatter) else None
 
 
 def _excess(sums: Sums) -> float:
@@ -152,4 +147,4 @@ def with_fitted(campaign: Campaign, name: str) -> Campaign:
 
 def spoils(before: float, after: float, gain: float) -> bool:
     """True if an effect with this gain on fitted records makes the others worse than chance would."""
-    return after > before + max(MAX_RISE, MAX_RISE_OF_GAIN * gain)
+    return after > before + max(thresholds.MAX_RISE, thresholds.MAX_RISE_OF_GAIN * gain)

@@ -1,7 +1,8 @@
-"""Single-threaded linear algebra, for small matrices for which threads cost time."""
+"""Threads: linear algebra without them, for small matrices for which they cost time; and cores for records."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from functools import cache, wraps
 from typing import ParamSpec, TypeVar
@@ -10,6 +11,13 @@ from threadpoolctl import ThreadpoolController
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+
+@cache
+def cores() -> int:
+    """Number of cores that this process may use."""
+    allowed = getattr(os, "sched_getaffinity", None)
+    return len(allowed(0)) if allowed else os.cpu_count() or 1
 
 
 def single_threaded(function: Callable[P, R]) -> Callable[P, R]:

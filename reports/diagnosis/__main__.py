@@ -1,4 +1,7 @@
-"""Run the trials that are not done yet, make the page: `python -m reports.diagnosis [--small | --page | --alone N]`."""
+"""Run the trials that are not done yet, make the page.
+
+`python -m reports.diagnosis [--small | --page | --alone N | --held-out]`
+"""
 
 from __future__ import annotations
 
@@ -9,12 +12,13 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import track
 
-from reports.diagnosis.plan import plan
+from reports.diagnosis import sensitivity
+from reports.diagnosis.plan import held_out, plan
 from reports.diagnosis.trials import Trial, attempt
 from reports.kept import rows_of, run
 
 HERE = Path(__file__).parent
-FILE, ALONE = HERE / "trials.jsonl", HERE / "alone.jsonl"
+FILE, ALONE, HELD_OUT = HERE / "trials.jsonl", HERE / "alone.jsonl", HERE / "held_out.jsonl"
 
 
 def main() -> int:
@@ -23,6 +27,7 @@ def main() -> int:
     parser.add_argument("--small", action="store_true", help="a few trials of each kind")
     parser.add_argument("--page", action="store_true", help="only make the page of what is done")
     parser.add_argument("--alone", type=int, default=0, help="diagnose those again that took longest, one at a time")
+    parser.add_argument("--held-out", action="store_true", help="held-out campaigns, with every threshold varied")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
     console = Console(stderr=True)
@@ -31,6 +36,10 @@ def main() -> int:
         todo = _slowest(options.alone)
         ALONE.unlink(missing_ok=True)
         runs = run(ALONE, attempt, todo, 1)
+    elif options.held_out:
+        done = {result["key"] for result in rows_of(HELD_OUT)}
+        todo = [trial for trial in held_out() if trial.key not in done]
+        runs = run(HELD_OUT, sensitivity.attempt, todo, options.workers)
     elif not options.page:
         done = {result["key"] for result in rows_of(FILE)}
         todo = [trial for trial in plan(small=options.small) if trial.key not in done]
@@ -40,7 +49,7 @@ def main() -> int:
     from reports.diagnosis.page import write_page
 
     results = rows_of(FILE)
-    print(write_page(results, HERE, rows_of(ALONE)))
+    print(write_page(results, HERE, rows_of(ALONE), rows_of(HELD_OUT)))
     return 1 if any(result["verdict"] == "failed" for result in results) else 0
 
 

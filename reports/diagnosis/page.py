@@ -17,13 +17,22 @@ import piezoharvest
 from piezoharvest.output import write_text
 from piezoharvest.report.figures import style
 from reports.diagnosis.figures import confusion_figure, coverage_figure, power_figure, time_figure
+from reports.diagnosis.sensitivity import TABLE, lines
 from reports.diagnosis.summary import STRONG, THEORY, Results, coverage, days, of_kind, power, share, size, smallest
 from reports.diagnosis.trials import DRAWS
 
 NAMES = list(DRAWS)
+HELD_OUT_KINDS = {
+    "single effects": "single",
+    "two effects at once": "pair",
+    "healthy specimens": "healthy",
+    "steps without a rise and a multisine": "ideal",
+    "effects that are not in the library": "withheld",
+    "faults that are not in the vocabulary": "foreign",
+}
 
 
-def write_page(results: Results, directory: Path, alone: Results = ()) -> Path:
+def write_page(results: Results, directory: Path, alone: Results = (), held_out: Results = ()) -> Path:
     """Write figures, results.json and, last, the page.
 
     Parameters
@@ -33,11 +42,13 @@ def write_page(results: Results, directory: Path, alone: Results = ()) -> Path:
     directory : Path
     alone : sequence of dict
         The same of trials that had the machine to themselves.
+    held_out : sequence of dict
+        As `sensitivity.attempt` gives them.
     """
     figures = {name: figure for name, figure in _figures(results) if figure is not None}
     for name, figure in figures.items():
         style.write_png(figure, directory / f"{name}.png")
-    numbers = {**summary(results), "alone": _alone(alone)}
+    numbers = {**summary(results), "alone": _alone(alone), "held_out": held_out_shares(held_out)}
     write_text(json.dumps(numbers, indent=1, allow_nan=False) + "\n", directory / "results.json")
     options: dict[str, Any] = {
         "autoescape": True,
@@ -48,8 +59,9 @@ def write_page(results: Results, directory: Path, alone: Results = ()) -> Path:
     environment = Environment(loader=FileSystemLoader(Path(__file__).parent), **options)
     css = resources.files("piezoharvest.report").joinpath("templates", "report.css").read_text(encoding="utf-8")
     text = environment.get_template("page.html.j2").render(
-        css=Markup(css), version=piezoharvest.__version__, figures=list(figures), wrong=list(_wrong(results)), **numbers
-    )
+        css=Markup(css), version=piezoharvest.__version__, figures=list(figures), wrong=list(_wrong(results)),
+        thresholds=list(lines(held_out)), table=TABLE, **numbers,
+    )  # fmt: skip
     write_text(text, directory / "index.html")
     return directory / "index.html"
 
@@ -84,6 +96,12 @@ def summary(results: Results) -> dict[str, Any]:
         "covered": inside / max(1, sum(count for _, count in covered.values())),
         "cpu_median": float(np.median(times)), "cpu_most": float(max(times)), "campaigns": len(results),
     }  # fmt: skip
+
+
+def held_out_shares(held_out: Results) -> dict[str, Any]:
+    """Right answers by kind and in all, of campaigns of which none was ever looked at."""
+    kinds = {name: share(some) for name, kind in HELD_OUT_KINDS.items() if (some := of_kind(held_out, kind))}
+    return {**kinds, "all": share(held_out)} if kinds else {}
 
 
 def _alone(alone: Results) -> dict[str, Any] | None:

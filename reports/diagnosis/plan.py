@@ -46,8 +46,28 @@ def plan(*, small: bool) -> list[Trial]:
         for n, name in enumerate(smooth)
         for sigma in WEAK
     ]
+    return _mixed(kinds) + faint
+
+
+def held_out() -> list[Trial]:
+    """Trials for which no code was ever changed: only their share of right answers is looked at, never one of them."""
+    names, faults = list(DRAWS), list(FAULTS)
+    pairs = _pairs(names)[::-1]
+    kinds = [
+        [Trial("single", (name,), _size(900_000 + n), 900_000 + n) for n, name in enumerate(names)],
+        [Trial("healthy", (), 0.0, 910_000 + k) for k in range(8)],
+        [Trial("pair", pairs[k], 30.0, 920_000 + k) for k in range(8)],
+        [Trial("withheld", (names[(4 * k) % len(names)],), 40.0, 930_000 + k) for k in range(5)],
+        [Trial("foreign", (faults[k],), FAULT, 940_000 + k) for k in range(4)],
+        [Trial("ideal", (names[2 * k],) if k else (), _size(950_000 + k) if k else 0.0, 950_000 + k) for k in range(5)],
+    ]
+    return _mixed(kinds)
+
+
+def _mixed(kinds: list[list[Trial]]) -> list[Trial]:
+    """Trials of all kinds, so that any first part of them has all kinds in proportion."""
     shares = [(k / len(trials), trial) for trials in kinds for k, trial in enumerate(trials)]
-    return [trial for _, trial in sorted(shares, key=lambda pair: pair[0])] + faint
+    return [trial for _, trial in sorted(shares, key=lambda pair: pair[0])]
 
 
 def _size(seed: int) -> float:

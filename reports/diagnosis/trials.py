@@ -16,11 +16,12 @@ from threadpoolctl import threadpool_limits
 
 from piezoharvest.bench import measure, write_campaign
 from piezoharvest.bench.measuring import BenchCampaign
-from piezoharvest.description.effects import registered
+from piezoharvest.description.effects import Effect, registered
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import Diagnosis, diagnose
 from piezoharvest.predict.parameters import value_at
 from piezoharvest.records import load_campaign
+from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.reading.channels import COLUMNS
 from piezoharvest.study import Study, load_study
 from reports.diagnosis.foreign import faulty
@@ -153,15 +154,24 @@ def _limit(measured: BenchCampaign, limit: float, channel: str) -> float:
     return low
 
 
+def library_of(trial: Trial) -> list[type[Effect]]:
+    """Effects that the diagnosis of a trial looks for."""
+    return [cls for name, cls in registered().items() if trial.kind != "withheld" or name not in trial.names]
+
+
+def read_back(measured: BenchCampaign) -> Campaign:
+    """Campaign as it is read from the files that the bench has written."""
+    with tempfile.TemporaryDirectory() as folder:
+        return load_campaign(write_campaign(measured, Path(folder) / "campaign"))
+
+
 def run(trial: Trial) -> dict[str, Any]:
     """Measure, write, read and diagnose a trial; what came out beside what stood on the bench."""
     measured, truth, tables = bench_of(trial)
-    with tempfile.TemporaryDirectory() as folder:
-        campaign = load_campaign(write_campaign(measured, Path(folder) / "campaign"))
-        library = [cls for name, cls in registered().items() if trial.kind != "withheld" or name not in trial.names]
-        cpu, wall = time.process_time(), time.perf_counter()
-        found = diagnose(campaign, library=library)
-        cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+    campaign = read_back(measured)
+    cpu, wall = time.process_time(), time.perf_counter()
+    found = diagnose(campaign, library=library_of(trial))
+    cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
     return {
         "key": trial.key, **asdict(trial), "diagnosed": datetime.now(UTC).isoformat(timespec="minutes"),
         "truth": tables, "cpu": cpu, "wall": wall, "verdict": found.verdict,

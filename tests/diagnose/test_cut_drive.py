@@ -7,7 +7,7 @@ from diagnose_runs import RECORDS, campaign
 
 from piezoharvest.description.effects import Clipping, Leakage
 from piezoharvest.diagnose import diagnose, diagnosis
-from piezoharvest.diagnose.drive_saturation import find_saturated_drive
+from piezoharvest.diagnose.preparation.drive_saturation import find_saturated_drive
 from piezoharvest.diagnose.summary import sentence
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.finding import Finding

@@ -5,8 +5,8 @@ import pytest
 
 from piezoharvest.description.effects import BiasCurrent, Leakage
 from piezoharvest.diagnose import diagnose
+from piezoharvest.diagnose.preparation.voltage_offset import voltage_is_off
 from piezoharvest.diagnose.summary import sentence
-from piezoharvest.diagnose.voltage_offset import voltage_is_off
 from piezoharvest.records import load_campaign
 
 METER = 1.0e6  # ohm

@@ -18,7 +18,8 @@ from piezoharvest.description.effects import (
 from piezoharvest.diagnose import diagnose
 from piezoharvest.diagnose.candidate_fits import CandidateFits, EffectChange
 from piezoharvest.diagnose.score_tests import extended
-from piezoharvest.diagnose.stepwise_selection import MAX_EFFECTS, MIN_UNDOUBTED_GAIN, Searcher
+from piezoharvest.diagnose.stepwise_selection import Searcher
+from piezoharvest.diagnose.thresholds import MAX_EFFECTS, MIN_UNDOUBTED_GAIN
 from piezoharvest.identify.fitting import levenberg_marquardt
 from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.identification import prepared

@@ -8,9 +8,9 @@ from diagnose_runs import RECORDS, STACK, campaign
 
 from piezoharvest.description.effects import Leakage
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.candidate_fits import CLOSE_COST
 from piezoharvest.diagnose.stepwise_selection import Searcher
 from piezoharvest.diagnose.summary import sentence
+from piezoharvest.diagnose.thresholds import CLOSE_COST
 
 
 def test_what_is_far_from_its_nominal_value_is_said(tmp_path):

@@ -7,8 +7,11 @@ import pytest
 
 from reports.diagnosis.page import NAMES, summary, write_page
 from reports.diagnosis.plan import WEAK, plan
+from reports.diagnosis.plan import held_out as held_out_plan
+from reports.diagnosis.sensitivity import TABLE, lines
 from reports.diagnosis.summary import confusion, coverage, power, smallest
 from reports.diagnosis.trials import DRAWS, Trial, effects_of
+from reports.diagnosis.varied import Varied
 from reports.kept import line_of
 
 
@@ -83,6 +86,58 @@ def test_page_says_how_long_those_took_that_had_the_machine_to_themselves(tmp_pa
     said = "the 3 that took longest were diagnosed again with both cores to themselves (2026-01-02)"
     assert said in page
     assert "11 s (median) and at most 22 s" in page
+
+
+def held_out(kind, right, **varied):
+    return {"key": kind, "kind": kind, "right": right, "varied": varied}
+
+
+def test_thresholds_on_held_out_campaigns(tmp_path):
+    """Of three campaigns one is lost with a smaller threshold, and one is won with a larger one."""
+    results = [
+        held_out("single", True, **{"CLOSE_COST 0.7": False, "CLOSE_COST 1.3": True}),
+        held_out("healthy", True, **{"MAX_RISE 1.3": True}),
+        held_out("healthy", False, **{"CLOSE_COST 1.3": True}),
+    ]
+    found = {line.name: line for line in lines(results)}
+    assert set(found) == set(TABLE)
+    assert found["CLOSE_COST"].right == (1, 2, 3)
+    assert (found["CLOSE_COST"].tried, found["CLOSE_COST"].changed) == (2, 2)
+    assert found["CLOSE_COST"].steady == (1.0, 1.0)
+    assert (found["MAX_RISE"].tried, found["MAX_RISE"].changed, found["MAX_RISE"].steady) == (1, 0, (0.7, 1.3))
+    page = write_page(RESULTS, tmp_path, held_out=results).read_text(encoding="utf-8")
+    assert "Right answers on the 3 held-out campaigns" in page
+    assert all(f"<code>{name}</code>" in page for name in TABLE)
+
+
+def test_held_out_campaigns_are_no_others():
+    others = {trial.seed for trial in plan(small=False)}
+    trials = held_out_plan()
+    assert len({trial.seed for trial in trials}) == len(trials) >= 40
+    assert not others & {trial.seed for trial in trials}
+    assert {trial.kind for trial in trials} == {"single", "pair", "healthy", "ideal", "withheld", "foreign"}
+
+
+def test_a_varied_number_knows_which_change_would_decide_otherwise():
+    close = set()
+    limit = Varied(10.0, {("limit", 0.7): 7.0, ("limit", 1.3): 13.0}, close)
+    factor = Varied(2.0, {("factor", 0.7): 1.4, ("factor", 1.3): 2.6}, close)
+    assert not np.float64(3.0) > limit
+    assert limit < 30.0
+    assert not close
+    assert np.float64(12.0) > limit
+    assert close == {("limit", 1.3)}
+    close.clear()
+    assert not np.float64(1.0) * limit * factor - 0.0 < 16.0
+    assert close == {("limit", 0.7), ("factor", 0.7)}
+    close.clear()
+    assert (np.array([5.0, 8.0]) > limit).tolist() == [False, False]
+    assert close == {("limit", 0.7)}
+    close.clear()
+    assert 1.0 / limit < 0.11
+    assert 5.0 - limit < -2.5
+    assert close == {("limit", 0.7)}
+    assert int(limit) == 10
 
 
 def test_rows_keep_what_their_numbers_say():

@@ -18,7 +18,11 @@ from piezoharvest.design.result import Bound
 
 # Intervals in the band and spacing near poles: refined until the certified and the reached value agree. Displacements,
 # which are differences of large parts, need finer meshes than powers.
-_MESHES = {"power": ((20, 0.25), (40, 0.12)), "peak": ((20, 0.12), (40, 0.08)), "mean_square": ((20, 0.12), (40, 0.08))}
+_MESHES = {
+    "power": ((20, 0.25), (40, 0.12), (60, 0.08)),
+    "peak": ((20, 0.12), (40, 0.08)),
+    "mean_square": ((20, 0.12), (40, 0.08)),
+}
 _BELOW, _ABOVE, _NEGLIGIBLE = 0.6, 1.6, 1e-3  # of the band; Re Z/|Z|
 _LOSSLESS = 1e-9  # Re Z/|Z|, below which rounding decides
 _AGREEMENT = 0.01

@@ -46,7 +46,7 @@ class Hats:
             found[far] = 2 / np.pi * ratio ** (orders + 1) @ moments
         return found
 
-    def _moment(self, order: int) -> np.ndarray:
+    def _moment(self, order: float) -> np.ndarray:
         """Int u^order f(u) du of each hat (n-2,) with u over the last node, which leaves out a factor of order + 1."""
         x = self.nodes / self.nodes[-1]
         return x ** (order + 2) @ self._kinks * self.nodes[-1] / ((order + 1) * (order + 2))

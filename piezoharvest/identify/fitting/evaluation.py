@@ -14,8 +14,7 @@ from piezoharvest.identify.fitting.measured_responses import FrequencyData, Resp
 from piezoharvest.identify.fitting.model import Model, prediction_of
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.noise.noise_model import Noise
-
-WORKERS = 2
+from piezoharvest.identify.threads import cores
 
 R = TypeVar("R")
 
@@ -55,8 +54,8 @@ def sums_of(
 
 
 def map_records(function: Callable[..., R], *each: Iterable) -> tuple[R, ...]:
-    """Results of a function for every record and its arguments, `WORKERS` at a time."""
-    with ThreadPoolExecutor(WORKERS) as pool:
+    """Results of a function for every record and its arguments, as many at a time as there are cores."""
+    with ThreadPoolExecutor(cores()) as pool:
         return tuple(pool.map(function, *each))
 
 

@@ -13,10 +13,11 @@ from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.model import Model, evaluated, residual_blocks
 from piezoharvest.identify.noise.noise_gain import gain_of, small_response
 from piezoharvest.identify.noise.noise_model import Noise, Rounding, rounding
-from piezoharvest.identify.noise.spectra import gram, in_time, line_spectra, parts, whitened
+from piezoharvest.identify.noise.spectra import first_lines, gram, in_time, line_spectra, parts, whitened
 from piezoharvest.predict.prediction import Prediction
 
-BAND_EDGES = np.array([0.0, 0.1, 0.3, 0.6, 1.2, 2.4, 5, 10, 20, 40, 80, 160, 320, 640, 1e9])  # Hz: bands of the colour
+# Cycles per sample: bands of the colour of residuals, from about an octave each down to a line of 10^4 samples.
+BAND_EDGES = np.array([0.0, 1e-4, 3e-4, 6e-4, 1.2e-3, 2.4e-3, 5e-3, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 1.0])
 MIN_ROUNDING_ERROR = 1e-3  # of the noise: smaller errors by rounding are neglected
 
 
@@ -126,8 +127,7 @@ class Whitener:
             white, rows = self._of(len(residual))
             predicted = self._data.part(begin, end) - residual
             rounded = (lambda D, x=predicted, W=white: self.scatter(x, D, W)) if scatter else None
-            frequencies = np.fft.rfftfreq(len(residual), self._data.setting.sample_time)
-            parts.append(_whitened(residual, slopes, rows, frequencies, rounded))
+            parts.append(_whitened(residual, slopes, rows, rounded))
         return reduce(add, parts)
 
     def left(self, model: Model, nuisance: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
@@ -176,13 +176,11 @@ def spectra_of(values: np.ndarray) -> np.ndarray:
     return np.moveaxis(line_spectra(np.moveaxis(values, 0, -1)), -1, 0)
 
 
-def _whitened(
-    residual, slopes, W: np.ndarray, frequencies: np.ndarray, scatter: Callable[[np.ndarray], np.ndarray] | None
-) -> Sums:
+def _whitened(residual, slopes, W: np.ndarray, scatter: Callable[[np.ndarray], np.ndarray] | None) -> Sums:
     """Sums of one block, by bands."""
     count, channels = residual.shape
     R, D = (whitened(W, line_spectra(np.moveaxis(values, 0, -1))) for values in (residual, slopes))
-    edges = np.searchsorted(frequencies, BAND_EDGES)
+    edges = first_lines(BAND_EDGES, count)
     P, bands = D.shape[1], len(BAND_EDGES) - 1
     sums = Sums.empty(P)
     if scatter is not None:

@@ -38,6 +38,14 @@ def components(count: int) -> np.ndarray:
     return found
 
 
+def first_lines(edges: np.ndarray, count: int) -> np.ndarray:
+    """First line at or above each edge, in cycles per sample, of the spectrum of `count` samples; at most its length.
+
+    An edge on a line counts as that line, whatever its rounding error.
+    """
+    return np.minimum(np.ceil(edges * count * (1.0 - 1e-9)), count // 2 + 1).astype(int)
+
+
 def line_spectra(values: np.ndarray) -> np.ndarray:
     """Spectra as those of `spectra_of`, along the last axis."""
     count = values.shape[-1]

@@ -36,5 +36,5 @@ class MainsHum(Effect):
     def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
         for channel in (*scales.channels, *scales.drives):
             for mains in scales.mains.get(channel, ()):
-                if mains < 0.45 / scales.sample_time:
+                if 1.0 / scales.longest < mains < 0.45 / scales.sample_time:
                     yield cls(amplitude=0.0, frequency=mains, channel=cast(Channel, channel))

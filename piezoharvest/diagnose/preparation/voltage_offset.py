@@ -12,13 +12,10 @@ from itertools import permutations
 import numpy as np
 
 from piezoharvest.description.shunts.linear.resistor import Resistor
+from piezoharvest.diagnose import thresholds
 from piezoharvest.identify.noise.noise_model import initial_noise
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.record import Record
-
-MIN_STANDARD_ERRORS = 5.0  # standard errors by which means have to differ
-MIN_NOISE_RATIO = 1.0  # times the noise of a sample: a smaller mean may be a slow effect of the specimen
-MIN_TIME_CONSTANTS = 10.0  # time constants of load and capacitance: shorter records have no steady mean
 
 
 def voltage_is_off(campaign: Campaign) -> bool:
@@ -31,12 +28,12 @@ def voltage_is_off(campaign: Campaign) -> bool:
         and isinstance(record.shunt, Resistor)
         and record.drive != "voltage"
         and "voltage" in record.signals
-        and record.duration > MIN_TIME_CONSTANTS * record.shunt.resistance * capacitance
+        and record.duration > thresholds.MIN_TIME_CONSTANTS * record.shunt.resistance * capacitance
     ]
     return any(
         small < large
-        and abs(one) > max(MIN_STANDARD_ERRORS * error, MIN_NOISE_RATIO * noise)
-        and abs(one) > abs(other) + MIN_STANDARD_ERRORS * (error + off)
+        and abs(one) > max(thresholds.MIN_OFFSET_ERRORS * error, thresholds.MIN_OFFSET_NOISE_RATIO * noise)
+        and abs(one) > abs(other) + thresholds.MIN_OFFSET_ERRORS * (error + off)
         for (small, one, error, noise), (large, other, off, _) in permutations(means, 2)
     )
 

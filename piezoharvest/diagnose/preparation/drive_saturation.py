@@ -8,6 +8,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from piezoharvest.description.effects import Clipping
+from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.residual_tests import whitened_squares
 from piezoharvest.diagnose.validation import validated
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
@@ -15,9 +16,6 @@ from piezoharvest.identify.identification import Identification
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.finding import Finding, index_of
 from piezoharvest.records.record import FrequencyRecord, Record
-
-MIN_SAMPLES = 64  # fewest samples before the saturation that are worth a fit
-MAX_P_VALUE = 1e-5  # p-value of the residual after the saturation, below which it did harm
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +73,7 @@ def find_saturated_drive(campaign: Campaign) -> SaturatedDrive | None:
             continue
         cut.append(record)
         limits.setdefault(record.drive, []).append(abs(float(record[record.drive][first])))
-        if first >= MIN_SAMPLES:
+        if first >= thresholds.MIN_SAMPLES:
             kept.append(record.beginning(first))
             findings.append(found)
     if not cut or not any(record.role == "fit" for record in kept):
