@@ -1,5 +1,6 @@
 """SPICE export: the netlists run in ngspice, and say the same as phasors, formulas of the literature and the engine."""
 
+import itertools
 import re
 
 import numpy as np
@@ -36,6 +37,11 @@ EFFECTS = {
     "bias_current": {"current": 2e-6},
     "load_error": {"relative_error": 0.3},
 }
+
+# All effects at once in every circuit, and each by itself in one of them: the first shows that something is wrong in a
+# circuit, the second which effect it is.
+CIRCUITS = ["resistor", "rectifier", "parallel_sshi"]
+OF_EFFECTS = [*(("all", kind) for kind in CIRCUITS), *zip(EFFECTS, itertools.cycle(CIRCUITS))]
 
 LINEAR = {
     "open": {"kind": "open"},
@@ -206,8 +212,7 @@ class TestAgainstEngine:
         study = bench({**LINEAR, **SWITCHED}[kind], DRIVE, **DAMPED, hysteresis=stops)
         compare_with_engine(study, 5e-3)
 
-    @pytest.mark.parametrize("kind", ["resistor", "rectifier", "parallel_sshi"])
-    @pytest.mark.parametrize("effect", [*EFFECTS, "all"])
+    @pytest.mark.parametrize(("effect", "kind"), OF_EFFECTS)
     def test_effects(self, effect, kind):
         effects = EFFECTS if effect == "all" else {effect: EFFECTS[effect]}
         drive = {**DRIVE, "offset": 0.01} if kind == "rectifier" else DRIVE

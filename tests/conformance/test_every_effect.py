@@ -342,9 +342,16 @@ def solved_by_the_bench(names, load, excitation, times):
     return integrate(model, excitation, times)
 
 
-@pytest.mark.parametrize("table", [PRELOADED, STEP], ids=["preloaded sine", "step"])
-@pytest.mark.parametrize("load", LOADS, ids=lambda load: load["kind"])
-@pytest.mark.parametrize("names", CASES, ids=lambda names: names[0] if len(names) == 1 else "all at once")
+def of_pairs():
+    """Every effect with every load and with either drive, every load with either drive; all effects at once in all."""
+    drives = {"preloaded sine": PRELOADED, "step": STEP}
+    for (n, names), (m, load), (k, drive) in itertools.product(enumerate(CASES), enumerate(LOADS), enumerate(drives)):
+        if len(names) > 1 or (n + m + k) % 2 == 0:
+            label = names[0] if len(names) == 1 else "all at once"
+            yield pytest.param(names, load, drives[drive], id=f"{label}-{load['kind']}-{drive}")
+
+
+@pytest.mark.parametrize(("names", "load", "table"), of_pairs())
 def test_agrees_with_the_virtual_bench(names, load, table):
     """From rest under the preload, with hysteresis, through conduction and slip."""
     study = bench_study(load, table, hysteresis=STOPS, effects={name: ORACLE[name] for name in names})
@@ -383,8 +390,13 @@ KINDS = ["resistor", "parallel_sshi", "sece"]
 @pytest.mark.parametrize("shunt", KINDS)
 @each_felt
 def test_many_designs_are_those_of_one(name, shunt):
-    """The strength from its null to twice the example's, where the null is within the bounds."""
+    """The strength from its null, where that is within the bounds, to twice the example's.
+
+    What bends takes much longer the more it does so: up to the example's.
+    """
     field, shares = REGISTERED[name].strength(), np.array([[0.0], [0.5], [1.0], [2.0]])
+    if name in BENDING:
+        shares = shares[:3]
     null, usual = field.metadata["null"], getattr(EXAMPLES[name], field.name)
     if not math.isfinite(null) or field.metadata.get("above") == null:
         shares = shares[1:]

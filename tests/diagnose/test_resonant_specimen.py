@@ -28,7 +28,7 @@ resistance = 42e3
 
 [bench]
 sample_rate = 1000.0
-duration = 3.0
+duration = 2.0
 seed = 3
 nominal_error = 0.1
 load_cell = { sensitivity = 40.0, noise = 2e-5 }
@@ -38,7 +38,7 @@ buffer = { gain = 0.5 }
 RECORDS = """
 [[bench.records]]
 load_resistance = 20e3
-excitation = { kind = "step_force", amplitude = 0.1, duration = 1.5, rise_time = 0.05 }
+excitation = { kind = "step_force", amplitude = 0.1, duration = 1.0, rise_time = 0.05 }
 
 [[bench.records]]
 excitation = { frequency = 44.0, amplitude = 0.03 }
@@ -56,7 +56,7 @@ kind = "multisine"
 amplitudes = [0.02, 0.02, 0.015, 0.01, 0.01, 0.02]
 frequencies = [0.7, 3.1, 12.3, 31.7, 46.3, 71.9]
 phases = [0.3, 1.9, 4.1, 2.2, 5.6, 0.9]
-duration = 3.0
+duration = 2.0
 """
 
 

@@ -115,7 +115,7 @@ def test_steady_state_is_that_of_a_long_run(shunt, stops):
     found = simulate(system, DRIVE)
     assert found.converged
     assert found.periods_evaluated < 12
-    cycles = 250
+    cycles = 150  # nine time constants of the structure, without what the shunt damps
     waited = simulate(system, DRIVE, transient=cycles / DRIVE.frequency, samples=40)
     last = waited.waveforms.displacement[-400:]
     assert 0.5 * np.ptp(last) == pytest.approx(0.5 * np.ptp(found.waveforms.displacement), rel=1e-3)

@@ -99,7 +99,7 @@ def test_transient_of_too_many_periods_is_refused():
     ("excitation", "transducer"),
     [
         ({"kind": "multisine", **{key: values[:100] for key, values in TONES.items()}, "duration": 1.0}, {}),
-        (DRIVE, {"hysteresis": {"thresholds": [2e-8 * k for k in range(1, 51)], "weights": [2e4] * 50}}),
+        (DRIVE, {"hysteresis": {"thresholds": [1e-7 * k for k in range(1, 51)], "weights": [2e4] * 50}}),
         (DRIVE, {"modes": [{**SECOND, "stiffness": 4e4 * k} for k in range(1, 51)]}),
     ],
     ids=["tones", "stops", "modes"],

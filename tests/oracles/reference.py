@@ -10,7 +10,9 @@ but ``network``. Not covered: effects, catalogue entries, random and recorded ex
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -55,6 +57,8 @@ class ReferenceResult:
     energy : dict
         Over the window, J: mechanical_in, damping, hysteresis, harvested, shunt_loss, source, stored (change of), and
         closure (relative).
+    half_ranges : dict of functions
+        By which the amplitudes are found when they are asked for: of all periods of ``steady`` those of the last only.
     change : float
         Largest change of any state over the window, relative to that state's largest value in it.
     periods, converged
@@ -75,14 +79,23 @@ class ReferenceResult:
     window: tuple[float, float]
     harvested_power: float
     mechanical_power: float
-    displacement_amplitude: float
-    voltage_amplitude: float
+    half_ranges: dict[str, Callable[[], float]]
     dc_voltage: float
     energy: dict[str, float]
     change: float
     periods: int = 0
     converged: bool = False
     section: _Section | None = None
+
+    @cached_property
+    def displacement_amplitude(self) -> float:
+        """Half of peak to peak."""
+        return self.half_ranges["displacement"]()
+
+    @cached_property
+    def voltage_amplitude(self) -> float:
+        """Half of peak to peak."""
+        return self.half_ranges["voltage"]()
 
     @property
     def closure(self) -> float:
@@ -118,7 +131,7 @@ class _Recorder:
     def sample(self, run: Run, y, piece, time: float) -> None:
         device, n = run.device, run.device.modes
         v, current = run.port(y)
-        x = sum(weight * y[i] for i, weight in enumerate(device.participation))
+        x = device.displacement(y)
         u = sum(weight * y[n + i] for i, weight in enumerate(device.participation))
         v_dc = run.circuit.dc(y[device.shunt_at : run.quad_at])
         self.rows.append((time, piece(time), x, u, v, -current, y[device.q_at], v_dc, *y[:n]))
@@ -233,8 +246,10 @@ def simulate(
         window=(start, end),
         harvested_power=energy["harvested"] / span,
         mechanical_power=energy["mechanical_in"] / span,
-        displacement_amplitude=recorder.half_range(lambda y: sum(w * y[i] for i, w in enumerate(device.participation))),
-        voltage_amplitude=recorder.half_range(device.electrode_voltage),
+        half_ranges={
+            "displacement": lambda: recorder.half_range(device.displacement),
+            "voltage": lambda: recorder.half_range(device.electrode_voltage),
+        },
         dc_voltage=(run.y[-1] - before[-1]) / span,
         energy=energy,
         change=section.change,

@@ -115,6 +115,10 @@ class Device:
         self.q_at = 2 * self.modes
         self.shunt_at = self.q_at + 1 + self.stops
 
+    def displacement(self, y) -> float:
+        """Sum of the modes by participation; ``y`` may also be a matrix of states in columns."""
+        return sum(weight * y[i] for i, weight in enumerate(self.participation))
+
     def electrode_voltage(self, y) -> float:
         """v_p = (q - sum T_i x_i)/C + sum w_j s_j; ``y`` may also be a matrix of states in columns."""
         strain_charge = sum(coupling * y[i] for i, coupling in enumerate(self.coupling))

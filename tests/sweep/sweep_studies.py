@@ -93,9 +93,9 @@ def study_of(folder, *texts):
     return load_study(write(folder, "".join(texts)))
 
 
-def start(folder, *arguments):
+def start(folder, *arguments, program=("-m", "piezoharvest")):
     """The command line as a process of its own."""
-    command = [sys.executable, "-m", "piezoharvest", "sweep", *map(str, arguments)]
+    command = [sys.executable, *program, "sweep", *map(str, arguments)]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     return subprocess.Popen(command, cwd=folder, preexec_fn=_heed_interrupts, **pipes)
 

@@ -142,10 +142,10 @@ def listening(answer=None):
                 connection.close()
 
 
-def refused(folder, address):
+def refused(folder, address, **options):
     """The one sentence about an address, said in time."""
     begun = time.monotonic()
-    status, out, err = finish(start(folder, "study.toml", "--out", "out.parquet", "--scheduler", address))
+    status, out, err = finish(start(folder, "study.toml", "--out", "out.parquet", "--scheduler", address, **options))
     took = time.monotonic() - begun
     assert (status, out) == (2, "")
     assert err.count("\n") == 1
@@ -185,11 +185,21 @@ def test_an_address_that_is_none(run, monkeypatch, address):
     assert os.listdir() == ["study.toml"]
 
 
+# The command line, which waits for a scheduler as long as above.
+HASTY = """\
+import sys
+from piezoharvest.cli import main
+from piezoharvest.sweep import cluster
+cluster._TIMEOUT = 0.5
+sys.exit(main(sys.argv[1:]))
+"""
+
+
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "inproc://127.0.0.1/1/2", "ucx://127.0.0.1:1"])
 def test_nothing_else_is_said_of_it(tmp_path, address):
     """By no package that is asked: what a process of its own shows."""
     write(tmp_path, LONG)
-    assert refused(tmp_path, address)[0] == no_scheduler(address)
+    assert refused(tmp_path, address, program=("-c", HASTY))[0] == no_scheduler(address)
 
 
 def test_the_address_of_a_worker_is_none(dask, tmp_path):
