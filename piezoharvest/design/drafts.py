@@ -29,6 +29,7 @@ FLIP_SHARE = 1 / 50  # of the period: short beside it, and still slow enough for
 STEADY_PERIODS, TRANSIENT_PERIODS = 100.0, 20.0
 NEGATIVE_SHARE = 0.5  # of the capacitance: doubles K^2, with as much again to the limit of stability
 _TUNED_UNITS = ("ohm", "H", "F")
+ANGLES = ("phase_lag",)  # fields that may be negative: they are not tuned as logarithms
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +60,11 @@ class Draft:
     def first(self) -> dict[str, float]:
         """Present values of the free fields."""
         return {name: getattr(self.shunt, name) for name in self.free}
+
+    @property
+    def tied(self) -> dict[str, str]:
+        """Fields that fall in proportion as a free field, the key, rises: the assumed smoothing capacitance."""
+        return {} if self.smoothing is None else {"load_resistance": "smoothing_capacitance"}
 
     def with_values(self, values: Mapping[str, Any]) -> Shunt:
         """The shunt with other values of its free fields; an assumed smoothing capacitance is scaled with the load."""
@@ -127,13 +133,22 @@ class Drafting:
         return Draft(shunt, self._free(shunt))
 
     def _free(self, shunt: Shunt) -> tuple[str, ...]:
-        """Fields to tune: all parts of linear circuits except active ones, and the load of a bridge."""
+        """Fields to tune: parts of linear circuits except active ones, the load of a bridge, the lag of a switch."""
+        names: list[str] = []
         if isinstance(shunt, Bridge):
-            return ("load_resistance",) if shunt.dc_voltage is None else ("dc_voltage",)
-        if not isinstance(shunt, LinearShunt):
-            return ()
-        active = [-state.storage for state in shunt.states(self.transducer.capacitance) if state.storage < 0]
-        return tuple(name for name in _parts(type(shunt)) if getattr(shunt, name) not in active)
+            names.append("load_resistance" if shunt.dc_voltage is None else "dc_voltage")
+        if isinstance(shunt, SynchronisedShunt) and self._lag_is_free:
+            names.append("phase_lag")
+        if isinstance(shunt, LinearShunt):
+            active = [-state.storage for state in shunt.states(self.transducer.capacitance) if state.storage < 0]
+            names += [name for name in _parts(type(shunt)) if getattr(shunt, name) not in active]
+        return tuple(name for name in names if name not in self.options.hold)
+
+    @property
+    def _lag_is_free(self) -> bool:
+        """True if the switches' lag is tuned: an angle of a sine, there is none under other excitations."""
+        wanted = self.options.phase_lag or ("free" if self.options.objective == "harvest" else "fixed")
+        return wanted == "free" and self.operation.apart
 
     def _assume(self, cls: type[Shunt], wanted: bool) -> list[Draft]:
         """Draft of a kind without a template, with typical values; empty where a value cannot be assumed."""
