@@ -87,6 +87,8 @@ class Drafting:
     operation : Operation
     left_out : list of str
         Reasons why kinds that were named, or are suitable, are not among the drafts.
+    unlike : list of str
+        Remarks on properties of devices that differ between the drafts.
     """
 
     transducer: Transducer
@@ -94,6 +96,7 @@ class Drafting:
     options: DesignOptions
     operation: Operation
     left_out: list[str] = field(default_factory=list)
+    unlike: list[str] = field(default_factory=list)
 
     @cached_property
     def frequency(self) -> float:
@@ -118,7 +121,9 @@ class Drafting:
         if not found:
             reasons = "; ".join(self.left_out) or "no kind of shunt that fits the objective"
             raise ParameterError("design.candidates", f"found {reasons}, allowed are kinds that need nothing else")
-        return _distinct(found)
+        found = _distinct(found)
+        self.unlike = self._unlike(found)
+        return found
 
     def _fits(self, shunt: Shunt, templated: bool) -> bool:
         """True if a kind that was not named is suitable."""
@@ -190,21 +195,47 @@ class Drafting:
         if issubclass(cls, Bridge):
             load = np.pi / (2 * omega * capacitance)
             values |= {"load_resistance": load, "smoothing_capacitance": self._smoothing / load}
-            notes.append(f"ideal diodes, R C_s = {self._smoothing * self.frequency:g} periods")
+            notes.append(f"R C_s = {self._smoothing * self.frequency:g} periods")
+        if "diode_drop" in cls.__dataclass_fields__:
+            values["diode_drop"], origin = self._device("diode_drop", 0.0)
+            notes.append(f"diodes of {values['diode_drop']:g} V{origin}" if values["diode_drop"] else "ideal diodes")
         if issubclass(cls, InductiveSwitch):
-            values |= {"quality": QUALITY, "inductance": self._switched_inductance()}
-            inversion = np.exp(-np.pi / (2 * QUALITY))
-            notes.append(f"switched loop of quality {QUALITY:g} (inverts to {inversion:.2f} of the voltage) and "
-                         f"{values['inductance']:.3g} H")  # fmt: skip
+            values["quality"], origin = self._device("quality", QUALITY)
+            values["inductance"] = self._switched_inductance(values["quality"])
+            inversion = np.exp(-np.pi / (2 * values["quality"]))
+            notes.append(f"switched loop of quality {values['quality']:g}{origin} (inverts to {inversion:.2f} of the "
+                         f"voltage) and {values['inductance']:.3g} H")  # fmt: skip
         if issubclass(cls, SynchronisedShunt) and self.operation.periodic and not self.operation.apart:
             # The default, a quarter of the common period of all tones, would let most extrema pass.
             values["hold_off"] = 0.25 / self.frequency
         return values, tuple(notes)
 
-    def _switched_inductance(self) -> float:
+    def _device(self, name: str, otherwise: float) -> tuple[float, str]:
+        """A device's property as in the first template that gives it, and a remark which this is.
+
+        So that all candidates are compared with the same devices. Templates themselves stay as they are.
+        """
+        for shunt in self.templates:
+            value = getattr(shunt, name, None)
+            if value:  # a diode without drop is one that the study does not speak of
+                return float(value), f" as in the study's {shunt.kind}"
+        return otherwise, ""
+
+    def _unlike(self, drafts: Sequence[Draft]) -> list[str]:
+        """Remarks on device properties that are not the same in all drafts."""
+        found = []
+        for name in ("diode_drop", "quality"):
+            have = [d for d in drafts if name in type(d.shunt).__dataclass_fields__]
+            values = {getattr(d.shunt, name) for d in have}
+            if len(values) > 1:
+                each = ", ".join(f"{getattr(d.shunt, name):g} in {d.kind}" for d in have)
+                found.append(f"candidates are not compared with the same devices: {name} is {each}")
+        return found
+
+    def _switched_inductance(self, quality: float) -> float:
         """Inductance in H that inverts the voltage in a share of the period, or faster where the limit requires it."""
         flip = FLIP_SHARE / self.frequency
-        inductance = (flip / np.pi) ** 2 * (1 - 0.25 / QUALITY**2) / self.transducer.capacitance
+        inductance = (flip / np.pi) ** 2 * (1 - 0.25 / quality**2) / self.transducer.capacitance
         return float(min(inductance, self.options.max_inductance or np.inf))
 
 

@@ -89,6 +89,7 @@ class _Design:
         drafts = drafting.drafts()
         if drafting.left_out:
             self.notes.append(f"left out: {'; '.join(drafting.left_out)}")
+        self.notes += drafting.unlike
         if self.trial.unresolved:
             self.notes.append("resonances are sharper than the simulated mean power over the band is sure to see")
         _ = self.trial.shorted  # the reference of all figures: computed first, as a design is impossible without it
