@@ -58,8 +58,8 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
     `minimax`), and then by simulation if the two disagree (hysteresis, an excitation of several tones). Rectifying
     shunts are tuned by simulation from every optimum of their equivalent impedance (`bridges`, `refine`). Several parts
     are tuned by the gradient of the simulation where it has one. The lag of a switch is tuned together with the load
-    (`phase`); over a band this gives the best fixed values, by which candidates are ranked, and a schedule. Over a band the drive is a sine of constant amplitude:
-    harvested power is its mean, displacement the worst peak.
+    (`phase`); over a band this gives the best fixed values, by which candidates are ranked, and a schedule. Over a band
+    the drive is a sine of constant amplitude: harvested power is its mean, displacement the worst peak.
     """
     options = study.design or DesignOptions()
     for key, allowed in (("objective", ("harvest", "damping")), ("parts", (None,))):
