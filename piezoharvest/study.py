@@ -65,6 +65,8 @@ class DesignOptions(Component):
     objective: Literal["harvest", "damping", "trade_off"] = "harvest"
     band: tuple[float, float] | None = quantity("Hz", "lower and upper edge of the band", default=None, above=0)
     candidates: tuple[str, ...] | None = None
+    phase_lag: Literal["free", "fixed"] | None = None  # None: free for harvest, fixed for damping
+    hold: tuple[str, ...] = ()
     parts: Literal["E3", "E6", "E12", "E24", "E48", "E96", "E192"] | None = None
     max_voltage: float | None = quantity("V", "largest electrode voltage", default=None, above=0)
     max_inductance: float | None = quantity("H", "largest inductance", default=None, above=0)
@@ -83,6 +85,10 @@ class DesignOptions(Component):
         for n, kind in enumerate(self.candidates or ()):
             if kind not in shunts.registered():
                 raise unknown(f"candidates.{n}", kind, shunts.registered())
+        keys = {f.name for cls in shunts.registered().values() for f in dataclasses.fields(cls) if f.init}
+        for n, key in enumerate(self.hold):
+            if key not in keys:
+                raise unknown(f"hold.{n}", key, keys)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -62,7 +62,7 @@ SWITCHED = {
     "rectifier": {"kind": "rectifier", **LOAD, "diode_drop": 0.01},
     "parallel_sshi": {"kind": "parallel_sshi", **LOAD, **LOOP},
     "series_sshi": {"kind": "series_sshi", **LOAD, **LOOP, "diode_drop": 0.01},
-    "sece": {"kind": "sece", "efficiency": 0.9},
+    "sece": {"kind": "sece", "efficiency": 0.9, "diode_drop": 0.01},
     "ssds": {"kind": "ssds"},
     "ssdi": {"kind": "ssdi", **LOOP},
     "ssdv": {"kind": "ssdv", **LOOP, "source_voltage": 1.0},

@@ -86,6 +86,8 @@ class Switch(NamedTuple):
         True if `lag` is counted from the previous extremum, of the other kind.
     efficiency : float
         Share of the extracted energy that is harvested when the voltage is set to zero at once.
+    drop : float
+        Voltage (V) that diodes take in the path of this charge; its energy is lost before that share is taken.
     """
 
     lag: float
@@ -93,3 +95,4 @@ class Switch(NamedTuple):
     hold_off: float
     early: bool = False
     efficiency: float = 0.0
+    drop: float = 0.0

@@ -29,6 +29,7 @@ FLIP_SHARE = 1 / 50  # of the period: short beside it, and still slow enough for
 STEADY_PERIODS, TRANSIENT_PERIODS = 100.0, 20.0
 NEGATIVE_SHARE = 0.5  # of the capacitance: doubles K^2, with as much again to the limit of stability
 _TUNED_UNITS = ("ohm", "H", "F")
+ANGLES = ("phase_lag",)  # fields that may be negative: they are not tuned as logarithms
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +61,11 @@ class Draft:
         """Present values of the free fields."""
         return {name: getattr(self.shunt, name) for name in self.free}
 
+    @property
+    def tied(self) -> dict[str, str]:
+        """Fields that fall in proportion as a free field, the key, rises: the assumed smoothing capacitance."""
+        return {} if self.smoothing is None else {"load_resistance": "smoothing_capacitance"}
+
     def with_values(self, values: Mapping[str, Any]) -> Shunt:
         """The shunt with other values of its free fields; an assumed smoothing capacitance is scaled with the load."""
         values = dict(values)
@@ -81,6 +87,8 @@ class Drafting:
     operation : Operation
     left_out : list of str
         Reasons why kinds that were named, or are suitable, are not among the drafts.
+    unlike : list of str
+        Remarks on properties of devices that differ between the drafts.
     """
 
     transducer: Transducer
@@ -88,6 +96,7 @@ class Drafting:
     options: DesignOptions
     operation: Operation
     left_out: list[str] = field(default_factory=list)
+    unlike: list[str] = field(default_factory=list)
 
     @cached_property
     def frequency(self) -> float:
@@ -112,7 +121,9 @@ class Drafting:
         if not found:
             reasons = "; ".join(self.left_out) or "no kind of shunt fits the objective"
             raise ParameterError("design.candidates", f"no candidate can be designed ({reasons})")
-        return _distinct(found)
+        found = _distinct(found)
+        self.unlike = self._unlike(found)
+        return found
 
     def _fits(self, shunt: Shunt, templated: bool) -> bool:
         """True if a kind that was not named is suitable."""
@@ -127,13 +138,22 @@ class Drafting:
         return Draft(shunt, self._free(shunt))
 
     def _free(self, shunt: Shunt) -> tuple[str, ...]:
-        """Fields to tune: all parts of linear circuits except active ones, and the load of a bridge."""
+        """Fields to tune: parts of linear circuits except active ones, the load of a bridge, the lag of a switch."""
+        names: list[str] = []
         if isinstance(shunt, Bridge):
-            return ("load_resistance",) if shunt.dc_voltage is None else ("dc_voltage",)
-        if not isinstance(shunt, LinearShunt):
-            return ()
-        active = [-state.storage for state in shunt.states(self.transducer.capacitance) if state.storage < 0]
-        return tuple(name for name in _parts(type(shunt)) if getattr(shunt, name) not in active)
+            names.append("load_resistance" if shunt.dc_voltage is None else "dc_voltage")
+        if isinstance(shunt, SynchronisedShunt) and self._lag_is_free:
+            names.append("phase_lag")
+        if isinstance(shunt, LinearShunt):
+            active = [-state.storage for state in shunt.states(self.transducer.capacitance) if state.storage < 0]
+            names += [name for name in _parts(type(shunt)) if getattr(shunt, name) not in active]
+        return tuple(name for name in names if name not in self.options.hold)
+
+    @property
+    def _lag_is_free(self) -> bool:
+        """True if the switches' lag is tuned: an angle of a sine, there is none under other excitations."""
+        wanted = self.options.phase_lag or ("free" if self.options.objective == "harvest" else "fixed")
+        return wanted == "free" and self.operation.apart
 
     def _assume(self, cls: type[Shunt], wanted: bool) -> list[Draft]:
         """Draft of a kind without a template, with typical values; empty where a value cannot be assumed."""
@@ -175,21 +195,47 @@ class Drafting:
         if issubclass(cls, Bridge):
             load = np.pi / (2 * omega * capacitance)
             values |= {"load_resistance": load, "smoothing_capacitance": self._smoothing / load}
-            notes.append(f"ideal diodes, R C_s = {self._smoothing * self.frequency:g} periods")
+            notes.append(f"R C_s = {self._smoothing * self.frequency:g} periods")
+        if "diode_drop" in cls.__dataclass_fields__:
+            values["diode_drop"], origin = self._device("diode_drop", 0.0)
+            notes.append(f"diodes of {values['diode_drop']:g} V{origin}" if values["diode_drop"] else "ideal diodes")
         if issubclass(cls, InductiveSwitch):
-            values |= {"quality": QUALITY, "inductance": self._switched_inductance()}
-            inversion = np.exp(-np.pi / (2 * QUALITY))
-            notes.append(f"switched loop of quality {QUALITY:g} (inverts to {inversion:.2f} of the voltage) and "
-                         f"{values['inductance']:.3g} H")  # fmt: skip
+            values["quality"], origin = self._device("quality", QUALITY)
+            values["inductance"] = self._switched_inductance(values["quality"])
+            inversion = np.exp(-np.pi / (2 * values["quality"]))
+            notes.append(f"switched loop of quality {values['quality']:g}{origin} (inverts to {inversion:.2f} of the "
+                         f"voltage) and {values['inductance']:.3g} H")  # fmt: skip
         if issubclass(cls, SynchronisedShunt) and self.operation.periodic and not self.operation.apart:
             # The default, a quarter of the common period of all tones, would let most extrema pass.
             values["hold_off"] = 0.25 / self.frequency
         return values, tuple(notes)
 
-    def _switched_inductance(self) -> float:
+    def _device(self, name: str, otherwise: float) -> tuple[float, str]:
+        """A device's property as in the first template that gives it, and a remark which this is.
+
+        So that all candidates are compared with the same devices. Templates themselves stay as they are.
+        """
+        for shunt in self.templates:
+            value = getattr(shunt, name, None)
+            if value:  # a diode without drop is one that the study does not speak of
+                return float(value), f" as in the study's {shunt.kind}"
+        return otherwise, ""
+
+    def _unlike(self, drafts: Sequence[Draft]) -> list[str]:
+        """Remarks on device properties that are not the same in all drafts."""
+        found = []
+        for name in ("diode_drop", "quality"):
+            have = [d for d in drafts if name in type(d.shunt).__dataclass_fields__]
+            values = {getattr(d.shunt, name) for d in have}
+            if len(values) > 1:
+                each = ", ".join(f"{getattr(d.shunt, name):g} in {d.kind}" for d in have)
+                found.append(f"candidates are not compared with the same devices: {name} is {each}")
+        return found
+
+    def _switched_inductance(self, quality: float) -> float:
         """Inductance in H that inverts the voltage in a share of the period, or faster where the limit requires it."""
         flip = FLIP_SHARE / self.frequency
-        inductance = (flip / np.pi) ** 2 * (1 - 0.25 / QUALITY**2) / self.transducer.capacitance
+        inductance = (flip / np.pi) ** 2 * (1 - 0.25 / quality**2) / self.transducer.capacitance
         return float(min(inductance, self.options.max_inductance or np.inf))
 
 

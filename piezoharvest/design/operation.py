@@ -71,8 +71,8 @@ class Operation:
             return float(inside[0])
         return float(self.frequencies[np.argmax(self.squares)])
 
-    def at(self, frequency: float) -> Excitation:
-        """The sine at another frequency (Hz)."""
+    def at(self, frequency: float | np.ndarray) -> Excitation:
+        """The sine at another frequency (Hz), or a batch of sines at frequencies (n, 1)."""
         return dataclasses.replace(self.excitation, frequency=frequency)
 
 

@@ -79,6 +79,11 @@ class Candidate:
         Iterations of the optimiser, or simulations where it tuned on them.
     gap_to_bound : float or None
         Relative distance from the bound.
+    schedule : tuple of mapping or None
+        Where a switch's lag is tuned over a band: for frequencies (Hz) of the band the fields that are best there, and
+        the harvested power, W.
+    scheduled_power : float or None
+        W, mean over the band with the schedule.
     response : Response
         The simulation; over a band that of the largest displacement.
     """
@@ -94,6 +99,8 @@ class Candidate:
     method: str = ""
     iterations: int = 0
     gap_to_bound: float | None = None
+    schedule: tuple[Mapping[str, float], ...] | None = None
+    scheduled_power: float | None = None
     response: Response | None = field(default=None, repr=False)
 
     @property
@@ -104,9 +111,11 @@ class Candidate:
     def as_json(self) -> dict[str, Any]:
         """Candidate as a table of the JSON output."""
         names = ("harvested_power", "attenuation_db", "gap_to_bound", "converged", "displacement_amplitude",
-                 "voltage_amplitude", "violates", "start", "method", "iterations")  # fmt: skip
+                 "voltage_amplitude", "violates", "start", "method", "iterations", "scheduled_power")  # fmt: skip
         values = {name: getattr(self, name) for name in names}
-        return {"shunt": shunt_table(self.shunt), **values, "violates": list(self.violates)}
+        schedule = None if self.schedule is None else [dict(row) for row in self.schedule]
+        shunt = shunt_table(self.shunt)
+        return {"shunt": shunt, **values, "violates": list(self.violates), "schedule": schedule}
 
 
 @dataclass(frozen=True, kw_only=True)

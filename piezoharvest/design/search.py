@@ -19,6 +19,7 @@ from piezoharvest.design.result import Bound, Candidate, DesignResult
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.bridges import bridge_starts
 from piezoharvest.design.tuning.minimax import Tuned, tune
+from piezoharvest.design.tuning.phase import PhaseTuning, phase_start
 from piezoharvest.design.tuning.refine import refine
 from piezoharvest.design.tuning.region import Region
 from piezoharvest.design.tuning.starts import Host, Start, starts
@@ -58,8 +59,9 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
     Linear shunts are tuned on the exact two-port, starting from the closed forms of the literature (`starts`,
     `minimax`), and then by simulation if the two disagree (hysteresis, an excitation of several tones). Rectifying
     shunts are tuned by simulation from every optimum of their equivalent impedance (`bridges`, `refine`). Several parts
-    are tuned by the gradient of the simulation where it has one. Over a band the drive is a sine of constant amplitude:
-    harvested power is its mean, displacement the worst peak.
+    are tuned by the gradient of the simulation where it has one. The lag of a switch is tuned together with the load
+    (`phase`); over a band this gives the best fixed values, by which candidates are ranked, and a schedule. Over a band
+    the drive is a sine of constant amplitude: harvested power is its mean, displacement the worst peak.
     """
     options = study.design or DesignOptions()
     for key, allowed in (("objective", ("harvest", "damping")), ("parts", (None,))):
@@ -91,6 +93,7 @@ class _Design:
         drafts = drafting.drafts()
         if drafting.left_out:
             self.notes.append(f"left out: {'; '.join(drafting.left_out)}")
+        self.notes += drafting.unlike
         if self.trial.unresolved:
             self.notes.append("resonances are sharper than the simulated mean power over the band is sure to see")
         _ = self.trial.shorted  # the reference of all figures: computed first, as a design is impossible without it
@@ -136,7 +139,9 @@ class _Design:
     def _candidate(self, draft: Draft) -> Candidate:
         """Tune a draft and check it."""
         self.progress(f"{draft.kind}: tuning {', '.join(draft.free) or 'nothing'}")
-        tuned = self._tuned(draft)
+        phase = self._phase(draft) if "phase_lag" in draft.free else None
+        tuned = phase.fixed() if phase else self._tuned(draft)
+        schedule = phase.schedule() if phase and self.options.band and not self.goal.damping else None
         figures = self.trial.figures(tuned.shunt, complete=True)
         capacitance = self.study.transducer.capacitance
         violates = self.goal.violated(figures, tuned.shunt, capacitance)
@@ -145,6 +150,7 @@ class _Design:
             displacement_amplitude=figures.displacement_amplitude, voltage_amplitude=figures.voltage_amplitude,
             converged=figures.converged, violates=violates, start=tuned.start, method=tuned.method,
             iterations=tuned.iterations, response=figures.response,
+            schedule=schedule and schedule.table, scheduled_power=schedule and schedule.power,
         )  # fmt: skip
         self._add_notes(draft, found, figures.message)
         return found
@@ -157,6 +163,11 @@ class _Design:
         assert isinstance(draft.shunt, Bridge)
         found = bridge_starts(self.view, draft) or [Start("as given", draft.first())]
         return _best(refine(self.trial, draft, start) for start in found)
+
+    def _phase(self, draft: Draft) -> PhaseTuning:
+        loads = isinstance(draft.shunt, Bridge) and len(draft.free) > 1
+        found = bridge_starts(self.view, draft) if loads else []
+        return PhaseTuning(self.trial, draft, phase_start(draft, found), self._region(draft))
 
     def _linear(self, draft: Draft) -> Tuned:
         """Tune on the two-port, and on by simulation from there if that disagrees."""

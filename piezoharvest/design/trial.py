@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -15,10 +16,11 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Shunt
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.system import System
+from piezoharvest.design.drafts import ANGLES
 from piezoharvest.design.goal import SMALLEST_FIGURE, Figures, Slopes
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.operation import mean_nodes, narrowest_width
-from piezoharvest.engine import Gradient, NoGradientError, gradient, simulate
+from piezoharvest.engine import Gradient, NoGradientError, gradient, simulate, simulate_many
 from piezoharvest.engine.response import Response
 from piezoharvest.engine.work_limit import MAX_WORK, Budget
 
@@ -53,7 +55,7 @@ class Trial:
     simulations: int = 0
     left: int = _MAX_WORK
     _known: dict[tuple[Shunt, bool], Figures] = field(default_factory=dict)
-    _tangents: dict[tuple[Shunt, tuple[str, ...]], Tangent] = field(default_factory=dict)
+    _tangents: dict[tuple, Tangent] = field(default_factory=dict)
 
     def merit(self, shunt: Shunt) -> float:
         """The merit that every tuning by simulation minimises."""
@@ -67,8 +69,22 @@ class Trial:
             self._known[key] = judge(shunt, complete)
         return self._known[key]
 
-    def tangent(self, shunt: Shunt, parts: tuple[str, ...]) -> Tangent:
-        """Figures of a shunt and their derivatives by the logarithms of its parts, cached.
+    def many(self, shunt: Shunt, frequencies: np.ndarray) -> Mapping[str, np.ndarray]:
+        """Results of `simulate_many` for shunts with columns of values, each with a sine of its own frequency, Hz."""
+        count, operation = len(frequencies), self.view.operation
+        self.simulations += count
+        budget = Budget(self.left)
+        sines = operation.at(frequencies[:, None])
+        system = System(self.view.transducer, shunt)
+        found = simulate_many(system, sines, count, attenuation=False, budget=budget)
+        self.left = budget.left
+        self._check_left()
+        return found
+
+    def tangent(self, shunt: Shunt, parts: tuple[str, ...], tied: Mapping[str, str] = MappingProxyType({})) -> Tangent:
+        """Figures of a shunt and their derivatives by the logarithms of its parts (by angles themselves), cached.
+
+        `tied` names fields that fall in proportion as a part rises.
 
         Raises
         ------
@@ -76,7 +92,7 @@ class Trial:
             There is no periodic steady state, the excitation is not a sine, or the worst peak of a band counts, which
             jumps between frequencies.
         """
-        op, goal, key = self.view.operation, self.view.goal, (shunt, parts)
+        op, goal, key = self.view.operation, self.view.goal, (shunt, parts, *tied)
         if not op.apart or (op.band and (goal.damping or goal.limits_levels)):
             raise NoGradientError("only a sine, and the mean power over a band, are derived")
         if key not in self._tangents:
@@ -84,18 +100,17 @@ class Trial:
             self.simulations += len(nodes)
             system = System(self.view.transducer, shunt)
             found = [self._gradient(system, op.at(float(f))) for f in nodes]
-            self._tangents[key] = self._sum_up(found, weights, parts)
+            self._tangents[key] = self._sum_up(found, weights, _steps(found[0], parts, tied))
         return self._tangents[key]
 
-    def _sum_up(self, found: list[Gradient], weights: np.ndarray, parts: tuple[str, ...]) -> Tangent:
-        """Mean power and largest amplitudes over sines one at a time, and their derivatives."""
-        columns = [found[0].quantities.index(f"shunt.{name}") for name in parts]
-        values, levels, slopes = found[0].values[columns], {}, {}
+    def _sum_up(self, found: list[Gradient], weights: np.ndarray, steps: np.ndarray) -> Tangent:
+        """Mean power and largest amplitudes over sines one at a time, and their derivatives along `steps`."""
+        levels, slopes = {}, {}
         for name in Slopes._fields:
             each = np.array([getattr(g, name) for g in found])
             share = weights if name == "harvested_power" else np.eye(len(found))[np.argmax(each)]
             levels[name] = float(share @ each)
-            slopes[name] = values * (share @ [g.by[name][columns] for g in found]) / max(levels[name], SMALLEST_FIGURE)
+            slopes[name] = steps @ (share @ [g.by[name] for g in found]) / max(levels[name], SMALLEST_FIGURE)
         attenuation = self._attenuation(levels["displacement_amplitude"], complete=False)
         return Figures(**levels, attenuation_db=attenuation), Slopes(**slopes)
 
@@ -113,12 +128,16 @@ class Trial:
         samples = {} if complete else {"samples": _TUNING_SAMPLES}
         with self._counted() as budget:
             response = simulate(System(self.view.transducer, shunt), excitation, budget=budget, **samples)
-        if self.left <= 0:
-            what = "this is more to simulate than a design may take"
-            raise ParameterError("design", f"{what}, take fewer candidates, a narrower band or fewer tones")
+        self._check_left()
         if response.exhausted:  # as many others would be
             raise self._impossible(response)
         return response
+
+    def _check_left(self) -> None:
+        """Raise `ParameterError` if no work is left."""
+        if self.left <= 0:
+            what = "this is more to simulate than a design may take"
+            raise ParameterError("design", f"{what}, take fewer candidates, a narrower band or fewer tones")
 
     def _gradient(self, system: System, excitation: Excitation) -> Gradient:
         with self._counted() as budget:
@@ -188,6 +207,12 @@ class Trial:
         return [float(f) for f in np.linspace(low, high, count)]
 
     @property
+    def nodes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies (n,) in Hz and weights (n,) of the mean over the band; without a band the one frequency."""
+        op = self.view.operation
+        return self._nodes[True] if op.band is not None else (op.frequencies, np.ones(1))
+
+    @property
     def unresolved(self) -> bool:
         """True if resonances may be sharper than the mean over the band resolves."""
         return self.view.operation.band is not None and len(self._nodes[True][0]) == _FINAL_NODES
@@ -222,3 +247,15 @@ class Trial:
     def _impossible(response: Response) -> ParameterError:
         found = f"cannot be simulated with {response.shunt}: {response.message or 'nothing moves'}"
         return ParameterError("excitation", found)
+
+
+def _steps(at: Gradient, parts: tuple[str, ...], tied: Mapping[str, str]) -> np.ndarray:
+    """Changes (p, q) of all q quantities of a gradient with each coordinate of the tuning."""
+    steps = np.zeros((len(parts), len(at.quantities)))
+    for row, name in zip(steps, parts, strict=True):
+        place = at.quantities.index(f"shunt.{name}")
+        row[place] = 1.0 if name in ANGLES else at.values[place]
+        if name in tied:
+            place = at.quantities.index(f"shunt.{tied[name]}")
+            row[place] = -at.values[place]
+    return steps

@@ -20,6 +20,7 @@ from piezoharvest.engine.run import Machine
 from piezoharvest.engine.simulation import simulate
 from piezoharvest.engine.steady_state import many_designs
 from piezoharvest.engine.steady_state import section as sc
+from piezoharvest.engine.work_limit import MAX_WORK, Budget
 
 DESIGNS_AT_ONCE = 128  # designs whose programs are laid out at one time, so that they fit into the cache
 LOG_LENGTH = 512  # events of a span whose times are kept
@@ -30,7 +31,7 @@ NAMES = (
 
 
 def simulate_many(
-    system: System, excitation: Excitation, designs: int, *, attenuation: bool = True
+    system: System, excitation: Excitation, designs: int, *, attenuation: bool = True, budget: Budget | None = None
 ) -> Mapping[str, np.ndarray]:
     """Periodic steady states of many designs.
 
@@ -43,6 +44,9 @@ def simulate_many(
     attenuation : bool
         Compare the displacement with that of the short circuit, which is also simulated if the designs differ in more
         than their shunt.
+    budget : Budget, optional
+        Work limit of all designs together, from which the work done is subtracted; default that of one simulation for
+        each. Designs that it does not suffice for are without a solution.
 
     Returns
     -------
@@ -63,13 +67,14 @@ def simulate_many(
     designs for which the search finds none.
     """
     alone = _differs(excitation) and not excitation.batched
+    budget = budget or Budget(2 * designs * MAX_WORK)  # a design may be searched for twice
     if alone or excitation.period is None:
-        return _one_by_one(system, excitation, range(designs), designs)
-    lowered = lower(system, excitation)
+        return _one_by_one(system, excitation, range(designs), designs, budget)
+    lowered = lower(system, excitation)._replace(budget=budget)
     kept = _steady_states(lowered, symmetric(lowered, excitation), designs)
     found = _columns(lowered, kept, designs, bounds(system.transducer, excitation, lowered))
     left = np.flatnonzero(~found["converged"])
-    slow = _one_by_one(system, excitation, left, designs)
+    slow = _one_by_one(system, excitation, left, designs, budget)
     for name, column in slow.items():
         found.setdefault(name, np.full(designs, np.nan))[left] = column[left]
     if attenuation:
@@ -132,11 +137,16 @@ def _attenuate(found: dict[str, np.ndarray], system: System, excitation: Excitat
         found["attenuation_db"] = np.where(ratio > 0, 20 * np.log10(ratio), np.nan)
 
 
-def _one_by_one(system: System, excitation: Excitation, which: Any, designs: int) -> dict[str, np.ndarray]:
+def _one_by_one(
+    system: System, excitation: Excitation, which: Any, designs: int, budget: Budget
+) -> dict[str, np.ndarray]:
     """Results of the designs `which`, each found by `simulate`."""
     columns: dict[str, np.ndarray] = {}
     for n in which:
-        response = simulate(one_of(system, n), one_of(excitation, n), samples=1)
+        allowed = max(min(MAX_WORK, budget.left), 0)
+        own = Budget(allowed)
+        response = simulate(one_of(system, n), one_of(excitation, n), samples=1, budget=own)
+        budget.left -= allowed - own.left
         values = {name: getattr(response, name) for name in (*NAMES, "periods_evaluated")}
         values |= {name if name == "closure" else f"energy.{name}": e for name, e in response.energy.items()}
         if response.waveforms is None:

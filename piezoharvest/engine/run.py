@@ -81,7 +81,5 @@ class Machine:
         left = int(self.L[tb.WORK_LEFT])
         if left < INTERRUPTED // 2:
             interrupt()
-        if task == FIND_MANY:  # each design has a budget of its own
-            return status
         budget.left = left
         return status if left > 0 else EXHAUSTED

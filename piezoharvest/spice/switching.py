@@ -152,4 +152,7 @@ def write_discharge(deck: Deck, shunt: SynchronisedShunt, point: OperatingPoint)
     deck.section("discharge: takes V(p) to zero within the pulse; its energy is what is harvested or lost")
     closed = DECAY * capacitance / on_time
     power = write_switch(deck, ("p", "0"), closed, closed, 1e-7 * point.omega * capacitance)
+    if switch.drop:  # right where this leaves something of the energy
+        deck.comment("The diodes' drops are no elements here: their energy is left out of what is harvested.")
+        power = f"{power}*(1-{number(switch.drop)}/(abs(V(p))+1e-9))"
     return NetlistCircuit(f"{number(switch.efficiency)}*{power}" if switch.efficiency else "0", fastest=on_time)

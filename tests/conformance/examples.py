@@ -39,7 +39,7 @@ VARIANTS = {
     "rectifier": [{"dc_voltage": 1.0, "diode_drop": 0.2}],
     "parallel_sshi": [{"phase_lag": 0.2, "on_time_error": 0.2}, {"phase_lag": -0.2, "on_time_error": -0.2}],
     "series_sshi": [{"phase_lag": 0.2, "on_time_error": 0.4}, {"phase_lag": -0.2, "on_time_error": -0.2}],
-    "sece": [{"efficiency": 0.7, "phase_lag": -0.2}],
+    "sece": [{"efficiency": 0.7, "phase_lag": -0.2}, {"diode_drop": 0.3}],
     "ssds": [{"phase_lag": 0.2}],
     "ssdi": [{"phase_lag": 0.2, "on_time_error": 0.4}],
     "ssdv": [{"phase_lag": -0.1, "on_time_error": -0.2}],

@@ -36,7 +36,7 @@ CIRCUITS = {
     "s-sshi": SERIES,
     "s-sshi late": {**SERIES, "phase_lag": 0.1, "diode_drop": 0.1},
     "s-sshi early": {**SERIES, "phase_lag": -0.1, "on_time_error": -0.1},
-    "sece": {"kind": "sece", "efficiency": 0.8},
+    "sece": {"kind": "sece", "efficiency": 0.8, "diode_drop": 0.2},
     "sece late": {"kind": "sece", "phase_lag": 0.1},
     "sece early": {"kind": "sece", "phase_lag": -0.1},
     "ssds": {"kind": "ssds"},

@@ -49,7 +49,7 @@ def shunts(rng):
         "rectifier dc": Rectifier(dc_voltage=spread(rng, 3.0)),
         "parallel_sshi": ParallelSSHI(**smooth, **coil, phase_lag=spread(rng, 0.1), on_time_error=spread(rng, 0.1)),
         "series_sshi": SeriesSSHI(**smooth, **coil, diode_drop=spread(rng, 0.1)),
-        "sece": SECE(efficiency=spread(rng, 0.7), phase_lag=spread(rng, 0.0) - 0.1),
+        "sece": SECE(efficiency=spread(rng, 0.7), diode_drop=spread(rng, 0.1), phase_lag=spread(rng, 0.0) - 0.1),
         "ssdi": SSDI(**coil, time_lag=spread(rng, 1e-4)),
     }
 

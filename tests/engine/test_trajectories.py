@@ -47,7 +47,7 @@ CASES = {
     "s-sshi short on-time": {"kind": "series_sshi", **SMOOTH, "on_time_error": -0.3, **LOOP},
     "s-sshi back through the bridge": {"kind": "series_sshi", "dc_voltage": 0.2, "on_time_error": 0.9, **LOOP},
     "s-sshi hold-off": {"kind": "series_sshi", "dc_voltage": 0.2, "hold_off": 0.75 / 50.6, **FLIP},
-    "sece": {"kind": "sece", "efficiency": 0.8},
+    "sece": {"kind": "sece", "efficiency": 0.8, "diode_drop": 0.2},
     "sece late": {"kind": "sece", "phase_lag": 0.25},
     "sece early": {"kind": "sece", "phase_lag": -0.25},
     "ssds": {"kind": "ssds"},

@@ -125,6 +125,17 @@ def test_sece(efficiency, phase_lag):
     assert found.energy["shunt_loss"] == pytest.approx(lost, rel=1e-5, abs=1e-25)
 
 
+@pytest.mark.parametrize("share", [0.05, 0.3])
+def test_sece_through_diodes(share):
+    """Each extraction takes the charge C V through two drops, V = 2 T U/C; from V = 4 V_d down nothing is left."""
+    voltage = 2 * V_OC
+    found = solved(SECE(efficiency=0.8, diode_drop=share * voltage))
+    taken = CAPACITANCE * voltage**2 / 2
+    left = max(taken - 2 * share * voltage * CAPACITANCE * voltage, 0.0)
+    assert found.harvested_power == pytest.approx(0.8 * left * OMEGA / math.pi, rel=1e-5)
+    assert found.energy["shunt_loss"] == pytest.approx(2 * (taken - 0.8 * left), rel=1e-5)
+
+
 @pytest.mark.parametrize("quality", [40.0, 80.0])
 @pytest.mark.parametrize("kind", ["parallel_sshi", "series_sshi"])
 def test_gain_over_the_rectifier(kind, quality):

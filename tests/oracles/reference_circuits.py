@@ -467,10 +467,13 @@ class SECE(Circuit):
         super().__init__(table, capacitance, frequency)
         self.timing = Timing(table, frequency)
         self.efficiency = 0.0 if table["kind"] == "ssds" else float(table.get("efficiency", 1.0))
+        self.drop = 2 * float(table.get("diode_drop", 0.0))
 
     def act(self, device, y, kind) -> Ledger:
+        charge = y[device.q_at]
         taken, hysteresis = charge_jump(device, y)
-        return Ledger(hysteresis, self.efficiency * taken, (1.0 - self.efficiency) * taken)
+        harvested = self.efficiency * max(taken - self.drop * abs(y[device.q_at] - charge), 0.0)
+        return Ledger(hysteresis, harvested, taken - harvested)
 
 
 KINDS: dict[str, type[Circuit]] = {

@@ -250,7 +250,7 @@ CIRCUITS = [
     {"kind": "parallel_sshi", "dc_voltage": 8.0, "diode_drop": 0.2, "phase_lag": -0.2, "on_time_error": 0.1, **LOOP},
     {"kind": "series_sshi", "smoothing_capacitance": 1e-6, "load_resistance": 3e4, "on_time_error": 0.6, **LOOP},
     {"kind": "series_sshi", "dc_voltage": 3.0, "diode_drop": 0.2, "phase_lag": 0.2, "on_time_error": -0.2, **LOOP},
-    {"kind": "sece", "efficiency": 0.8, "phase_lag": 0.1},
+    {"kind": "sece", "efficiency": 0.8, "phase_lag": 0.1, "diode_drop": 0.3},
     {"kind": "ssds", "phase_lag": -0.1},
     {"kind": "ssdi", **LOOP},
     {"kind": "ssdv", "source_voltage": 1.0, **LOOP},

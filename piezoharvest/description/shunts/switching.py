@@ -31,6 +31,10 @@ class SynchronisedShunt(Shunt):
         """Share of the extracted energy that is harvested."""
         return 0.0
 
+    def extraction_drop(self) -> float:
+        """Voltage in V that diodes take in the path of extracted charge."""
+        return 0.0
+
     def switch(self, capacitance: float, period: float | None) -> Switch:
         """Timing for an excitation of this period (s), or of none."""
         lag: Any = self.time_lag
@@ -49,7 +53,7 @@ class SynchronisedShunt(Shunt):
                 raise ParameterError("time_lag", f"found {np.min(lag):g} s, allowed is {allowed}")
             # The next extremum is half a period after the last one, of the other kind.
             lag = cast(Any, np.where(early, 0.5 * period + lag, lag))
-        return Switch(lag, self.on_time(capacitance), hold_off, early, self.harvested_share())
+        return Switch(lag, self.on_time(capacitance), hold_off, early, self.harvested_share(), self.extraction_drop())
 
 
 @dataclass(frozen=True, kw_only=True)

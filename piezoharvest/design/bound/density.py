@@ -42,11 +42,11 @@ class Hats:
             # There the closed form is a small difference of large terms: a series in the moments of the hats.
             ratio = self.nodes[-1] / omega[far, None]
             orders = 2 * np.arange(_TERMS) + 1
-            moments = np.array([self._moment(order) for order in orders])
+            moments = np.array([self._moment(int(order)) for order in orders])
             found[far] = 2 / np.pi * ratio ** (orders + 1) @ moments
         return found
 
-    def _moment(self, order: float) -> np.ndarray:
+    def _moment(self, order: int) -> np.ndarray:
         """Int u^order f(u) du of each hat (n-2,) with u over the last node, which leaves out a factor of order + 1."""
         x = self.nodes / self.nodes[-1]
         return x ** (order + 2) @ self._kinks * self.nodes[-1] / ((order + 1) * (order + 2))

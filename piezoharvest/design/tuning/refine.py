@@ -19,7 +19,7 @@ from piezoharvest.design.drafts import Draft
 from piezoharvest.design.goal import MARGIN, PENALTY
 from piezoharvest.design.trial import Tangent, Trial
 from piezoharvest.design.tuning.minimax import Tuned
-from piezoharvest.design.tuning.region import Region
+from piezoharvest.design.tuning.region import Region, coordinates, values_at
 from piezoharvest.design.tuning.starts import Start
 
 _WIDTH = np.log(2.5)  # half of the first bracket, in e-folds: the closed forms are within 20 %
@@ -35,11 +35,10 @@ _MAX_STEPS = 60
 
 def refine(trial: Trial, draft: Draft, start: Start, region: Region | None = None) -> Tuned:
     """Tune the free parts of a shunt from one start by simulation, within a region where one is given."""
-    before, p = trial.simulations, np.log([start.values[name] for name in draft.free])
+    before, p = trial.simulations, coordinates({name: start.values[name] for name in draft.free})
 
     def shunt_at(p: np.ndarray) -> Shunt:
-        p = p if region is None else region.clip(p)
-        return draft.with_values({name: float(np.exp(x)) for name, x in zip(draft.free, p, strict=True)})
+        return draft.with_values(values_at(draft.free, p if region is None else region.clip(p)))
 
     def merit(p: np.ndarray) -> float:
         return trial.merit(shunt_at(p))
@@ -96,7 +95,7 @@ class _EngineProgram:
         )  # fmt: skip
 
     def _tangent(self, p: np.ndarray) -> Tangent:
-        return self.trial.tangent(self.draft.with_values(self.region.values(p)), self.draft.free)
+        return self.trial.tangent(self.draft.with_values(self.region.values(p)), self.draft.free, self.draft.tied)
 
     def _excess(self, p: np.ndarray) -> np.ndarray:
         return np.array(list(self.trial.view.goal.excess(self._tangent(p)[0]).values())) + MARGIN

@@ -1,24 +1,38 @@
-"""Search region for the parts of a linear shunt: a box in logarithms, and the quality of inductors."""
+"""Search region for the free fields of a shunt: a box in logarithms, and the quality of inductors."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from piezoharvest.design.drafts import Draft
+from piezoharvest.design.drafts import ANGLES, Draft
 from piezoharvest.design.tuning.starts import Host, scales
 
 SPAN = np.log(1e4)  # e-folds about a part's typical size
 COIL_QUALITY = 100.0  # w L/R that coils and gyrators hardly exceed; without it a tuning ends in lossless resonances
 _AT_BOUND = 0.01  # e-folds
+MOST_LAG = 3.1  # rad: a switch acts later than the last extremum, and earlier than the one after the next
 _SERIES = {"series_rl": 1.0, "series_rlc": 1.0, "parallel_rl": -1.0, "parallel_rlc": -1.0}
+
+
+def coordinates(values: Mapping[str, float]) -> np.ndarray:
+    """Coordinates in which fields are tuned: logarithms, and angles as they are."""
+    return np.array([value if name in ANGLES else np.log(value) for name, value in values.items()])
+
+
+def values_at(names: Sequence[str], p: np.ndarray) -> dict[str, Any]:
+    """Values of fields from their coordinates; those of several designs (n, d) are columns (n, 1)."""
+    columns = p if p.ndim == 1 else p.T[:, :, None]
+    found = {name: x if name in ANGLES else np.exp(x) for name, x in zip(names, columns, strict=True)}
+    return {name: float(x) for name, x in found.items()} if p.ndim == 1 else found
 
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """Allowed values of the free parts of a draft, as logarithms in the order of `draft.free`.
+    """Allowed values of the free fields of a draft, in the order of `draft.free`: logarithms, and angles as they are.
 
     Attributes
     ----------
@@ -39,25 +53,26 @@ class Region:
     @classmethod
     def of(cls, draft: Draft, host: Host, max_inductance: float | None) -> Region:
         """Region of a draft across a host."""
-        middle = np.log(list(scales(draft, host).values()))
-        lower, upper, coil = middle - SPAN, middle + SPAN, np.zeros(len(middle))
+        middle = coordinates(scales(draft, host))
+        span = np.array([MOST_LAG if name in ANGLES else SPAN for name in draft.free])
+        lower, upper, coil = middle - span, middle + span, np.zeros(len(middle))
         names = list(draft.free)
         if max_inductance is not None and "inductance" in names:
             n = names.index("inductance")
             upper[n] = min(upper[n], np.log(max_inductance))
             lower[n] = min(lower[n], upper[n] - SPAN)
-        sign = _SERIES.get(draft.kind, 0.0)
+        sign = _SERIES.get(draft.kind, 0.0) if {"resistance", "inductance"} <= set(names) else 0.0
         if sign:
             coil[names.index("resistance")], coil[names.index("inductance")] = sign, -sign
         return cls(draft.free, lower, upper, coil, float(sign * np.log(host.omega) - np.log(COIL_QUALITY)))
 
     def logs(self, values: Mapping[str, float]) -> np.ndarray:
         """Logarithms of values, clipped to the region."""
-        return self.clip(np.log([values[name] for name in self.names]))
+        return self.clip(coordinates({name: values[name] for name in self.names}))
 
     def values(self, p: np.ndarray) -> dict[str, float]:
         """Values from their logarithms."""
-        return {name: float(np.exp(x)) for name, x in zip(self.names, p, strict=True)}
+        return values_at(self.names, p)
 
     def clip(self, p: np.ndarray) -> np.ndarray:
         """A nearby point inside: clipped to the box, then with the resistance changed to keep the coil quality."""

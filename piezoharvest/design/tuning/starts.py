@@ -77,7 +77,8 @@ def starts(draft: Draft, host: Host) -> list[Start]:
 def scales(draft: Draft, host: Host) -> dict[str, float]:
     """Typical value of every free part, by its unit: from the impedance of the capacitance at the frequency."""
     c, w = host.capacitance, host.omega
-    scale = {"ohm": 1 / (w * c), "H": 1 / (w**2 * c), "F": c}
+    # A dc voltage is anything: from one volt the search region reaches from 0.1 mV to 10 kV.
+    scale = {"ohm": 1 / (w * c), "H": 1 / (w**2 * c), "F": c, "V": 1.0, "rad": 0.0}
     units = {name: type(draft.shunt).__dataclass_fields__[name].metadata["unit"] for name in draft.free}
     return {name: scale[unit] for name, unit in units.items()}
 

@@ -31,7 +31,7 @@ from piezoharvest.engine.motion.energy_forms import NODES, WEIGHTS
 @compiled
 def extract_charge(P, L, S, D):
     """Take the electrode voltage to zero by moving charge, and the stops with it, from saturation to saturation."""
-    delivered, row, slip = 0.0, L[pg.VOLTAGE_ROW], D[st.SLIP]
+    delivered, charge, row, slip = 0.0, 0.0, L[pg.VOLTAGE_ROW], D[st.SLIP]
     for _ in range(2 * L[pg.H] + 2):
         voltage = dot_column(P, row, 1, S, 0, L[pg.A])
         if voltage == 0.0:
@@ -51,6 +51,7 @@ def extract_charge(P, L, S, D):
                 first = NONE
             move_charge(P, L, S, D, 0, move)
             delivered -= P[L[pg.SCALE] + L[pg.CHARGE]] * move * (voltage + 0.5 * slope * move)
+        charge += P[L[pg.SCALE] + L[pg.CHARGE]] * abs(move)
         _update_sensitivities(P, L, S, D, row, slope, first)
         if D[st.ENERGIES]:
             for j in range(L[pg.H]):
@@ -61,8 +62,9 @@ def extract_charge(P, L, S, D):
         D[slip + first] = sign
         S[L[L[pg.STOP_STATE] + first]] = sign * P[L[pg.STOP_LIMIT] + first]
     if D[st.ENERGIES]:
-        S[D[st.ENERGY] + pg.HARVESTED] += P[L[pg.EFFICIENCY]] * delivered
-        S[D[st.ENERGY] + pg.SHUNT_LOSS] += (1.0 - P[L[pg.EFFICIENCY]]) * delivered
+        harvested = P[L[pg.EFFICIENCY]] * max(delivered - P[L[pg.DROP]] * charge, 0.0)
+        S[D[st.ENERGY] + pg.HARVESTED] += harvested
+        S[D[st.ENERGY] + pg.SHUNT_LOSS] += delivered - harvested
 
 
 @compiled

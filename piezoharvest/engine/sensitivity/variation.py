@@ -228,7 +228,13 @@ class Variation:
         left = self._stored(after, columns)
         energy = kept.value - left.value - lost.value
         change = kept.change - left.change - lost.change
-        self._add(efficiency.value * energy, efficiency.value * change + efficiency.change * energy)
+        drop, scale = self._number("drop"), dual(program.scale[..., charge], 0)
+        moved = np.sign(taken) * (columns[:, charge] - before[:, charge])
+        moved = scale.value * moved + abs(taken) * self._for_columns(scale.change)
+        energy = energy - drop.value * scale.value * abs(taken)
+        change = change - drop.value * moved - drop.change * scale.value * abs(taken)
+        if energy > 0:
+            self._add(efficiency.value * energy, efficiency.value * change + efficiency.change * energy)
         return columns
 
     def _stored(self, state: np.ndarray, columns: np.ndarray) -> Dual:

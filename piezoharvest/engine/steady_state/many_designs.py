@@ -72,8 +72,10 @@ def steady_states(P, L, S, D, W, V, s, d, r, e, designs, count, out, width, symm
 
     `designs` holds their programs row by row, `out` receives `width` numbers for each. The states are those of
     `shooting.find`, and (r, e) that which records. A symmetric orbit may be unstable where an asymmetric one is stable:
-    if none is found on half the period, the whole period is tried.
+    if none is found on half the period, the whole period is tried. The work left on entry is that of all designs; each
+    may take what one simulation may, and those for which none is left stay without a result.
     """
+    total = L[tb.WORK_LEFT]
     for b in range(count):
         length = L[pg.LENGTH]
         for k in range(length):
@@ -81,9 +83,12 @@ def steady_states(P, L, S, D, W, V, s, d, r, e, designs, count, out, width, symm
         L[tb.CLAMPED] = 0
         if interrupted(L):
             return
-        L[tb.WORK_LEFT] = L[tb.NEXT_CHECK] = MAX_WORK
         for k in range(width):
             out[b * width + k] = 0.0
+        allowed = min(MAX_WORK, total)
+        if allowed <= 0:
+            continue
+        L[tb.WORK_LEFT] = L[tb.NEXT_CHECK] = allowed
         W[sc.EVALUATIONS], W[sc.PERIOD] = 0.0, P[L[pg.PERIOD]]
         for attempt in range(2):
             mirrored = symmetric and attempt == 0
@@ -97,3 +102,7 @@ def steady_states(P, L, S, D, W, V, s, d, r, e, designs, count, out, width, symm
             if not mirrored:
                 break
         out[b * width + EVALUATED] = W[sc.EVALUATIONS]
+        if interrupted(L):
+            return
+        total -= allowed - L[tb.WORK_LEFT]
+    L[tb.WORK_LEFT] = total

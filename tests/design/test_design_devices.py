@@ -1,0 +1,60 @@
+"""Device properties and fields that are held: all candidates are compared with the same diodes and coils."""
+
+import pytest
+
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts import SECE, ParallelSSHI, Rectifier, SeriesRL
+from piezoharvest.design import design
+from piezoharvest.study import StudyError, load_study
+
+SCHOTTKY = Rectifier(smoothing_capacitance=1e-5, load_resistance=2e5, diode_drop=0.2)
+KINDS = ("rectifier", "parallel_sshi", "series_sshi", "sece")
+
+
+def shunts_of(result):
+    return {candidate.shunt.kind: candidate.shunt for candidate in result.candidates}
+
+
+def test_diodes_of_one_template_are_those_of_all(host, run):
+    result = run(host(0.025, 50), 50.3, shunts=[SCHOTTKY], candidates=KINDS, phase_lag="fixed")
+    assert {shunt.diode_drop for shunt in shunts_of(result).values()} == {0.2}
+    assert any(note == "sece: assumed diodes of 0.2 V as in the study's rectifier" for note in result.notes)
+    assert not any("same devices" in note for note in result.notes)
+
+
+def test_quality_of_one_template_is_that_of_all(host, run):
+    coil = ParallelSSHI(smoothing_capacitance=1e-5, load_resistance=2e5, quality=9.0, inductance=0.1)
+    result = run(host(0.025, 50), 50.3, shunts=[coil], candidates=KINDS, phase_lag="fixed")
+    assert shunts_of(result)["series_sshi"].quality == 9.0
+    assert any("quality 9 as in the study's parallel_sshi" in note for note in result.notes)
+
+
+def test_a_template_of_the_kind_says_otherwise(host, run):
+    """It stays as it is written, and that the devices differ is said."""
+    templates = [SCHOTTKY, SECE(diode_drop=0.5)]
+    result = run(host(0.025, 50), 50.3, shunts=templates, candidates=("rectifier", "sece"), phase_lag="fixed")
+    assert shunts_of(result)["sece"].diode_drop == 0.5
+    assert any("diode_drop is 0.2 in rectifier, 0.5 in sece" in note for note in result.notes)
+
+
+def test_held_keys_are_not_tuned(host, run):
+    coil = ParallelSSHI(smoothing_capacitance=1e-5, load_resistance=2e5, quality=6.0, inductance=0.1, phase_lag=0.3)
+    series = SeriesRL(inductance=150.0, resistance=1e4)
+    hold = ("load_resistance", "inductance")
+    kinds = ("parallel_sshi", "series_rl")
+    found = shunts_of(run(host(0.025, 50), 50.3, shunts=[coil, series], candidates=kinds, hold=hold))
+    assert found["parallel_sshi"].load_resistance == 2e5 and found["parallel_sshi"].phase_lag != 0.3
+    assert found["series_rl"].inductance == 150.0 and found["series_rl"].resistance != 1e4
+    hold = ("load_resistance", "phase_lag")
+    held = run(host(0.025, 50), 50.3, shunts=[coil], candidates=("parallel_sshi",), hold=hold).best
+    assert held.shunt == coil and held.method == "nothing to tune"
+
+
+def test_unknown_held_key(run, host, tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text(
+        '[transducer]\ncatalogue = "NAC2125-H10"\n[excitation]\nkind = "sine_force"\namplitude = 1000\nfrequency = 50\n'
+        '[design]\nhold = ["load_resistence"]\n'
+    )
+    with pytest.raises((StudyError, ParameterError), match=r"hold\.0: found 'load_resistence' \(did you mean 'load_r"):
+        design(load_study(path))
