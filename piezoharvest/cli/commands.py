@@ -101,8 +101,6 @@ def _refuse_what_is_to_come(study: Study) -> None:
     later = "which this version cannot do yet, allowed is"
     if options.objective == "trade_off":
         raise StudyError(study.path, "design.objective", f"found 'trade_off', {later} 'harvest' or 'damping'")
-    if options.parts is not None:
-        raise StudyError(study.path, "design.parts", f"found {options.parts!r}, {later} to leave it out")
 
 
 def export(path: Path, out: Path, shunt: int | None) -> int:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from piezoharvest.description.netlist import Element
 from piezoharvest.description.shunts import Shunt
+from piezoharvest.design.parts.choice import PartsChoice
 
 if TYPE_CHECKING:
     from piezoharvest.engine.response import Response
@@ -47,6 +48,8 @@ class Candidate:
         Iterations of the optimiser, or simulations where it tuned on them.
     gap_to_bound : float or None
         Relative distance from the bound.
+    parts : PartsChoice or None
+        Parts of the shunt, where they are rounded to a series.
     response : Response
         The simulation; over a band that of the largest displacement.
     """
@@ -62,6 +65,7 @@ class Candidate:
     method: str = ""
     iterations: int = 0
     gap_to_bound: float | None = None
+    parts: PartsChoice | None = None
     response: Response | None = field(default=None, repr=False)
 
     @property
@@ -74,7 +78,8 @@ class Candidate:
         names = ("harvested_power", "attenuation_db", "gap_to_bound", "converged", "displacement_amplitude",
                  "voltage_amplitude", "violates", "start", "method", "iterations")  # fmt: skip
         values = {name: getattr(self, name) for name in names}
-        return {"shunt": shunt_table(self.shunt), **values, "violates": list(self.violates)}
+        parts = self.parts.as_json() if self.parts else None
+        return {"shunt": shunt_table(self.shunt), **values, "violates": list(self.violates), "parts": parts}
 
 
 @dataclass(frozen=True, kw_only=True)
