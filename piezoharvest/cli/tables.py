@@ -96,11 +96,11 @@ def _parts_columns(parts: Sequence[Mapping[str, Any] | None]) -> list[Column]:
         ("harvested_power", "W") if "harvested_power" in chosen[0]["worst_case"] else ("attenuation_db", "dB")
     )
     series, spread = chosen[0]["series"], f"{100 * chosen[0]['tolerance']:g}"
-    costs = [one and (0.0 if abs(one["cost"]) < _MIN_COST else one["cost"]) for one in parts]
-    costs = [cost and cost * (1 if unit == "dB" else 100) for cost in costs]
+    scale = 1 if unit == "dB" else 100
+    costs = [(scale * one["cost"] if abs(one["cost"]) >= _MIN_COST else 0.0) if one else None for one in parts]
     return [
         Column(f"cost of {series}", "dB" if unit == "dB" else "%", costs),
-        Column(f"worst within {spread} %", unit, [one and one["worst_case"][figure] for one in parts]),
+        Column(f"worst within {spread} %", unit, [one["worst_case"][figure] if one else None for one in parts]),
     ]
 
 

@@ -186,9 +186,9 @@ class _Design:
             note(f"{kind}: {inductance:.3g} H needs a synthetic inductor (coils end at about {LARGEST_COIL:g} H)")
         if draft.free and isinstance(found.shunt, LinearShunt):
             region = self._region(draft)
-            ideal = found.parts.ideal if found.parts else {}
-            for text in region.remarks(np.log([ideal.get(n, getattr(found.shunt, n)) for n in draft.free])):
-                note(f"{kind}: {'before rounding, ' if ideal else ''}{text}")
+            ideal = {n: getattr(found.shunt, n) for n in draft.free} | (found.parts.ideal if found.parts else {})
+            for text in region.remarks(np.log([ideal[n] for n in draft.free])):
+                note(f"{kind}: {'before rounding, ' if found.parts else ''}{text}")
         if found.parts and found.parts.remark:
             note(f"{kind}: {found.parts.remark}")
         if not found.converged:
