@@ -68,6 +68,9 @@ class DesignOptions(Component):
     phase_lag: Literal["free", "fixed"] | None = None  # None: free for harvest, fixed for damping
     hold: tuple[str, ...] = ()
     parts: Literal["E3", "E6", "E12", "E24", "E48", "E96", "E192"] | None = None
+    parts_tolerance: float | None = quantity(
+        "", "relative tolerance of the parts, instead of that of their series", default=None, at_least=0, below=1
+    )
     max_voltage: float | None = quantity("V", "largest electrode voltage", default=None, above=0)
     max_inductance: float | None = quantity("H", "largest inductance", default=None, above=0)
     max_displacement: float | None = quantity("m", "largest displacement amplitude", default=None, above=0)
@@ -80,6 +83,11 @@ class DesignOptions(Component):
         super().__post_init__()
         if self.band is not None and not self.band[0] < self.band[1]:
             raise ParameterError("band", f"found {list(self.band)}, allowed is [lower, upper] with lower < upper (Hz)")
+        if self.parts_tolerance is not None and self.parts is None:
+            found = f"found {self.parts_tolerance:g} without parts"
+            raise ParameterError(
+                "parts_tolerance", f"{found}, allowed is a tolerance with parts = a series (E3 to E192)"
+            )
         if self.candidates is not None and not self.candidates:
             raise ParameterError("candidates", "found an empty list, at least one kind of shunt is needed")
         for n, kind in enumerate(self.candidates or ()):

@@ -389,11 +389,10 @@ class TestBadInput:
         assert "shunts: missing tables [[shunts]]" in refused("simulate", study)
         assert "shunts: missing tables [[shunts]]" in refused("export", study, "--out", "x.cir")
 
-    @pytest.mark.parametrize(("key", "value"), [("objective", "trade_off"), ("parts", "E24")])
-    def test_what_is_to_come_says_so(self, study, refused, tmp_path, key, value):
-        (tmp_path / study).write_text(STUDY + f'{key} = "{value}"\n')
+    def test_what_is_to_come_says_so(self, study, refused, tmp_path):
+        (tmp_path / study).write_text(STUDY + 'objective = "trade_off"\n')
         message = refused("design", study)
-        assert f"study.toml: design.{key}: found '{value}', which this version cannot do yet" in message
+        assert "study.toml: design.objective: found 'trade_off', which this version cannot do yet" in message
 
 
 def heed_interrupts():

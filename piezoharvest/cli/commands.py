@@ -103,8 +103,6 @@ def _refuse_what_is_to_come(study: Study) -> None:
         raise StudyError(
             study.path, "design.objective", f"found 'trade_off', {later} allowed is 'harvest' or 'damping'"
         )
-    if options.parts is not None:
-        raise StudyError(study.path, "design.parts", f"found {options.parts!r}, {later} leave this key out")
 
 
 def export(path: Path, out: Path, shunt: int | None) -> int:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 
+_MIN_COST = 1e-4  # of the power, or dB: what is less is within the accuracy of the tuning, and of either sign
 # Keys of a result in the order of the interface; each is an attribute of `Response`.
 _RESULT = (
     "shunt", "converged", "period", "harvested_power", "mechanical_power", "efficiency", "displacement_amplitude",
@@ -68,9 +69,10 @@ def print_design(title: str, result: Mapping[str, Any]) -> None:
         *([scheduled] if any(row.get("scheduled_power") is not None for row in rows) else []),
         Column("attenu- ation", "dB", [row.get("attenuation_db") for row in rows]),
         Column("gap to bound", "", [row.get("gap_to_bound") for row in rows]),
+        *_parts_columns([row.get("parts") for row in rows]),
     ]
     names = [row["shunt"]["kind"] for row in rows]
-    keys = [*(_keys(row["shunt"]) for row in result["candidates"]), ""]
+    keys = [*(_keys(row["shunt"], (row.get("parts") or {}).get("ideal", {})) for row in result["candidates"]), ""]
     _print_table(title, "candidate", names, columns, [row["converged"] for row in rows], keys)
 
 
@@ -87,19 +89,43 @@ def print_sweep(
     _print_table(title, "best", [name], columns, [True], [keys])
 
 
-def _keys(shunt: Mapping[str, Any]) -> str:
-    """Keys of a shunt, one a line, with their units."""
+def _parts_columns(parts: Sequence[Mapping[str, Any] | None]) -> list[Column]:
+    """What rounding to a series of parts costs and the worst case within its tolerance; none without a series."""
+    chosen = [one for one in parts if one]
+    if not chosen:
+        return []
+    figure, unit = (
+        ("harvested_power", "W") if "harvested_power" in chosen[0]["worst_case"] else ("attenuation_db", "dB")
+    )
+    series, spread = chosen[0]["series"], f"{100 * chosen[0]['tolerance']:g}"
+    scale = 1 if unit == "dB" else 100
+    costs = [(scale * one["cost"] if abs(one["cost"]) >= _MIN_COST else 0.0) if one else None for one in parts]
+    return [
+        Column(f"cost of {series}", "dB" if unit == "dB" else "%", costs),
+        Column(f"worst within {spread} %", unit, [one["worst_case"][figure] if one else None for one in parts]),
+    ]
+
+
+def _keys(shunt: Mapping[str, Any], ideal: Mapping[str, float]) -> str:
+    """Keys of a shunt, one a line, with their units, and the ideal values of those that were rounded."""
     cls = registered().get(shunt["kind"])
     fields = {field.name: field for field in dataclasses.fields(cls)} if cls else {}
     lines = []
     for key, value in shunt.items():
         unit = fields[key].metadata.get("unit") if key in fields else None
         if unit and isinstance(value, float):
-            power = _power(abs(value))
-            value = f"{_cell(value, 10.0**power)} {_PREFIXES[power]}{unit}"
+            tuned = f" (ideal {_with_unit(ideal[key], unit)})" if key in ideal else ""
+            value = _with_unit(value, unit, exact=key in ideal) + tuned
         if key != "kind" and value is not None:
             lines.append(f"{key} = {value}")
     return "\n".join(lines)
+
+
+def _with_unit(value: float, unit: str, *, exact: bool = False) -> str:
+    """Value with a prefixed unit; an exact one without trailing zeros."""
+    power = _power(abs(value))
+    text = f"{value / 10.0**power:.4g}" if exact else _cell(value, 10.0**power)
+    return f"{text} {_PREFIXES[power]}{unit}"
 
 
 class Column:

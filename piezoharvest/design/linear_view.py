@@ -1,8 +1,8 @@
-"""Linear shunts on the exact two-port: figures, exact peaks, and levels for the minimax tuning."""
+"""Linear shunts on the exact two-port: figures and their slopes, exact peaks, and levels for the minimax tuning."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -14,7 +14,7 @@ from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.design.goal import Figures, Goal
+from piezoharvest.design.goal import SMALLEST_FIGURE, Figures, Goal, Slopes
 from piezoharvest.design.operation import Operation
 from piezoharvest.linear import frequency_response, hysteresis_slope, poles
 from piezoharvest.linear.response import FrequencyResponse
@@ -22,6 +22,7 @@ from piezoharvest.linear.response import FrequencyResponse
 _GRID_POINTS = 61  # points of a band, besides those at the poles
 _ZOOMS, _ZOOM_POINTS = 7, 11  # a peak's frequency to 1e-5 of the grid's spacing, its height to the square of that
 _AMPLITUDE_STEPS = 60
+_STEP = 1e-5  # of central differences, in e-folds: the error of a slope is 1e-10
 
 
 class Levels(NamedTuple):
@@ -81,7 +82,7 @@ class LinearView:
         band = self.operation.band
         if band is None:
             return self.operation.frequencies if self.operation.apart else np.empty(0)
-        grid = np.unique(np.concatenate((np.linspace(*band, _GRID_POINTS), self._near_poles(shunt, band))))
+        grid = self._first_grid(shunt, band)
         height = np.abs(of(self.response(shunt, grid)))
         padded = np.concatenate(([-np.inf], height, [-np.inf]))
         tops = np.flatnonzero((height >= padded[:-2]) & (height > padded[2:]))
@@ -93,6 +94,9 @@ class LinearView:
             rows, n = np.arange(len(places)), np.argmax(heights, axis=1)
             left, right = places[rows, np.maximum(n - 1, 0)], places[rows, np.minimum(n + 1, _ZOOM_POINTS - 1)]
         return places[rows, n]
+
+    def _first_grid(self, shunt: Shunt, band: tuple[float, float]) -> np.ndarray:
+        return np.unique(np.concatenate((np.linspace(*band, _GRID_POINTS), self._near_poles(shunt, band))))
 
     def _near_poles(self, shunt: Shunt, band: tuple[float, float]) -> np.ndarray:
         """Frequencies around the poles, spaced by their damping."""
@@ -122,10 +126,38 @@ class LinearView:
     def figures(self, shunt: Shunt) -> Figures:
         """Figures by the linear two-port, with exact peaks."""
         power, displacement, voltage = self.levels(shunt, self.grid(shunt))
-        worst = float(np.max(displacement))
+        return self._figures(power, np.max(displacement), np.max(voltage))
+
+    def _figures(self, power: Any, displacement: Any, voltage: Any) -> Figures:
         with np.errstate(divide="ignore"):
-            attenuation = 20 * float(np.log10(worst / self.shorted))
-        return Figures(float(power), worst, float(np.max(voltage)), attenuation)
+            attenuation = 20 * float(np.log10(displacement / self.shorted))
+        return Figures(float(power), float(displacement), float(voltage), attenuation)
+
+    def survey(self, shunt: Shunt) -> np.ndarray:
+        """Frequencies in Hz at which shunts that resemble one are compared: all over the band, dense at its peaks."""
+        band = self.operation.band
+        if band is None or not (self.goal.damping or self.goal.limits_levels):
+            return self.operation.frequencies[:1]
+        return np.unique(np.concatenate((self._first_grid(shunt, band), self.grid(shunt))))
+
+    def sampled(self, batch: Shunt, grid: np.ndarray) -> list[Figures]:
+        """Figures of each of a batch of designs, its peaks as high as they are at the frequencies of a grid (Hz)."""
+        power, displacement, voltage = self.levels(batch, grid)
+        return [self._figures(*each) for each in zip(power, displacement.max(-1), voltage.max(-1), strict=True)]
+
+    def tangent(self, shunt: Shunt, parts: Sequence[str]) -> tuple[Figures, Slopes]:
+        """Figures of a shunt and their derivatives by the logarithms of its parts, where the peaks are.
+
+        A peak's height changes as the response at its frequency does.
+        """
+        n = len(parts)
+        steps = np.exp(_STEP * np.concatenate((np.zeros((1, n)), np.eye(n), -np.eye(n))))
+        values = {name: getattr(shunt, name) * steps[:, k : k + 1] for k, name in enumerate(parts)}
+        power, *levels = self.levels(replace(shunt, **values), self.grid(shunt))
+        heights = [power, *(x[:, np.argmax(x[0])] for x in levels)]
+        logs = [np.log(np.maximum(x, SMALLEST_FIGURE)) for x in heights]
+        slopes = Slopes(*((x[1 : n + 1] - x[n + 1 :]) / (2 * _STEP) for x in logs))
+        return self._figures(*(x[0] for x in heights)), slopes
 
     def working(self, shunt: Shunt | None = None) -> LinearView:
         """The view at the charge amplitude that the drive causes with a shunt: a damped fixed-point iteration.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from piezoharvest.description.netlist import Element
 from piezoharvest.description.shunts import Shunt
+from piezoharvest.design.parts.choice import PartsChoice
 
 if TYPE_CHECKING:
     from piezoharvest.engine.response import Response
@@ -84,6 +85,8 @@ class Candidate:
         the harvested power, W.
     scheduled_power : float or None
         W, mean over the band with the schedule.
+    parts : PartsChoice or None
+        Parts of the shunt, where they are rounded to a series.
     response : Response
         The simulation; over a band that of the largest displacement.
     """
@@ -101,6 +104,7 @@ class Candidate:
     gap_to_bound: float | None = None
     schedule: tuple[Mapping[str, float], ...] | None = None
     scheduled_power: float | None = None
+    parts: PartsChoice | None = None
     response: Response | None = field(default=None, repr=False)
 
     @property
@@ -114,8 +118,9 @@ class Candidate:
                  "voltage_amplitude", "violates", "start", "method", "iterations", "scheduled_power")  # fmt: skip
         values = {name: getattr(self, name) for name in names}
         schedule = None if self.schedule is None else [dict(row) for row in self.schedule]
-        shunt = shunt_table(self.shunt)
-        return {"shunt": shunt, **values, "violates": list(self.violates), "schedule": schedule}
+        parts = self.parts.as_json() if self.parts else None
+        more = {"violates": list(self.violates), "schedule": schedule, "parts": parts}
+        return {"shunt": shunt_table(self.shunt), **values, **more}
 
 
 @dataclass(frozen=True, kw_only=True)

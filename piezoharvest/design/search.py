@@ -8,13 +8,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.description.shunts import LinearShunt
+from piezoharvest.description.shunts import LinearShunt, Shunt
 from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.design.bound import bound_of
 from piezoharvest.design.drafts import Draft, Drafting
 from piezoharvest.design.goal import Goal, largest_inductance
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.operation import is_sine, operation_of
+from piezoharvest.design.parts.choice import PartsChoice, PartsChooser
 from piezoharvest.design.result import Bound, Candidate, DesignResult
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.bridges import bridge_starts
@@ -61,15 +62,14 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
     shunts are tuned by simulation from every optimum of their equivalent impedance (`bridges`, `refine`). Several parts
     are tuned by the gradient of the simulation where it has one. The lag of a switch is tuned together with the load
     (`phase`); over a band this gives the best fixed values, by which candidates are ranked, and a schedule. Over a band
-    the drive is a sine of constant amplitude: harvested power is its mean, displacement the worst peak.
+    the drive is a sine of constant amplitude: harvested power is its mean, displacement the worst peak. With
+    `options.parts` each tuned candidate is rounded to a series of preferred values (`parts`), and what is ranked is what
+    can be bought. All is set against the bound of passive linear shunts (`bound`).
     """
     options = study.design or DesignOptions()
-    for key, allowed in (("objective", ("harvest", "damping")), ("parts", (None,))):
-        if getattr(options, key) not in allowed:
-            words = " or ".join(repr(value) for value in allowed if value)
-            words = f"allowed is {words}" if words else "leave this key out"
-            later = f"found {getattr(options, key)!r}, which this version cannot do yet, {words}"
-            raise ParameterError(f"design.{key}", later)
+    if options.objective == "trade_off":
+        later = "found 'trade_off', which this version cannot do yet, allowed is 'harvest' or 'damping'"
+        raise ParameterError("design.objective", later)
     return _Design(study, options, progress or (lambda _: None)).run()
 
 
@@ -142,11 +142,12 @@ class _Design:
         phase = self._phase(draft) if "phase_lag" in draft.free else None
         tuned = phase.fixed() if phase else self._tuned(draft)
         schedule = phase.schedule() if phase and self.options.band and not self.goal.damping else None
-        figures = self.trial.figures(tuned.shunt, complete=True)
-        capacitance = self.study.transducer.capacitance
-        violates = self.goal.violated(figures, tuned.shunt, capacitance)
+        parts = self._parts(draft, tuned.shunt)
+        shunt = parts.shunt if parts else tuned.shunt
+        figures = self.trial.figures(shunt, complete=True)
+        violates = self.goal.violated(figures, shunt, self.study.transducer.capacitance)
         found = Candidate(
-            shunt=tuned.shunt, harvested_power=figures.harvested_power, attenuation_db=figures.attenuation_db,
+            shunt=shunt, parts=parts, harvested_power=figures.harvested_power, attenuation_db=figures.attenuation_db,
             displacement_amplitude=figures.displacement_amplitude, voltage_amplitude=figures.voltage_amplitude,
             converged=figures.converged, violates=violates, start=tuned.start, method=tuned.method,
             iterations=tuned.iterations, response=figures.response,
@@ -177,14 +178,30 @@ class _Design:
             # The describing function at the amplitude with the tuned shunt, not at a guessed one.
             view = view.working(best.shunt)
             best = tune(view, draft, _start_at(draft, best), region)._replace(start=best.start)
-        if view.amplitude is None:
-            # A random signal: tuned for its expectation, not for this realisation.
-            expected = not self.operation.periodic
-            if expected or self.goal.agree(view.figures(best.shunt), self.trial.figures(best.shunt), _MAX_DISAGREEMENT):
-                return best
+        if self._is_exact(view, best.shunt):
+            return best
         refined = refine(self.trial, draft, _start_at(draft, best), region)
         steps = best.iterations + refined.iterations
         return refined._replace(method=f"{best.method}, {refined.method}", iterations=steps)
+
+    def _is_exact(self, view: LinearView, shunt: Shunt) -> bool:
+        """True if the two-port tells as much of a linear shunt as the simulation."""
+        if view.amplitude is not None:
+            return False
+        # A random signal: its expectation counts, not this realisation.
+        return not self.operation.periodic or self.goal.agree(
+            view.figures(shunt), self.trial.figures(shunt), _MAX_DISAGREEMENT
+        )
+
+    def _parts(self, draft: Draft, tuned: Shunt) -> PartsChoice | None:
+        """The tuned parts as they can be bought, where a series is asked for."""
+        if self.options.parts is None or not draft.free:
+            return None
+        if not isinstance(tuned, LinearShunt):
+            return PartsChooser(self.trial, self.goal, None, False, None).choose(draft, tuned)
+        view = self.view.working(tuned)
+        exact = self._is_exact(view, tuned)
+        return PartsChooser(self.trial, self.goal, view, exact, self._region(draft)).choose(draft, tuned)
 
     def _region(self, draft: Draft) -> Region:
         return Region.of(draft, self.host, self.options.max_inductance)
@@ -200,8 +217,11 @@ class _Design:
             note(f"{kind}: {inductance:.3g} H needs a synthetic inductor (coils end at about {LARGEST_COIL:g} H)")
         if draft.free and isinstance(found.shunt, LinearShunt):
             region = self._region(draft)
-            for text in region.remarks(np.log([getattr(found.shunt, name) for name in draft.free])):
-                note(f"{kind}: {text}")
+            ideal = {n: getattr(found.shunt, n) for n in draft.free} | (found.parts.ideal if found.parts else {})
+            for text in region.remarks(np.log([ideal[n] for n in draft.free])):
+                note(f"{kind}: {'before rounding, ' if found.parts else ''}{text}")
+        if found.parts and found.parts.remark:
+            note(f"{kind}: {found.parts.remark}")
         if not found.converged:
             note(f"{kind}: not to be trusted: {message or 'a simulation did not converge'}")
         elif message:

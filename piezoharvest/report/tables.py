@@ -13,7 +13,7 @@ from piezoharvest.description.transducer import Transducer
 from piezoharvest.report.figures.ledger import name_of
 from piezoharvest.report.limits import Limit, ModeFigures, hysteretic, mode_figures, white_input
 from piezoharvest.report.subjects import Subject, values_of
-from piezoharvest.report.units import decibel, engineering, kind_name, number, percent, quantity_text
+from piezoharvest.report.units import SPACE, decibel, engineering, kind_name, number, percent, quantity_text, symbol
 from piezoharvest.study import Study
 
 _LIMITS = {
@@ -26,6 +26,7 @@ _MERIT = "from 2 on a resistor, from π on a rectifier can reach the limit of po
 
 _NOISE = "sum over modes of S/(4 m): what white noise of this density brings in, whatever the shunt"
 _MIN_VOLTAGE = 1e-9  # V: smaller voltages are rounding errors of zero
+_MIN_COST = 1e-4  # of the power, or dB: what is less is within the accuracy of the tuning, and of either sign
 _MIN_LIMIT_SHARE = 0.01  # of the limit: smallest share that is compared with it
 
 
@@ -41,6 +42,16 @@ class Row(NamedTuple):
     converged: bool
     violates: list[str]
     colour: int
+
+
+class PartsRow(NamedTuple):
+    """Parts of a candidate: key, ideal, bought and worst value of each; cost and worst case of the objective."""
+
+    label: str
+    parts: list[tuple[str, str, str, str]]
+    cost: str
+    worst: str
+    sure: bool
 
 
 class QuantityRow(NamedTuple):
@@ -71,6 +82,31 @@ def ranking(subjects: Sequence[Subject], limit: Limit | None) -> list[Row]:
                         number(closure, 1) if closure is not None else engineering(None), c.converged, violates,
                         s.rank))  # fmt: skip
     return rows
+
+
+def bought_parts(subjects: Sequence[Subject]) -> list[PartsRow]:
+    """One row for each candidate whose parts were rounded to a series."""
+    rows = []
+    for s in subjects:
+        c = s.candidate.parts
+        if c is None:
+            continue
+        units = {f.name: f.metadata["unit"] for f in dataclasses.fields(s.shunt) if f.name in c.values}
+        parts = []
+        for name, unit in units.items():
+            ideal, worst = engineering(c.ideal[name], unit, 4), engineering(c.worst_values[name], unit)
+            parts.append((symbol(name), ideal, quantity_text(c.values[name], unit), worst))
+        harvest = c.objective == "harvested_power"
+        cost = "0" if abs(c.cost) < _MIN_COST else percent(c.cost, 2) if harvest else f"{number(c.cost, 2)}{SPACE}dB"
+        worst = engineering(c.worst, "W") if harvest else decibel(c.worst)
+        rows.append(PartsRow(s.label, parts, cost, worst, c.converged and c.complete))
+    return rows
+
+
+def series_text(subjects: Sequence[Subject]) -> str:
+    """Series and tolerance of the parts, in words; empty without a series."""
+    choice = next((s.candidate.parts for s in subjects if s.candidate.parts), None)
+    return f"{choice.series}, ±{number(100 * choice.tolerance, exact=True)}{SPACE}%" if choice else ""
 
 
 def near_limit(subjects: Sequence[Subject], limit: Limit | None) -> bool:
@@ -122,6 +158,8 @@ def goal_table(study: Study) -> list[QuantityRow]:
     if study.design is None:
         return []
     found = [QuantityRow("objective", study.design.objective.replace("_", " "), "what is made large, or small")]
+    if study.design.parts:
+        found.append(QuantityRow("parts", study.design.parts, "series of preferred values (IEC 60063)"))
     return found + list(entries(study.design))
 
 

@@ -15,6 +15,7 @@ SPAN = np.log(1e4)  # e-folds about a part's typical size
 COIL_QUALITY = 100.0  # w L/R that coils and gyrators hardly exceed; without it a tuning ends in lossless resonances
 _AT_BOUND = 0.01  # e-folds
 MOST_LAG = 3.1  # rad: a switch acts later than the last extremum, and earlier than the one after the next
+_AT_BORDER = 1e-9  # e-folds: rounding errors of a point that is clipped to the region
 _SERIES = {"series_rl": 1.0, "series_rlc": 1.0, "parallel_rl": -1.0, "parallel_rlc": -1.0}
 
 
@@ -82,6 +83,24 @@ class Region:
             n = self.names.index("resistance")
             p[n] += self.coil[n] * missing
         return p
+
+    def contains(self, p: np.ndarray) -> bool:
+        """True if a point is inside, or at the border."""
+        inside = np.all((p >= self.lower - _AT_BORDER) & (p <= self.upper + _AT_BORDER))
+        return bool(inside and (not np.any(self.coil) or self.coil @ p >= self.offset - _AT_BORDER))
+
+    def beside(self, name: str, value: float) -> Region:
+        """Region of the other parts where one is held at a value.
+
+        With the resistance held, the quality of the coil is left to `contains`.
+        """
+        n = self.names.index(name)
+        names = self.names[:n] + self.names[n + 1 :]
+        lower, upper, coil = (np.delete(x, n) for x in (self.lower, self.upper, self.coil))
+        if name == "resistance":
+            coil = 0 * coil
+        offset = self.offset - self.coil[n] * np.log(value) if np.any(coil) else self.offset
+        return Region(names, lower, upper, coil, float(offset))
 
     def remarks(self, p: np.ndarray) -> list[str]:
         """Remarks on parts at the border of the region, in words."""

@@ -1,0 +1,1 @@
+"""Parts that can be bought: preferred values, joint rounding, and the worst case within their tolerance."""

@@ -1,0 +1,141 @@
+"""Choice of the parts of a tuned candidate: preferred values, what rounding costs, and the worst case."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from piezoharvest.description.shunts import Shunt
+from piezoharvest.design.drafts import Draft
+from piezoharvest.design.goal import Goal
+from piezoharvest.design.linear_view import LinearView
+from piezoharvest.design.parts.rounding import Rounding
+from piezoharvest.design.parts.series import series_of
+from piezoharvest.design.parts.worst_case import WorstCase
+from piezoharvest.design.trial import Trial
+from piezoharvest.design.tuning.region import Region
+
+_BOUGHT_UNITS = ("ohm", "F", "H")
+# Of the work left when a candidate's parts are chosen: the next candidates have to be tuned, too.
+_SHARE = 0.5
+
+
+@dataclass(frozen=True)
+class PartsChoice:
+    """Parts of a candidate as they are bought.
+
+    Attributes
+    ----------
+    shunt : Shunt
+        The circuit with preferred values.
+    series : str
+        Their series, E3 to E192.
+    ideal, values : dict
+        Values as tuned and as bought, by key, in SI units.
+    cost : float
+        Loss of the objective by rounding: 1 - P/P_ideal, for damping the rise of the displacement in dB.
+    tolerance : float
+        Relative half-width within which each part varies.
+    objective : str
+        Key of the figure that `worst` holds: "harvested_power" (W) or "attenuation_db".
+    worst : float
+        The worst figure within the tolerance, by simulation.
+    worst_values : dict
+        Values of the parts there.
+    converged : bool
+        True if the search for the worst case was complete and all its simulations were reliable.
+    complete : bool
+        True if the search for the best values was not ended by the budget of the design.
+    """
+
+    shunt: Shunt
+    series: str
+    ideal: dict[str, float]
+    values: dict[str, float]
+    cost: float
+    tolerance: float
+    objective: str
+    worst: float
+    worst_values: dict[str, float]
+    converged: bool
+    complete: bool
+
+    def as_json(self) -> dict[str, Any]:
+        """Choice as a table of the JSON output."""
+        worst = {self.objective: self.worst, "values": self.worst_values, "converged": self.converged}
+        names = ("series", "ideal", "values", "cost", "tolerance")
+        return {**{name: getattr(self, name) for name in names}, "worst_case": worst}
+
+    @property
+    def remark(self) -> str:
+        """Remark on a search that is not complete, in words; else empty."""
+        if not self.complete:
+            return "parts are not surely the best: their rounding took more simulations than one design may"
+        return "" if self.converged else "the worst case of the parts is not sure: not all of it could be simulated"
+
+
+@dataclass(frozen=True)
+class PartsChooser:
+    """Chooses the parts of a tuned candidate.
+
+    Attributes
+    ----------
+    trial : Trial
+        Its budget is shared with all that follows.
+    goal : Goal
+    view : LinearView or None
+        The two-port of linear shunts, at the amplitude of the tuned one; None for circuits with switches.
+    exact : bool
+        True if the two-port is as good as the simulation, and decides.
+    region : Region or None
+        Values that the tuning may take.
+    """
+
+    trial: Trial
+    goal: Goal
+    view: LinearView | None
+    exact: bool
+    region: Region | None
+
+    def choose(self, draft: Draft, tuned: Shunt) -> PartsChoice | None:
+        """Round the parts of a tuned draft together; None for a draft without parts that are tuned."""
+        options = self.goal.options
+        names = tuple(n for n in draft.free if type(tuned).__dataclass_fields__[n].metadata["unit"] in _BOUGHT_UNITS)
+        if options.parts is None or not names:
+            return None
+        series = series_of(options.parts)
+        tolerance = series.tolerance if options.parts_tolerance is None else options.parts_tolerance
+        judge, affordable = self.view if self.exact and self.view else self.trial, self._budget()
+        ideal = dataclasses.replace(draft, shunt=tuned, free=names)
+        rounding = Rounding(ideal, series, judge, self.view, self.region, self.goal, affordable)
+        values = rounding.run()
+        # The assumed smoothing capacitance is chosen with the load and keeps its value when the load varies.
+        bought = dataclasses.replace(ideal, shunt=ideal.with_values(values), smoothing=None)
+        worst_case = WorstCase(bought, tolerance, judge, self.view if self.exact else None, self.goal, affordable)
+        worst = worst_case.run()
+        loss = self.goal.score(judge.figures(bought.shunt)) - self.goal.score(judge.figures(tuned))
+        figure, converged = self._simulated(worst)
+        return PartsChoice(
+            shunt=bought.shunt, series=series.name, ideal=ideal.first(), values=values,
+            cost=loss * 20 / np.log(10) if self.goal.damping else float(-np.expm1(-loss)), tolerance=tolerance,
+            objective="attenuation_db" if self.goal.damping else "harvested_power", worst=figure,
+            worst_values={name: getattr(worst, name) for name in names},
+            converged=worst_case.converged and converged, complete=rounding.complete,
+        )  # fmt: skip
+
+    def _simulated(self, worst: Shunt) -> tuple[float, bool]:
+        """The objective's figure of the worst shunt by simulation, and True if that is reliable."""
+        # What was found by simulation has been simulated as finely as it was tuned.
+        figures = self.trial.figures(worst, complete=self.exact)
+        if not self.goal.damping:
+            return figures.harvested_power, figures.converged
+        return 20 * float(np.log10(figures.displacement_amplitude / self.trial.shorted)), figures.converged
+
+    def _budget(self) -> Callable[[], bool]:
+        """True until the work that the choice may take is done."""
+        least = self.trial.left * (1 - _SHARE)
+        return lambda: self.trial.left > least
