@@ -63,7 +63,7 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
     are tuned by the gradient of the simulation where it has one. The lag of a switch is tuned together with the load
     (`phase`); over a band this gives the best fixed values, by which candidates are ranked, and a schedule. Over a band
     the drive is a sine of constant amplitude: harvested power is its mean, displacement the worst peak. With
-    `options.parts` each tuned candidate is rounded to a series of preferred values (`parts`), and what is ranked is what
+    `options.parts` each tuned candidate is rounded to a series of preferred values (`parts`); what is ranked is what
     can be bought. All is set against the bound of passive linear shunts (`bound`).
     """
     options = study.design or DesignOptions()
