@@ -28,9 +28,9 @@ from scipy.optimize import minimize_scalar
 
 from piezoharvest.design.bound.density import Hats, interpolation, subdivided, trapezoid_weights
 from piezoharvest.design.bound.port import ElectrodePort, PortValues
-from piezoharvest.design.bound.target import Target
+from piezoharvest.design.bound.target import ACCURACY, Target
 
-_MARGIN = 1e-8  # the solver's accuracy
+_MARGIN = 1e-7  # the solver's accuracy
 _FINE = 16  # points in an interval of the mesh at which the certificate is evaluated
 
 
@@ -183,7 +183,7 @@ class _DualProgram:
         weights = (trapezoid_weights(self.omega) / self.width)[self.support]
         cost = weights @ (r / 4 - real[self.support] + t) + (0.0 if self.leaks else pole)
         try:
-            cp.Problem(cp.Minimize(cost - gain), constraints).solve(solver=cp.CLARABEL)
+            cp.Problem(cp.Minimize(cost - gain), constraints).solve(solver=cp.CLARABEL, **ACCURACY)
         except cp.SolverError:
             return None
         unknowns = [np.asarray(v.value, float) for v in (c, pole, *(() if y is None else (y,)))]

@@ -16,7 +16,7 @@ import numpy as np
 
 from piezoharvest.design.bound.density import Hats, subdivided
 from piezoharvest.design.bound.port import ElectrodePort, PortValues
-from piezoharvest.design.bound.target import Target
+from piezoharvest.design.bound.target import ACCURACY, Target
 
 _PARTS, _FINE = 3, 16  # of an interval of the mesh: points of the program, and of the check
 _TAILS = 0.1  # their natural size, of that of the hats
@@ -146,7 +146,7 @@ def _solve(port: ElectrodePort, target: Target, empty: LoopAdmittance, omega: np
     objective = _objective(cp, target, omega, at, natural, real, imaginary, t)
     problem = cp.Problem(cp.Minimize(objective), constraints)
     try:
-        problem.solve(solver=cp.CLARABEL)
+        problem.solve(solver=cp.CLARABEL, **ACCURACY)
     except cp.SolverError:
         return None
     if parts.value is None or not np.all(np.isfinite(parts.value)):
