@@ -207,8 +207,8 @@ def _similar_effects(rows: Sequence[Scored]) -> Iterator[str]:
     ]
     for size, i, j in sorted(pairs, reverse=True):
         remedy = registered()[names[i]].told_by or registered()[names[j]].told_by
-        both = f"{names[j].replace('_', ' ')} and {names[i].replace('_', ' ')}"
-        yield f"{both}: {number(size, 2)}. To tell them: {remedy}."
+        pair = f"{names[j].replace('_', ' ')} and {names[i].replace('_', ' ')}"
+        yield f"{pair}: {number(size, 2)}. To tell them: {remedy}."
 
 
 def _alternatives(found: Diagnosis) -> Iterator[tuple[str, str]]:

@@ -84,10 +84,22 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
 
 
 def _bound(result: DesignResult) -> list[str]:
-    """Bound of passive linear shunts, in words."""
+    """Sentences on the bound of passive linear shunts; none without one."""
     bound = result.bound
-    found = [engineering(bound.harvested_power, "W")] if bound.harvested_power is not None else []
-    return found + ([decibel(bound.attenuation_db)] if bound.attenuation_db is not None else [])
+    power, attenuation = bound.harvested_power, bound.attenuation_db
+    found = [engineering(power, "W")] if power is not None else []
+    found += [decibel(attenuation)] if attenuation is not None else []
+    if not found:
+        return []
+    sentences = [f"No passive linear shunt can do better than {' or '.join(found)}."]
+    show = decibel if power is None else lambda value: engineering(value, "W")
+    if bound.reached is not None:
+        sentences.append(f"A network is shown to reach {show(bound.reached)}.")
+    if bound.frequency_wise is not None and bound.frequency_wise != (attenuation if power is None else power):
+        sentences.append(f"With another network at every frequency the limit would be {show(bound.frequency_wise)}.")
+    if bound.linearised:
+        sentences.append("The hysteresis is linearised at the amplitude found.")
+    return sentences
 
 
 @cache
