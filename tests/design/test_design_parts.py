@@ -113,17 +113,21 @@ def test_no_combination_around_is_better_at_one_frequency(host, run, kind, serie
     assert parts.cost == pytest.approx(1 - candidate.harvested_power / ideal, abs=1e-6)
 
 
-@pytest.mark.parametrize("series", ["E6", "E12", "E24"])
-def test_no_combination_around_is_better_in_a_band(host, run, series):
+def test_no_combination_around_is_better_in_a_band(host, run):
+    """And the worst case is that of 2000 designs within the tolerance."""
     transducer = host(0.05, 60)
-    result = run(transducer, 50.0, objective="damping", band=BAND, candidates=("series_rl",), parts=series)
-    found, parts = result.best, result.best.parts
-    around = neighbourhood(series_of(series), parts.ideal, 5)
+    found = run(transducer, 50.0, objective="damping", band=BAND, candidates=("series_rl",), parts="E12").best
+    parts = found.parts
+    around = neighbourhood(series_of("E12"), parts.ideal, 5)
     assert height(transducer, found.shunt) <= height(transducer, batch(found.shunt, around)).min() * (1 + 1e-4)
     ideal = height(transducer, dataclasses.replace(found.shunt, **parts.ideal))
     assert (
         parts.cost == pytest.approx(20 * np.log10(height(transducer, found.shunt) / ideal), abs=1e-3) and parts.cost > 0
     )
+    rng = np.random.default_rng(1)
+    spread = {n: v * rng.uniform(0.9, 1.1, 2000) for n, v in found.parts.values.items()}
+    shift = 20 * np.log10(height(transducer, batch(found.shunt, spread)).max() / height(transducer, found.shunt))
+    assert shift - 1e-3 <= found.parts.worst - found.attenuation_db <= shift + 0.1
 
 
 def test_three_parts_in_a_band(host, run):
@@ -185,15 +189,6 @@ def test_worst_case_of_ten_thousand(host, run, series):
         assert parts.worst == pytest.approx(power(transducer, worst), rel=1e-6)
         for name, value in parts.values.items():
             assert abs(parts.worst_values[name] / value - 1) <= parts.tolerance + 1e-12
-
-
-def test_worst_case_of_damping_in_a_band(host, run):
-    transducer = host(0.05, 60)
-    found = run(transducer, 50.0, objective="damping", band=BAND, candidates=("series_rl",), parts="E12").best
-    rng = np.random.default_rng(1)
-    spread = {n: v * rng.uniform(0.9, 1.1, 2000) for n, v in found.parts.values.items()}
-    shift = 20 * np.log10(height(transducer, batch(found.shunt, spread)).max() / height(transducer, found.shunt))
-    assert shift - 1e-3 <= found.parts.worst - found.attenuation_db <= shift + 0.1
 
 
 def test_worst_case_within_the_box(host, run):
