@@ -101,7 +101,9 @@ def test_kinds_that_cannot_be_assumed(bench, run):
     result = run(bench, 50.6, candidates=("network", "resistor"))
     assert [c.shunt.kind for c in result.candidates] == ["resistor"]
     assert any(note.startswith("left out: network") for note in result.notes)
-    with pytest.raises(ParameterError, match=r"design.candidates: found network, whose netlist"):
+    with pytest.raises(
+        ParameterError, match=r"design.candidates: no candidate can be designed \(network, whose netlist"
+    ):
         run(bench, 50.6, candidates=("network",))
 
 
