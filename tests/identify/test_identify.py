@@ -166,7 +166,7 @@ def test_a_shunt_that_is_no_linear_circuit_is_an_error(tmp_path):
     path, _ = campaign_file(tmp_path, 1)
     text = path.read_text().replace("load_resistance = 51430.0", 'shunt = { kind = "rectifier", dc_voltage = 1.0 }')
     path.write_text(text)
-    with pytest.raises(CampaignError, match=r"records\.1\.shunt: found 'rectifier', allowed"):
+    with pytest.raises(CampaignError, match=r"records\.1\.shunt: found 'rectifier', but a record"):
         identify(load_campaign(path))
 
 

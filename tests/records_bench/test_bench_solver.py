@@ -221,8 +221,8 @@ def test_what_has_no_solution_is_said():
 
 
 def test_more_steps_than_a_run_may_take_are_said(monkeypatch):
-    monkeypatch.setattr("piezoharvest.bench.solver.integrate.MAX_TRIALS", 100)
-    monkeypatch.setattr("piezoharvest.bench.solver.integrate.TRIALS_PER_INTERVAL", 0)
+    monkeypatch.setattr("piezoharvest.bench.solver.integrator.MAX_TRIALS", 100)
+    monkeypatch.setattr("piezoharvest.bench.solver.integrator.TRIALS_PER_INTERVAL", 0)
     with pytest.raises(SolverError, match=r"more than 100 steps, on the way to 0\.\d+ s"):
         waves()
 

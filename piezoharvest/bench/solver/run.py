@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from piezoharvest.bench.solver.drive import Drive
-from piezoharvest.bench.solver.integrate import Integrator
+from piezoharvest.bench.solver.integrator import Integrator
 from piezoharvest.bench.solver.model import Model
 from piezoharvest.description.excitation import Excitation
 
