@@ -134,12 +134,12 @@ def _solve(port: ElectrodePort, target: Target, empty: LoopAdmittance, omega: np
     loss = np.sqrt(at.resistance * natural)
     # R |Q|^2 <= t <= Re Q, all over the natural size of Q; outside of a band of power, t is Re Q.
     counted = inside if target.kind == "power" else np.zeros(len(omega), bool)
-    t = cp.Variable(int(np.sum(counted)))
-    spent = cp.hstack([t, real[~counted] - _MARGIN])
+    t = cp.Variable(int(np.sum(counted))) if np.any(counted) else None
+    spent = real[~counted] - _MARGIN if t is None else cp.hstack([t, real[~counted] - _MARGIN])
     order = np.concatenate((np.flatnonzero(counted), np.flatnonzero(~counted)))
     lost = [cp.multiply(2 * loss[order], real[order]), cp.multiply(2 * loss[order], imaginary[order])]
     constraints: list[Any] = [
-        parts >= 0, t <= real[counted], cp.SOC(1 + spent, cp.vstack([*lost, 1 - spent]), axis=0),
+        parts >= 0, *([] if t is None else [t <= real[counted]]), cp.SOC(1 + spent, cp.vstack([*lost, 1 - spent]), axis=0),
     ]  # fmt: skip
     if np.isfinite(port.free_capacitance):
         constraints.append((empty.capacitances * scale / capacitance) @ parts <= 1)
