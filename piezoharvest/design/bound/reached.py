@@ -138,9 +138,9 @@ def _solve(port: ElectrodePort, target: Target, empty: LoopAdmittance, omega: np
     spent = real[~counted] - _MARGIN if t is None else cp.hstack([t, real[~counted] - _MARGIN])
     order = np.concatenate((np.flatnonzero(counted), np.flatnonzero(~counted)))
     lost = [cp.multiply(2 * loss[order], real[order]), cp.multiply(2 * loss[order], imaginary[order])]
-    constraints: list[Any] = [
-        parts >= 0, *([] if t is None else [t <= real[counted]]), cp.SOC(1 + spent, cp.vstack([*lost, 1 - spent]), axis=0),
-    ]  # fmt: skip
+    constraints: list[Any] = [parts >= 0, cp.SOC(1 + spent, cp.vstack([*lost, 1 - spent]), axis=0)]
+    if t is not None:
+        constraints.append(t <= real[counted])
     if np.isfinite(port.free_capacitance):
         constraints.append((empty.capacitances * scale / capacitance) @ parts <= 1)
     objective = _objective(cp, target, omega, at, natural, real, imaginary, t)
