@@ -113,6 +113,8 @@ class _Design:
         self.notes += bound.notes
         if bound.linearised:
             self.notes.append("the bound is that of the hysteresis linearised at the amplitude found")
+        if not self.operation.periodic:  # a realisation may be above or below what is expected of it
+            return bound
         for candidate in candidates:
             gap = bound.gap(candidate.harvested_power, candidate.attenuation_db, damping=self.goal.damping)
             if gap is not None and gap < -_BEYOND:

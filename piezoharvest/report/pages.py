@@ -94,9 +94,9 @@ def _bound(result: DesignResult) -> list[str]:
     sentences = [f"No passive linear shunt can do better than {' or '.join(found)}."]
     show = decibel if power is None else lambda value: engineering(value, "W")
     if bound.reached is not None:
-        sentences.append(f"A network is shown to reach {show(bound.reached)}.")
+        sentences.append(f"A passive one-port is shown to reach {show(bound.reached)}.")
     if bound.frequency_wise is not None and bound.frequency_wise != (attenuation if power is None else power):
-        sentences.append(f"With another network at every frequency the limit would be {show(bound.frequency_wise)}.")
+        sentences.append(f"With another one at every frequency the limit would be {show(bound.frequency_wise)}.")
     if bound.linearised:
         sentences.append("The hysteresis is linearised at the amplitude found.")
     return sentences

@@ -28,9 +28,9 @@ from scipy.optimize import minimize_scalar
 
 from piezoharvest.design.bound.density import Hats, interpolation, subdivided, trapezoid_weights
 from piezoharvest.design.bound.port import ElectrodePort, PortValues
-from piezoharvest.design.bound.target import ACCURACY, Target
+from piezoharvest.design.bound.program import MARGIN, solve
+from piezoharvest.design.bound.target import Target
 
-_MARGIN = 1e-7  # the solver's accuracy
 _FINE = 16  # points in an interval of the mesh at which the certificate is evaluated
 
 
@@ -55,8 +55,8 @@ class Multipliers:
     pull: np.ndarray
 
 
-def certify(port: ElectrodePort, target: Target, nodes: np.ndarray, support: tuple[float, float]) -> float:
-    """Largest power, or least displacement, that is shown to be out of reach beyond.
+def certify(port: ElectrodePort, target: Target, nodes: np.ndarray, support: tuple[float, float]) -> float | None:
+    """Power, or displacement, that no shunt passes; None if the solver fails.
 
     Parameters
     ----------
@@ -71,10 +71,8 @@ def certify(port: ElectrodePort, target: Target, nodes: np.ndarray, support: tup
     beyond = np.concatenate((nodes[0] * np.array([0.01, 0.1, 0.5]), nodes, nodes[-1] * np.array([2.0, 10.0, 100.0])))
     found = _DualProgram(port, target, hats, np.union1d(subdivided(beyond, 3), subdivided(hats.nodes, 2))).solve()
     omega = subdivided(beyond, _FINE)
-    at = port.at(omega)
-    value = np.nan if found is None else _evaluate(port, target, found, omega, at)
-    trivial = target.frequency_wise(omega, at)
-    return float(np.fmin(value, trivial) if target.kind == "power" else np.fmax(value, trivial))
+    value = np.nan if found is None else _evaluate(port, target, found, omega, port.at(omega))
+    return float(value) if np.isfinite(value) else None
 
 
 def _evaluate(port: ElectrodePort, target: Target, found: Multipliers, omega: np.ndarray, at: PortValues) -> float:
@@ -177,20 +175,16 @@ class _DualProgram:
             r >= self._quota()[self.support],
             # |D'|^2/r <= t
             cp.SOC(r + t, cp.vstack([2 * real[self.support], 2 * imaginary[self.support], r - t]), axis=0),
-            outside >= _MARGIN,
-            far >= _MARGIN,
+            outside >= MARGIN,
+            far >= MARGIN,
         ]
         weights = (trapezoid_weights(self.omega) / self.width)[self.support]
         cost = weights @ (r / 4 - real[self.support] + t) + (0.0 if self.leaks else pole)
-        try:
-            cp.Problem(cp.Minimize(cost - gain), constraints).solve(solver=cp.CLARABEL, **ACCURACY)
-        except cp.SolverError:
+        found = solve(cost - gain, constraints, [c, pole, *(() if y is None else (y,))])
+        if found is None:
             return None
-        unknowns = [np.asarray(v.value, float) for v in (c, pole, *(() if y is None else (y,)))]
-        if not all(np.all(np.isfinite(values)) for values in unknowns):
-            return None
-        pull = np.empty(0) if y is None else (unknowns[2] @ np.array([1, 1j])) * self._pull_unit()
-        return Multipliers(self.hats, unknowns[0] * self.scale, max(float(unknowns[1]), 0.0) * self.pole_unit, pull)
+        pull = np.empty(0) if y is None else (found[2] @ np.array([1, 1j])) * self._pull_unit()
+        return Multipliers(self.hats, found[0] * self.scale, max(float(found[1]), 0.0) * self.pole_unit, pull)
 
     def _conjugate_pair(self, c: Any, pole: Any) -> tuple[Any, Any, Any]:
         """Re D' and Im D over their unit, and Re D' outside of the support over a natural size."""

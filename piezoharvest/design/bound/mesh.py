@@ -8,7 +8,7 @@ _OCTAVES = 0.2  # of the frequency: largest spacing
 _OUTSIDE = 0.3  # of the distance from the band
 _MIN_DAMPING = 1e-7  # of a pole's frequency
 _NEAR_EDGE, _EDGE = 0.25, 1 / 16  # at the edges of the band the optimal functions have logarithmic singularities
-_FINE, _DECADES = 1500, 0.05
+_FINE, _NEAREST = 1500, 0.05  # points about each pole and edge, and the first of them over the spacing there
 REACH = 10.0  # times beyond all poles and the band
 
 
@@ -60,7 +60,7 @@ def _fine(low: float, high: float, band: tuple[float, float], poles: np.ndarray,
     places = [(edge, _EDGE * (band[1] - band[0]) / count) for edge in band]
     places += [(float(np.imag(p)), max(abs(float(np.real(p))), _MIN_DAMPING * abs(p))) for p in poles]
     for centre, width in places:
-        away = np.geomspace(_DECADES * width, max(centre, 2 * width), _FINE)
+        away = np.geomspace(_NEAREST * width, max(centre, 2 * width), _FINE)
         found += [np.abs(centre - away), centre + away]
     points = np.unique(np.concatenate(found))
     return points[(points > low) & (points < high)]

@@ -70,11 +70,6 @@ class ElectrodePort:
         return found[np.abs(found) > 1e-9 * np.max(np.abs(found))]
 
     @cached_property
-    def resonances(self) -> np.ndarray:
-        """Oscillatory poles, rad/s."""
-        return self.poles[np.imag(self.poles) > np.abs(np.real(self.poles))]
-
-    @cached_property
     def free_capacitance(self) -> float:
         """Capacitance in F far below all poles, in which the pole of Z at zero ends; infinite if charge leaks."""
         low = _LOW * float(np.min(np.abs(self.poles)))

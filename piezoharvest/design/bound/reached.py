@@ -1,10 +1,9 @@
 """Value that a passive, causal, linear shunt is shown to reach, by the convex program over admittances of the loop.
 
 The unknown is the conductance g(w) of Q = 1/(Z + Z_s): piecewise linear, with wide resonant branches so that it differs
-from zero at all frequencies. Im Q follows in closed form, so that Q is positive real by
-construction. Passivity of Z_s is required on a mesh, then restored between its points: if g >= |Q|^2 Re Z fails by a
-factor, Q times that factor keeps it. Networks of resistors, coils and capacitors come as close as one wants to any
-such Q.
+from zero at all frequencies. Im Q follows in closed form, so that Q is positive real by construction. Passivity of Z_s
+is required on a mesh, then restored between its points: if g >= |Q|^2 Re Z fails by a factor, Q times that factor keeps
+it. Networks of resistors, coils and capacitors come as close as one wants to any such Q.
 """
 
 from __future__ import annotations
@@ -16,14 +15,16 @@ import numpy as np
 
 from piezoharvest.design.bound.density import Hats, subdivided
 from piezoharvest.design.bound.port import ElectrodePort, PortValues
-from piezoharvest.design.bound.target import ACCURACY, Target
+from piezoharvest.design.bound.program import MARGIN, solve
+from piezoharvest.design.bound.target import Target
 
 _PARTS, _FINE = 3, 16  # of an interval of the mesh: points of the program, and of the check
 _TAILS = 0.1  # their natural size, of that of the hats
-_ROUNDS, _SMALL = 4, 3e-4  # in which points where passivity fails by so much are added
-_REPAIRS, _MORE = 20, 1.1
-_LOSSLESS = 0.03  # R |Q| below which conductance is added at no cost instead
-_MARGIN = 1e-7  # of the natural size of Q, above the solver's accuracy
+# Rounds in which points are added where passivity lacks by so much; what is left costs as much of the value at most.
+_ROUNDS, _MAX_LACK = 4, 3e-4
+# Where R |Q| is below this, conductance is added instead, which changes Q by less than that share of itself; a little
+# more than lacks, as what is added to one place makes Q larger at others.
+_LOSSLESS, _EXCESS, _REPAIRS = 0.03, 1.1, 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +80,9 @@ def reach(port: ElectrodePort, target: Target, nodes: np.ndarray) -> tuple[float
         found = _solve(port, target, empty, met)
         if found is None:
             return None
-        margin = _margin(at, found.at(omega))
-        worst = (margin < -_SMALL) & (margin <= np.append(margin[1:], 0)) & (margin <= np.append(0, margin[:-1]))
+        surplus = _surplus(at, found.at(omega))
+        lowest = (surplus <= np.append(surplus[1:], 0)) & (surplus <= np.append(0, surplus[:-1]))
+        worst = lowest & (surplus < -_MAX_LACK)
         if not np.any(worst):
             break
         met = np.union1d(met, omega[worst])
@@ -88,7 +90,7 @@ def reach(port: ElectrodePort, target: Target, nodes: np.ndarray) -> tuple[float
     return None if admittance is None else (target.value(omega, at, admittance.at(omega)), admittance)
 
 
-def _margin(at: PortValues, q: np.ndarray) -> np.ndarray:
+def _surplus(at: PortValues, q: np.ndarray) -> np.ndarray:
     """Conductance beyond R |Q|^2, over the larger of that and a small share of |Q|; negative where not passive."""
     least = at.resistance * np.abs(q) ** 2
     return (np.real(q) - least) / np.maximum(least, _LOSSLESS * np.abs(q))
@@ -107,9 +109,9 @@ def _made_passive(
         lack = np.where(at.resistance * np.abs(q) < _LOSSLESS, lack, 0.0)
         if np.max(lack) <= 0:
             break
-        parts[: len(near)] += _MORE * np.array([np.max(lack[where], initial=0.0) for where in near])
+        parts[: len(near)] += _EXCESS * np.array([np.max(lack[where], initial=0.0) for where in near])
         for where, n in ends:
-            parts[n] += _MORE * np.max(lack[where] / basis[where, n].real, initial=0.0)
+            parts[n] += _EXCESS * np.max(lack[where] / basis[where, n].real, initial=0.0)
     q = basis @ parts
     share = np.min(np.real(q) / (at.resistance * np.abs(q) ** 2))
     share = min(1.0, share, port.free_capacitance / (found.capacitances @ parts))
@@ -135,7 +137,7 @@ def _solve(port: ElectrodePort, target: Target, empty: LoopAdmittance, omega: np
     # R |Q|^2 <= t <= Re Q, all over the natural size of Q; outside of a band of power, t is Re Q.
     counted = inside if target.kind == "power" else np.zeros(len(omega), bool)
     t = cp.Variable(int(np.sum(counted))) if np.any(counted) else None
-    spent = real[~counted] - _MARGIN if t is None else cp.hstack([t, real[~counted] - _MARGIN])
+    spent = real[~counted] - MARGIN if t is None else cp.hstack([t, real[~counted] - MARGIN])
     order = np.concatenate((np.flatnonzero(counted), np.flatnonzero(~counted)))
     lost = [cp.multiply(2 * loss[order], real[order]), cp.multiply(2 * loss[order], imaginary[order])]
     constraints: list[Any] = [parts >= 0, cp.SOC(1 + spent, cp.vstack([*lost, 1 - spent]), axis=0)]
@@ -143,17 +145,8 @@ def _solve(port: ElectrodePort, target: Target, empty: LoopAdmittance, omega: np
         constraints.append(t <= real[counted])
     if np.isfinite(port.free_capacitance):
         constraints.append((empty.capacitances * scale / capacitance) @ parts <= 1)
-    objective = _objective(cp, target, omega, at, natural, real, imaginary, t)
-    problem = cp.Problem(cp.Minimize(objective), constraints)
-    try:
-        problem.solve(solver=cp.CLARABEL, **ACCURACY)
-    except cp.SolverError:
-        return None
-    if parts.value is None or not np.all(np.isfinite(parts.value)):
-        return None
-    found = parts.value * scale
-    found = np.maximum(found, 0.0)
-    return LoopAdmittance(empty.hats, empty.branches, found)
+    found = solve(_objective(cp, target, omega, at, natural, real, imaginary, t), constraints, [parts])
+    return None if found is None else LoopAdmittance(empty.hats, empty.branches, np.maximum(found[0] * scale, 0.0))
 
 
 def _objective(
