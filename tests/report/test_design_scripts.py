@@ -48,3 +48,17 @@ def test_which_harvester_a_recorded_vibration_wants(tmp_path):
     assert (tmp_path / "which_harvester.png").stat().st_size > 10_000
     best = {name: max(powers.values()) for name, powers in found.items()}
     assert max(best, key=best.get) == "well coupled, 48 Hz"
+
+
+def test_loads_of_the_stack_are_those_of_the_readme(tmp_path):
+    found = run("stack-load/choose_load.py", tmp_path)
+    assert (tmp_path / "choose_load.png").stat().st_size > 10_000
+    for frequency, (load, _) in found.items():
+        assert load * frequency == pytest.approx(37.6e3, rel=2e-3)
+
+
+def test_bode_diagram_of_python_control_is_that_of_the_simulation(tmp_path):
+    found = run("bench-rectifier-or-sshi/bode_efficiency.py", tmp_path)
+    assert (tmp_path / "bode_efficiency.png").stat().st_size > 10_000
+    assert found["simulation against python-control"] < 1e-9
+    assert found["series RL 241 H, 38.7 kΩ"] < 0.3 * found["shorted"]
