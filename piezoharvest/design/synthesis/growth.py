@@ -20,9 +20,8 @@ from piezoharvest.design.synthesis.measure import Measure
 _KEPT = 3  # ladders of an order that are extended by resonators; by single arms the best of them
 # e-folds of a new arm's impedance from that of the electrodes: those of an arm that hardly acts, and of a resonator's
 _SLIGHT, _LEVELS = 1.5, (-2.5, 0.0, 2.5)
-# Iterations and relative accuracy of the optimisation of all, of the more promising ones, and of those that are kept.
-_ROUGH, _CLOSER, _FINE = (30, 1e-6), (60, 1e-7), (200, 1e-10)
-_PROMISING = 8
+_ROUGH, _FINE = (50, 1e-7), (200, 1e-10)  # iterations and relative accuracy: for all, and for those that are kept
+_EQUAL = 1e-4  # e-folds, 0.01 % of the power: of ladders as close as this the one with smaller coils is taken
 _GAIN = 1e-5  # e-folds, 0.001 % of the power: for less no arm is added
 
 
@@ -102,11 +101,8 @@ class Growth:
             grown, circuit = self.optimised(arms, logs, _ROUGH), _circuit(arms)
             if circuit not in found or grown.merit < found[circuit].merit:
                 found[circuit] = grown
-        kept = list(found.values())
-        for effort, count in ((_CLOSER, _PROMISING), (_FINE, _KEPT)):
-            kept = sorted(kept, key=lambda grown: grown.merit)[:count]
-            kept = [self.optimised(grown.arms, grown.logs, effort) for grown in kept]
-        return sorted(kept, key=lambda grown: grown.merit)
+        kept = sorted(found.values(), key=lambda grown: grown.merit)[:_KEPT]
+        return sorted((self.optimised(grown.arms, grown.logs) for grown in kept), key=_preference)
 
     def _with_arm(self, grown: Grown) -> Iterator[tuple[str, np.ndarray]]:
         """The ladder with another arm that hardly acts, at every place where it is not beside one of its kind."""
@@ -131,6 +127,12 @@ class Growth:
             for kind in kinds:
                 if not set(kind) & set(beside):
                     yield k, kind
+
+
+def _preference(grown: Grown) -> tuple[float, float]:
+    """Order of ladders: by merit, of those that are as good by their largest coil."""
+    coils = [log for arm, log in zip(grown.arms, grown.logs, strict=False) if arm in "Ll"]
+    return round(grown.merit / _EQUAL), max(coils, default=-np.inf)
 
 
 def _inserted(grown: Grown, place: int, arms: str, logs: list[float]) -> tuple[str, np.ndarray]:
