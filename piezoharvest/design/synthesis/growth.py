@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,7 +33,7 @@ class Grown(NamedTuple):
     logs: np.ndarray
 
 
-@dataclass(frozen=True)
+@dataclass
 class Growth:
     """Growth of ladders.
 
@@ -58,18 +58,22 @@ class Growth:
     loss: float
     span: float
     max_inductance: float = np.inf
+    _beams: list[list[Grown]] = field(default_factory=list)
+    _best: list[Grown] = field(default_factory=list)
 
-    def run(self, order: int) -> list[Grown]:
-        """Best ladder with no arm, with at most one, ... with at most `order`."""
-        beams = [[self.optimised("", np.log([self.impedance]))]]
-        best = [beams[0][0]]
-        for n in range(1, order + 1):
+    def best(self, order: int) -> Grown:
+        """Best ladder with at most so many arms; what has grown is kept for the next order."""
+        beams, best = self._beams, self._best
+        if not beams:
+            beams.append([self.optimised("", np.log([self.impedance]))])
+            best.append(beams[0][0])
+        for n in range(len(beams), order + 1):
             starts = [start for grown in beams[n - 1][:1] for start in self._with_arm(grown)]
             starts += [start for grown in (beams[n - 2] if n > 1 else ()) for start in self._with_resonator(grown)]
-            beams.append(self._best(starts))
+            beams.append(self._selected(starts))
             found = beams[n][0] if beams[n] else best[-1]
             best.append(found if found.merit < best[-1].merit - _GAIN else best[-1])
-        return best
+        return best[order]
 
     def optimised(self, arms: str, logs: np.ndarray, effort: tuple[int, float] = _FINE) -> Grown:
         """Values of a ladder that are optimal near a start."""
@@ -94,7 +98,7 @@ class Growth:
         omega = self.places[place]
         return float(np.log(self.impedance / omega) if arm in "Ll" else -np.log(self.impedance * omega))
 
-    def _best(self, starts: Iterable[tuple[str, np.ndarray]]) -> list[Grown]:
+    def _selected(self, starts: Iterable[tuple[str, np.ndarray]]) -> list[Grown]:
         """The best few of different circuits that grow from some starts."""
         found: dict[str, Grown] = {}
         for arms, logs in starts:

@@ -14,7 +14,7 @@ from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.parts.rounding import Rounding
 from piezoharvest.design.parts.series import series_of
 from piezoharvest.design.result import Bound
-from piezoharvest.design.synthesis.growth import Grown, Growth
+from piezoharvest.design.synthesis.growth import Growth
 from piezoharvest.design.synthesis.ladder import LOAD, ladder_class, names_of
 from piezoharvest.design.synthesis.measure import Measure
 from piezoharvest.design.synthesis.view import LadderView
@@ -42,7 +42,7 @@ class Synthesis:
 
     view: LinearView
     host: Host
-    _grown: dict[float, list[Grown]] = field(default_factory=dict)
+    _growths: dict[float, Growth] = field(default_factory=dict)
     _tuned: dict[tuple[int, float], Draft] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -81,7 +81,7 @@ class Synthesis:
         """Tuned ladder of at most an order, with coils of a quality at the centre; None: without losses."""
         loss = self.host.omega / quality if quality else 0.0
         if (order, loss) not in self._tuned:
-            grown = self._growths(loss, order)[order]
+            grown = self._growth(loss).best(order)
             names = (*names_of(grown.arms), LOAD)
             first = dict(zip(names, map(float, np.exp(grown.logs)), strict=True))
             draft = Draft(ladder_class(grown.arms, loss)(**first), names, formula=FORMULA)
@@ -89,16 +89,13 @@ class Synthesis:
             self._tuned[order, loss] = Draft(tuned.shunt, names, formula=FORMULA)
         return self._tuned[order, loss]
 
-    def _growths(self, loss: float, order: int) -> list[Grown]:
-        """Best ladders by their order, up to one."""
-        if len(self._grown.get(loss, [])) <= order:
-            self._grown[loss] = self._growth(loss).run(order if loss else max(*ORDERS, order))
-        return self._grown[loss]
-
     def _growth(self, loss: float) -> Growth:
-        impedance = 1 / (self.host.omega * self.host.capacitance)
-        limit = self.options.max_inductance or np.inf
-        return Growth(self._measure, self._places, impedance, loss, float(SPAN), limit)
+        """Growth of ladders with coils of some loss, ohm per henry."""
+        if loss not in self._growths:
+            impedance = 1 / (self.host.omega * self.host.capacitance)
+            limit = self.options.max_inductance or np.inf
+            self._growths[loss] = Growth(self._measure, self._places, impedance, loss, float(SPAN), limit)
+        return self._growths[loss]
 
     @cached_property
     def _measure(self) -> Measure:
