@@ -58,9 +58,9 @@ class Region:
         span = np.array([MOST_LAG if name in ANGLES else SPAN for name in draft.free])
         lower, upper, coil = middle - span, middle + span, np.zeros(len(middle))
         names = list(draft.free)
-        coils = [n for n, name in enumerate(names) if _is_inductance(name)]
-        for n in coils if max_inductance is not None else ():
-            upper[n] = min(upper[n], np.log(max_inductance))
+        largest = np.inf if max_inductance is None else max_inductance
+        for n in (n for n, name in enumerate(names) if _is_inductance(name)):
+            upper[n] = min(upper[n], np.log(largest))
             lower[n] = min(lower[n], upper[n] - SPAN)
         sign = _SERIES.get(draft.kind, 0.0) if {"resistance", "inductance"} <= set(names) else 0.0
         if sign:
