@@ -67,8 +67,8 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
     (`phase`); over a band this gives the best fixed values, by which candidates are ranked, and a schedule. Over a band
     the drive is a sine of constant amplitude: harvested power is its mean, displacement the worst peak. With
     `options.parts` each tuned candidate is rounded to a series of preferred values (`parts`); what is ranked is what
-    can be bought. The candidate "synthesised", only where it is named, is a network grown for the objective (`synthesis`).
-    All is set against the bound of passive linear shunts (`bound`).
+    can be bought. The candidate "synthesised", only where it is named, is a network grown for the objective
+    (`synthesis`). All is set against the bound of passive linear shunts (`bound`).
     """
     options = study.design or DesignOptions()
     if options.objective == "trade_off":
