@@ -161,8 +161,8 @@ class _Design:
         schedule = phase.schedule() if phase and self.options.band and not self.goal.damping else None
         parts = self._parts(draft, tuned.shunt)
         bought = parts.shunt if parts else tuned.shunt
-        ladder = isinstance(bought, Ladder)
-        shunt = bought.network() if isinstance(bought, Ladder) else bought
+        ladder = bought if isinstance(bought, Ladder) else None
+        shunt = ladder.network() if ladder else bought
         figures = self.trial.figures(shunt, complete=True)
         violates = self.goal.violated(figures, shunt, self.study.transducer.capacitance)
         found = Candidate(

@@ -114,6 +114,10 @@ class TestHarvest:
         available = SINE.amplitude**2 * abs(at.voltage[0]) ** 2 / (8 * at.resistance[0])
         assert power_of(found) == pytest.approx(available, rel=1e-6)
 
+    def test_coils_have_losses_where_ideal_ones_would_cancel_the_vibration(self):
+        found = synthesis(band=None, objective="damping", order=1)
+        assert found.draft.shunt.loss == pytest.approx(found.host.omega / 100)
+
     def test_coils_keep_the_limit(self):
         found = synthesis(order=2, max_inductance=150.0)
         assert all(e.value <= 150.0 * (1 + 1e-9) for e in found.draft.shunt.network().elements if e.kind == "L")

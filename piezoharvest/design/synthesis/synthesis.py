@@ -53,7 +53,10 @@ class Synthesis:
     @property
     def draft(self) -> Draft:
         """The network of the order and with the coils that the study asks for, its values optimal on the two-port."""
-        return self._at(self.order, self.options.coil_quality)
+        op, quality = self.view.operation, self.options.coil_quality
+        if self.view.goal.damping and op.apart and op.band is None:
+            quality = quality or COIL_QUALITY  # ideal coils would cancel the displacement at the one frequency whole
+        return self._at(self.order, quality)
 
     def restrictions(self) -> tuple[Mapping[str, Any], ...]:
         """Figures on the two-port with ideal coils in rising order, then with real coils, then with preferred values.
