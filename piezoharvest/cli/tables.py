@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from piezoharvest.description.netlist import UNITS
 from piezoharvest.description.shunts import registered
 
 if TYPE_CHECKING:
@@ -112,6 +113,9 @@ def _keys(shunt: Mapping[str, Any], ideal: Mapping[str, float]) -> str:
     fields = {field.name: field for field in dataclasses.fields(cls)} if cls else {}
     lines = []
     for key, value in shunt.items():
+        if key == "netlist":
+            lines += [_element(part, ideal) for part in value]
+            continue
         unit = fields[key].metadata.get("unit") if key in fields else None
         if unit and isinstance(value, float):
             tuned = f" (ideal {_with_unit(ideal[key], unit)})" if key in ideal else ""
@@ -119,6 +123,15 @@ def _keys(shunt: Mapping[str, Any], ideal: Mapping[str, float]) -> str:
         if key != "kind" and value is not None:
             lines.append(f"{key} = {value}")
     return "\n".join(lines)
+
+
+def _element(part: Mapping[str, Any], ideal: Mapping[str, float]) -> str:
+    """Name, value and nodes of an element of a netlist, and its ideal value if it was rounded."""
+    name, unit = part["name"], UNITS[part["kind"]]
+    tuned = f" (ideal {_with_unit(ideal[name], unit)})" if name in ideal else ""
+    first, second = part["nodes"]
+    value = _with_unit(part["value"], unit, exact=name in ideal)
+    return f"{name} {first}-{second} = {value}{tuned}{', load' if part['load'] else ''}"
 
 
 def _with_unit(value: float, unit: str, *, exact: bool = False) -> str:

@@ -20,7 +20,7 @@ from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.shunts.switching import InductiveSwitch, SynchronisedShunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.design.operation import Operation
-from piezoharvest.study import DesignOptions
+from piezoharvest.study import SYNTHESISED, DesignOptions
 
 QUALITY = 6.0  # inverts to exp(-pi/(2 Q)) = 0.77 of the voltage: between the 0.6 of a small coil and 0.9 of a good one
 FLIP_SHARE = 1 / 50  # of the period: short beside it, and still slow enough for a coil
@@ -45,12 +45,15 @@ class Draft:
         Assumptions where no template gives a value, in words.
     smoothing : float or None
         Time constant of the smoothing capacitance with the load, s, where that capacitance is assumed; else None.
+    formula : str
+        Origin of initial values that are near an optimum: tuning starts from them alone. Empty: from closed forms.
     """
 
     shunt: Shunt
     free: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()
     smoothing: float | None = None
+    formula: str = ""
 
     @property
     def kind(self) -> str:
@@ -113,12 +116,12 @@ class Drafting:
         """
         named = self.options.candidates
         found: list[Draft] = []
-        for kind in registered() if named is None else dict.fromkeys(named):
+        for kind in registered() if named is None else [k for k in dict.fromkeys(named) if k != SYNTHESISED]:
             cls = registered()[kind]
             own = [shunt for shunt in self.templates if shunt.kind == kind]
             drafts = [self._from_template(shunt) for shunt in own] or self._assume(cls, named is not None)
             found += [draft for draft in drafts if named is not None or self._fits(draft.shunt, bool(own))]
-        if not found:
+        if not found and SYNTHESISED not in (named or ()):
             reasons = "; ".join(self.left_out) or "no kind of shunt fits the objective"
             raise ParameterError("design.candidates", f"no candidate can be designed ({reasons})")
         found = _distinct(found)

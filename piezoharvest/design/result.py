@@ -87,6 +87,8 @@ class Candidate:
         W, mean over the band with the schedule.
     parts : PartsChoice or None
         Parts of the shunt, where they are rounded to a series.
+    restrictions : tuple of mapping or None
+        Of a synthesised network: the bound, and the figures with one more restriction from each to the next.
     response : Response
         The simulation; over a band that of the largest displacement.
     """
@@ -105,6 +107,7 @@ class Candidate:
     schedule: tuple[Mapping[str, float], ...] | None = None
     scheduled_power: float | None = None
     parts: PartsChoice | None = None
+    restrictions: tuple[Mapping[str, Any], ...] | None = None
     response: Response | None = field(default=None, repr=False)
 
     @property
@@ -119,7 +122,8 @@ class Candidate:
         values = {name: getattr(self, name) for name in names}
         schedule = None if self.schedule is None else [dict(row) for row in self.schedule]
         parts = self.parts.as_json() if self.parts else None
-        more = {"violates": list(self.violates), "schedule": schedule, "parts": parts}
+        restrictions = None if self.restrictions is None else [dict(row) for row in self.restrictions]
+        more = {"restrictions": restrictions, "violates": list(self.violates), "schedule": schedule, "parts": parts}
         return {"shunt": shunt_table(self.shunt), **values, **more}
 
 

@@ -17,6 +17,9 @@ from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.operation import is_sine, operation_of
 from piezoharvest.design.parts.choice import PartsChoice, PartsChooser
 from piezoharvest.design.result import Bound, Candidate, DesignResult
+from piezoharvest.design.synthesis.ladder import Ladder
+from piezoharvest.design.synthesis.synthesis import Synthesis, bounded
+from piezoharvest.design.synthesis.view import LadderView
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.bridges import bridge_starts
 from piezoharvest.design.tuning.minimax import Tuned, tune
@@ -24,7 +27,7 @@ from piezoharvest.design.tuning.phase import PhaseTuning, phase_start
 from piezoharvest.design.tuning.refine import refine
 from piezoharvest.design.tuning.region import Region
 from piezoharvest.design.tuning.starts import Host, Start, starts
-from piezoharvest.study import DesignOptions, Study
+from piezoharvest.study import SYNTHESISED, DesignOptions, Study
 
 LARGEST_COIL = 1.0  # H; beyond, "discrete inductors are limited" (Fleming, Behrens & Moheimani, SMS 12, 57-64, 2003)
 _MAX_DISAGREEMENT = 5e-3  # e-folds; the simulation's mean over a band is good to 1e-3
@@ -64,7 +67,8 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
     (`phase`); over a band this gives the best fixed values, by which candidates are ranked, and a schedule. Over a band
     the drive is a sine of constant amplitude: harvested power is its mean, displacement the worst peak. With
     `options.parts` each tuned candidate is rounded to a series of preferred values (`parts`); what is ranked is what
-    can be bought. All is set against the bound of passive linear shunts (`bound`).
+    can be bought. The candidate "synthesised", only where it is named, is a network grown for the objective
+    (`synthesis`). All is set against the bound of passive linear shunts (`bound`).
     """
     options = study.design or DesignOptions()
     if options.objective == "trade_off":
@@ -90,7 +94,7 @@ class _Design:
         self.trial = Trial(self.view)
         self.host = Host.of(self.view)
         drafting = Drafting(study.transducer, study.shunts, options, self.operation)
-        drafts = drafting.drafts()
+        drafts = [*drafting.drafts(), *self._synthesised()]
         if drafting.left_out:
             self.notes.append(f"left out: {'; '.join(drafting.left_out)}")
         self.notes += drafting.unlike
@@ -102,8 +106,19 @@ class _Design:
             self.notes.insert(0, "no candidate keeps all limits")
         bound = self._bound(candidates)
         gaps = [bound.gap(c.harvested_power, c.attenuation_db, damping=self.goal.damping) for c in candidates]
-        candidates = tuple(replace(c, gap_to_bound=gap) for c, gap in zip(candidates, gaps, strict=True))
+        candidates = tuple(
+            replace(c, gap_to_bound=gap, restrictions=bounded(c.restrictions, bound))
+            for c, gap in zip(candidates, gaps, strict=True)
+        )
         return DesignResult(candidates=candidates, bound=bound, notes=tuple(self.notes))
+
+    def _synthesised(self) -> list[Draft]:
+        """Draft of a synthesised network, where it is asked for."""
+        if SYNTHESISED not in (self.options.candidates or ()):
+            return []
+        self.progress(f"{SYNTHESISED}: growing a network")
+        self.synthesis = Synthesis(self.view, self.host)
+        return [self.synthesis.draft]
 
     def _bound(self, candidates: tuple[Candidate, ...]) -> Bound:
         """Bound of passive linear shunts, with hysteresis at the amplitude with the best of the linear candidates."""
@@ -145,7 +160,9 @@ class _Design:
         tuned = phase.fixed() if phase else self._tuned(draft)
         schedule = phase.schedule() if phase and self.options.band and not self.goal.damping else None
         parts = self._parts(draft, tuned.shunt)
-        shunt = parts.shunt if parts else tuned.shunt
+        bought = parts.shunt if parts else tuned.shunt
+        ladder = bought if isinstance(bought, Ladder) else None
+        shunt = ladder.network() if ladder else bought
         figures = self.trial.figures(shunt, complete=True)
         violates = self.goal.violated(figures, shunt, self.study.transducer.capacitance)
         found = Candidate(
@@ -154,8 +171,9 @@ class _Design:
             converged=figures.converged, violates=violates, start=tuned.start, method=tuned.method,
             iterations=tuned.iterations, response=figures.response,
             schedule=schedule and schedule.table, scheduled_power=schedule and schedule.power,
+            restrictions=self.synthesis.restrictions() if ladder else None,
         )  # fmt: skip
-        self._add_notes(draft, found, figures.message)
+        self._add_notes(draft, found, tuned.shunt, figures.message)
         return found
 
     def _tuned(self, draft: Draft) -> Tuned:
@@ -174,7 +192,7 @@ class _Design:
 
     def _linear(self, draft: Draft) -> Tuned:
         """Tune on the two-port, and on by simulation from there if that disagrees."""
-        view, region = self.view, self._region(draft)
+        view, region = self._view(draft), self._region(draft)
         best = _best(tune(view, draft, start, region) for start in starts(draft, self.host))
         for _ in range(_AMPLITUDE_ROUNDS if view.amplitude else 0):
             # The describing function at the amplitude with the tuned shunt, not at a guessed one.
@@ -201,14 +219,18 @@ class _Design:
             return None
         if not isinstance(tuned, LinearShunt):
             return PartsChooser(self.trial, self.goal, None, False, None).choose(draft, tuned)
-        view = self.view.working(tuned)
+        view = self._view(draft).working(tuned)
         exact = self._is_exact(view, tuned)
         return PartsChooser(self.trial, self.goal, view, exact, self._region(draft)).choose(draft, tuned)
+
+    def _view(self, draft: Draft) -> LinearView:
+        """The two-port, for a synthesised network in its faster form."""
+        return LadderView.of(self.view) if isinstance(draft.shunt, Ladder) else self.view
 
     def _region(self, draft: Draft) -> Region:
         return Region.of(draft, self.host, self.options.max_inductance)
 
-    def _add_notes(self, draft: Draft, found: Candidate, message: str) -> None:
+    def _add_notes(self, draft: Draft, found: Candidate, tuned: Shunt, message: str) -> None:
         """Add notes on a candidate: assumptions, unavailable parts, optima at their bounds, limits."""
         kind, note = found.shunt.kind, self.notes.append
         self.progress(f"{kind}: {found.harvested_power:.4g} W, {found.attenuation_db:.2f} dB")
@@ -219,8 +241,7 @@ class _Design:
             note(f"{kind}: {inductance:.3g} H needs a synthetic inductor (coils end at about {LARGEST_COIL:g} H)")
         if draft.free and isinstance(found.shunt, LinearShunt):
             region = self._region(draft)
-            ideal = {n: getattr(found.shunt, n) for n in draft.free} | (found.parts.ideal if found.parts else {})
-            for text in region.remarks(np.log([ideal[n] for n in draft.free])):
+            for text in region.remarks(np.log([getattr(tuned, n) for n in draft.free])):
                 note(f"{kind}: {'before rounding, ' if found.parts else ''}{text}")
         if found.parts and found.parts.remark:
             note(f"{kind}: {found.parts.remark}")

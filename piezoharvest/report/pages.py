@@ -65,6 +65,7 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
         answer=answer(study, subjects, limit),
         ranking=tables.ranking(subjects, limit),
         parts=tables.bought_parts(subjects),
+        restrictions=tables.restrictions(subjects),
         series=tables.series_text(subjects),
         damping=study.design is not None and study.design.objective == "damping",
         tuning=[(s.label, s.candidate.method, s.candidate.start, s.candidate.iterations) for s in subjects],

@@ -11,6 +11,7 @@ import numpy as np
 from piezoharvest.description.parameters import Component
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.report.figures.ledger import name_of
+from piezoharvest.report.figures.restrictions import price_text, value_text
 from piezoharvest.report.limits import Limit, ModeFigures, hysteretic, mode_figures, white_input
 from piezoharvest.report.subjects import Subject, values_of
 from piezoharvest.report.units import SPACE, decibel, engineering, kind_name, number, percent, quantity_text, symbol
@@ -91,7 +92,7 @@ def bought_parts(subjects: Sequence[Subject]) -> list[PartsRow]:
         c = s.candidate.parts
         if c is None:
             continue
-        units = {f.name: f.metadata["unit"] for f in dataclasses.fields(s.shunt) if f.name in c.values}
+        units = {f.name: f.metadata["unit"] for f in dataclasses.fields(c.shunt) if f.name in c.values}
         parts = []
         for name, unit in units.items():
             ideal, worst = engineering(c.ideal[name], unit, 4), engineering(c.worst_values[name], unit)
@@ -101,6 +102,12 @@ def bought_parts(subjects: Sequence[Subject]) -> list[PartsRow]:
         worst = engineering(c.worst, "W") if harvest else decibel(c.worst)
         rows.append(PartsRow(s.label, parts, cost, worst, c.converged and c.complete))
     return rows
+
+
+def restrictions(subjects: Sequence[Subject]) -> list[tuple[str, str, str]]:
+    """Name, figure and price against the bound of each restriction on a synthesised network."""
+    rows = next((s.candidate.restrictions for s in subjects if s.candidate.restrictions), ())
+    return [(row["name"], value_text(row), price_text(rows, n) if n else "") for n, row in enumerate(rows)]
 
 
 def series_text(subjects: Sequence[Subject]) -> str:

@@ -65,6 +65,8 @@ class Host:
 
 def starts(draft: Draft, host: Host) -> list[Start]:
     """Start values for the tuning of a linear shunt, those from specific formulas first."""
+    if draft.formula:
+        return [Start(draft.formula, draft.first())]
     own = {
         "resistor": _resistor, "series_rl": _series_rl, "parallel_rl": _parallel_rl, "series_rlc": _series_rlc,
         "parallel_rlc": _parallel_rlc, "negative_capacitance": _negative_capacitance,
