@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from oracles.ngspice import NgspiceError, needs_ngspice, run_netlist
+from selection import with_slow
 from studies import BENCH, SECOND, STOPS, bench, inversion, objects, solve
 
 from piezoharvest.description.effects import Stiffening
@@ -197,8 +198,13 @@ class TestAgainstEngine:
     def test_switched(self, kind):
         compare_with_engine(bench(SWITCHED[kind], DRIVE, **DAMPED), 3e-3)
 
-    @pytest.mark.parametrize("timing", MISTIMED)
-    @pytest.mark.parametrize("kind", ["parallel_sshi", "series_sshi"])
+    @pytest.mark.parametrize(
+        ("kind", "timing"),
+        with_slow(
+            itertools.product(["parallel_sshi", "series_sshi"], MISTIMED),
+            slow=lambda kind, timing: (kind == "parallel_sshi") == timing.startswith("closed"),
+        ),
+    )
     def test_mistimed(self, kind, timing):
         compare_with_engine(bench({**SWITCHED[kind], **MISTIMED[timing]}, DRIVE, **DAMPED), 5e-3)
 
@@ -212,7 +218,9 @@ class TestAgainstEngine:
         study = bench({**LINEAR, **SWITCHED}[kind], DRIVE, **DAMPED, hysteresis=stops)
         compare_with_engine(study, 5e-3)
 
-    @pytest.mark.parametrize(("effect", "kind"), OF_EFFECTS)
+    @pytest.mark.parametrize(
+        ("effect", "kind"), with_slow(OF_EFFECTS, slow=lambda effect, kind: effect == "all" and kind != "resistor")
+    )
     def test_effects(self, effect, kind):
         effects = EFFECTS if effect == "all" else {effect: EFFECTS[effect]}
         drive = {**DRIVE, "offset": 0.01} if kind == "rectifier" else DRIVE

@@ -161,6 +161,7 @@ class TestBand:
         certified, reached = on_a_coarse_mesh(view_of(objective="damping", band=(40.0, 60.0)), "peak")
         assert certified <= reached <= 1.06 * certified  # 1 % on the meshes of `bound_of`
 
+    @pytest.mark.slow
     def test_several_modes_a_leak_and_a_moving_base(self):
         modes = (Mode(mass=0.004, stiffness=900.0, damping=0.02, coupling=-5e-4),)
         host = replace(BENCH, modes=modes, effects=(Leakage(resistance=5e6),))

@@ -100,6 +100,7 @@ def test_load_in_strong_coupling(host, run, kind, drop):
     assert best.converged and best.harvested_power >= max(r.harvested_power for r in grid) * (1 - 1e-3)
 
 
+@pytest.mark.slow
 def test_two_loads_suit_a_band_with_both_resonances(host, run):
     """Mean power of a rectifier over short- and open-circuit resonance: maxima near each, the higher one is found."""
     transducer = host(0.5, 150)

@@ -236,7 +236,7 @@ class TestKept:
         ("name", "old", "new", "found"),
         [
             ("equations/terms.py", "FACTOR = 3.0", "FACTOR = 4.0", "12.0 0"),
-            ("engine/below/number.py", "x + 1.0", "x + 2.0", "12.0 0"),
+            pytest.param("engine/below/number.py", "x + 1.0", "x + 2.0", "12.0 0", marks=pytest.mark.slow),
         ],
     )
     def test_code_of_other_sources_is_not_run(self, tmp_path, name, old, new, found):
@@ -264,7 +264,7 @@ class TestKept:
         assert code.suffix == ".nbc"
         assert finish(begin(package, NUMBA_CACHE_DIR=kept)) == ("9.0 1", [])
 
-    @pytest.mark.parametrize("damage", ["short", "changed"])
+    @pytest.mark.parametrize("damage", [pytest.param("short", marks=pytest.mark.slow), "changed"])
     def test_damaged_code_is_made_again(self, package, kept_before, damage):
         (kept,) = code_files(kept_before)
         content = kept.read_bytes()
@@ -368,7 +368,7 @@ class TestNoPlace:
 
 
 class TestOtherNumba:
-    @pytest.mark.parametrize("version", ["0.60.0", "0.99.1", "0+unknown"])
+    @pytest.mark.parametrize("version", ["0.60.0", "0.99.1", pytest.param("0+unknown", marks=pytest.mark.slow)])
     def test_compiled_plainly_with_one_sentence(self, package, tmp_path, version):
         code = f"import numba; numba.__version__ = {version!r}\n{RUN}"
         found, said = finish(begin(package, code, NUMBA_CACHE_DIR=tmp_path))

@@ -73,8 +73,9 @@ def against_waiting(study, relative=1e-6, **options):
     return found, wanted
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("hysteresis", [None, STOPS], ids=["plain", "hysteresis"])
+@pytest.mark.parametrize(
+    "hysteresis", [pytest.param(None, id="plain"), pytest.param(STOPS, id="hysteresis", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("kind", ["rectifier", "parallel_sshi", "series_sshi"])
 def test_a_cold_start_against_the_oracle(kind, hysteresis):
     loop = LOOP if kind != "rectifier" else {}

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
+from selection import with_slow
 from studies import BENCH, STOPS, distance
 
 from piezoharvest import SineForce, System, Transducer, simulate
@@ -106,7 +107,11 @@ def test_agrees_with_dop853(kind, stops, beta):
 
 
 @pytest.mark.parametrize("stops", [None, STOPS], ids=["plain", "hysteresis"])
-@pytest.mark.parametrize("shunt", [shunts.SECE(), shunts.SSDS(), shunts.SECE(phase_lag=0.1)], ids=str)
+@pytest.mark.parametrize(
+    "shunt",
+    with_slow([shunts.SECE(), shunts.SSDS(), shunts.SECE(phase_lag=0.1)], slow=lambda shunt: shunt == shunts.SECE()),
+    ids=str,
+)
 def test_steady_state_is_that_of_a_long_run(shunt, stops):
     """Found in a few periods, which it is not with wrong tangents."""
     hysteresis = Hysteresis(**stops) if stops else None

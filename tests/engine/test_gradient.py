@@ -7,6 +7,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from random_studies import random_study
+from selection import with_slow
 from studies import BENCH, DRIVE, LOOP, SECOND, STOPS, bench, objects
 
 from piezoharvest import Multisine, NoGradientError, StepForce, System, gradient, simulate
@@ -60,6 +61,7 @@ DEVICES = {
     ),
 }
 FEW = ("resistor", "rectifier", "p-sshi late", "s-sshi", "sece late", "ssdi", "ssdv")
+QUICK = ("plain", "effects", "base")
 # Every circuit on one specimen, every specimen with one circuit of each kind of action.
 PAIRS = [(circuit, "hysteresis") for circuit in CIRCUITS]
 PAIRS += [(circuit, device) for device in DEVICES if device != "hysteresis" for circuit in FEW]
@@ -148,7 +150,12 @@ def check_all(system, excitation, relative=2e-5):
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize(("circuit", "device"), PAIRS)
+@pytest.mark.parametrize(
+    ("circuit", "device"),
+    with_slow(
+        PAIRS, slow=lambda circuit, device: circuit not in FEW if device == "hysteresis" else device not in QUICK
+    ),
+)
 def test_differences_of_simulations(circuit, device):
     keys, drive = DEVICES[device]
     check_all(*objects(bench(CIRCUITS[circuit], drive, **keys)))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from oracles.reference import simulate as reference
+from selection import with_slow
 from studies import DRIVE, LOOP, SECOND, STOPS, bench, solve
 
 SMOOTH = {"smoothing_capacitance": 1e-6, "load_resistance": 1e5}
@@ -132,7 +133,11 @@ def oracle_name(name):
 
 
 @pytest.mark.parametrize(
-    ("case", "device"), [*((case, "hysteresis") for case in CASES), *((case, "plain") for case in FIRST_OF_EACH_KIND)]
+    ("case", "device"),
+    with_slow(
+        [*((case, "hysteresis") for case in CASES), *((case, "plain") for case in FIRST_OF_EACH_KIND)],
+        slow=lambda case, device: any(more in case for more in ("on-time", "hold-off", "dc 0")),
+    ),
 )
 def test_against_the_oracle(case, device):
     """Every circuit with a specimen that has hysteresis, every kind of circuit with one that has none."""
@@ -160,7 +165,7 @@ def test_multisine(case):
     check(bench({**CASES[case], **hold}, {"kind": "multisine", **TONES}, hysteresis=STOPS), 0.2)
 
 
-@pytest.mark.parametrize("rise_time", [0.0, 3e-3])
+@pytest.mark.parametrize("rise_time", [0.0, pytest.param(3e-3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "case", ["resistor", "series_rl", "rectifier drop", "p-sshi", "s-sshi", "sece", "ssdi time lag"]
 )

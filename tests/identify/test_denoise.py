@@ -75,6 +75,7 @@ def sines(time, tones):
     return sum(size * np.sin(2 * np.pi * frequency * time + phase) for frequency, size, phase in tones)
 
 
+@pytest.mark.slow
 def test_tones_closer_than_a_record_tells_apart_are_not_taken_for_a_slow_drift():
     """Fewer sines than there are follow them but for what looks like a drift: an amplitude of a fifth of the noise."""
     close = [(0.4, 80.5), (0.55, 67.2), (0.7, 49.8), (0.75, 53.8), (0.8, 42.5), (0.85, 64.1), (2.1, 31.2), (3.9, 23.1)]

@@ -29,7 +29,7 @@ def within(found, truth, limit=3.0, leave=("mass",)):
             assert abs(estimate.value - true) < limit * estimate.std, (name, estimate.value, true, estimate.std)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
 def test_specimens_up_to_30_percent_off_are_found(tmp_path, seed):
     path, truth = campaign_file(tmp_path, seed)
     steps: list[str] = []
@@ -53,6 +53,7 @@ def test_specimens_up_to_30_percent_off_are_found(tmp_path, seed):
             assert rms == pytest.approx(quality.noise[channel], rel=0.06)
 
 
+@pytest.mark.slow
 def test_records_without_noise_give_the_specimen_itself(tmp_path):
     """As of a simulation; residuals are then what the sampled drive leaves open between its samples."""
     path, truth = campaign_file(tmp_path, 4, perfect=True)

@@ -110,6 +110,7 @@ def test_a_frequency_response_finds_its_resonance(tmp_path, quality, off):
     assert not estimates["capacitance"].identifiable  # the open electrodes are not seen
 
 
+@pytest.mark.slow
 def test_standard_errors_hold(tmp_path):
     """Errors of the capacitance in units of their standard error, of 30 specimens: as of a normal distribution."""
     off = []

@@ -308,6 +308,7 @@ def test_small_steps_follow_the_drive():
     np.testing.assert_allclose(found, np.concatenate([once, 2 * once]), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_what_bends_at_resonance_takes_several_steps_a_sample():
     """Outputs of elements that run straight between samples are off by (w h)^2/12 of what these do, here a 130th."""
     hysteresis = {"thresholds": [1e-8, 5e-8], "weights": [6e6, 3e6]}

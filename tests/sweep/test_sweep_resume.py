@@ -67,7 +67,7 @@ def quick(tmp_path, monkeypatch):
 
 
 class TestProcess:
-    @pytest.mark.parametrize("workers", [1, 2])
+    @pytest.mark.parametrize("workers", [pytest.param(1, marks=pytest.mark.slow), 2])
     def test_killed(self, tmp_path, through, workers):
         write(tmp_path, LONG)
         arguments = ("study.toml", "--out", "out.parquet", "--workers", workers)
