@@ -9,7 +9,20 @@ import math
 import numpy as np
 import pytest
 
-from reports.speed import engine, events_ivp, ngspice, pages, plots, reference, startup, steady, studies, timing, words
+from reports.speed import (
+    engine,
+    events_ivp,
+    ngspice,
+    pages,
+    plots,
+    reference,
+    startup,
+    steady,
+    studies,
+    sweep,
+    timing,
+    words,
+)
 from reports.speed import transient as runs
 from reports.speed.bench import Extent, measure, write
 from reports.speed.drives import Sine, Straight
@@ -177,8 +190,8 @@ class TestParts:
         assert found["python"] > 0
         assert not found["compiled_anew"]
 
-    def test_sweep(self, results):
-        found = results["sweep"]
+    def test_sweep(self):
+        found = sweep.measure(SMALL.designs, SMALL.workers)
         assert [row["designs"] for row in found["rows"]] == [100]
         assert found["rows"][0]["memory"] > 50e6
         assert found["converged"] == 1.0

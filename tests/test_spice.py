@@ -43,6 +43,7 @@ EFFECTS = {
 # circuit, the second which effect it is.
 CIRCUITS = ["resistor", "rectifier", "parallel_sshi"]
 OF_EFFECTS = [*(("all", kind) for kind in CIRCUITS), *zip(EFFECTS, itertools.cycle(CIRCUITS))]
+LONG = [*OF_EFFECTS[1:3], ("voltage_dependent_capacitance", "parallel_sshi"), ("friction", "parallel_sshi")]
 
 LINEAR = {
     "open": {"kind": "open"},
@@ -186,6 +187,7 @@ class TestAgainstFormulas:
         expected = 2 * OMEGA * CAPACITANCE * self.open_voltage() ** 2 / np.pi
         assert self.harvested({"kind": "sece"}) == pytest.approx(expected, rel=2e-3)
 
+    @pytest.mark.slow
     def test_half_the_step_changes_nothing(self):
         shunt = {"kind": "parallel_sshi", "dc_voltage": 2 * self.open_voltage(), **LOOP}
         coarse, fine = self.harvested(shunt), self.harvested(shunt, steps_per_period=2000)
@@ -202,7 +204,7 @@ class TestAgainstEngine:
         ("kind", "timing"),
         with_slow(
             itertools.product(["parallel_sshi", "series_sshi"], MISTIMED),
-            slow=lambda kind, timing: (kind == "parallel_sshi") == timing.startswith("closed"),
+            slow=lambda kind, timing: timing != {"parallel_sshi": "closed too long", "series_sshi": "early"}[kind],
         ),
     )
     def test_mistimed(self, kind, timing):
@@ -211,7 +213,9 @@ class TestAgainstEngine:
     def test_source_switched_early(self):
         compare_with_engine(bench({**SWITCHED["ssdv"], "phase_lag": -0.1}, DRIVE, **DAMPED), 5e-3)
 
-    @pytest.mark.parametrize("kind", ["short", "resistor", "parallel_sshi", "sece"])
+    @pytest.mark.parametrize(
+        "kind", ["short", "resistor", pytest.param("parallel_sshi", marks=pytest.mark.slow), "sece"]
+    )
     def test_hysteresis(self, kind):
         # Thresholds that the charge passes, so that the operators slip.
         stops = {"thresholds": [1e-9, 5e-9], "weights": [1e7, 5e6]}
@@ -219,7 +223,7 @@ class TestAgainstEngine:
         compare_with_engine(study, 5e-3)
 
     @pytest.mark.parametrize(
-        ("effect", "kind"), with_slow(OF_EFFECTS, slow=lambda effect, kind: effect == "all" and kind != "resistor")
+        ("effect", "kind"), with_slow(OF_EFFECTS, slow=lambda effect, kind: (effect, kind) in LONG)
     )
     def test_effects(self, effect, kind):
         effects = EFFECTS if effect == "all" else {effect: EFFECTS[effect]}
@@ -227,7 +231,7 @@ class TestAgainstEngine:
         study = bench({**LINEAR, **SWITCHED}[kind], drive, **DAMPED, effects=effects)
         compare_with_engine(study, 5e-3)
 
-    @pytest.mark.parametrize("kind", ["sece", "ssds"])
+    @pytest.mark.parametrize("kind", [pytest.param("sece", marks=pytest.mark.slow), "ssds"])
     def test_bent_charge_taken_at_once(self, kind):
         name = "voltage_dependent_capacitance"
         compare_with_engine(bench(SWITCHED[kind], DRIVE, **DAMPED, effects={name: EFFECTS[name]}), 5e-3)

@@ -291,7 +291,10 @@ def test_tolerance_without_series():
         DesignOptions(parts_tolerance=0.05)
 
 
-@pytest.mark.parametrize(("objective", "words"), [("harvest", "smallest power"), ("damping", "least damping")])
+@pytest.mark.parametrize(
+    ("objective", "words"),
+    [("harvest", "smallest power"), pytest.param("damping", "least damping", marks=pytest.mark.slow)],
+)
 def test_table_and_report(host, tmp_path, capsys, objective, words):
     """Both show ideal and bought values, cost and worst case."""
     options = DesignOptions(objective=objective, candidates=("series_rl", "open"), parts="E6", parts_tolerance=0.1)

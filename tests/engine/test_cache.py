@@ -325,7 +325,14 @@ def read_only():
 @pytest.mark.skipif(sys.platform != "linux", reason="drops privileges as Linux does")
 @pytest.mark.parametrize("options", users())
 class TestNoPlace:
-    @pytest.mark.parametrize("variable", [None, "closed", "study.toml"], ids=["none", "closed", "file"])
+    @pytest.mark.parametrize(
+        "variable",
+        [
+            pytest.param(None, id="none"),
+            pytest.param("closed", id="closed", marks=pytest.mark.slow),
+            pytest.param("study.toml", id="file"),
+        ],
+    )
     def test_compiled_in_memory_with_one_sentence(self, read_only, options, variable):
         closed = read_only.parent / "closed"
         places = {"HOME": closed, "XDG_CACHE_HOME": None, "NUMBA_CACHE_DIR": variable and read_only.parent / variable}

@@ -38,7 +38,9 @@ def continued(study):
     return np.linalg.norm(change) / np.linalg.norm(before), abs(change[dc] / before[dc]) / shown
 
 
-@pytest.mark.parametrize("hysteresis", [None, STOPS], ids=["plain", "hysteresis"])
+@pytest.mark.parametrize(
+    "hysteresis", [pytest.param(None, id="plain", marks=pytest.mark.slow), pytest.param(STOPS, id="hysteresis")]
+)
 @pytest.mark.parametrize("kind", ["rectifier", "parallel_sshi", "series_sshi"])
 def test_few_periods_for_every_capacitor_and_load(kind, hysteresis):
     loop = LOOP if kind != "rectifier" else {}

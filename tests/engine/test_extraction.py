@@ -85,7 +85,7 @@ class Bench:
         return waves
 
 
-@pytest.mark.parametrize("beta", [0.0, 3e-3, 3e-2, -1e-3])
+@pytest.mark.parametrize("beta", with_slow([0.0, 3e-3, 3e-2, -1e-3], slow=lambda beta: beta > 3e-3))
 @pytest.mark.parametrize("stops", [{"thresholds": [], "weights": []}, STOPS], ids=["plain", "hysteresis"])
 @pytest.mark.parametrize("kind", ["sece", "ssds"])
 def test_agrees_with_dop853(kind, stops, beta):

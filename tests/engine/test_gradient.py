@@ -61,7 +61,7 @@ DEVICES = {
     ),
 }
 FEW = ("resistor", "rectifier", "p-sshi late", "s-sshi", "sece late", "ssdi", "ssdv")
-QUICK = ("plain", "effects", "base")
+QUICK = ("effects", "base")
 # Every circuit on one specimen, every specimen with one circuit of each kind of action.
 PAIRS = [(circuit, "hysteresis") for circuit in CIRCUITS]
 PAIRS += [(circuit, device) for device in DEVICES if device != "hysteresis" for circuit in FEW]

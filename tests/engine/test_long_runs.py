@@ -22,10 +22,8 @@ def energy(x, u, q, stops, dc, weights):
     return 0.5 * (mechanical + electrical + np.dot(weights, np.square(stops)))
 
 
-@pytest.mark.parametrize(
-    "hysteresis",
-    [pytest.param(None, id="plain"), pytest.param(THREE, id="three operators", marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("hysteresis", [None, THREE], ids=["plain", "three operators"])
 def test_state_after_a_hundred_periods(hysteresis):
     study = bench(SHUNT, **({"hysteresis": hysteresis} if hysteresis else {}))
     system, excitation = objects(study)

@@ -158,7 +158,10 @@ def test_sine_with_offset(case):
 TONES = {"amplitudes": [0.02, 0.01], "frequencies": [50.0, 75.0], "phases": [0.4, -1.0], "duration": 0.2}
 
 
-@pytest.mark.parametrize("case", ["resistor", "rectifier drop", "p-sshi", "s-sshi", "sece", "ssdv"])
+@pytest.mark.parametrize(
+    "case",
+    with_slow(["resistor", "rectifier drop", "p-sshi", "s-sshi", "sece", "ssdv"], slow=lambda case: "sshi" in case),
+)
 def test_multisine(case):
     # hold_off is given because its default differs: the oracle does not look for a period in a multisine.
     hold = {} if case in ("resistor", "rectifier drop") else {"hold_off": 4e-3}

@@ -81,7 +81,7 @@ def found(path):
 
 
 @pytest.mark.parametrize(("quality", "off"), OFF)
-@pytest.mark.parametrize("seed", [7100, 7101, 7102])
+@pytest.mark.parametrize("seed", [7100, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (7101, 7102))])
 def test_an_impedance_finds_its_resonance(tmp_path, quality, off, seed):
     true = Specimen(seed, quality)
     result, estimates = found(true.campaign(tmp_path, true.impedance(), IMPEDANCE, off))

@@ -75,7 +75,7 @@ ROUGH = {"tol": 1e-7, "rtol": 1e-10, "samples_per_period": 0}
 # ---- closed forms, prescribed displacement -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("share", [0.3, 0.6])
+@pytest.mark.parametrize("share", [0.3, pytest.param(0.6, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", ["rectifier", "parallel_sshi", "series_sshi"])
 def test_bridge_rows_at_fixed_dc_voltage(kind, share):
     limit = {"rectifier": 1.0, "parallel_sshi": 2.0 / (1.0 - INVERSION), "series_sshi": 1.0}[kind]
@@ -142,6 +142,7 @@ def best_power(lag: float) -> float:
     return (currents[1] + slope * voltage) ** 2 / (4.0 * slope)
 
 
+@pytest.mark.slow
 def test_late_and_early_parallel_sshi():
     lag, in_time = 0.3, best_power(0.0)
     late = (((1.0 - INVERSION) + (1.0 + INVERSION) * math.cos(lag)) / 2.0) ** 2

@@ -8,6 +8,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from report_studies import report, untrusted_report
+from selection import with_slow
 
 pytestmark = pytest.mark.browser
 OPTIONS = [
@@ -63,7 +64,7 @@ def shot(browse, page, file, *options):
     return matplotlib.image.imread(file)[..., :3]
 
 
-@pytest.mark.parametrize("name", ["bench", "stack", "step"])
+@pytest.mark.parametrize("name", with_slow(["bench", "stack", "step"], slow=lambda name: name != "bench"))
 def test_everything_is_drawn_and_nothing_fetched(measured, name):
     found = measured(report(name))
     assert found["title"].endswith("design report")
@@ -88,6 +89,7 @@ def test_dom_of_the_page_as_it_is(browse):
     assert not re.findall(r'(?:src|href)="(?!#|data:)', dom)
 
 
+@pytest.mark.slow
 def test_what_is_not_to_be_trusted_is_seen(browse):
     dom = browse(untrusted_report(), "--dump-dom")
     assert dom.count('data-converged="false"') == 2

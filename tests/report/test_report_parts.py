@@ -119,7 +119,9 @@ class TestSpans:
 
 
 class TestSweeps:
-    @pytest.mark.parametrize("name", ["bench", "stack", "band"])
+    @pytest.mark.parametrize(
+        "name", ["bench", "stack", "band", pytest.param("bridge over a band", marks=pytest.mark.slow)]
+    )
     def test_curves_go_through_the_tuned_point(self, name):
         study, result = designed(name)
         subjects = subjects_of(result.candidates)

@@ -103,6 +103,7 @@ def test_a_worker_that_is_killed_loses_nothing(dask, tmp_path):
     assert out.read_bytes() == (tmp_path / "alone.parquet").read_bytes()
 
 
+@pytest.mark.slow
 def test_workers_may_come_late_and_the_scheduler_may_go(dask, tmp_path):
     write(tmp_path, LONG)
     out = tmp_path / "out.parquet"
@@ -173,7 +174,9 @@ def no_scheduler(address):
 
 
 @pytest.mark.parametrize(
-    "answer", [None, b"HTTP/1.1 400 Bad Request\r\n\r\n", b"\0" * 64], ids=["silent", "http", "zeros"]
+    "answer",
+    with_slow([None, b"HTTP/1.1 400 Bad Request\r\n\r\n", b"\0" * 64], slow=lambda answer: answer == b"\0" * 64),
+    ids=["silent", "http", "zeros"],
 )
 def test_a_port_without_a_scheduler_is_left_in_time(tmp_path, answer):
     write(tmp_path, LONG)
@@ -210,6 +213,7 @@ def test_nothing_else_is_said_of_it(tmp_path, address):
     assert refused(tmp_path, address, program=("-c", HASTY))[0] == no_scheduler(address)
 
 
+@pytest.mark.slow
 def test_the_address_of_a_worker_is_none(dask, tmp_path):
     from distributed import Client
 

@@ -88,6 +88,7 @@ class TestProcess:
         assert out.read_bytes() == through
         assert sorted(os.listdir(tmp_path)) == ["out.parquet", "study.toml"]
 
+    @pytest.mark.slow
     def test_interrupted(self, tmp_path, through):
         write(tmp_path, LONG)
         arguments = ("study.toml", "--out", "out.parquet", "--workers", "2")
