@@ -177,6 +177,7 @@ class TestAgainstFormulas:
         found = self.harvested({"kind": "rectifier", "dc_voltage": voltage / 2})
         assert found == pytest.approx(OMEGA * CAPACITANCE * voltage**2 / (2 * np.pi), rel=2e-3)
 
+    @pytest.mark.slow
     def test_parallel_sshi(self):
         voltage = self.open_voltage()
         loss = 1 - inversion(LOOP["quality"])

@@ -355,7 +355,8 @@ def of_pairs():
     for (n, names), (m, load), (k, drive) in itertools.product(enumerate(CASES), enumerate(LOADS), enumerate(drives)):
         if len(names) > 1 or (n + m + k) % 2 == 0:
             label = names[0] if len(names) == 1 else "all at once"
-            yield pytest.param(names, load, drives[drive], id=f"{label}-{load['kind']}-{drive}")
+            marks = pytest.mark.slow if len(names) == 1 and load["kind"] == "open" else ()
+            yield pytest.param(names, load, drives[drive], id=f"{label}-{load['kind']}-{drive}", marks=marks)
 
 
 @pytest.mark.parametrize(("names", "load", "table"), of_pairs())

@@ -193,6 +193,7 @@ def test_what_cannot_be_kept(host, run):
     assert "no candidate keeps all limits" in result.notes
 
 
+@pytest.mark.slow
 def test_negative_capacitance_keeps_what_the_template_says(host, run):
     """K^2 -> K^2 C/(C - C_n) (REFERENCE section 4)."""
     transducer = host(0.04)

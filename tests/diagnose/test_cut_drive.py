@@ -47,6 +47,7 @@ def test_records_end_where_their_drive_is_cut_off(tmp_path):
     assert all(record["force"].max() > LIMIT - 1.0 for record in measured.records if record.name in cut.records)
 
 
+@pytest.mark.slow
 def test_where_too_little_is_left_for_a_fit_whole_records_are_diagnosed(tmp_path, monkeypatch):
     measured, told, rest = campaign(tmp_path, CLIPPED, WITH_SMALL), [], diagnosis._diagnose_all
 

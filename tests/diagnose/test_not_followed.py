@@ -30,6 +30,7 @@ def test_records_that_cannot_be_followed_are_named(validated_with, tmp_path, mon
     assert f"The model with these effects cannot follow {lost}" in sentence(told)
 
 
+@pytest.mark.slow
 def test_what_was_found_stands_where_one_effect_more_cannot_be_followed(tmp_path, monkeypatch):
     measured, plain, told = campaign(tmp_path, HIDDEN), candidate_fits.scores, []
 

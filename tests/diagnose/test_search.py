@@ -84,7 +84,13 @@ def test_a_search_comes_back_from_a_false_minimum(searched):
     assert held is None
 
 
-@pytest.mark.parametrize("hidden", [{}, {"bias_current": {"current": 1e-6}}], ids=["healthy", "another effect"])
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        pytest.param({}, id="healthy"),
+        pytest.param({"bias_current": {"current": 1e-6}}, id="another effect", marks=pytest.mark.slow),
+    ],
+)
 def test_an_effect_that_spoils_unseen_records_is_chance_where_nothing_is_left_without_it(tmp_path, monkeypatch, hidden):
     """A search that ends with a range too small for the record that was not fitted."""
     told, run = [], Searcher.run

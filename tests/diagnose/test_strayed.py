@@ -13,6 +13,7 @@ from piezoharvest.diagnose.summary import sentence
 from piezoharvest.diagnose.thresholds import CLOSE_COST
 
 
+@pytest.mark.slow
 def test_what_is_far_from_its_nominal_value_is_said(tmp_path):
     measured = campaign(tmp_path)
     told = diagnose(

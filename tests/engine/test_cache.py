@@ -13,6 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from selection import with_slow
 
 import piezoharvest
 from piezoharvest.engine.compilation.cache import sources
@@ -224,6 +225,7 @@ class TestKept:
         assert finish(begin(package, NUMBA_CACHE_DIR=kept_before)) == ("9.0 1", [])
         assert code_files(kept_before) == [kept]
 
+    @pytest.mark.slow
     def test_beside_the_source_where_nothing_else_is_said(self, tmp_path):
         package = copied(tmp_path)
         assert finish(begin(package)) == ("9.0 0", [])
@@ -342,6 +344,7 @@ class TestNoPlace:
         assert said[0].startswith(UNKEPT)
         assert "set the environment variable NUMBA_CACHE_DIR to a folder that may be written to" in said[0]
 
+    @pytest.mark.slow
     def test_a_folder_that_is_closed_meanwhile(self, read_only, options, tmp_path_factory):
         with tempfile.TemporaryDirectory() as name:
             Path(name).chmod(0o777)
@@ -375,7 +378,9 @@ class TestNoPlace:
 
 
 class TestOtherNumba:
-    @pytest.mark.parametrize("version", ["0.60.0", "0.99.1", pytest.param("0+unknown", marks=pytest.mark.slow)])
+    @pytest.mark.parametrize(
+        "version", with_slow(["0.60.0", "0.99.1", "0+unknown"], slow=lambda version: version != "0.99.1")
+    )
     def test_compiled_plainly_with_one_sentence(self, package, tmp_path, version):
         code = f"import numba; numba.__version__ = {version!r}\n{RUN}"
         found, said = finish(begin(package, code, NUMBA_CACHE_DIR=tmp_path))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from oracles.reference import steady
 from random_studies import random_study
+from selection import with_slow
 from studies import BENCH, DRIVE, LOOP, STOPS, bench, objects, solve
 
 from piezoharvest.engine import simulate
@@ -41,7 +42,9 @@ def continued(study):
 @pytest.mark.parametrize(
     "hysteresis", [pytest.param(None, id="plain", marks=pytest.mark.slow), pytest.param(STOPS, id="hysteresis")]
 )
-@pytest.mark.parametrize("kind", ["rectifier", "parallel_sshi", "series_sshi"])
+@pytest.mark.parametrize(
+    "kind", with_slow(["rectifier", "parallel_sshi", "series_sshi"], slow=lambda kind: "par" not in kind)
+)
 def test_few_periods_for_every_capacitor_and_load(kind, hysteresis):
     loop = LOOP if kind != "rectifier" else {}
     device = {"hysteresis": hysteresis} if hysteresis else {}
@@ -117,7 +120,7 @@ def test_grazing_diodes_against_the_oracle(share):
 
 
 @pytest.mark.parametrize("kind", ["parallel_sshi", "rectifier"])
-@pytest.mark.parametrize("capacitance", [1e-9, 1e-8])
+@pytest.mark.parametrize("capacitance", [1e-9, pytest.param(1e-8, marks=pytest.mark.slow)])
 def test_discontinuous_conduction_against_the_oracle(kind, capacitance):
     """The capacitor empties within the period: the bridge conducts again and again, or never lets go."""
     loop = LOOP if kind != "rectifier" else {}

@@ -106,7 +106,9 @@ def test_agrees_with_dop853(kind, stops, beta):
         assert abs(found.energy["voltage_dependent_capacitance"]) < 1e-5 * taken
 
 
-@pytest.mark.parametrize("stops", [None, STOPS], ids=["plain", "hysteresis"])
+@pytest.mark.parametrize(
+    "stops", [pytest.param(None, id="plain", marks=pytest.mark.slow), pytest.param(STOPS, id="hysteresis")]
+)
 @pytest.mark.parametrize(
     "shunt",
     with_slow([shunts.SECE(), shunts.SSDS(), shunts.SECE(phase_lag=0.1)], slow=lambda shunt: shunt == shunts.SECE()),

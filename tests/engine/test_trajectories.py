@@ -136,7 +136,7 @@ def oracle_name(name):
     ("case", "device"),
     with_slow(
         [*((case, "hysteresis") for case in CASES), *((case, "plain") for case in FIRST_OF_EACH_KIND)],
-        slow=lambda case, device: any(more in case for more in ("on-time", "hold-off", "dc 0")),
+        slow=lambda case, device: any(more in case for more in ("early", "on-time", "hold-off", "dc 0")),
     ),
 )
 def test_against_the_oracle(case, device):
@@ -177,7 +177,13 @@ def test_step(case, rise_time):
     check(bench(CASES[case], step, hysteresis=STOPS, modes=[SECOND]), 0.12, jumps=() if rise_time else (0.0, 0.06))
 
 
-@pytest.mark.parametrize("case", ["rectifier drop", "p-sshi dc drop", "s-sshi back through the bridge", "ssdv"])
+@pytest.mark.parametrize(
+    "case",
+    with_slow(
+        ["rectifier drop", "p-sshi dc drop", "s-sshi back through the bridge", "ssdv"],
+        slow=lambda case: "p-sshi" in case,
+    ),
+)
 def test_energy_of_a_run_from_rest(case):
     # The multisine's window is the whole run in the oracle too.
     hold = {} if "rectifier" in case else {"hold_off": 4e-3}

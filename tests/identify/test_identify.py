@@ -98,6 +98,7 @@ def _without(path, channel):
     path.write_text(text)
 
 
+@pytest.mark.slow
 def test_an_offset_of_a_sensor_is_a_number_of_the_record(tmp_path):
     path, truth = campaign_file(tmp_path, 2)
     file = sorted(path.parent.glob("*.csv"))[0]

@@ -90,7 +90,7 @@ def test_bridge_rows_at_fixed_dc_voltage(kind, share):
     assert abs(result.closure) < 1e-8
 
 
-@pytest.mark.parametrize("kind", ["rectifier", "parallel_sshi", "series_sshi"])
+@pytest.mark.parametrize("kind", ["rectifier", pytest.param("parallel_sshi", marks=pytest.mark.slow), "series_sshi"])
 def test_bridge_rows_with_smoothing_capacitor_and_load(kind):
     rcw = {
         "rectifier": math.pi / 2.0,
@@ -231,6 +231,7 @@ def test_radau_agrees_with_dop853():
 # ---- hysteresis, coupled switching -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_hysteresis_loss_of_a_slipping_stop():
     study = prescribed({"kind": "short"})
     study["excitation"]["frequency"] = 5.0

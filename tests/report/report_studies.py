@@ -14,7 +14,7 @@ STACK = {"catalogue": "NAC2125-H10"}
 SINE = {"kind": "sine_base", "amplitude": 2.0, "frequency": 50.6}
 PUSH = {"kind": "sine_force", "amplitude": 450.0, "offset": 550.0, "frequency": 500.0}
 STEP = {"kind": "step_force", "amplitude": 0.02, "duration": 0.5, "rise_time": 0.01}
-NOISE = {"kind": "random_base", "psd": 0.1, "band": [20.0, 100.0], "duration": 4.0, "seed": 1}
+NOISE = {"kind": "random_base", "psd": 0.1, "band": [20.0, 100.0], "duration": 2.0, "seed": 1}
 BAND = {"objective": "damping", "band": [48.0, 53.0]}
 TITLE = "bench & <beam> at $2"
 

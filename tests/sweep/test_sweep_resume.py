@@ -103,6 +103,7 @@ class TestProcess:
         assert finish(start(tmp_path, *arguments))[0] == 0
         assert (tmp_path / "out.parquet").read_bytes() == through
 
+    @pytest.mark.slow
     def test_a_worker_that_dies_is_told(self, tmp_path, through):
         write(tmp_path, LONG)
         process = start(tmp_path, "study.toml", "--out", "out.parquet", "--workers", "2")
