@@ -43,7 +43,7 @@ EFFECTS = {
 # circuit, the second which effect it is.
 CIRCUITS = ["resistor", "rectifier", "parallel_sshi"]
 OF_EFFECTS = [*(("all", kind) for kind in CIRCUITS), *zip(EFFECTS, itertools.cycle(CIRCUITS))]
-LONG = [*OF_EFFECTS[1:3], ("voltage_dependent_capacitance", "parallel_sshi"), ("friction", "parallel_sshi")]
+QUICK = [("all", "resistor"), ("leakage", "resistor"), ("stiffening", "rectifier"), ("load_error", "parallel_sshi")]
 
 LINEAR = {
     "open": {"kind": "open"},
@@ -197,7 +197,7 @@ class TestAgainstFormulas:
 
 @needs_ngspice
 class TestAgainstEngine:
-    @pytest.mark.parametrize("kind", SWITCHED)
+    @pytest.mark.parametrize("kind", with_slow(SWITCHED, slow=lambda kind: kind in ("series_sshi", "ssds")))
     def test_switched(self, kind):
         compare_with_engine(bench(SWITCHED[kind], DRIVE, **DAMPED), 3e-3)
 
@@ -224,7 +224,7 @@ class TestAgainstEngine:
         compare_with_engine(study, 5e-3)
 
     @pytest.mark.parametrize(
-        ("effect", "kind"), with_slow(OF_EFFECTS, slow=lambda effect, kind: (effect, kind) in LONG)
+        ("effect", "kind"), with_slow(OF_EFFECTS, slow=lambda effect, kind: (effect, kind) not in QUICK)
     )
     def test_effects(self, effect, kind):
         effects = EFFECTS if effect == "all" else {effect: EFFECTS[effect]}
@@ -246,7 +246,7 @@ class TestAgainstEngine:
         assert found["harvested_power"] == pytest.approx(response.harvested_power, rel=3e-3)
         assert found["displacement_pp"] == pytest.approx(2 * response.displacement_amplitude, rel=1e-3)
 
-    @pytest.mark.parametrize("kind", ["rectifier", "sece"])
+    @pytest.mark.parametrize("kind", ["rectifier", pytest.param("sece", marks=pytest.mark.slow)])
     def test_step(self, kind):
         drive = {"kind": "step_force", "amplitude": 0.5, "duration": 0.2, "rise_time": 0.01, "offset": 0.1}
         study = bench(SWITCHED[kind], drive, **DAMPED)

@@ -89,7 +89,7 @@ def test_equivalent_impedance(host, kind, within, drop):
 
 
 @pytest.mark.parametrize("kind", OPTIMA)
-@pytest.mark.parametrize("drop", [0.0, 0.4])
+@pytest.mark.parametrize("drop", [0.0, pytest.param(0.4, marks=pytest.mark.slow)])
 def test_load_in_strong_coupling(host, run, kind, drop):
     """No load of a dense grid does better between the resonances."""
     transducer, frequency = host(0.1, 60), 51.5

@@ -39,6 +39,7 @@ def test_a_range_that_only_they_come_to_is_named_and_validated_with_the_other(tm
     )
 
 
+@pytest.mark.slow
 def test_healthy_records_that_are_not_fitted_overshadow_nothing(tmp_path):
     plain = diagnose(campaign(tmp_path, records=RECORDS), library=LIBRARY)
     assert (plain.verdict, plain.also_fitted) == ("adequate", ())

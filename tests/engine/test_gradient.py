@@ -61,7 +61,6 @@ DEVICES = {
     ),
 }
 FEW = ("resistor", "rectifier", "p-sshi late", "s-sshi", "sece late", "ssdi", "ssdv")
-QUICK = ("effects", "base")
 # Every circuit on one specimen, every specimen with one circuit of each kind of action.
 PAIRS = [(circuit, "hysteresis") for circuit in CIRCUITS]
 PAIRS += [(circuit, device) for device in DEVICES if device != "hysteresis" for circuit in FEW]
@@ -152,9 +151,7 @@ def check_all(system, excitation, relative=2e-5):
 
 @pytest.mark.parametrize(
     ("circuit", "device"),
-    with_slow(
-        PAIRS, slow=lambda circuit, device: circuit not in FEW if device == "hysteresis" else device not in QUICK
-    ),
+    with_slow(PAIRS, slow=lambda circuit, device: circuit not in FEW if device == "hysteresis" else device != "base"),
 )
 def test_differences_of_simulations(circuit, device):
     keys, drive = DEVICES[device]

@@ -9,8 +9,8 @@ from selection import with_slow
 from studies import DRIVE, LOOP, SECOND, STOPS, bench, solve
 
 # Seeds for which the oracle settles within seconds.
-DEFAULT = [0, 2, 3, 4, 5, 7, 8, 11, 12, 13, 15, 16, 19, 20, 27, 37, 54]
-MORE = [1, 9, 10, 14, 17, 21, 24, 25, 26, 29, 30, 33, 34, 42, 45, 50, 57, 59, 65, 74, 77, 90]
+DEFAULT = [0, 2, 3, 4, 5, 8, 11, 13, 15, 16, 19, 27]
+MORE = [1, 7, 9, 10, 12, 14, 17, 20, 21, 24, 25, 26, 29, 30, 33, 34, 37, 42, 45, 50, 54, 57, 59, 65, 74, 77, 90]
 
 
 # Of the oracle. Against a hundredth of each, which takes twice as long, the least damped results change by 2e-8.

@@ -185,7 +185,7 @@ def test_linear_effects_agree_with_the_bench(name, table):
     ("name", "table"),
     [
         ("nonlinear_coupling", {"quadratic_coupling": -1e5}),
-        ("stiffening", {"cubic_stiffness": 1e18}),
+        pytest.param("stiffening", {"cubic_stiffness": 1e18}, marks=pytest.mark.slow),
         ("voltage_dependent_capacitance", {"beta": 1e-3}),
     ],
 )
