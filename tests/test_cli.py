@@ -442,7 +442,7 @@ class TestProgram:
         """Ctrl-C while compiled code runs: in the second of two long simulations, once the first has been told of."""
         skew = "[transducer.effects.channel_skew]\ndelay = 1e-3\n"
         (tmp_path / "study.toml").write_text(STUDY.replace("[excitation]", f"{skew}[excitation]"))
-        process = self.start("simulate", "study.toml", "--transient", "1e3", cwd=tmp_path)
+        process = self.start("simulate", "study.toml", "--transient", "5e3", cwd=tmp_path)
         assert process.stderr.readline().startswith("warning: shunts.0 (resistor): channel_skew: no part of this")
         process.send_signal(signal.SIGINT)
         begin = time.monotonic()
