@@ -64,6 +64,7 @@ def test_score_grows_with_the_square_of_the_effect(records):
     assert sizes[1] / sizes[0] == pytest.approx(4.0, rel=0.01)
 
 
+@pytest.mark.slow
 def test_scores_of_a_healthy_specimen_are_chi_squared(records):
     """One start, no bound: the p-values are uniform."""
     p_values = []

@@ -13,7 +13,6 @@ from piezoharvest.diagnose.summary import sentence
 from piezoharvest.diagnose.thresholds import CLOSE_COST
 
 
-@pytest.mark.slow
 def test_what_is_far_from_its_nominal_value_is_said(tmp_path):
     measured = campaign(tmp_path)
     told = diagnose(
@@ -25,7 +24,8 @@ def test_what_is_far_from_its_nominal_value_is_said(tmp_path):
     assert "The fit wants stiffness at 2 times its nominal value, which may stand in" in sentence(told)
 
 
-@pytest.mark.parametrize(("times", "verdict"), [pytest.param(5, "effect", marks=pytest.mark.slow), (30, "unexplained")])
+@pytest.mark.slow
+@pytest.mark.parametrize(("times", "verdict"), [(5, "effect"), (30, "unexplained")])
 def test_no_verdict_rests_on_a_parameter_beyond_belief(times, verdict, tmp_path):
     """Damping makes a displacement late as a lag of its sensor does: once it took that in, 38 times its own value."""
     quick = {"load_resistance": 97.78e3, "excitation": {"frequency": 100.0}}

@@ -79,6 +79,7 @@ def test_wherever_records_begin_they_are_explained(before, looked, tmp_path, mon
     assert bool(asked) is looked
 
 
+@pytest.mark.slow
 def test_a_record_of_a_few_samples_has_a_beginning_too(tmp_path):
     short = cut_out(tmp_path, [{**CUT_OUT[0], "duration": 0.04}, *CUT_OUT[1:]], 2.0, 0)
     assert min(map(len, short.records)) < max(initial_hysteresis_state.SUM_LENGTHS)

@@ -114,6 +114,7 @@ def test_an_offset_of_a_sensor_is_a_number_of_the_record(tmp_path):
     assert found.records[1].own["current offset"] == pytest.approx(0.0, abs=2e-8)
 
 
+@pytest.mark.slow
 def test_an_impedance_beside_time_records(tmp_path):
     """A precise impedance of the free leads tells the capacitance better than the records of a single load."""
     path, truth = campaign_file(tmp_path, 1, linear=True)
