@@ -21,7 +21,8 @@ TITLE = "bench & <beam> at $2"
 # Transducer, excitation and table [design].
 STUDIES = {
     "bench": (BEAM, SINE, {"candidates": ["resistor", "series_rl", "rectifier", "parallel_sshi", "sece"]}),
-    "stack": (STACK, PUSH, {"candidates": ["resistor", "parallel_sshi"]}),
+    "stack": (STACK, PUSH, {"candidates": ["resistor", "short"]}),
+    "bridge on a stack": (STACK, PUSH, {"candidates": ["resistor", "parallel_sshi"]}),
     "band": (BEAM, SINE, {**BAND, "candidates": ["resistor", "series_rl"]}),
     "bridge over a band": (BEAM, SINE, {**BAND, "candidates": ["resistor", "rectifier"]}),
     "step": (BEAM, STEP, {"candidates": ["resistor", "rectifier"]}),
@@ -30,12 +31,17 @@ STUDIES = {
 _KEPT = tempfile.TemporaryDirectory(prefix="piezoharvest-reports-")
 
 
+def study_of(name):
+    """A study of `STUDIES`."""
+    transducer, excitation, options = STUDIES[name]
+    table = {"title": TITLE, "transducer": transducer, "excitation": excitation, "design": options}
+    return study_from(table, Path("study.toml"))
+
+
 @cache
 def designed(name):
     """A study of `STUDIES` and its design."""
-    transducer, excitation, options = STUDIES[name]
-    table = {"title": TITLE, "transducer": transducer, "excitation": excitation, "design": options}
-    study = study_from(table, Path("study.toml"))
+    study = study_of(name)
     return study, design(study)
 
 

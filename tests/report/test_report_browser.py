@@ -64,7 +64,7 @@ def shot(browse, page, file, *options):
     return matplotlib.image.imread(file)[..., :3]
 
 
-@pytest.mark.parametrize("name", with_slow(["bench", "stack", "step"], slow=lambda name: name != "step"))
+@pytest.mark.parametrize("name", with_slow(["bench", "bridge on a stack", "step"], slow=lambda name: name != "step"))
 def test_everything_is_drawn_and_nothing_fetched(measured, name):
     found = measured(report(name))
     assert found["title"].endswith("design report")

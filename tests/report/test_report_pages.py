@@ -18,6 +18,7 @@ ALWAYS = {"energy.png", "bode.png"}
 FIGURES = {
     "bench": {"power-load.png", "power-frequency.png", "damping.png"},
     "stack": {"power-load.png", "power-frequency.png", "damping.png", "hysteresis.png"},
+    "bridge on a stack": {"power-load.png", "power-frequency.png", "damping.png", "hysteresis.png"},
     "band": {"power-load.png", "power-frequency.png", "damping.png"},
     "bridge over a band": {"power-load.png", "power-frequency.png", "damping.png"},
     "step": {"power-load.png", "damping.png"},
