@@ -47,12 +47,15 @@ class LinearView:
     goal : Goal
     amplitude : float or None
         Charge amplitude in C for the describing function of the hysteresis.
+    reference : float or None
+        Displacement in m that attenuation is counted from; default this transducer's with shorted electrodes.
     """
 
     transducer: Transducer
     operation: Operation
     goal: Goal
     amplitude: float | None = None
+    reference: float | None = None
 
     @property
     def capacitance(self) -> float:
@@ -116,6 +119,8 @@ class LinearView:
     @cached_property
     def shorted(self) -> float:
         """Displacement in m with shorted electrodes, the worst in a band; infinite where it is unbounded."""
+        if self.reference is not None:
+            return self.reference
         try:
             with np.errstate(all="ignore"):
                 found = float(np.max(self.levels(Short(), self.peaks(Short(), lambda r: r.displacement)).displacement))
