@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from piezoharvest.description.netlist import Element
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.parts.choice import PartsChoice
+from piezoharvest.design.robust.worst import RobustCase
 
 if TYPE_CHECKING:
     from piezoharvest.engine.response import Response
@@ -87,6 +88,8 @@ class Candidate:
         W, mean over the band with the schedule.
     parts : PartsChoice or None
         Parts of the shunt, where they are rounded to a series.
+    worst_case : RobustCase or None
+        Worst case in the tolerance of the study, where it has one.
     response : Response
         The simulation; over a band that of the largest displacement.
     """
@@ -105,6 +108,7 @@ class Candidate:
     schedule: tuple[Mapping[str, float], ...] | None = None
     scheduled_power: float | None = None
     parts: PartsChoice | None = None
+    worst_case: RobustCase | None = None
     response: Response | None = field(default=None, repr=False)
 
     @property
@@ -119,7 +123,8 @@ class Candidate:
         values = {name: getattr(self, name) for name in names}
         schedule = None if self.schedule is None else [dict(row) for row in self.schedule]
         parts = self.parts.as_json() if self.parts else None
-        more = {"violates": list(self.violates), "schedule": schedule, "parts": parts}
+        worst = self.worst_case.as_json() if self.worst_case else None
+        more = {"violates": list(self.violates), "schedule": schedule, "parts": parts, "worst_case": worst}
         return {"shunt": shunt_table(self.shunt), **values, **more}
 
 

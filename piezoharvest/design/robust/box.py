@@ -130,7 +130,9 @@ class Box:
         frequency: Any = nominal.frequency  # pyright: ignore[reportAttributeAccessIssue]
         return dataclasses.replace(nominal, frequency=frequency * self.factors(points)["frequency"])
 
-    def moves(self, quantities: tuple[str, ...], values: np.ndarray, shunt: Shunt, point: np.ndarray, capacitance: float):
+    def moves(
+        self, quantities: tuple[str, ...], values: np.ndarray, shunt: Shunt, point: np.ndarray, capacitance: float
+    ):
         """Changes (d, q) of the quantities of a gradient, at their values there, along each axis.
 
         `shunt` and `capacitance` (F) are the nominal ones.
