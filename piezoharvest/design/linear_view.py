@@ -116,11 +116,14 @@ class LinearView:
             found.append(self.peaks(shunt, lambda r: r.voltage))
         return np.unique(np.concatenate(found))
 
-    @cached_property
+    @property
     def shorted(self) -> float:
-        """Displacement in m with shorted electrodes, the worst in a band; infinite where it is unbounded."""
-        if self.reference is not None:
-            return self.reference
+        """Displacement in m that attenuation is counted from: with shorted electrodes, the worst in a band."""
+        return self._shorted if self.reference is None else self.reference
+
+    @cached_property
+    def _shorted(self) -> float:
+        """Displacement in m with shorted electrodes; infinite where it is unbounded."""
         try:
             with np.errstate(all="ignore"):
                 found = float(np.max(self.levels(Short(), self.peaks(Short(), lambda r: r.displacement)).displacement))

@@ -20,7 +20,7 @@ from piezoharvest.design.goal import Figures, Goal, Slopes
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.trial import Trial
 
-_MOST, _MOST_SIMULATED = 256, 9  # samples: in a batch, or simulated one by one
+_MOST, _MOST_SIMULATED = 256, 9  # samples of parts: in a batch, or simulated one by one
 _MOST_SIDE, _MOST_SIDE_SIMULATED = 65, 5  # of one part
 _STARTS, _STARTS_SIMULATED = 4, 2  # local searches
 _STEPS = 8  # of a bounded search without gradient: to 3 % of the distance between samples, at a maximum that is flat
@@ -35,20 +35,22 @@ class Measure(NamedTuple):
 
 
 class Space(Protocol):
-    """A design anywhere in a box.
-
-    Attributes
-    ----------
-    bounds : list of (float, float)
-        Smallest and largest coordinates; the design itself is at zero.
-    batched : bool
-        True if many points are sampled at once.
-    """
+    """A design anywhere in a box, itself at zero."""
 
     @property
-    def bounds(self) -> list[tuple[float, float]]: ...
+    def bounds(self) -> list[tuple[float, float]]:
+        """Smallest and largest coordinates."""
+        ...
+
     @property
-    def batched(self) -> bool: ...
+    def batched(self) -> bool:
+        """True if many points are sampled at once."""
+        ...
+
+    @property
+    def most(self) -> int:
+        """Number of samples of a first look."""
+        ...
 
     def figures(self, point: np.ndarray) -> Figures:
         """Figures at a point (d,)."""
@@ -86,20 +88,30 @@ class PartsSpace:
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
+        """Smallest and largest coordinates."""
         one = (float(np.log1p(-self.tolerance)), float(np.log1p(self.tolerance)))
         return [one] * len(self.draft.free)
 
     @property
     def batched(self) -> bool:
+        """True if many points are sampled at once."""
         return self.view is not None
 
+    @property
+    def most(self) -> int:
+        """Number of samples of a first look."""
+        return _MOST if self.batched else _MOST_SIMULATED
+
     def figures(self, point: np.ndarray) -> Figures:
+        """Figures at a point (d,)."""
         return self.judge.figures(self.shunt(point))
 
     def tangent(self, point: np.ndarray) -> tuple[Figures, Slopes]:
+        """Figures at a point and their slopes (d,)."""
         return self.judge.tangent(self.shunt(point), self.draft.free)
 
     def sampled(self, points: np.ndarray) -> list[Figures]:
+        """Figures at points (n, d), by a batch on the two-port."""
         assert self.view is not None
         columns = (self._nominal * np.exp(points)).T
         batch = self.draft.with_values({n: x[:, None] for n, x in zip(self.draft.free, columns, strict=True)})
@@ -163,9 +175,8 @@ class WorstCase:
 
     def _samples(self) -> np.ndarray:
         """Points (m, n) of a lattice that includes the corners."""
-        n, batched = len(self.bounds), self.space.batched
-        most, side = (_MOST, _MOST_SIDE) if batched else (_MOST_SIMULATED, _MOST_SIDE_SIMULATED)
-        count = min(int(most ** (1 / n) + 1e-9), side)
+        n, side = len(self.bounds), _MOST_SIDE if self.space.batched else _MOST_SIDE_SIMULATED
+        count = min(int(self.space.most ** (1 / n) + 1e-9), side)
         if count < 2:  # so many parts that the gradient has to find the corner from the middle
             return np.zeros((1, n))
         count = count - 1 + count % 2 if count > 2 else 2  # an odd number has the middle, too

@@ -10,16 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from scipy.optimize import minimize
 
-from piezoharvest.description.shunts import LinearShunt, Shunt
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.drafts import ANGLES, Draft
 from piezoharvest.design.goal import MARGIN, PENALTY
 from piezoharvest.design.robust.scenarios import ScenarioTrial, ScenarioView
 from piezoharvest.design.robust.space import ToleranceSpace, worst_of
+from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.minimax import Tuned, tune
 from piezoharvest.design.tuning.phase import zoom
 from piezoharvest.design.tuning.refine import refine
@@ -68,7 +70,10 @@ class Hardening:
             if not (new and merit > self._merit(shunt, points) + _GAIN) or not self.affordable():
                 break
             points += new
-            tuned = self._tune(points, best.shunt, nominal.shunt)
+            try:
+                tuned = self._tune(points, best.shunt, nominal.shunt)
+            except ParameterError:  # more to simulate than the budget has
+                break
             shunt, steps = tuned.shunt, steps + tuned.iterations
         method = f"{nominal.method}, then minimax over {len(points)} points of the box"
         return best._replace(method=method, iterations=nominal.iterations + steps)
@@ -84,9 +89,11 @@ class Hardening:
             view = ScenarioView(self.space, points)
             return min((tune(view, self.draft, s, self.region) for s in starts), key=lambda found: found.merit)
         trial = ScenarioTrial(self.space, points)
-        if self.space.nominal.operation.band is not None and not isinstance(self.draft.shunt, LinearShunt):
+        if self.space.nominal.operation.band is not None:
             return self._zoom(points, starts[0])
-        return _descend(trial, self.draft, self.region, starts[0]) or refine(trial, self.draft, starts[0], self.region)
+        found = _descend(trial, self.draft, self.region, starts[0])
+        # It has all of a trial that tuning by figures asks for.
+        return found or refine(cast(Trial, trial), self.draft, starts[0], self.region)
 
     def _zoom(self, points: list[np.ndarray], start: Start) -> Tuned:
         """Tune on batches of simulations of all designs of a stencil at all points."""

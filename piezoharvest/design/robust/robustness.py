@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -29,8 +29,9 @@ from piezoharvest.design.tuning.region import Region
 from piezoharvest.engine.work_limit import MAX_WORK, Budget
 from piezoharvest.linear import check_stability
 
-_WORK = MAX_WORK * 5 // 4  # of all candidates together, as much as the rest of a design may take
-_SHARE = 0.5  # of what is left, for one candidate: the next ones need some, too
+# For the tuning of one candidate and for its worst case: each as much as all the rest of a design may take, and the
+# share after which no further step begins.
+_WORK, _SHARE = MAX_WORK * 5 // 4, 0.75
 _SAMPLES, _AT_ONCE = 10_000, 1000  # random points, simulations in a batch
 _TWO_PORT_SAMPLES = 200_000  # points times frequencies on the two-port, about a second
 _KEPT = 1e-6  # e-folds beyond a limit
@@ -59,7 +60,6 @@ class Robustness:
     view: LinearView
     reference: float
     tolerance: Tolerance
-    work: Budget = field(default_factory=lambda: Budget(_WORK))
 
     def __post_init__(self) -> None:
         self.tolerance = widened(self.tolerance)
@@ -76,7 +76,8 @@ class Robustness:
 
         `exact` says that the two-port is as good as the simulation.
         """
-        space, affordable = self._space(nominal.shunt, exact), self._share()
+        space = self._space(nominal.shunt, exact)
+        affordable = self._share(space)
         if not draft.free or not space.box.names:
             return nominal
 
@@ -88,7 +89,8 @@ class Robustness:
 
     def case(self, shunt: Shunt, nominal: Shunt, exact: bool) -> RobustCase:
         """Worst case of a shunt; `nominal` is the optimum without a tolerance, for the cost of being robust."""
-        space, affordable = self._space(shunt, exact), self._share()
+        space = self._space(shunt, exact)
+        affordable = self._share(space)
         sure = self._stable(space)
         found = {name: WorstCase(space, measure, affordable) for name, measure in self._measures.items()}
         points = {name: search.run() for name, search in found.items()}
@@ -113,7 +115,8 @@ class Robustness:
         )  # fmt: skip
 
     def _space(self, shunt: Shunt, exact: bool) -> ToleranceSpace:
-        return ToleranceSpace(Box.of(self.tolerance, shunt, self.view.operation), self.view, shunt, exact, self.work)
+        box = Box.of(self.tolerance, shunt, self.view.operation)
+        return ToleranceSpace(box, self.view, shunt, exact, Budget(_WORK))
 
     @property
     def _measures(self) -> dict[str, Measure]:
@@ -128,10 +131,11 @@ class Robustness:
             )
         return found
 
-    def _share(self) -> Callable[[], bool]:
-        """True until the work that one candidate may take is done."""
-        least = self.work.left * (1 - _SHARE)
-        return lambda: self.work.left > least
+    @staticmethod
+    def _share(space: ToleranceSpace) -> Callable[[], bool]:
+        """True until so much of the work is done that the last step might take more than all of it."""
+        least = space.work.left * (1 - _SHARE)
+        return lambda: space.work.left > least
 
     def _certified(self, space: ToleranceSpace, search: WorstCase) -> float | None:
         """Certified figure, W or m; the search goes on from what the certificate meets that is worse."""

@@ -93,8 +93,8 @@ class RobustCase:
     @property
     def remarks(self) -> list[str]:
         """Remarks on what is not sure, and on limits that are not kept, in words."""
-        found = [] if self.converged else ["the worst case is not sure: not all of the box could be simulated, or it is "
-                                           "unstable in a part of it"]  # fmt: skip
+        unsure = "the worst case is not sure: not all of the box could be simulated, or it is unstable in a part of it"
+        found = [] if self.converged else [unsure]
         for limit in self.limits:
             if not limit.kept:
                 where = ", ".join(f"{name} {value:+.3g}" for name, value in limit.corner.items())

@@ -2,8 +2,9 @@
 
 Displacement is minimised as the smallest t with log |x(f)| <= t at every frequency of a set, to which the exact peaks
 of each solution are added until none exceeds it (exchange method for semi-infinite programs, Hettich & Kortanek, SIAM
-Review 35(3), 380-429, 1993). A view of several scenarios has as many powers, whose least is raised likewise. Limits are constraints with one common penalised slack, so that an infeasible goal still
-has a solution: the one that violates it least.
+Review 35(3), 380-429, 1993). A view of several scenarios has as many powers, whose least is raised likewise. Limits are
+constraints with one common penalised slack, so that an infeasible goal still has a solution: the one that violates it
+least.
 """
 
 from __future__ import annotations
@@ -32,14 +33,31 @@ class MinimaxView(Protocol):
     """What the tuning asks of a `LinearView`, or of one for several scenarios side by side."""
 
     @property
-    def goal(self) -> Goal: ...
+    def goal(self) -> Goal:
+        """Goal of the design."""
+        ...
+
     @property
-    def operation(self) -> Operation: ...
+    def operation(self) -> Operation:
+        """Operation of the design."""
+        ...
+
     @property
-    def shorted(self) -> float: ...
-    def levels(self, shunt: Shunt, grid: np.ndarray) -> Levels: ...
-    def grid(self, shunt: Shunt) -> np.ndarray: ...
-    def figures(self, shunt: Shunt) -> Figures: ...
+    def shorted(self) -> float:
+        """Displacement with shorted electrodes, m."""
+        ...
+
+    def levels(self, shunt: Shunt, grid: np.ndarray) -> Levels:
+        """Levels of a shunt, or a batch, on a grid in Hz; power has an axis more for several scenarios."""
+        ...
+
+    def grid(self, shunt: Shunt) -> np.ndarray:
+        """Frequencies in Hz at which levels are largest."""
+        ...
+
+    def figures(self, shunt: Shunt) -> Figures:
+        """Figures of a shunt."""
+        ...
 
 
 class Tuned(NamedTuple):

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -201,22 +201,21 @@ def _circuit(shunt: Shunt, capacitance: float, loaded: bool) -> _Circuit | None:
     field = load_field(shunt) if loaded else None
     at = [shunt] if field is None else [replace(shunt, **{field: f * getattr(shunt, field)}) for f in (1.0, 2.0, 3.0)]
     found = [_columns(one, capacitance) for one in at]
-    (still, rate, _), *others = found
-    slopes = [np.zeros_like(still), np.zeros_like(rate)]
-    if others:
-        for n in (0, 1):
-            a, b, c = (f[n] for f in found)
-            slopes[n] = b - a
-            if np.max(np.abs(c - 2 * b + a), initial=0.0) > _LINEAR * np.max(np.abs(a), initial=0.0):
+    first, slopes = found[0], (np.zeros_like(found[0].still), np.zeros_like(found[0].rate))
+    if field is not None:
+        a, b, c = found
+        slopes = b.still - a.still, b.rate - a.rate
+        for x, y, z in ((a.still, b.still, c.still), (a.rate, b.rate, c.rate)):
+            if np.max(np.abs(z - 2 * y + x), initial=0.0) > _LINEAR * np.max(np.abs(x), initial=0.0):
                 return None
     powers = []
-    for products in zip(*(f[2] for f in found), strict=True):
+    for products in zip(*(f.powers for f in found), strict=True):
         growth = _growth([p[0] for p in products])
         moved = any(not np.array_equal(p[k], products[0][k]) for p in products for k in (1, 2))
         if growth == "neither" or moved:
             return None
         powers.append(((products[0][0], growth), products[0][1], products[0][2]))
-    return _Circuit(len(still) - 1, still, rate, *slopes, powers)
+    return _Circuit(len(first.still) - 1, first.still, first.rate, *slopes, powers)
 
 
 def _growth(coefficients: Sequence[float]) -> Any:
@@ -228,7 +227,15 @@ def _growth(coefficients: Sequence[float]) -> Any:
     return "neither"
 
 
-def _columns(shunt: Shunt, capacitance: float) -> tuple[np.ndarray, np.ndarray, list[tuple[float, Any, Any]]]:
+class _Columns(NamedTuple):
+    """Equations at rest and by the rate, and products of harvested power."""
+
+    still: np.ndarray
+    rate: np.ndarray
+    powers: list[tuple[float, np.ndarray, np.ndarray]]
+
+
+def _columns(shunt: Shunt, capacitance: float) -> _Columns:
     """Equations at rest and by the rate, and products of harvested power, over [v, i, states]."""
     names = tuple(state.name for state in shunt.states(capacitance))
     n = len(names)
@@ -242,7 +249,7 @@ def _columns(shunt: Shunt, capacitance: float) -> tuple[np.ndarray, np.ndarray, 
     still, rate = rows[:, columns], np.zeros((n + 1, n + 2))
     rate[:, 0], rate[:, 2:] = rows[:, 2 * n + 1], rows[:, n : 2 * n]
     harvested = shunt.powers("linear", port, z).get("harvested", ())
-    return still, rate, [(float(p.coefficient), p.first[columns], p.second[columns]) for p in harvested]
+    return _Columns(still, rate, [(float(p.coefficient), p.first[columns], p.second[columns]) for p in harvested])  # pyright: ignore
 
 
 def _mean(part: Form, squares: np.ndarray, boxes: int) -> Form:
