@@ -108,7 +108,7 @@ class RobustCase:
             limit.name: {"worst": limit.value, "corner": dict(limit.corner), "kept": limit.kept}
             for limit in self.limits
         }
-        more = ("certified", "gap", "nominal_cost", "samples", "sampled", "binds", "converged")
+        more = ("objective", "certified", "gap", "nominal_cost", "samples", "sampled", "binds", "converged")
         return {
             **{name: getattr(self.figures, name) for name in names}, "corner": dict(self.corner),
             **{name: getattr(self, name) for name in more}, "limits": limits, "violates": list(self.violates),
