@@ -189,16 +189,17 @@ class ToleranceSpace:
         nominal, op = self.nominal, view.operation
         transducer, shunt = self.box.transducer(nominal.transducer, points), self.shunt_at(points)
         if "frequency" not in self.box.names:
-            return replace(view, transducer=transducer).levels(shunt, grid)
+            found = replace(view, transducer=transducer).levels(shunt, grid)
+            return found._replace(power=np.broadcast_to(found.power, len(points)))  # one zero where nothing harvests
         frequencies = nominal.operation.frequencies * self.box.factors(points)["frequency"]
         system = System(transducer, shunt)
         found = frequency_response(system, frequencies, base=op.base, amplitude=view.amplitude)
         amplitudes = (op.amplitude * np.abs(x) for x in (found.displacement, found.voltage))
-        return Levels(op.amplitude**2 * found.harvested_power[:, 0], *amplitudes)
+        power = np.broadcast_to(op.amplitude**2 * found.harvested_power, frequencies.shape)
+        return Levels(power[:, 0], *amplitudes)
 
     def _peaks(self, levels: Levels) -> list[Figures]:
-        power = np.broadcast_to(levels.power, len(levels.displacement))
-        each = zip(power, levels.displacement.max(-1), levels.voltage.max(-1), strict=True)
+        each = zip(levels.power, levels.displacement.max(-1), levels.voltage.max(-1), strict=True)
         return [Figures(float(p), float(x), float(v), self._attenuation(x)) for p, x, v in each]
 
     def _attenuation(self, displacement: Any) -> float:
