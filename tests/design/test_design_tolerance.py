@@ -40,6 +40,7 @@ from piezoharvest.design.robust.specimen import widened
 from piezoharvest.engine import simulate
 from piezoharvest.engine.work_limit import Budget
 from piezoharvest.linear import frequency_response
+from piezoharvest.report import write_report
 from piezoharvest.report.subjects import subjects_of
 from piezoharvest.report.tolerance.worst_cases import worst_case_text, worst_cases
 from piezoharvest.study import DesignOptions, Study, study_from
@@ -462,3 +463,15 @@ def test_json_and_tables(host, capsys, objective):
     assert "The least" in worst_case_text(study, subjects_of(result.candidates))
     print_design("", result.as_json())
     assert "worst" in capsys.readouterr().out
+
+
+def test_page_has_the_table(host, tmp_path, monkeypatch):
+    """Without figures, which take seconds."""
+    monkeypatch.setattr("piezoharvest.report.pages.Gallery.pictures", lambda gallery: iter(()))
+    options = DesignOptions(candidates=("resistor",), tolerance=Tolerance(**THREE), max_voltage=1.0)
+    excitation = SineForce(amplitude=FORCE, frequency=49.5)
+    study = Study(
+        title="", path=Path("a.toml"), transducer=host(0.05, 60), shunts=(), excitation=excitation, design=options
+    )
+    page = write_report(study, design(study), tmp_path).read_text(encoding="utf-8")
+    assert '<table class="worst">' in page and "never below" in page and "max voltage: broken, the nearest" in page
