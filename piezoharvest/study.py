@@ -24,6 +24,7 @@ from piezoharvest.description.limits import check_size
 from piezoharvest.description.parameters import Component, ParameterError, allowed, quantity
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.system import System
+from piezoharvest.description.tolerance import Tolerance
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.input import InputError, check_readable
 
@@ -78,6 +79,8 @@ class DesignOptions(Component):
     parts_tolerance: float | None = quantity(
         "", "relative tolerance of the parts, instead of that of their series", default=None, at_least=0, below=1
     )
+    tolerance: Tolerance | None = None
+    worst_case: bool = False
     max_voltage: float | None = quantity("V", "largest electrode voltage", default=None, above=0)
     max_inductance: float | None = quantity("H", "largest inductance", default=None, above=0)
     max_displacement: float | None = quantity("m", "largest displacement amplitude", default=None, above=0)
@@ -95,6 +98,8 @@ class DesignOptions(Component):
             raise ParameterError(
                 "parts_tolerance", f"{found}, allowed is a tolerance with parts = a series (E3 to E192)"
             )
+        if self.worst_case and self.tolerance is None:
+            raise ParameterError("worst_case", "found true without a tolerance, it needs a table [design.tolerance]")
         if self.candidates is not None and not self.candidates:
             raise ParameterError("candidates", "found an empty list, at least one kind of shunt is needed")
         for n, kind in enumerate(self.candidates or ()):
@@ -255,7 +260,7 @@ def study_from(table: Mapping[str, Any], path: Path) -> Study:
         excitation=build_excitation(table["excitation"], path.parent),
         shunts=_build_list(table["shunts"], "shunts", build_shunt) if "shunts" in table else (),
         path=path,
-        design=build(DesignOptions, table["design"], "design") if "design" in table else None,
+        design=_build_design(table["design"], path.parent) if "design" in table else None,
         sweep=build(SweepOptions, table["sweep"], "sweep") if "sweep" in table else None,
         bench=_typed(dict, table.get("bench", {}), "bench"),
     )
@@ -301,6 +306,15 @@ def build_excitation(table: Any, folder: Path, where: str = "excitation") -> Exc
     if isinstance(keys.get("file"), str):
         keys["file"] = str(folder / keys["file"])
     return build(cls, keys, where)
+
+
+def _build_design(table: Any, folder: Path) -> DesignOptions:
+    """Goal from its table; a specimen file that its tolerance names is relative to `folder`."""
+    options = build(DesignOptions, table, "design")
+    if options.tolerance is None or options.tolerance.from_ is None:
+        return options
+    tolerance = dataclasses.replace(options.tolerance, from_=str(folder / options.tolerance.from_))
+    return dataclasses.replace(options, tolerance=tolerance)
 
 
 def build_shunt(table: Any, where: str = "shunt") -> Shunt:

@@ -20,7 +20,7 @@ LAYERS = [
     {"description.shunts"},
     {"description.effects"},
     {"description.transducer"},
-    {"description.catalogue", "description.limits", "description.system"},
+    {"description.catalogue", "description.limits", "description.system", "description.tolerance"},
     {"equations.laws"},
     {"equations.terms"},
     {"equations.rows"},

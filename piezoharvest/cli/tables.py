@@ -71,6 +71,7 @@ def print_design(title: str, result: Mapping[str, Any]) -> None:
         Column("attenu- ation", "dB", [row.get("attenuation_db") for row in rows]),
         Column("gap to bound", "", [row.get("gap_to_bound") for row in rows]),
         *_parts_columns([row.get("parts") for row in rows]),
+        *_worst_columns([row.get("worst_case") for row in rows]),
     ]
     names = [row["shunt"]["kind"] for row in rows]
     keys = [*(_keys(row["shunt"], (row.get("parts") or {}).get("ideal", {})) for row in result["candidates"]), ""]
@@ -105,6 +106,17 @@ def _parts_columns(parts: Sequence[Mapping[str, Any] | None]) -> list[Column]:
         Column(f"cost of {series}", "dB" if unit == "dB" else "%", costs),
         Column(f"worst within {spread} %", unit, [one["worst_case"][figure] if one else None for one in parts]),
     ]
+
+
+def _worst_columns(cases: Sequence[Mapping[str, Any] | None]) -> list[Column]:
+    """Worst case within the tolerance and its certified value; none without a tolerance."""
+    found = [case for case in cases if case]
+    if not found:
+        return []
+    figure, unit = found[0]["objective"], "W" if found[0]["objective"] == "harvested_power" else "dB"
+    certified = Column("certi- fied", unit, [case["certified"] if case else None for case in cases])
+    worst = Column("worst case", unit, [case[figure] if case else None for case in cases])
+    return [worst, *([certified] if any(case["certified"] is not None for case in found) else [])]
 
 
 def _keys(shunt: Mapping[str, Any], ideal: Mapping[str, float]) -> str:

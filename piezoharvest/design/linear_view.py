@@ -47,12 +47,15 @@ class LinearView:
     goal : Goal
     amplitude : float or None
         Charge amplitude in C for the describing function of the hysteresis.
+    reference : float or None
+        Displacement in m that attenuation is counted from; default this transducer's with shorted electrodes.
     """
 
     transducer: Transducer
     operation: Operation
     goal: Goal
     amplitude: float | None = None
+    reference: float | None = None
 
     @property
     def capacitance(self) -> float:
@@ -113,9 +116,14 @@ class LinearView:
             found.append(self.peaks(shunt, lambda r: r.voltage))
         return np.unique(np.concatenate(found))
 
-    @cached_property
+    @property
     def shorted(self) -> float:
-        """Displacement in m with shorted electrodes, the worst in a band; infinite where it is unbounded."""
+        """Displacement in m that attenuation is counted from: with shorted electrodes, the worst in a band."""
+        return self._shorted if self.reference is None else self.reference
+
+    @cached_property
+    def _shorted(self) -> float:
+        """Displacement in m with shorted electrodes; infinite where it is unbounded."""
         try:
             with np.errstate(all="ignore"):
                 found = float(np.max(self.levels(Short(), self.peaks(Short(), lambda r: r.displacement)).displacement))

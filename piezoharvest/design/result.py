@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from piezoharvest.description.netlist import Element
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.parts.choice import PartsChoice
+from piezoharvest.design.robust.worst import RobustCase
 
 if TYPE_CHECKING:
     from piezoharvest.engine.response import Response
@@ -89,6 +90,8 @@ class Candidate:
         Parts of the shunt, where they are rounded to a series.
     restrictions : tuple of mapping or None
         Of a synthesised network: the bound, and the figures with one more restriction from each to the next.
+    worst_case : RobustCase or None
+        Worst case in the tolerance of the study, where it has one.
     response : Response
         The simulation; over a band that of the largest displacement.
     """
@@ -108,6 +111,7 @@ class Candidate:
     scheduled_power: float | None = None
     parts: PartsChoice | None = None
     restrictions: tuple[Mapping[str, Any], ...] | None = None
+    worst_case: RobustCase | None = None
     response: Response | None = field(default=None, repr=False)
 
     @property
@@ -123,7 +127,9 @@ class Candidate:
         schedule = None if self.schedule is None else [dict(row) for row in self.schedule]
         parts = self.parts.as_json() if self.parts else None
         restrictions = None if self.restrictions is None else [dict(row) for row in self.restrictions]
-        more = {"restrictions": restrictions, "violates": list(self.violates), "schedule": schedule, "parts": parts}
+        worst = self.worst_case.as_json() if self.worst_case else None
+        more = {"violates": list(self.violates), "schedule": schedule, "parts": parts, "worst_case": worst}
+        more["restrictions"] = restrictions
         return {"shunt": shunt_table(self.shunt), **values, **more}
 
 

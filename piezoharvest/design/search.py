@@ -17,6 +17,8 @@ from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.operation import is_sine, operation_of
 from piezoharvest.design.parts.choice import PartsChoice, PartsChooser
 from piezoharvest.design.result import Bound, Candidate, DesignResult
+from piezoharvest.design.robust.robustness import Robustness
+from piezoharvest.design.robust.worst import RobustCase
 from piezoharvest.design.synthesis.ladder import Ladder
 from piezoharvest.design.synthesis.synthesis import Synthesis, bounded
 from piezoharvest.design.synthesis.view import LadderView
@@ -66,6 +68,7 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
     are tuned by the gradient of the simulation where it has one. The lag of a switch is tuned together with the load
     (`phase`); over a band this gives the best fixed values, by which candidates are ranked, and a schedule. Over a band
     the drive is a sine of constant amplitude: harvested power is its mean, displacement the worst peak. With
+    `options.tolerance` the worst case of each is found, and with `options.worst_case` tuned for (`robust`). With
     `options.parts` each tuned candidate is rounded to a series of preferred values (`parts`); what is ranked is what
     can be bought. The candidate "synthesised", only where it is named, is a network grown for the objective
     (`synthesis`). All is set against the bound of passive linear shunts (`bound`).
@@ -100,7 +103,8 @@ class _Design:
         self.notes += drafting.unlike
         if self.trial.unresolved:
             self.notes.append("resonances are sharper than the simulated mean power over the band is sure to see")
-        _ = self.trial.shorted  # the reference of all figures: computed first, as a design is impossible without it
+        reference = self.trial.shorted  # of all figures: computed first, as a design is impossible without it
+        self.robust = Robustness(self.view, reference, options.tolerance) if options.tolerance else None
         candidates = tuple(sorted(self._candidates(drafts), key=self._rank))
         if not any(candidate.feasible for candidate in candidates):
             self.notes.insert(0, "no candidate keeps all limits")
@@ -137,7 +141,8 @@ class _Design:
         return bound
 
     def _rank(self, candidate: Candidate) -> tuple:
-        value = candidate.displacement_amplitude if self.goal.damping else -candidate.harvested_power
+        figures = candidate.worst_case.figures if self.options.worst_case and candidate.worst_case else candidate
+        value = figures.displacement_amplitude if self.goal.damping else -figures.harvested_power
         return not candidate.converged, not candidate.feasible, value if np.isfinite(value) else np.inf
 
     def _candidates(self, drafts: Iterable[Draft]) -> list[Candidate]:
@@ -158,20 +163,22 @@ class _Design:
         self.progress(f"{draft.kind}: tuning {', '.join(draft.free) or 'nothing'}")
         phase = self._phase(draft) if "phase_lag" in draft.free else None
         tuned = phase.fixed() if phase else self._tuned(draft)
+        nominal, tuned = tuned.shunt, self._hardened(draft, tuned)
         schedule = phase.schedule() if phase and self.options.band and not self.goal.damping else None
         parts = self._parts(draft, tuned.shunt)
-        bought = parts.shunt if parts else tuned.shunt
-        ladder = bought if isinstance(bought, Ladder) else None
-        shunt = ladder.network() if ladder else bought
+        shunt = _as_network(parts.shunt if parts else tuned.shunt)
         figures = self.trial.figures(shunt, complete=True)
         violates = self.goal.violated(figures, shunt, self.study.transducer.capacitance)
+        worst_case = self._worst_case(shunt, _as_network(nominal))
+        if self.options.worst_case and worst_case:
+            violates = tuple(dict.fromkeys((*violates, *worst_case.violates)))
         found = Candidate(
             shunt=shunt, parts=parts, harvested_power=figures.harvested_power, attenuation_db=figures.attenuation_db,
             displacement_amplitude=figures.displacement_amplitude, voltage_amplitude=figures.voltage_amplitude,
             converged=figures.converged, violates=violates, start=tuned.start, method=tuned.method,
             iterations=tuned.iterations, response=figures.response,
-            schedule=schedule and schedule.table, scheduled_power=schedule and schedule.power,
-            restrictions=self.synthesis.restrictions() if ladder else None,
+            schedule=schedule and schedule.table, scheduled_power=schedule and schedule.power, worst_case=worst_case,
+            restrictions=self.synthesis.restrictions() if isinstance(draft.shunt, Ladder) else None,
         )  # fmt: skip
         self._add_notes(draft, found, tuned.shunt, figures.message)
         return found
@@ -184,6 +191,23 @@ class _Design:
         assert isinstance(draft.shunt, Bridge)
         found = bridge_starts(self.view, draft) or [Start("as given", draft.first())]
         return _best(refine(self.trial, draft, start) for start in found)
+
+    def _hardened(self, draft: Draft, tuned: Tuned) -> Tuned:
+        """The draft tuned for its worst case, where that is asked for."""
+        if self.robust is None or not self.options.worst_case:
+            return tuned
+        self.progress(f"{draft.kind}: tuning for the worst case")
+        return self.robust.hardened(draft, tuned, self._region(draft), self._on_two_port(tuned.shunt))
+
+    def _worst_case(self, shunt: Shunt, nominal: Shunt) -> RobustCase | None:
+        """Worst case of a candidate, where a tolerance is given."""
+        if self.robust is None:
+            return None
+        before = nominal if self.options.worst_case else shunt
+        return self.robust.case(shunt, before, self._on_two_port(shunt))
+
+    def _on_two_port(self, shunt: Shunt) -> bool:
+        return isinstance(shunt, LinearShunt) and self._is_exact(self.view.working(shunt), shunt)
 
     def _phase(self, draft: Draft) -> PhaseTuning:
         loads = isinstance(draft.shunt, Bridge) and len(draft.free) > 1
@@ -245,12 +269,20 @@ class _Design:
                 note(f"{kind}: {'before rounding, ' if found.parts else ''}{text}")
         if found.parts and found.parts.remark:
             note(f"{kind}: {found.parts.remark}")
+        if found.worst_case:
+            for text in found.worst_case.remarks:
+                note(f"{kind}: {text}")
         if not found.converged:
             note(f"{kind}: not to be trusted: {message or 'a simulation did not converge'}")
         elif message:
             note(f"{kind}: {message}")
         if found.violates:
             note(f"{kind}: does not keep {', '.join(found.violates)}")
+
+
+def _as_network(shunt: Shunt) -> Shunt:
+    """The shunt, a synthesised one as the netlist that is simulated."""
+    return shunt.network() if isinstance(shunt, Ladder) else shunt
 
 
 def _best(tried: Iterable[Tuned]) -> Tuned:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -92,16 +92,24 @@ class Trial:
             There is no periodic steady state, the excitation is not a sine, or the worst peak of a band counts, which
             jumps between frequencies.
         """
-        op, goal, key = self.view.operation, self.view.goal, (shunt, parts, *tied)
+        key = (shunt, parts, *tied)
+        if key not in self._tangents:
+            self._tangents[key] = self.along(shunt, lambda at: _steps(at, parts, tied))
+        return self._tangents[key]
+
+    def along(self, shunt: Shunt, moves: Callable[[Gradient], np.ndarray]) -> Tangent:
+        """Figures of a shunt and their derivatives along given changes (p, q) of all q quantities of a gradient.
+
+        Raises `NoGradientError` as `tangent` does.
+        """
+        op, goal = self.view.operation, self.view.goal
         if not op.apart or (op.band and (goal.damping or goal.limits_levels)):
             raise NoGradientError("only a sine, and the mean power over a band, are derived")
-        if key not in self._tangents:
-            nodes, weights = self._nodes[False] if op.band else (op.frequencies, np.ones(1))
-            self.simulations += len(nodes)
-            system = System(self.view.transducer, shunt)
-            found = [self._gradient(system, op.at(float(f))) for f in nodes]
-            self._tangents[key] = self._sum_up(found, weights, _steps(found[0], parts, tied))
-        return self._tangents[key]
+        nodes, weights = self._nodes[False] if op.band else (op.frequencies, np.ones(1))
+        self.simulations += len(nodes)
+        system = System(self.view.transducer, shunt)
+        found = [self._gradient(system, op.at(float(f))) for f in nodes]
+        return self._sum_up(found, weights, moves(found[0]))
 
     def _sum_up(self, found: list[Gradient], weights: np.ndarray, steps: np.ndarray) -> Tangent:
         """Mean power and largest amplitudes over sines one at a time, and their derivatives along `steps`."""
@@ -233,6 +241,8 @@ class Trial:
         ParameterError
             The transducer cannot be simulated under this excitation.
         """
+        if self.view.reference is not None:
+            return self.view.reference
         found: dict[float, Response] = {}
         if self.view.operation.band is None:
             found[0.0] = self._simulate(Short(), False)

@@ -23,6 +23,7 @@ from piezoharvest.report.gallery import Gallery
 from piezoharvest.report.limits import power_limit
 from piezoharvest.report.spans import design_band, frequency_range
 from piezoharvest.report.subjects import subjects_of
+from piezoharvest.report.tolerance.worst_cases import worst_case_text, worst_cases
 from piezoharvest.report.units import decibel, engineering
 from piezoharvest.study import Study
 
@@ -67,6 +68,8 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
         parts=tables.bought_parts(subjects),
         restrictions=tables.restrictions(subjects),
         series=tables.series_text(subjects),
+        worst_cases=worst_cases(subjects),
+        worst_case=worst_case_text(study, subjects),
         damping=study.design is not None and study.design.objective == "damping",
         tuning=[(s.label, s.candidate.method, s.candidate.start, s.candidate.iterations) for s in subjects],
         limit=limit and engineering(limit.power, "W"),

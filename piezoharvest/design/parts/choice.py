@@ -15,7 +15,7 @@ from piezoharvest.design.goal import Goal
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.parts.rounding import Rounding
 from piezoharvest.design.parts.series import series_of
-from piezoharvest.design.parts.worst_case import WorstCase
+from piezoharvest.design.parts.worst_case import PartsSpace, WorstCase, objective_of
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.region import Region
 
@@ -115,8 +115,9 @@ class PartsChooser:
         values = rounding.run()
         # The assumed smoothing capacitance is chosen with the load and keeps its value when the load varies.
         bought = dataclasses.replace(ideal, shunt=ideal.with_values(values), smoothing=None)
-        worst_case = WorstCase(bought, tolerance, judge, self.view if self.exact else None, self.goal, affordable)
-        worst = worst_case.run()
+        space = PartsSpace(bought, tolerance, judge, self.view if self.exact else None)
+        worst_case = WorstCase(space, objective_of(self.goal), affordable)
+        worst = space.shunt(worst_case.run())
         loss = self.goal.score(judge.figures(bought.shunt)) - self.goal.score(judge.figures(tuned))
         figure, converged = self._simulated(worst)
         return PartsChoice(

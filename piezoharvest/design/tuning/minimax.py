@@ -2,22 +2,24 @@
 
 Displacement is minimised as the smallest t with log |x(f)| <= t at every frequency of a set, to which the exact peaks
 of each solution are added until none exceeds it (exchange method for semi-infinite programs, Hettich & Kortanek, SIAM
-Review 35(3), 380-429, 1993). Limits are constraints with one common penalised slack, so that an infeasible goal still
-has a solution: the one that violates it least.
+Review 35(3), 380-429, 1993). A view of several scenarios has as many powers, whose least is raised likewise. Limits are
+constraints with one common penalised slack, so that an infeasible goal still has a solution: the one that violates it
+least.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy.optimize import minimize
 
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.drafts import Draft
-from piezoharvest.design.goal import MARGIN, PENALTY
-from piezoharvest.design.linear_view import LinearView
+from piezoharvest.design.goal import MARGIN, PENALTY, Figures, Goal
+from piezoharvest.design.linear_view import Levels
+from piezoharvest.design.operation import Operation
 from piezoharvest.design.tuning.region import Region
 from piezoharvest.design.tuning.starts import Start
 
@@ -25,6 +27,37 @@ _TRUST_RADIUS = 3.0  # e-folds about the start of a round
 _STEP = 1e-5  # of central differences, in e-folds: the error of the gradient is 1e-10
 _ROUNDS = 15
 _PEAK_TOLERANCE = 1e-6
+
+
+class MinimaxView(Protocol):
+    """What the tuning asks of a `LinearView`, or of one for several scenarios side by side."""
+
+    @property
+    def goal(self) -> Goal:
+        """Goal of the design."""
+        ...
+
+    @property
+    def operation(self) -> Operation:
+        """Operation of the design."""
+        ...
+
+    @property
+    def shorted(self) -> float:
+        """Displacement with shorted electrodes, m."""
+        ...
+
+    def levels(self, shunt: Shunt, grid: np.ndarray) -> Levels:
+        """Levels of a shunt, or a batch, on a grid in Hz; power has an axis more for several scenarios."""
+        ...
+
+    def grid(self, shunt: Shunt) -> np.ndarray:
+        """Frequencies in Hz at which levels are largest."""
+        ...
+
+    def figures(self, shunt: Shunt) -> Figures:
+        """Figures of a shunt."""
+        ...
 
 
 class Tuned(NamedTuple):
@@ -37,7 +70,7 @@ class Tuned(NamedTuple):
     iterations: int
 
 
-def tune(view: LinearView, draft: Draft, start: Start, region: Region) -> Tuned:
+def tune(view: MinimaxView, draft: Draft, start: Start, region: Region) -> Tuned:
     """Tune the free parts of a linear shunt from one start, within a region."""
     program = _MinimaxProgram(view, draft, region)
     best = region.logs(start.values)
@@ -62,7 +95,7 @@ class _MinimaxProgram:
     Variables are the logarithms p of the parts, the level t and the common slack s.
     """
 
-    view: LinearView
+    view: MinimaxView
     draft: Draft
     region: Region
     grid: np.ndarray = field(default_factory=lambda: np.empty(0))
@@ -93,11 +126,11 @@ class _MinimaxProgram:
         """Solve on the present set of frequencies; returns p and the number of iterations."""
         n, region = len(start), self.region
         value, _ = self._forms(start)
-        level = float(np.max(value[1])) if self.view.goal.damping else 0.0
+        level = float(np.max(self._losses(*value))) if self._bounded(value) else 0.0
         y = np.concatenate((start, [level, 0.0]))
         y[-1] = max(0.0, -np.min(self._constraints(y), initial=0.0))
         low, high = np.maximum(region.lower, start - _TRUST_RADIUS), np.minimum(region.upper, start + _TRUST_RADIUS)
-        levels = (level - 50, level + 50) if self.view.goal.damping else (0.0, 0.0)
+        levels = (level - 50, level + 50) if self._bounded(value) else (0.0, 0.0)
         bounds = [*zip(low, high, strict=True), levels, (0.0, None)]
         constraints = [{"type": "ineq", "fun": self._constraints, "jac": self._constraints_slope}]
         found: Any = minimize(
@@ -113,26 +146,34 @@ class _MinimaxProgram:
             batch = p + _STEP * np.concatenate((np.zeros((1, n)), np.eye(n), -np.eye(n)))
             values = {name: np.exp(batch[:, k : k + 1]) for k, name in enumerate(self.draft.free)}
             levels = self.view.levels(self.draft.with_values(values), self.grid)
-            power = levels.power[:, None]
+            power = levels.power.reshape(len(batch), -1)
             logs = [np.log(np.maximum(x, 1e-300)) for x in (power, levels.displacement, levels.voltage)]
             slopes = [(x[1 : n + 1] - x[n + 1 :]).T / (2 * _STEP) for x in logs]
             self._at = (p.copy(), [x[0] for x in logs], slopes)
         return self._at[1], self._at[2]
 
+    def _bounded(self, forms: list[np.ndarray]) -> bool:
+        """True if the objective is the largest of several numbers, which the level bounds."""
+        return self.view.goal.damping or len(forms[0]) > 1
+
+    def _losses(self, power: np.ndarray, displacement: np.ndarray, voltage: np.ndarray) -> np.ndarray:
+        """The numbers, or slopes, whose largest is minimised."""
+        return displacement if self.view.goal.damping else -power
+
     def _objective(self, y: np.ndarray) -> tuple[float, np.ndarray]:
         slope = np.zeros(len(y))
         slope[-1] = PENALTY
-        if self.view.goal.damping:
+        value, gradient = self._forms(y[:-2])
+        if self._bounded(value):
             slope[-2] = 1.0
             return float(y[-2] + PENALTY * y[-1]), slope
-        value, gradient = self._forms(y[:-2])
         slope[:-2] = -gradient[0][0]
         return float(-value[0][0] + PENALTY * y[-1]), slope
 
     def _constraints(self, y: np.ndarray) -> np.ndarray:
-        (power, displacement, voltage), _ = self._forms(y[:-2])
-        parts = [y[-2] - displacement] if self.view.goal.damping else []
-        for limit, sign, levels in self._limits(power, displacement, voltage):
+        value, _ = self._forms(y[:-2])
+        parts = [y[-2] - self._losses(*value)] if self._bounded(value) else []
+        for limit, sign, levels in self._limits(*value):
             parts.append(sign * (limit - levels) - MARGIN + y[-1])
         if np.any(self.region.coil):
             parts.append(np.atleast_1d(self.region.coil @ y[:-2] - self.region.offset))
@@ -140,7 +181,7 @@ class _MinimaxProgram:
 
     def _constraints_slope(self, y: np.ndarray) -> np.ndarray:
         _, slopes = self._forms(y[:-2])
-        parts = [_block(-slopes[1], 1.0, 0.0)] if self.view.goal.damping else []
+        parts = [_block(-self._losses(*slopes), 1.0, 0.0)] if self._bounded(slopes) else []
         parts += [_block(-sign * slope, 0.0, 1.0) for _, sign, slope in self._limits(*slopes)]
         if np.any(self.region.coil):
             parts.append(_block(self.region.coil[None], 0.0, 0.0))
