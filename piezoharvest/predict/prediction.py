@@ -256,7 +256,7 @@ class _Propagation:
         if parts not in self._paces:
             setting, (step, slopes) = self._of.setting, self._of.steps(parts, self._derivatives)
             step, slopes = (each._replace(O=each.O[self._rows]) for each in (step, slopes))
-            self._paces[parts] = pace_of(setting.sample_time / parts, self._of.share / parts, step, slopes)
+            self._paces[parts] = pace_of(setting.sample_time / parts, self._of.share / parts, step, slopes, self._run.inputs)
         return self._paces[parts]
 
     def _small(self, begin: int, Y: np.ndarray, dY: np.ndarray) -> int:
