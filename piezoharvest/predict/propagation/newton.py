@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from piezoharvest.predict.propagation.compiling import inlined
-from piezoharvest.predict.propagation.elements import STOP, element_output
+from piezoharvest.engine.compilation.compiled import inlined
+from piezoharvest.predict.propagation.element_output import STOP, element_output
 from piezoharvest.predict.propagation.products import solve
 
 _MAX_ITERATIONS = 60

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from piezoharvest.predict.propagation.compiling import compiled, inlined
+from piezoharvest.engine.compilation.compiled import compiled
 
 
 @compiled
@@ -19,8 +19,7 @@ def dot(rows, values, out):
 def add_product(A, R, out):
     """Add A R to `out`, A being Sparse and the others matrices.
 
-    Several rows of R at a time: a loop over few parameters is dominated by its overhead. Rows are not taken as views,
-    whose references would be counted atomically, which takes as long as the loop.
+    Several rows of R at a time: a loop over few parameters is dominated by its overhead.
     """
     values, columns, counts = A
     P = out.shape[1]
@@ -46,8 +45,9 @@ def add_product(A, R, out):
 
 
 @compiled
-def weighted_sums(tangents, values, out):
-    """Sum of derivatives of coefficients times the multiplied values, one for each nonzero entry."""
+def weighted_sums(tangent, values):
+    """Derivatives of the product of a matrix with a vector of fixed values, into the memory of its Tangent."""
+    tangents, out = tangent.values, tangent.sums
     for p in range(len(out)):
         out[p] = 0.0
     j = 0
@@ -80,13 +80,10 @@ def clear(out):
 
 
 @compiled
-def scatter(values, places, begin, end, first, out):
-    """Add values begin:end to their entries (row, parameter) of a matrix.
-
-    Rows count from the first.
-    """
+def scatter(tangent, begin, end, first, out):
+    """Add the sums begin:end of a Tangent to their entries of `out`, whose rows count from the first."""
     for k in range(begin, end):
-        out[places[k, 0] - first, places[k, 1]] += values[k]
+        out[tangent.places[k, 0] - first, tangent.places[k, 1]] += tangent.sums[k]
 
 
 @compiled
@@ -123,5 +120,3 @@ def solve(K, slopes, places, J, right):
         inverse = 1.0 / J[c, c]
         for p in range(right.shape[1]):
             right[c, p] *= inverse
-
-

@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
-from piezoharvest.predict.propagation.compiling import inlined
+from piezoharvest.engine.compilation.compiled import inlined
 
-STOP, _PRODUCT, _POWER = 0, 1, 2
+STOP, _PRODUCT, _POWER = 0, 1, 2  # as in `record_model`, which depends on files that would count as sources of this
 
 
 @inlined
