@@ -173,9 +173,10 @@ def code_files(folder):
 
 
 class TestSources:
-    @pytest.mark.parametrize("module", ["piezoharvest.engine.entry_point", "piezoharvest.predict.propagate"])
-    def test_all_that_compiled_functions_can_be_made_of_is_in_their_stamp(self, module):
+    @pytest.mark.parametrize("entry", ["engine.entry_point", "predict.propagation.propagate"])
+    def test_all_that_compiled_functions_can_be_made_of_is_in_their_stamp(self, entry):
         """Functions and constants come by imports: here as Python itself reads them."""
+        module = f"piezoharvest.{entry}"
         found, todo = {}, [module]
         while todo:
             name = todo.pop()
@@ -199,6 +200,12 @@ class TestSources:
         assert {function.__code__.co_filename for function in found} <= set(
             sources(engine.py_func.__code__.co_filename)
         )
+
+    def test_tuples_that_compiled_functions_take_are_too(self):
+        """The order of their fields is compiled in, and the signature that code is kept under does not show it."""
+        from piezoharvest.predict.propagation import arguments, propagate
+
+        assert arguments.__file__ in sources(propagate.__file__)
 
     def test_pages_and_the_command_line_are_not(self):
         """Or every change of theirs would cost a compilation."""
