@@ -7,7 +7,7 @@ import pytest
 
 from piezoharvest.description.excitation import RandomForce, SineForce
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.description.shunts import Network
+from piezoharvest.description.shunts.linear.network import Network
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.design.bound.port import ElectrodePort
@@ -15,7 +15,7 @@ from piezoharvest.design.goal import Goal
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.operation import operation_of
 from piezoharvest.design.parts.series import series_of
-from piezoharvest.design.synthesis.ladder import chain_slopes, ladder_class, names_of
+from piezoharvest.design.synthesis.ladder import Ladder, chain_slopes, ladder_class, names_of
 from piezoharvest.design.synthesis.measure import Measure
 from piezoharvest.design.synthesis.synthesis import Synthesis
 from piezoharvest.design.synthesis.view import LadderView
@@ -42,6 +42,12 @@ def synthesis(**options) -> Synthesis:
 
 def power_of(found: Synthesis) -> float:
     return found.view.figures(found.draft.shunt).harvested_power
+
+
+def ladder_of(found: Synthesis) -> Ladder:
+    shunt = found.draft.shunt
+    assert isinstance(shunt, Ladder)
+    return shunt
 
 
 @pytest.fixture(scope="module")
@@ -116,16 +122,16 @@ class TestHarvest:
 
     def test_coils_have_losses_where_ideal_ones_would_cancel_the_vibration(self):
         found = synthesis(band=None, objective="damping", order=1)
-        assert found.draft.shunt.loss == pytest.approx(found.host.omega / 100)
+        assert ladder_of(found).loss == pytest.approx(found.host.omega / 100)
 
     def test_coils_keep_the_limit(self):
         found = synthesis(order=2, max_inductance=150.0)
-        assert all(e.value <= 150.0 * (1 + 1e-9) for e in found.draft.shunt.network().elements if e.kind == "L")
+        assert all(e.value <= 150.0 * (1 + 1e-9) for e in ladder_of(found).network().elements if e.kind == "L")
 
 
 class TestNetwork:
     def test_simulated_power_is_that_of_the_view(self, ideal):
-        network = ideal.draft.shunt.network()
+        network = ladder_of(ideal).network()
         view = view_of(SINE, None)
         found = simulate(System(BENCH, network), SINE)
         assert found.converged
@@ -133,7 +139,7 @@ class TestNetwork:
 
     def test_coils_lose_what_their_quality_says(self):
         found = synthesis(order=2, coil_quality=50.0)
-        network = found.draft.shunt.network()
+        network = ladder_of(found).network()
         values = {e.name: e.value for e in network.elements}
         assert values["RL1"] == pytest.approx(found.host.omega * values["L1"] / 50.0)
         assert [e.name for e in network.elements if e.load] == ["R1"]
@@ -141,7 +147,7 @@ class TestNetwork:
         assert response.energy["shunt_loss"] > 1e-3 * response.energy["harvested"]
 
     def test_export_keeps_elements_and_load(self, ideal):
-        network = ideal.draft.shunt.network()
+        network = ladder_of(ideal).network()
         text = export_spice(BENCH, network, SINE)
         lines = text.splitlines()
         for e in network.elements:
