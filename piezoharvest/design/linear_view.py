@@ -22,6 +22,7 @@ from piezoharvest.linear.response import FrequencyResponse
 _GRID_POINTS = 61  # points of a band, besides those at the poles
 _ZOOMS, _ZOOM_POINTS = 7, 11  # a peak's frequency to 1e-5 of the grid's spacing, its height to the square of that
 _AMPLITUDE_STEPS = 60
+_BESIDE = 1e-12  # relative: moves a frequency off a pole by some thousand roundings
 _STEP = 1e-5  # of central differences, in e-folds: the error of a slope is 1e-10
 
 
@@ -62,8 +63,11 @@ class LinearView:
 
     def response(self, shunt: Shunt, frequencies: Any) -> FrequencyResponse:
         """Response to a unit drive."""
-        system = System(self.transducer, shunt)
-        return frequency_response(system, frequencies, base=self.operation.base, amplitude=self.amplitude)
+        system, given = System(self.transducer, shunt), {"base": self.operation.base, "amplitude": self.amplitude}
+        try:
+            return frequency_response(system, frequencies, **given)
+        except np.linalg.LinAlgError:  # at a pole without damping: beside it the peak is as high as can be told
+            return frequency_response(system, np.asarray(frequencies) * (1 + _BESIDE), **given)
 
     def levels(self, shunt: Shunt, grid: np.ndarray) -> Levels:
         """Levels of a shunt, or of a batch of designs; `grid` in Hz is used where lines act one at a time."""
