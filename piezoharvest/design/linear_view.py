@@ -16,6 +16,7 @@ from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.design.goal import SMALLEST_FIGURE, Figures, Goal, Slopes
 from piezoharvest.design.operation import Operation
+from piezoharvest.design.places import value_at, with_values
 from piezoharvest.linear import frequency_response, hysteresis_slope, poles
 from piezoharvest.linear.response import FrequencyResponse
 
@@ -156,8 +157,8 @@ class LinearView:
         """
         n = len(parts)
         steps = np.exp(_STEP * np.concatenate((np.zeros((1, n)), np.eye(n), -np.eye(n))))
-        values = {name: getattr(shunt, name) * steps[:, k : k + 1] for k, name in enumerate(parts)}
-        power, *levels = self.levels(replace(shunt, **values), self.grid(shunt))
+        values = {name: value_at(shunt, name) * steps[:, k : k + 1] for k, name in enumerate(parts)}
+        power, *levels = self.levels(with_values(shunt, values), self.grid(shunt))
         heights = [power, *(x[:, np.argmax(x[0])] for x in levels)]
         logs = [np.log(np.maximum(x, SMALLEST_FIGURE)) for x in heights]
         slopes = Slopes(*((x[1 : n + 1] - x[n + 1 :]) / (2 * _STEP) for x in logs))

@@ -10,6 +10,7 @@ import numpy as np
 
 from piezoharvest.description.parameters import Component
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.design.places import unit_at
 from piezoharvest.report.figures.ledger import name_of
 from piezoharvest.report.limits import Limit, ModeFigures, hysteretic, mode_figures, white_input
 from piezoharvest.report.subjects import Subject, values_of
@@ -91,7 +92,7 @@ def bought_parts(subjects: Sequence[Subject]) -> list[PartsRow]:
         c = s.candidate.parts
         if c is None:
             continue
-        units = {f.name: f.metadata["unit"] for f in dataclasses.fields(s.shunt) if f.name in c.values}
+        units = {name: unit_at(s.shunt, name) for name in c.values}
         parts = []
         for name, unit in units.items():
             ideal, worst = engineering(c.ideal[name], unit, 4), engineering(c.worst_values[name], unit)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from piezoharvest.design.drafts import ANGLES, Draft
+from piezoharvest.design.places import unit_at
 from piezoharvest.design.tuning.starts import Host, scales
 
 SPAN = np.log(1e4)  # e-folds about a part's typical size
@@ -58,9 +59,9 @@ class Region:
         span = np.array([MOST_LAG if name in ANGLES else SPAN for name in draft.free])
         lower, upper, coil = middle - span, middle + span, np.zeros(len(middle))
         names = list(draft.free)
-        if max_inductance is not None and "inductance" in names:
-            n = names.index("inductance")
-            upper[n] = min(upper[n], np.log(max_inductance))
+        coils = [n for n, name in enumerate(names) if unit_at(draft.shunt, name) == "H"]
+        for n in coils if max_inductance is not None else ():
+            upper[n] = min(upper[n], np.log(max_inductance or np.inf))
             lower[n] = min(lower[n], upper[n] - SPAN)
         sign = _SERIES.get(draft.kind, 0.0) if {"resistance", "inductance"} <= set(names) else 0.0
         if sign:
@@ -110,7 +111,7 @@ class Region:
                 f"the resistance is what a coil of quality {COIL_QUALITY:g} has by itself, nothing is left for a load"
             )
         for n, name in enumerate(self.names):
-            if name != "inductance" and min(p[n] - self.lower[n], self.upper[n] - p[n]) < _AT_BOUND:
+            if "inductance" not in name and min(p[n] - self.lower[n], self.upper[n] - p[n]) < _AT_BOUND:
                 side = "smallest" if p[n] < 0.5 * (self.lower[n] + self.upper[n]) else "largest"
                 found.append(f"the {side} {name} tried is the best: it might as well be left out")
         return found

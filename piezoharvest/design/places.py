@@ -48,6 +48,4 @@ def with_values(part: _C, values: Mapping[str, Any]) -> _C:
 def lists_of(cls: type[Component]) -> tuple[str, ...]:
     """Names of the fields with units that are lists of values."""
     hints = get_type_hints(cls)
-    return tuple(
-        f.name for f in dataclasses.fields(cls) if "unit" in f.metadata and get_origin(hints[f.name]) is tuple
-    )
+    return tuple(f.name for f in dataclasses.fields(cls) if "unit" in f.metadata and get_origin(hints[f.name]) is tuple)
