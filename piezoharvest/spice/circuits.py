@@ -91,7 +91,9 @@ def _blocking(deck, shunt, point):
         deck.add(f"Lbranch{n} {ends[n]} r{n}", inductance, "IC=0")
         deck.add(f"Rbranch{n} r{n} 0", resistance)
         harvested.append((1 / resistance, f"V(r{n})*V(r{n})"))
-    slowest = 2 * max(x / r for x, r in zip(shunt.inductances, shunt.resistances, strict=True))
+    losses = [(shunt.blocking_inductances[mode], shunt.coil_resistance(mode)) for _, mode, _ in shunt.blocks()]
+    parts = [*zip(shunt.inductances, shunt.resistances, strict=True), *(pair for pair in losses if pair[1])]
+    slowest = max(2 * inductance / resistance for inductance, resistance in parts)
     return NetlistCircuit(total(harvested), slowest=slowest)
 
 

@@ -17,8 +17,11 @@ from piezoharvest.description.shunts import LinearShunt
 from piezoharvest.description.shunts.linear.current_blocking import CurrentBlocking
 from piezoharvest.description.shunts.linear.current_flowing import CurrentFlowing
 
-_RATIOS = (1.0, 3.0, 10.0)  # capacitances of the branches, over the clamped one
-_ROUNDS = 50  # of the fixed-point iteration; it converges in about ten
+# Capacitances of the branches over the clamped one. Those of a branch small and those of a blocking circuit large keep
+# the branches apart; the other way more power goes into each.
+_RATIOS = {CurrentFlowing: (0.1, 0.3, 1.0), CurrentBlocking: (1.0, 3.0, 10.0)}
+_ROUNDS, _ACCURACY = 50, 1e-6  # of the fixed-point iteration, which halves its error in each round
+_SOURCES = {CurrentFlowing: "Behrens et al. 2003", CurrentBlocking: "Wu 1998"}
 Values = dict[str, float]
 Reactance = Callable[[int, float, np.ndarray], float]
 """Lossless reactance in ohm of a branch, at rad/s, with the inductances of all branches."""
@@ -45,8 +48,8 @@ def branch_values(
     # Branches beyond the number of modes take what is left of them.
     kept += [kept[-1]] * (count - len(kept))
     make = _flowing if isinstance(shunt, CurrentFlowing) else _blocking
-    source = "Wu 1998" if isinstance(shunt, CurrentBlocking) else "Behrens et al. 2003"
-    found = [(ratio, make(shunt, np.array(kept), ratio, capacitance)) for ratio in _RATIOS]
+    of, source = next((cls, _SOURCES[cls]) for cls in _SOURCES if isinstance(shunt, cls))
+    found = [(ratio, make(shunt, np.array(kept), ratio, capacitance)) for ratio in _RATIOS[of]]
     formula = f"each branch in resonance at its mode ({source})"
     named = [(f"{formula}, with C = {ratio:g} times the clamped one", values) for ratio, values in found]
     return [(name, values) for name, values in named if all(np.isfinite(v) and v > 0 for v in values.values())]
@@ -83,7 +86,10 @@ def _blocking(shunt: LinearShunt, modes: np.ndarray, ratio: float, capacitance: 
 def _resonant(
     modes: np.ndarray, series: np.ndarray, capacitance: float, reactance: Reactance
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Inductances (n,) at which every branch resonates at its mode, and resistances (n,) for these."""
+    """Inductances (n,) at which every branch resonates at its mode, and resistances (n,) for these.
+
+    NaN where there are none, as branches disturb each other too much.
+    """
     short, opened = modes.T
     coupling = (opened**2 - short**2) / short**2
     count = len(opened)
@@ -95,7 +101,9 @@ def _resonant(
         ]
         seen = 0.5 * (seen + np.maximum(capacitance + np.array(others), 0.1 * capacitance))
         missing = [1 / (w * seen[n]) - reactance(n, w, 0 * inductances) for n, w in enumerate(opened)]
-        inductances = np.array(missing) / opened
+        inductances, before = np.array(missing) / opened, inductances
+    if np.max(np.abs(inductances / before - 1)) > _ACCURACY:
+        inductances = np.full(count, np.nan)
     total = 1 / (1 / seen + 1 / series)
     return inductances, np.sqrt(2 * coupling * total / seen) / (1 + coupling) / (total * short)
 
