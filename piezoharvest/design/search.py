@@ -152,7 +152,8 @@ class _Design:
         found = Candidate(
             shunt=shunt, parts=parts, harvested_power=figures.harvested_power, attenuation_db=figures.attenuation_db,
             displacement_amplitude=figures.displacement_amplitude, voltage_amplitude=figures.voltage_amplitude,
-            converged=figures.converged, violates=violates, start=tuned.start, method=tuned.method,
+            converged=figures.converged, standard_error=figures.standard_error, violates=violates,
+            start=tuned.start, method=tuned.method,
             iterations=tuned.iterations, response=figures.response,
             schedule=schedule and schedule.table, scheduled_power=schedule and schedule.power,
         )  # fmt: skip

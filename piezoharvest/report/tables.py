@@ -14,7 +14,9 @@ from piezoharvest.design.places import unit_at
 from piezoharvest.report.figures.ledger import name_of
 from piezoharvest.report.limits import Limit, ModeFigures, hysteretic, mode_figures, white_input
 from piezoharvest.report.subjects import Subject, values_of
-from piezoharvest.report.units import SPACE, decibel, engineering, kind_name, number, percent, quantity_text, symbol
+from piezoharvest.report.units import (
+    SPACE, decibel, engineering, kind_name, number, percent, quantity_text, symbol, with_error,
+)  # fmt: skip
 from piezoharvest.study import Study
 
 _LIMITS = {
@@ -67,10 +69,10 @@ def ranking(subjects: Sequence[Subject], limit: Limit | None) -> list[Row]:
     """One row for each candidate; cells in the order of the columns."""
     rows = []
     for s in subjects:
-        c, r = s.candidate, s.response
+        c, r, p = s.candidate, s.response, s.candidate.harvested_power
         closure = r.energy.get("closure") if r else None
         cells = [
-            engineering(c.harvested_power, "W"),
+            with_error(p, c.standard_error, "W") if c.standard_error else engineering(p, "W"),
             percent(c.harvested_power / limit.power) if limit else "",
             percent(r.efficiency) if r else engineering(None),
             engineering(c.displacement_amplitude, "m"),
