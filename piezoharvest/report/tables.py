@@ -15,7 +15,15 @@ from piezoharvest.report.figures.ledger import name_of
 from piezoharvest.report.limits import Limit, ModeFigures, hysteretic, mode_figures, white_input
 from piezoharvest.report.subjects import Subject, values_of
 from piezoharvest.report.units import (
-    SPACE, decibel, engineering, kind_name, number, percent, quantity_text, symbol, with_error,
+    SPACE,
+    decibel,
+    engineering,
+    kind_name,
+    number,
+    percent,
+    quantity_text,
+    symbol,
+    with_error,
 )  # fmt: skip
 from piezoharvest.study import Study
 

@@ -9,6 +9,7 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import SECE, SSDI, Open, ParallelSSHI, Resistor, SeriesRL
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Mode
+from piezoharvest.design import Bound
 from piezoharvest.design.broadband.estimate import controlled_mean
 from piezoharvest.design.broadband.expectation import NoiseExpectation
 from piezoharvest.design.goal import Goal
@@ -90,7 +91,7 @@ def test_one_per_cent_of_a_switched_shunt(host, shunt):
 def test_motion_is_what_counts_for_damping(host):
     found = expectation(host(0.05, 60), objective="damping").of(SSDI(inductance=0.2, quality=6.0), Budget(MAX_WORK))
     square = found.displacement_square
-    assert 0 < square.standard_error < 0.0101 * square.value
+    assert 0 < square.standard_error < 0.0202 * square.value  # the root errs by half
     assert found.harvested_power.value == 0.0
 
 
@@ -118,8 +119,9 @@ def test_error_of_a_controlled_mean_is_what_it_says():
     assert np.mean(plain) > 10 * np.mean(errors)
 
 
-def test_design_reports_expectations(host, run):
-    """Exact ones for what is linear, with an error for what is switched."""
+def test_design_reports_expectations(host, run, monkeypatch):
+    """Exact ones for what is linear, with an error for what is switched; without the bound, which takes longer."""
+    monkeypatch.setattr("piezoharvest.design.search.bound_of", lambda view: Bound())
     transducer = host(0.05, 60)
     result = run(transducer, excitation=NOISE, candidates=("resistor", "sece"), shunts=[LOAD], hold=("resistance",))
     by_kind = {c.shunt.kind: c for c in result.candidates}

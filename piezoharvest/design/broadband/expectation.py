@@ -16,6 +16,7 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Shunt
 from piezoharvest.description.shunts.linear.open import Open
 from piezoharvest.description.shunts.linear.resistor import Resistor
+from piezoharvest.description.shunts.linear.series_rl import SeriesRL
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.system import System
 from piezoharvest.design.broadband.estimate import Estimate, controlled_mean
@@ -30,9 +31,10 @@ WANTED_ERROR = 0.01  # relative standard error of the objective at which no furt
 _DECAYS = 5.0
 _SMOOTHING_DECAYS = 5.0
 _MOST_REALISATIONS = 32
-# Loads beside the switched shunt, over the impedance of the capacitance: one draws about the most, the others show how
-# the energy is spread over the band between short- and open-circuit resonance.
-_LOADS = (0.3, 1.0, 3.0)
+# Loads beside the switched shunt, over the impedance of the capacitance: a resistor that draws about the most, one that
+# leaves the motion as long as with open electrodes, and a resonant shunt that shortens it as switches do.
+_LOADS = (1.0, 3.0)
+_COIL_LOAD = 0.3
 
 
 class Expectation(NamedTuple):
@@ -97,9 +99,10 @@ class NoiseExpectation:
             table = np.concatenate(rows)
             found = Expectation(*(controlled_mean(table[:, n], table[:, 2:], expected) for n in range(2)))
             power, square = found
-            # What the goal is about; where nothing is harvested, the motion.
-            judged = square if self.view.goal.damping or not power.value else power
-            if judged.standard_error <= wanted * abs(judged.value) or begin - budget.left > budget.left:
+            # What the goal is about, or the motion where nothing is harvested: its amplitude, a root, errs by half.
+            moves = self.view.goal.damping or not power.value
+            judged, most = (square, 2 * wanted) if moves else (power, wanted)
+            if judged.standard_error <= most * abs(judged.value) or begin - budget.left > budget.left:
                 break
         if found is None:
             raise ParameterError("excitation.duration", f"{shunt.kind} cannot be simulated over it")
@@ -115,7 +118,8 @@ class NoiseExpectation:
     def _controls(self) -> list[Shunt]:
         omega = 2 * np.pi * self.view.operation.centre(self.view.transducer)
         impedance = 1 / (omega * self.view.transducer.capacitance)
-        return [Resistor(resistance=ratio * impedance) for ratio in _LOADS]
+        coil = SeriesRL(inductance=impedance / omega, resistance=_COIL_LOAD * impedance)
+        return [coil, *(Resistor(resistance=ratio * impedance) for ratio in _LOADS)]
 
     def _realisation(self, number: int) -> Excitation:
         """The study's own realisation first, then others of the same noise."""
