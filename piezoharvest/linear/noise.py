@@ -68,5 +68,5 @@ def white_noise_response(system: System, psd: float, *, base: bool = False) -> M
 
     rows, powers = model.rows, model.powers.get("harvested", ())
     power = sum(float(p.coefficient) * mean(p.first, p.second) for p in powers)
-    squares = (mean(rows[name], rows[name]) for name in ("displacement", "voltage"))
-    return MeanSquares(*squares, power)
+    displacement, voltage = (mean(rows[name], rows[name]) for name in ("displacement", "voltage"))
+    return MeanSquares(displacement, voltage, power)

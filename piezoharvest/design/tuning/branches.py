@@ -13,7 +13,7 @@ from itertools import chain
 
 import numpy as np
 
-from piezoharvest.description.shunts import LinearShunt
+from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.shunts.linear.current_blocking import CurrentBlocking
 from piezoharvest.description.shunts.linear.current_flowing import CurrentFlowing
 
@@ -27,14 +27,12 @@ Reactance = Callable[[int, float, np.ndarray], float]
 """Lossless reactance in ohm of a branch, at rad/s, with the inductances of all branches."""
 
 
-def branch_values(
-    shunt: LinearShunt, modes: Sequence[tuple[float, float]], capacitance: float
-) -> list[tuple[str, Values]]:
+def branch_values(shunt: Shunt, modes: Sequence[tuple[float, float]], capacitance: float) -> list[tuple[str, Values]]:
     """Start values of all parts of a shunt with branches, with the formula they come from.
 
     Parameters
     ----------
-    shunt : LinearShunt
+    shunt : Shunt
         Gives the kind and the number of branches.
     modes : sequence of (float, float)
         Short- and open-circuit resonance in rad/s of each mode, the most strongly coupled first.
@@ -55,7 +53,7 @@ def branch_values(
     return [(name, values) for name, values in named if all(np.isfinite(v) and v > 0 for v in values.values())]
 
 
-def _flowing(shunt: LinearShunt, modes: np.ndarray, ratio: float, capacitance: float) -> Values:
+def _flowing(shunt: Shunt, modes: np.ndarray, ratio: float, capacitance: float) -> Values:
     assert isinstance(shunt, CurrentFlowing)
     series = np.full(len(modes), ratio * capacitance)
     series[: shunt.without_capacitor] = np.inf
@@ -67,7 +65,7 @@ def _flowing(shunt: LinearShunt, modes: np.ndarray, ratio: float, capacitance: f
     return _named(inductances=inductances, resistances=resistances, capacitances=series[shunt.without_capacitor :])
 
 
-def _blocking(shunt: LinearShunt, modes: np.ndarray, ratio: float, capacitance: float) -> Values:
+def _blocking(shunt: Shunt, modes: np.ndarray, ratio: float, capacitance: float) -> Values:
     assert isinstance(shunt, CurrentBlocking)
     opened, blocking = modes[:, 1], np.full(len(modes), ratio * capacitance)
     coils = 1 / (opened**2 * blocking)

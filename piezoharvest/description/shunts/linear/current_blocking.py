@@ -62,7 +62,7 @@ class CurrentBlocking(LinearShunt):
             inductance * getattr(dz, f"current_{n}") + resistance * currents[n] - port.v
             for n, (inductance, resistance) in enumerate(zip(self.inductances, self.resistances, strict=True))
         ]
-        blocks = []
+        blocks: list[Row] = []
         for n, mode, name in self.blocks():
             current, voltage = getattr(z, f"current_{name}"), getattr(z, f"voltage_{name}")
             branches[n] = branches[n] + voltage

@@ -61,7 +61,8 @@ class CurrentFlowing(LinearShunt):
         return (*currents, *(State(f"voltage_{n}", c) for n, _, _, c in self.branches() if c is not None))
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
-        rows, total = [], 0.0 * port.one
+        rows: list[Row] = []
+        total = 0.0 * port.one
         for n, inductance, resistance, capacitance in self.branches():
             current, rate = getattr(z, f"current_{n}"), getattr(dz, f"current_{n}")
             total = total + current
