@@ -65,8 +65,10 @@ def print_design(title: str, result: Mapping[str, Any]) -> None:
     """Print the candidates of a design, best first, and the bound as the last row."""
     rows = [*result["candidates"], {"shunt": {"kind": "bound"}, "converged": True, **result["bound"]}]
     scheduled = Column("with schedule", "W", [row.get("scheduled_power") for row in rows])
+    errors = [row.get("harvested_power_standard_error") for row in rows]
     columns = [
         Column("harvested power", "W", [row.get("harvested_power") for row in rows]),
+        *([Column("standard error", "W", errors)] if any(errors) else []),
         *([scheduled] if any(row.get("scheduled_power") is not None for row in rows) else []),
         Column("attenu- ation", "dB", [row.get("attenuation_db") for row in rows]),
         Column("gap to bound", "", [row.get("gap_to_bound") for row in rows]),
@@ -132,6 +134,9 @@ def _keys(shunt: Mapping[str, Any], ideal: Mapping[str, float]) -> str:
         if unit and isinstance(value, float):
             tuned = f" (ideal {_with_unit(ideal[key], unit)})" if key in ideal else ""
             value = _with_unit(value, unit, exact=key in ideal) + tuned
+        elif unit and isinstance(value, list):
+            tuned = [_with_unit(x, unit, exact=f"{key}.{n}" in ideal) for n, x in enumerate(value)]
+            value = ", ".join(tuned)
         if key != "kind" and value is not None:
             lines.append(f"{key} = {value}")
     return "\n".join(lines)
