@@ -1,0 +1,179 @@
+"""Fronts of switched circuits with one or two tuned fields: a surface through simulations, then simulated points.
+
+The figures at each frequency are smooth functions of load and lag, although the worst peak of a band, which jumps
+between frequencies and has no gradient, is not. They are interpolated from a grid of simulations (one batch in compiled
+code, a figure of which costs a hundredth of a gradient), the worst peak is taken of the interpolated ones, and the
+designs that are found are simulated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import RegularGridInterpolator
+
+from piezoharvest.description.shunts import Shunt
+from piezoharvest.design.drafts import ANGLES, Draft
+from piezoharvest.design.front.point import TIE, nondominated
+from piezoharvest.design.goal import MARGIN, SMALLEST_FIGURE, Figures
+from piezoharvest.design.operation import mean_nodes
+from piezoharvest.design.trial import Trial
+from piezoharvest.design.tuning.region import Region, coordinates, values_at
+
+# Of the first grid: factors of the load that is best for harvest, lags over half a turn (the other half is the same),
+# and frequencies of a band.
+_FACTORS, _LAGS, _FEW = np.geomspace(1e-3, 1e3, 19), np.linspace(-np.pi / 2, np.pi / 2, 8, endpoint=False), 9
+_GRID = {1: (33,), 2: (15, 9)}  # of simulations, within the box of the front
+_DENSE = {1: (2001,), 2: (161, 81)}  # of the surface: within half a step of 161 figures change by 1e-4 of themselves
+_NODES, _LEVEL_POINTS, _MEAN_ERROR = 41, 17, 1e-3  # of the mean over a band, and of its worst peak
+_POINTS = 25  # even steps of the damping, and as many of the power
+
+
+class Sampled(NamedTuple):
+    """Power (n,) in W, and logarithms of displacement and voltage (n, f) in m and V at frequencies; trust (n,)."""
+
+    power: np.ndarray
+    displacement: np.ndarray
+    voltage: np.ndarray
+    converged: np.ndarray
+
+
+@dataclass
+class SurfaceFront:
+    """Traces the front of a switched circuit under a sine.
+
+    Attributes
+    ----------
+    trial : Trial
+    draft : Draft
+        One or two fields are free.
+    region : Region
+    best : Shunt
+        The draft tuned for harvest.
+    """
+
+    trial: Trial
+    draft: Draft
+    region: Region
+    best: Shunt
+
+    def designs(self) -> list[tuple[Shunt, Figures]]:
+        """Designs with their simulated figures, the best for harvest first; some may be dominated by others."""
+        axes = self._box()
+        grid = _mesh(axes)
+        values = self._simulate(grid)
+        table = np.hstack((values.power[:, None], values.displacement, values.voltage))
+        shape = tuple(map(len, axes))
+        surface = RegularGridInterpolator(axes, table.reshape(*shape, -1), method="cubic")
+        dense = _mesh([np.linspace(a[0], a[-1], n) for a, n in zip(axes, _DENSE[len(axes)], strict=True)])
+        power, displacement, voltage = np.split(surface(dense), [1, 1 + len(self._frequencies)], axis=1)
+        found = Sampled(power[:, 0], displacement, voltage, np.ones(len(dense)))
+        kept = self._front(found)
+        chosen = dense[kept[_spread(power[kept, 0], self._peaks(displacement[kept]))]]
+        return self._judged(np.vstack((self._best_point, chosen)))
+
+    @property
+    def _best_point(self) -> np.ndarray:
+        return coordinates({name: getattr(self.best, name) for name in self.draft.free})
+
+    def _box(self) -> list[np.ndarray]:
+        """Axes of a grid about the front, by a first grid all over."""
+        names, centre = self.draft.free, self._best_point
+        wide = [_LAGS if name in ANGLES else c + np.log(_FACTORS) for name, c in zip(names, centre, strict=True)]
+        points = np.vstack((centre, _mesh(wide)))
+        points = points[np.all((points >= self.region.lower) & (points <= self.region.upper), axis=1)]
+        inside = points[self._front(self._simulate(points, few=True), TIE)]
+        steps = np.array([axis[1] - axis[0] for axis in wide])
+        low, high = np.min(inside, axis=0) - steps, np.max(inside, axis=0) + steps
+        low, high = np.maximum(low, self.region.lower), np.minimum(high, self.region.upper)
+        return [np.linspace(*ends, n) for *ends, n in zip(low, high, _GRID[len(names)], strict=True)]
+
+    def _front(self, values: Sampled, tie: float = 0.0) -> np.ndarray:
+        """Indices of designs that keep the limits and are not dominated; of all if none keeps them."""
+        level, allowed = self._peaks(values.displacement), self._allowed(values)
+        which = np.flatnonzero(allowed) if np.any(allowed) else np.arange(len(level))
+        return which[nondominated(values.power[which], level[which], tie)]
+
+    def _allowed(self, values: Sampled) -> np.ndarray:
+        """True (n,) for designs within the limits on levels and power."""
+        goal, level = self.trial.view.goal, self._peaks(values.displacement)
+        found = level <= np.log(goal.largest_displacement(self.trial.shorted)) - MARGIN
+        if goal.options.max_voltage is not None:
+            found &= self._peaks(values.voltage) <= np.log(goal.options.max_voltage) - MARGIN
+        return found & (values.power >= (goal.options.min_power or 0.0) * (1 + MARGIN))
+
+    @cached_property
+    def _nodes(self) -> tuple[np.ndarray, np.ndarray]:
+        operation = self.trial.view.operation
+        if operation.band is None:
+            return self.trial.nodes
+        return mean_nodes(operation.band, self.trial.view.transducer, _MEAN_ERROR, _NODES)
+
+    @cached_property
+    def _frequencies(self) -> np.ndarray:
+        """Frequencies of the power's mean, then those at which only levels count, Hz."""
+        band, (nodes, _) = self.trial.view.operation.band, self._nodes
+        return nodes if band is None else np.append(nodes, np.linspace(*band, _LEVEL_POINTS))
+
+    def _simulate(self, points: np.ndarray, *, few: bool = False) -> Sampled:
+        """Figures of designs (n, d) in one batch, with `few` frequencies for a first look."""
+        band, frequencies, weights = self.trial.view.operation.band, self._frequencies, self._nodes[1]
+        if few and band is not None:
+            frequencies, weights = np.linspace(*band, _FEW), np.full(_FEW, 1 / _FEW)
+        shunt = self.draft.with_values(values_at(self.draft.free, np.repeat(points, len(frequencies), axis=0)))
+        found = self.trial.many(shunt, np.tile(frequencies, len(points)))
+        power, displacement, voltage, converged = (
+            found[name].reshape(len(points), -1)
+            for name in ("harvested_power", "displacement_amplitude", "voltage_amplitude", "converged")
+        )
+        logs = (np.log(np.maximum(x, SMALLEST_FIGURE)) for x in (displacement, voltage))
+        return Sampled(power[:, : len(weights)] @ weights, *logs, np.all(converged > 0, axis=1))
+
+    def _peaks(self, logs: np.ndarray) -> np.ndarray:
+        """Highest values (n,) over the band: the top of the parabola through the highest sample and its neighbours."""
+        order = np.argsort(self._frequencies)
+        if logs.shape[1] != len(order) or len(order) < 3:
+            return np.max(logs, axis=1)
+        return _tops(self._frequencies[order], logs[:, order])
+
+    def _judged(self, points: np.ndarray) -> list[tuple[Shunt, Figures]]:
+        """Designs (n, d) with their figures."""
+        values, shorted, found = self._simulate(points), self.trial.shorted, []
+        levels, voltages = np.exp(self._peaks(values.displacement)), np.exp(self._peaks(values.voltage))
+        for p, power, level, voltage, converged in zip(points, values.power, levels, voltages, values.converged,
+                                                       strict=True):  # fmt: skip
+            attenuation = 20 * float(np.log10(level / shorted))
+            figures = Figures(float(power), float(level), float(voltage), attenuation, bool(converged))
+            found.append((self.draft.with_values(self.region.values(p)), figures))
+        return found
+
+
+def _mesh(axes: list[np.ndarray]) -> np.ndarray:
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+
+
+def _spread(power: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """Indices of designs of a front at even steps of either figure."""
+    places = [
+        np.argmin(np.abs(values - wanted))
+        for values in (power, level)
+        for wanted in np.linspace(values[0], values[-1], _POINTS)
+    ]
+    return np.unique(places)
+
+
+def _tops(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Tops (n,) of curves (n, m) over x (m,), by a parabola through the highest sample and its neighbours."""
+    n = np.argmax(y, axis=1)
+    rows, middle = np.arange(len(y)), np.clip(n, 1, len(x) - 2)
+    left, right = x[middle] - x[middle - 1], x[middle + 1] - x[middle]
+    rise = (y[rows, middle] - y[rows, middle - 1]) / left
+    fall = (y[rows, middle + 1] - y[rows, middle]) / right
+    bend = (fall - rise) / (left + right)
+    slope = (rise * right + fall * left) / (left + right)
+    with np.errstate(all="ignore"):
+        top = y[rows, middle] - slope**2 / (4 * bend)
+    return np.where((n == middle) & (bend < 0), top, y[rows, n])
