@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from piezoharvest.design.result import DesignResult
 
 NAME = "report.html"
-_SECTIONS = ("answer", "power", "damping", "waveforms", "two-port")
+_SECTIONS = ("answer", "trade-off", "power", "damping", "waveforms", "two-port")
 
 
 def write_report(study: Study, design_result: DesignResult, directory: str | Path) -> Path:
@@ -55,13 +55,15 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
     directory = check_directory(directory, create=True)
     subjects = subjects_of(design_result.candidates)
     limit = power_limit(study.transducer, study.excitation)
-    gallery = Gallery(study, subjects, limit)
+    gallery = Gallery(study, subjects, limit, design_result)
     figures = place_pictures(gallery.pictures(), _SECTIONS, directory)
     page = page_template("report.html.j2").render(
         title=study.title,
         answer=answer(study, subjects, limit),
         ranking=tables.ranking(subjects, limit),
         parts=tables.bought_parts(subjects),
+        front=tables.best_front(design_result),
+        fronts=tables.kind_fronts(subjects, design_result),
         series=tables.series_text(subjects),
         damping=study.design is not None and study.design.objective == "damping",
         tuning=[(s.label, s.candidate.method, s.candidate.start, s.candidate.iterations) for s in subjects],

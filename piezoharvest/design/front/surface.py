@@ -26,9 +26,11 @@ from piezoharvest.design.tuning.region import Region, coordinates, values_at
 # Of the first grid: factors of the load that is best for harvest, lags over half a turn (the other half is the same),
 # and frequencies of a band.
 _FACTORS, _LAGS, _FEW = np.geomspace(1e-3, 1e3, 19), np.linspace(-np.pi / 2, np.pi / 2, 8, endpoint=False), 9
-_GRID = {1: (33,), 2: (15, 9)}  # of simulations, within the box of the front
+_GRID, _BAND_GRID = {1: (65,), 2: (25, 15)}, {1: (33,), 2: (13, 9)}  # of simulations, within the box of the front
+_MOVES, _MOVE_STEPS = 7, (0.1, 0.03, 0.01)  # of the lag across the front, rad: the last leaves 1e-4 of the figures
 _DENSE = {1: (2001,), 2: (161, 81)}  # of the surface: within half a step of 161 figures change by 1e-4 of themselves
 _NODES, _LEVEL_POINTS, _MEAN_ERROR = 41, 17, 1e-3  # of the mean over a band, and of its worst peak
+_NEIGHBOURS = 2  # of a point, between which the slope of the front is taken
 _POINTS = 25  # even steps of the damping, and as many of the power
 
 
@@ -62,18 +64,48 @@ class SurfaceFront:
 
     def designs(self) -> list[tuple[Shunt, Figures]]:
         """Designs with their simulated figures, the best for harvest first; some may be dominated by others."""
-        axes = self._box()
-        grid = _mesh(axes)
-        values = self._simulate(grid)
-        table = np.hstack((values.power[:, None], values.displacement, values.voltage))
-        shape = tuple(map(len, axes))
-        surface = RegularGridInterpolator(axes, table.reshape(*shape, -1), method="cubic")
-        dense = _mesh([np.linspace(a[0], a[-1], n) for a, n in zip(axes, _DENSE[len(axes)], strict=True)])
-        power, displacement, voltage = np.split(surface(dense), [1, 1 + len(self._frequencies)], axis=1)
-        found = Sampled(power[:, 0], displacement, voltage, np.ones(len(dense)))
-        kept = self._front(found)
-        chosen = dense[kept[_spread(power[kept, 0], self._peaks(displacement[kept]))]]
+        points, values = self._through(self._box())
+        chosen = points[_spread(values.power, self._peaks(values.displacement))]
+        if len(self.draft.free) == 2:
+            chosen = self._across(chosen)
         return self._judged(np.vstack((self._best_point, chosen)))
+
+    def _through(self, axes: list[np.ndarray]) -> tuple[np.ndarray, Sampled]:
+        """Front (n, d) of the surface through simulations on a grid, with its figures."""
+        values = self._simulate(_mesh(axes))
+        table = np.hstack((values.power[:, None], values.displacement, values.voltage))
+        surface = RegularGridInterpolator(axes, table.reshape(*map(len, axes), -1), method="cubic")
+        points = _mesh([np.linspace(a[0], a[-1], n) for a, n in zip(axes, _DENSE[len(axes)], strict=True)])
+        power, displacement, voltage = np.split(surface(points), [1, 1 + len(self._frequencies)], axis=1)
+        found = Sampled(power[:, 0], displacement, voltage, np.ones(len(points)))
+        kept = self._front(found)
+        return points[kept], Sampled(*(each[kept] for each in found))
+
+    def _across(self, points: np.ndarray) -> np.ndarray:
+        """Front points (n, 2) with the second field tuned across the front by simulations.
+
+        The surface has edges where a switch begins to act before the extremum. At each load the field is best where the
+        weighted sum of both figures is, with the weights that the slope of the front has there.
+        """
+        values = self._simulate(points)
+        points = points[self._front(values)]
+        moves = np.linspace(-3, 3, _MOVES)
+        for step in _MOVE_STEPS:
+            values = self._simulate(points)
+            weights = _slopes(np.log(np.maximum(values.power, SMALLEST_FIGURE)), self._peaks(values.displacement))
+            tried = np.repeat(points[:, None], len(moves), axis=1)
+            tried[..., 1] += step * moves
+            tried = np.clip(tried, self.region.lower, self.region.upper)
+            values = self._simulate(tried.reshape(-1, 2))
+            power = np.log(np.maximum(values.power, SMALLEST_FIGURE)).reshape(tried.shape[:2])
+            merit = self._peaks(values.displacement).reshape(power.shape) - weights[:, None] * power
+            merit[~self._allowed(values).reshape(power.shape)] = np.inf
+            points = tried[np.arange(len(points)), np.argmin(merit, axis=1)]
+        return points
+
+    @property
+    def _grid(self) -> tuple[int, ...]:
+        return (_BAND_GRID if self.trial.view.operation.band else _GRID)[len(self.draft.free)]
 
     @property
     def _best_point(self) -> np.ndarray:
@@ -89,7 +121,7 @@ class SurfaceFront:
         steps = np.array([axis[1] - axis[0] for axis in wide])
         low, high = np.min(inside, axis=0) - steps, np.max(inside, axis=0) + steps
         low, high = np.maximum(low, self.region.lower), np.minimum(high, self.region.upper)
-        return [np.linspace(*ends, n) for *ends, n in zip(low, high, _GRID[len(names)], strict=True)]
+        return [np.linspace(*ends, n) for *ends, n in zip(low, high, self._grid, strict=True)]
 
     def _front(self, values: Sampled, tie: float = 0.0) -> np.ndarray:
         """Indices of designs that keep the limits and are not dominated; of all if none keeps them."""
@@ -163,6 +195,15 @@ def _spread(power: np.ndarray, level: np.ndarray) -> np.ndarray:
         for wanted in np.linspace(values[0], values[-1], _POINTS)
     ]
     return np.unique(places)
+
+
+def _slopes(power: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """Slopes (n,) of a front: logarithm of displacement over that of power, across neighbours on both sides."""
+    n = np.arange(len(power))
+    low, high = np.maximum(n - _NEIGHBOURS, 0), np.minimum(n + _NEIGHBOURS, len(n) - 1)
+    with np.errstate(all="ignore"):
+        slope = (level[high] - level[low]) / (power[high] - power[low])
+    return np.where(np.isfinite(slope) & (slope > 0), slope, 1.0)
 
 
 def _tops(x: np.ndarray, y: np.ndarray) -> np.ndarray:
