@@ -27,11 +27,13 @@ from piezoharvest.design.tuning.region import Region, coordinates, values_at
 # and frequencies of a band.
 _FACTORS, _LAGS, _FEW = np.geomspace(1e-3, 1e3, 19), np.linspace(-np.pi / 2, np.pi / 2, 8, endpoint=False), 9
 _GRID, _BAND_GRID = {1: (65,), 2: (25, 15)}, {1: (33,), 2: (13, 9)}  # of simulations, within the box of the front
-_MOVES, _MOVE_STEPS = 7, (0.1, 0.03, 0.01)  # of the lag across the front, rad: the last leaves 1e-4 of the figures
+# Of the lag across the front: moves in units of steps, rad; the last step leaves 1e-4 of the figures. Over a band, where
+# a design is forty simulations, fewer.
+_MOVES, _MOVE_STEPS, _BAND_MOVES, _BAND_MOVE_STEPS = 7, (0.1, 0.03, 0.01), 5, (0.08, 0.02)
 _DENSE = {1: (2001,), 2: (161, 81)}  # of the surface: within half a step of 161 figures change by 1e-4 of themselves
 _NODES, _LEVEL_POINTS, _MEAN_ERROR = 41, 17, 1e-3  # of the mean over a band, and of its worst peak
 _NEIGHBOURS = 2  # of a point, between which the slope of the front is taken
-_POINTS = 25  # even steps of the damping, and as many of the power
+_POINTS, _BAND_POINTS = 25, 10  # even steps of the damping, and as many of the power
 
 
 class Sampled(NamedTuple):
@@ -65,7 +67,8 @@ class SurfaceFront:
     def designs(self) -> list[tuple[Shunt, Figures]]:
         """Designs with their simulated figures, the best for harvest first; some may be dominated by others."""
         points, values = self._through(self._box())
-        chosen = points[_spread(values.power, self._peaks(values.displacement))]
+        fine = len(self.draft.free) == 1 or self.trial.view.operation.band is None
+        chosen = points[_spread(values.power, self._peaks(values.displacement), _POINTS if fine else _BAND_POINTS)]
         if len(self.draft.free) == 2:
             chosen = self._across(chosen)
         return self._judged(np.vstack((self._best_point, chosen)))
@@ -89,8 +92,9 @@ class SurfaceFront:
         """
         values = self._simulate(points)
         points = points[self._front(values)]
-        moves = np.linspace(-3, 3, _MOVES)
-        for step in _MOVE_STEPS:
+        band = self.trial.view.operation.band
+        moves = np.linspace(-3, 3, _BAND_MOVES if band else _MOVES)
+        for step in _BAND_MOVE_STEPS if band else _MOVE_STEPS:
             values = self._simulate(points)
             weights = _slopes(np.log(np.maximum(values.power, SMALLEST_FIGURE)), self._peaks(values.displacement))
             tried = np.repeat(points[:, None], len(moves), axis=1)
@@ -187,12 +191,12 @@ def _mesh(axes: list[np.ndarray]) -> np.ndarray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
-def _spread(power: np.ndarray, level: np.ndarray) -> np.ndarray:
+def _spread(power: np.ndarray, level: np.ndarray, count: int) -> np.ndarray:
     """Indices of designs of a front at even steps of either figure."""
     places = [
         np.argmin(np.abs(values - wanted))
         for values in (power, level)
-        for wanted in np.linspace(values[0], values[-1], _POINTS)
+        for wanted in np.linspace(values[0], values[-1], count)
     ]
     return np.unique(places)
 

@@ -18,7 +18,9 @@ from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.region import Region
 from piezoharvest.design.tuning.starts import Host
+from piezoharvest.engine.work_limit import MAX_WORK
 
+_MAX_WORK = MAX_WORK * 5 // 2  # of all fronts together: twice what the tuning may take, about 20 s
 _LOADS = np.geomspace(1 / 30, 30, 13)  # factors of the best load where each has to be simulated alone
 
 
@@ -26,7 +28,7 @@ _LOADS = np.geomspace(1 / 30, 30, 13)  # factors of the best load where each has
 class FrontTracer:
     """Traces fronts between harvested power and damping.
 
-    Its simulations have a budget of their own, as large as that of the tuning.
+    Its simulations have a budget of their own.
 
     Attributes
     ----------
@@ -45,7 +47,7 @@ class FrontTracer:
     notes: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.trial = Trial(self.view)
+        self.trial = Trial(self.view, left=_MAX_WORK)
 
     def front(self, draft: Draft, best: Shunt) -> Front:
         """Front of a draft that is tuned for harvest; without points if no design keeps the limits.
