@@ -102,7 +102,7 @@ def nondominated(
         By which a design has to be lower than those of more power.
     """
     kept, lowest = [], np.inf
-    for n in np.lexsort((level, -np.asarray(power))):
+    for n in np.lexsort((np.asarray(level), -np.asarray(power))):
         if level[n] < lowest - tie:
             kept.append(int(n))
             lowest = level[n]

@@ -27,9 +27,9 @@ from piezoharvest.design.tuning.region import Region, coordinates, values_at
 # and frequencies of a band.
 _FACTORS, _LAGS, _FEW = np.geomspace(1e-3, 1e3, 19), np.linspace(-np.pi / 2, np.pi / 2, 8, endpoint=False), 9
 _GRID, _BAND_GRID = {1: (65,), 2: (25, 15)}, {1: (33,), 2: (13, 9)}  # of simulations, within the box of the front
-# Of the lag across the front: moves in units of steps, rad; the last step leaves 1e-4 of the figures. Over a band, where
-# a design is forty simulations, fewer.
-_MOVES, _MOVE_STEPS, _BAND_MOVES, _BAND_MOVE_STEPS = 7, (0.1, 0.03, 0.01), 5, (0.08, 0.02)
+# Of the lag across the front: moves in units of steps, rad; the last step leaves 1e-4 of the figures. Over a band,
+# where a design is forty simulations, fewer.
+_MOVES, _MOVE_STEPS, _BAND_MOVES, _BAND_MOVE_STEPS = 7, (0.1, 0.03, 0.01), 5, (0.08, 0.025, 0.008)
 _DENSE = {1: (2001,), 2: (161, 81)}  # of the surface: within half a step of 161 figures change by 1e-4 of themselves
 _NODES, _LEVEL_POINTS, _MEAN_ERROR = 41, 17, 1e-3  # of the mean over a band, and of its worst peak
 _NEIGHBOURS = 2  # of a point, between which the slope of the front is taken
@@ -125,7 +125,7 @@ class SurfaceFront:
         steps = np.array([axis[1] - axis[0] for axis in wide])
         low, high = np.min(inside, axis=0) - steps, np.max(inside, axis=0) + steps
         low, high = np.maximum(low, self.region.lower), np.minimum(high, self.region.upper)
-        return [np.linspace(*ends, n) for *ends, n in zip(low, high, self._grid, strict=True)]
+        return [np.linspace(a, b, n) for a, b, n in zip(low, high, self._grid, strict=True)]
 
     def _front(self, values: Sampled, tie: float = 0.0) -> np.ndarray:
         """Indices of designs that keep the limits and are not dominated; of all if none keeps them."""
@@ -165,15 +165,15 @@ class SurfaceFront:
             found[name].reshape(len(points), -1)
             for name in ("harvested_power", "displacement_amplitude", "voltage_amplitude", "converged")
         )
-        logs = (np.log(np.maximum(x, SMALLEST_FIGURE)) for x in (displacement, voltage))
-        return Sampled(power[:, : len(weights)] @ weights, *logs, np.all(converged > 0, axis=1))
+        levels, voltages = (np.log(np.maximum(x, SMALLEST_FIGURE)) for x in (displacement, voltage))
+        return Sampled(power[:, : len(weights)] @ weights, levels, voltages, np.all(converged > 0, axis=1))
 
     def _peaks(self, logs: np.ndarray) -> np.ndarray:
         """Highest values (n,) over the band: the top of the parabola through the highest sample and its neighbours."""
-        order = np.argsort(self._frequencies)
-        if logs.shape[1] != len(order) or len(order) < 3:
+        frequencies, order = np.unique(self._frequencies, return_index=True)
+        if logs.shape[1] != len(self._frequencies) or len(order) < 3:
             return np.max(logs, axis=1)
-        return _tops(self._frequencies[order], logs[:, order])
+        return _tops(frequencies, logs[:, order])
 
     def _judged(self, points: np.ndarray) -> list[tuple[Shunt, Figures]]:
         """Designs (n, d) with their figures."""

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import qmc
 
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.drafts import Draft
@@ -122,7 +121,7 @@ class TwoPortFront:
     def _random(self, designs: list[Shunt]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Random designs (n, d) in the region and near those of the front, their power (W) and displacement (m)."""
         region, names = self.region, self.draft.free
-        random = qmc.Sobol(len(names), seed=1).random(_RANDOM)
+        random = np.random.default_rng(1).random((_RANDOM, len(names)))
         wide = region.lower + (region.upper - region.lower) * random
         near = np.array([region.logs({name: getattr(shunt, name) for name in names}) for shunt in designs])
         near = np.repeat(near, _RANDOM // len(near) + 1, axis=0)[:_RANDOM] + _NEAR * (2 * random - 1) ** 3
