@@ -165,16 +165,16 @@ class Study:
     shunts : tuple of Shunt
         Empty only with a table [design], which adds its own candidates.
     path : Path
-        The file.
+        The file; of a study made in Python a name for reports and messages.
     bench : mapping
         The table [bench] as in the file; empty if there is none.
     """
 
-    title: str
+    title: str = ""
     transducer: Transducer
     excitation: Excitation
-    shunts: tuple[Shunt, ...]
-    path: Path
+    shunts: tuple[Shunt, ...] = ()
+    path: Path = Path("study")
     design: DesignOptions | None = None
     sweep: SweepOptions | None = None
     bench: Mapping[str, Any] = dataclasses.field(default_factory=dict)

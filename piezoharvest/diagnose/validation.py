@@ -10,8 +10,9 @@ import numpy as np
 
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.residual_tests import ResidualTest, failed_tests
+from piezoharvest.identify.fitting.cost_function import Whiteners
 from piezoharvest.identify.fitting.data import Data
-from piezoharvest.identify.fitting.levenberg_marquardt import Fit, Whiteners
+from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.likelihood import Sums
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model

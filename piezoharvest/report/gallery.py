@@ -11,6 +11,7 @@ from piezoharvest.description.shunts import Open, Short
 from piezoharvest.design.result import DesignResult
 from piezoharvest.engine.response import Waveforms
 from piezoharvest.report.figures import bode, curves, front, hysteresis, ledger, waveforms
+from piezoharvest.report.figures.bound_lines import BoundLines
 from piezoharvest.report.figures.pictures import Picture
 from piezoharvest.report.limits import Limit, hysteretic
 from piezoharvest.report.signals import occasion, signals_of, windows
@@ -35,6 +36,8 @@ class Gallery:
     subjects : sequence of Subject
     limit : Limit or None
         Upper limit of power of any interface.
+    bound : BoundLines or None
+        Limits of passive linear shunts.
     result : DesignResult or None
         With the fronts of a trade-off.
     remarks : list of str
@@ -44,6 +47,7 @@ class Gallery:
     study: Study
     subjects: Sequence[Subject]
     limit: Limit | None = None
+    bound: BoundLines | None = None
     result: DesignResult | None = None
     remarks: list[str] = field(default_factory=list)
 
@@ -98,7 +102,8 @@ class Gallery:
             return
         caption = f"Mean over {frequency_range(band)}. " if band else ""
         caption += f"Everything but the load as tuned. {_origin(found)}{self._dropped(found)}"
-        figure = curves.power_along_loads(found, level, self.limit.power if self.limit else None)
+        bound = self.bound.power if self.bound else None
+        figure = curves.power_along_loads(found, level, self.limit.power if self.limit else None, bound)
         yield Picture("power-load", "power", "Power and efficiency against the load", caption, figure)
 
     def _frequencies(self) -> Iterator[Picture]:
@@ -114,7 +119,8 @@ class Gallery:
         if not powered:
             return
         caption = f"Loads as tuned, amplitude of the drive unchanged. {_origin(powered)}{self._dropped(powered)}"
-        figure = curves.power_along_frequencies(powered, span, self.limit.power if self.limit else None, self._marks)
+        limit, bound = self.limit.power if self.limit else None, self.bound and self.bound.most_power(fine)
+        figure = curves.power_along_frequencies(powered, span, limit, bound, self._marks)
         yield Picture("power-frequency", "power", "Power and efficiency against the frequency", caption, figure)
 
     def _damping(self) -> Iterator[Picture]:
@@ -128,7 +134,9 @@ class Gallery:
         short, swept = self._bench.against_short(swept, fine)
         caption = "Displacement amplitude, and in decibels against shorted electrodes at the same frequency. "
         caption += f"{_origin(swept)}{self._dropped(swept)}"
-        figure = curves.damping(swept, short, span, self._marks, per)
+        driven = drive_frequency(self.study) is not None
+        bound = self.bound.least_displacement(fine) if self.bound is not None and driven else None
+        figure = curves.damping(swept, short, span, self._marks, per, bound)
         yield Picture("damping", "damping", "Vibration against the frequency", caption, figure)
 
     def _waveforms(self) -> Iterator[Picture]:

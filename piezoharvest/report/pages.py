@@ -16,6 +16,8 @@ from piezoharvest.output import check_directory, write_text
 from piezoharvest.report import tables
 from piezoharvest.report.answer import answer
 from piezoharvest.report.figures import style
+from piezoharvest.report.figures.bode import best_linear
+from piezoharvest.report.figures.bound_lines import BoundLines
 from piezoharvest.report.figures.pictures import place_pictures
 from piezoharvest.report.gallery import Gallery
 from piezoharvest.report.limits import power_limit
@@ -55,7 +57,8 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
     directory = check_directory(directory, create=True)
     subjects = subjects_of(design_result.candidates)
     limit = power_limit(study.transducer, study.excitation)
-    gallery = Gallery(study, subjects, limit, design_result)
+    bound = BoundLines(study, design_result.bound, best_linear(subjects))
+    gallery = Gallery(study, subjects, limit, bound, design_result)
     figures = place_pictures(gallery.pictures(), _SECTIONS, directory)
     page = page_template("report.html.j2").render(
         title=study.title,

@@ -1,6 +1,7 @@
 """No simulation runs for ever: the work that one may take, and Ctrl-C while compiled code runs."""
 
 import os
+import signal
 import subprocess
 import time
 import tracemalloc
@@ -55,9 +56,12 @@ def test_ordinary_simulation_takes_a_small_part_of_the_budget():
 @pytest.fixture
 def ctrl_c():
     """Send SIGINT to this process soon, from outside: compiled code keeps other threads waiting."""
+    # A shell ignores SIGINT for what it starts in the background, and Python leaves it so.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     sender = subprocess.Popen(["sh", "-c", f"sleep 0.3; kill -INT {os.getpid()}"])
     yield
     sender.wait()
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")

@@ -9,6 +9,7 @@ import pytest
 from identify.identify_runs import campaign_file
 
 from piezoharvest.identify.fitting import model as models
+from piezoharvest.identify.fitting.bounded_step import least_within
 from piezoharvest.identify.fitting.data import begins_abruptly, unclipped_noise
 from piezoharvest.identify.fitting.levenberg_marquardt import _expected_decrease, _updated_correction
 from piezoharvest.identify.fitting.problem import Problem
@@ -178,3 +179,25 @@ def test_a_record_is_evaluated_once_for_a_model_and_anew_for_any_other(tmp_path,
     monkeypatch.setattr(models, "CACHE_BYTES", 1000)
     assert evaluated(stiffer, nuisance) == 6
     assert evaluated(stiffer, nuisance) == 7  # too large
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_step_within_bounds_is_the_least(seed):
+    """Against the conditions of Karush, Kuhn and Tucker, for information that is nearly singular."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 80))
+    a = rng.normal(size=(n, n))
+    a = a @ np.diag(10 ** rng.uniform(-5, 0, n)) @ a.T
+    size = np.sqrt(np.diag(a))
+    curvature, slope = a / np.outer(size, size) + 1e-6 * np.eye(n), rng.normal(size=n) * 10 ** rng.uniform(-2, 2)
+    low, high = -rng.exponential(size=n), rng.exponential(size=n)
+    high[rng.random(n) < 0.2] = np.inf
+    low[rng.random(n) < 0.2] = 0.0
+    fixed = rng.random(n) < 0.1
+    low[fixed] = high[fixed] = 0.0
+    x = least_within(curvature, slope, low, high)
+    assert np.all((x >= low) & (x <= high))
+    pull = slope - curvature @ x
+    # The most that the cost can still decrease, to first order, where a bound is finite; and along the rest.
+    room = np.where(pull > 0, np.minimum(high, 1e3) - x, x - low)
+    assert np.abs(pull) @ room <= 1e-5 * (slope @ np.linalg.solve(curvature, slope))

@@ -72,6 +72,20 @@ def bound_of(view: LinearView) -> Bound:
     return Bound(**found, linearised=linearised, notes=tuple(notes))
 
 
+def limits_along(view: LinearView, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Largest power (f,) in W and least displacement amplitude (f,) in m of a passive shunt at each frequency alone.
+
+    Parameters
+    ----------
+    view : LinearView
+        Of a sinusoidal drive, whose amplitude is kept.
+    frequencies : (f,) array
+        Hz.
+    """
+    at, amplitude = ElectrodePort(view).at(2 * np.pi * frequencies), view.operation.amplitude
+    return amplitude**2 * np.abs(at.voltage) ** 2 / (8 * at.resistance), amplitude * least_displacement(at)
+
+
 def _figures(port: ElectrodePort, kind: Kind) -> tuple[float, float | None, float]:
     """Certified, reached and frequency-wise value, W or m."""
     target, acausal = _target(port.view, kind), _frequency_wise(port, kind)

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
-from piezoharvest.description.parameters import ParameterError
-from piezoharvest.identify.fitting.evaluation import sums_of, total_information, whiteners
-from piezoharvest.identify.fitting.likelihood import Sums, Whitener
-from piezoharvest.identify.fitting.measured_responses import FrequencyData, ResponseWeights
-from piezoharvest.identify.fitting.model import Model, inner_values, with_values
+from piezoharvest.identify.fitting.bounded_step import bounded_step
+from piezoharvest.identify.fitting.cost_function import CostFunction, Point, Whiteners
+from piezoharvest.identify.fitting.evaluation import whiteners
+from piezoharvest.identify.fitting.likelihood import Sums
+from piezoharvest.identify.fitting.measured_responses import FrequencyData
+from piezoharvest.identify.fitting.model import Model, inner_values
 from piezoharvest.identify.fitting.problem import Problem, prior_of
 from piezoharvest.identify.noise.noise_model import Noise
-from piezoharvest.predict.prediction import PredictionError
 
 MAX_ITERATIONS = 60  # most iterations
 NOT_CONVERGED = "too many iterations"  # message of a descent that has not converged
@@ -34,12 +32,9 @@ EXTRAPOLATED_ITERATIONS = 10
 RATE_PREDICTIONS = 3  # predicted decreases used for the same, except after failed steps, which are damped
 MAX_LOG_STEP = 0.5  # largest step of a logarithm: parameters that the data hardly determine must not diverge
 ROUGH_INITIAL_DAMPING, INITIAL_DAMPING = 1e-4, 1e-6  # initial damping of a rough fit, and of one that continues from it
-MIN_EIGENVALUE_RATIO = 1e-12  # relative eigenvalue of an information matrix
 MIN_DAMPING = 1e-12  # least damping
 MAX_DAMPING_REDUCTIONS = 4  # most reductions of the damping in a row without a gain
 MAX_RETURN_STEPS = 2  # most steps back to the bottom of a valley
-
-Whiteners: TypeAlias = tuple[Whitener | ResponseWeights, ...]
 
 
 @dataclass(frozen=True)
@@ -104,7 +99,7 @@ def descend(
     most : int
         Most iterations.
     """
-    judge = _CostFunction(problem, white or whiteners(problem, model, nuisance, noise), *prior_of(problem, model))
+    judge = CostFunction(problem, white or whiteners(problem, model, nuisance, noise), *prior_of(problem, model))
     start = judge.at(model, nuisance, np.concatenate([inner_values(model), *nuisance]))
     descent = _Descent(judge, _Bounds.of(problem, model, nuisance), start, loose, enough, aim)
     for _ in range(most):
@@ -143,11 +138,11 @@ class _Bounds(NamedTuple):
             np.array([p.path[-1] == "damping" for p in model.parameters] + [False] * others),
         )
 
-    def step(self, here: _Point, information: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
+    def step(self, here: Point, information: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
         """Step from a point, and the predicted decrease of the cost."""
         low = np.maximum(self.lower - here.values, -self.largest_step)
         high = np.minimum(self.upper - here.values, self.largest_step)
-        return _step(information, here.slope, damping, low, high, np.diag(here.information) != 0.0)
+        return bounded_step(information, here.slope, damping, low, high, np.diag(here.information) != 0.0)
 
     def moved(self, values: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Values after a step, within the bounds."""
@@ -158,7 +153,7 @@ class _Descent:
     """State of a descent from iteration to iteration."""
 
     def __init__(
-        self, judge: _CostFunction, bounds: _Bounds, start: _Point, loose: bool, enough: float, aim: float
+        self, judge: CostFunction, bounds: _Bounds, start: Point, loose: bool, enough: float, aim: float
     ) -> None:
         self.judge, self.bounds, self.here, self.loose, self.enough, self.aim = judge, bounds, start, loose, enough, aim
         self.damping = ROUGH_INITIAL_DAMPING if loose else INITIAL_DAMPING
@@ -175,8 +170,12 @@ class _Descent:
         self.iteration += 1
         here = self.here
         information = here.information + np.diag(self.judge.precision) + self.correction
-        step, predicted = self.bounds.step(here, information, self.damping)
         limit = self._limit()
+        try:
+            step, predicted = self.bounds.step(here, information, self.damping)
+        except np.linalg.LinAlgError:
+            self._reject(np.inf, limit)
+            return False
         can_reduce = self.damping > MIN_DAMPING and self.reductions < MAX_DAMPING_REDUCTIONS
         if self.smooth and predicted < limit and can_reduce:
             # The damping may be the reason.
@@ -208,7 +207,7 @@ class _Descent:
             return max(1.0, ROUGH_TOLERANCE * self.here.squares)
         return max(self.enough, RELATIVE_TOLERANCE * (self.here.squares - self.count))
 
-    def _tried(self, step: np.ndarray) -> _Point | None:
+    def _tried(self, step: np.ndarray) -> Point | None:
         """Point after a step; None if the records cannot be predicted there."""
         # Linear in the values, not their logarithms.
         linear = np.log1p(np.maximum(step, np.expm1(-MAX_LOG_STEP)))
@@ -218,7 +217,7 @@ class _Descent:
             return _return_to_valley(self.judge, self.bounds, there, 100.0 * self.damping, self.here.cost)
         return there
 
-    def _accept(self, there: _Point, predicted: float, limit: float) -> None:
+    def _accept(self, there: Point, predicted: float, limit: float) -> None:
         """Go to a point of lower cost."""
         here = self.here
         gain_ratio = (here.cost - there.cost) / predicted
@@ -244,7 +243,7 @@ class _Descent:
             self._end("no step improves the fit", predicted < 1.0)
 
 
-def _return_to_valley(judge: _CostFunction, bounds: _Bounds, there: _Point, damping: float, cost: float) -> _Point:
+def _return_to_valley(judge: CostFunction, bounds: _Bounds, there: Point, damping: float, cost: float) -> Point:
     """Return from the end of a straight step to the bottom of a curved valley of the cost.
 
     The effect of a circuit on a sharp resonance can be exchanged for damping and stiffness along a curved valley whose
@@ -259,57 +258,6 @@ def _return_to_valley(judge: _CostFunction, bounds: _Bounds, there: _Point, damp
         if there.cost < cost:
             break
     return there
-
-
-class _Point(NamedTuple):
-    """A point of the descent: the variables as one array, and the cost with its derivatives there.
-
-    The slope is the negative gradient of half the cost.
-    """
-
-    model: Model
-    nuisance: tuple[np.ndarray, ...]
-    values: np.ndarray
-    sums: tuple[Sums, ...]
-    information: np.ndarray
-    slope: np.ndarray
-    squares: float
-    cost: float
-
-
-class _CostFunction:
-    """Cost of a model by records and priors, with fixed whiteners."""
-
-    def __init__(self, problem: Problem, white: Whiteners, mean: np.ndarray, precision: np.ndarray) -> None:
-        self.problem, self.white, self.mean, self.precision = problem, white, mean, precision
-
-    def at(self, model: Model, nuisance: Sequence[np.ndarray], values: np.ndarray, scatter: bool = False) -> _Point:
-        """Evaluate a model."""
-        return self._judged(model, nuisance, values, sums_of(self.problem, model, nuisance, self.white, scatter))
-
-    def tried(self, here: _Point, values: np.ndarray) -> _Point | None:
-        """Evaluate a model with other values; None if the records cannot be predicted with them."""
-        try:
-            model = with_values(here.model, values[: len(here.model.parameters)])
-            return self.at(model, _split(values, model, here.nuisance), values)
-        except (PredictionError, ParameterError, np.linalg.LinAlgError, ArithmeticError):
-            return None
-
-    def in_the_end(self, here: _Point, white: Whiteners | None, noise: Noise) -> tuple[_CostFunction, _Point]:
-        """Evaluate the final point with its scatter, with the given whiteners or those of its own model."""
-        white = white or whiteners(self.problem, here.model, here.nuisance, noise)
-        judge = _CostFunction(self.problem, white, self.mean, self.precision)
-        return judge, judge.at(here.model, here.nuisance, here.values, scatter=True)
-
-    def _judged(
-        self, model: Model, nuisance: Sequence[np.ndarray], values: np.ndarray, sums: tuple[Sums, ...]
-    ) -> _Point:
-        information, gradient, squares = total_information(model, nuisance, sums)
-        away = values - self.mean
-        cost = squares + float(self.precision @ away**2)
-        return _Point(
-            model, tuple(nuisance), values, sums, information, gradient - self.precision * away, squares, cost
-        )
 
 
 def _expected_decrease(costs: Sequence[float], predictions: Sequence[float]) -> float:
@@ -330,36 +278,3 @@ def _updated_correction(
     miss = change - (information + correction) @ step
     along = float(miss @ step)
     return correction + np.outer(miss, miss) / along if along > 0 else correction
-
-
-def _split(values: np.ndarray, model: Model, nuisance: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
-    ends = np.cumsum([len(model.parameters), *(len(mine) for mine in nuisance)])
-    return tuple(values[begin:end] for begin, end in itertools.pairwise(ends))
-
-
-def _step(information, slope, damping, lower, upper, alive) -> tuple[np.ndarray, float]:
-    """Step within bounds, and the predicted decrease of the cost; variables that are not `alive` are fixed."""
-    step = np.zeros(len(slope))
-    step[alive], promise = _bounded_step(
-        information[np.ix_(alive, alive)], slope[alive], damping, lower[alive], upper[alive]
-    )
-    return step, promise
-
-
-def _bounded_step(information, slope, damping, lower, upper) -> tuple[np.ndarray, float]:
-    """Step within bounds, and the predicted decrease of the cost."""
-    size = np.sqrt(np.maximum(np.abs(np.diag(information)), 1e-300))
-    # Rounding may make the information negative in a direction that the data hardly determine.
-    values, vectors = np.linalg.eigh(information / np.outer(size, size))
-    values = np.maximum(values, MIN_EIGENVALUE_RATIO)
-    curvature = (vectors * values) @ vectors.T * np.outer(size, size)
-    factor = np.linalg.cholesky((vectors * (values + damping)) @ vectors.T)
-    right = np.linalg.solve(factor, slope / size)
-    low, high = lower * size, upper * size
-    step = np.linalg.solve(factor.T, right)
-    if np.any(step < low) or np.any(step > high):
-        free = low < high
-        bounds = np.where(free, low, -1e-300), np.where(free, high, 1e-300)
-        step = lsq_linear(factor.T, right, bounds, "bvls", 1e-12).x
-    step = step / size
-    return step, float(2.0 * slope @ step - step @ curvature @ step)

@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from piezoharvest.identify.fitting.cost_function import Whiteners
 from piezoharvest.identify.fitting.evaluation import sums_of, total_information
-from piezoharvest.identify.fitting.levenberg_marquardt import MAX_ITERATIONS, Fit, Whiteners, descend
+from piezoharvest.identify.fitting.levenberg_marquardt import MAX_ITERATIONS, Fit, descend
 from piezoharvest.identify.fitting.likelihood import spectra_of
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model, unexplained_blocks

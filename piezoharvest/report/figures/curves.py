@@ -11,20 +11,29 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from piezoharvest.report.figures import style
+from piezoharvest.report.figures.bound_lines import BoundLine
 from piezoharvest.report.spans import Span
 from piezoharvest.report.subjects import Subject
 from piezoharvest.report.sweeps import Curve
 from piezoharvest.report.units import prefix_of
 
 _LIMIT = {"color": style.LIMIT, "linestyle": (0, (8, 2, 2, 2)), "linewidth": 1.2}
+_BOUND = {"color": style.MUTED, "linestyle": (0, (6, 2)), "linewidth": 1.4, "zorder": 1.9}
 _SHORT = {"color": style.MUTED, "linestyle": "-", "linewidth": 1.2}
 _LOG_AXIS_RATIO = 10.0  # ratio of the largest to the smallest displacement above which the axis is logarithmic
+_MAX_HEIGHT_RATIO = 5.0  # of a limit to the curves' top above which it is not drawn
 _MAX_MARKERS = 40  # number of points from which a curve is drawn without markers
 
 
 @style.styled
-def power_along_loads(curves: Sequence[Curve], level: Sequence[Subject], limit: float | None) -> Figure:
-    """Harvested power and efficiency against the load; `level` are candidates whose power does not depend on a load."""
+def power_along_loads(
+    curves: Sequence[Curve], level: Sequence[Subject], limit: float | None, bound: float | None = None
+) -> Figure:
+    """Harvested power and efficiency against the load.
+
+    `level` are candidates whose power does not depend on a load; `limit` of any interface and `bound` of passive linear
+    shunts in W.
+    """
     figure, (power, efficiency) = style.grid_of_axes(2, height=4.9, sharex=True, height_ratios=(1.5, 1))
     factor, unit = _power_unit(curves, level)
     for curve in curves:
@@ -37,6 +46,9 @@ def power_along_loads(curves: Sequence[Curve], level: Sequence[Subject], limit: 
             efficiency.axhline(100 * subject.response.efficiency, linewidth=1.5, **subject.style)
     handles = _handles([c.subject for c in curves]) + _handles(level, ", any load")
     handles += _limit(power, limit, factor)
+    if bound is not None and _fits(power, factor * bound):
+        power.axhline(factor * bound, **_BOUND)
+        handles.append(Line2D([], [], label="bound of passive linear shunts", **_BOUND))
     _finish_powers(power, efficiency, unit)
     style.log_axis(efficiency.xaxis, "Ω")
     efficiency.set_xlabel("load resistance (dots: as tuned)")
@@ -45,14 +57,23 @@ def power_along_loads(curves: Sequence[Curve], level: Sequence[Subject], limit: 
 
 
 @style.styled
-def power_along_frequencies(curves: Sequence[Curve], span: Span, limit: float | None, marks: dict[str, Any]) -> Figure:
-    """Harvested power and efficiency against the frequency of the sine; `marks` as for `_marks`."""
+def power_along_frequencies(
+    curves: Sequence[Curve], span: Span, limit: float | None, bound: BoundLine | None,
+    marks: dict[str, Any],
+) -> Figure:  # fmt: skip
+    """Harvested power and efficiency against the frequency of the sine.
+
+    `limit` of any interface in W, `bound` of passive linear shunts; `marks` as for `_marks`.
+    """
     figure, (power, efficiency) = style.grid_of_axes(2, height=4.9, sharex=True, height_ratios=(1.5, 1))
     factor, unit = _power_unit(curves, [])
     for curve in curves:
         _line(power, curve, factor * curve.harvested)
         _line(efficiency, curve, 100 * curve.efficiency)
     handles = _handles([c.subject for c in curves]) + _limit(power, limit, factor)
+    # Without effects that dissipate, the bound at each frequency is the limit of any interface.
+    if bound is not None and not (limit and np.allclose(bound.values, limit, rtol=1e-3)):
+        handles += _bound(power, bound, factor) if _fits(power, factor * float(np.max(bound.values))) else []
     handles += _marks((power, efficiency), **marks)
     _finish_powers(power, efficiency, unit)
     efficiency.set_xlim(span.low, span.high)
@@ -63,8 +84,9 @@ def power_along_frequencies(curves: Sequence[Curve], span: Span, limit: float | 
 
 @style.styled
 def damping(
-    curves: Sequence[Curve], short: tuple[np.ndarray, np.ndarray], span: Span, marks: dict[str, Any], per: str = ""
-) -> Figure:
+    curves: Sequence[Curve], short: tuple[np.ndarray, np.ndarray], span: Span, marks: dict[str, Any], per: str = "",
+    bound: BoundLine | None = None,
+) -> Figure:  # fmt: skip
     """Displacement amplitude and its attenuation against the frequency.
 
     Parameters
@@ -77,6 +99,8 @@ def damping(
         As for `_marks`.
     per : str
         Unit of the drive if displacements are per unit of drive.
+    bound : BoundLine, optional
+        Bound of passive linear shunts.
     """
     figure, (level, attenuation) = style.grid_of_axes(2, height=4.9, sharex=True)
     every = np.concatenate([short[1], *(curve.displacement for curve in curves)])
@@ -90,6 +114,8 @@ def damping(
         _line(attenuation, curve, curve.attenuation)
     handles = [Line2D([], [], label="shorted", **_SHORT), *_handles([c.subject for c in curves])]
     handles += _marks((level, attenuation), **marks)
+    if bound is not None:
+        handles += _bound(level, bound, factor)
     level.set_ylabel(("displacement" if wide else f"displacement in {unit}") + (f" per {per}" if per else ""))
     if wide:
         style.log_axis(level.yaxis, "m")
@@ -131,13 +157,22 @@ def _handles(subjects: Sequence[Subject], words: str = "") -> list[Line2D]:
     return [Line2D([], [], label=s.label + words, **s.style) for s in subjects]
 
 
+def _fits(axes: Axes, level: float) -> bool:
+    """True if a level is not so far above the curves that they would be flattened."""
+    return 0 < level <= _MAX_HEIGHT_RATIO * axes.dataLim.ymax
+
+
 def _limit(power: Axes, limit: float | None, factor: float) -> list[Line2D]:
-    """Draw the upper limit of power, unless it is so far above the curves that they would be flattened."""
-    top = power.dataLim.ymax
-    if limit is None or not top > 0 or factor * limit > 5 * top:
+    """Draw the upper limit of power, if it fits."""
+    if limit is None or not _fits(power, factor * limit):
         return []
     power.axhline(factor * limit, **_LIMIT)
     return [Line2D([], [], label="limit of any interface", **_LIMIT)]
+
+
+def _bound(axes: Axes, bound: BoundLine, factor: float) -> list[Line2D]:
+    axes.plot(bound.frequencies, factor * bound.values, **_BOUND)
+    return [Line2D([], [], label=bound.label, **_BOUND)]
 
 
 def _marks(axes: Sequence[Axes], drive: float | None, band: tuple[float, float] | None) -> list[Line2D]:
