@@ -32,7 +32,7 @@ _GRID, _BAND_GRID = {1: (65,), 2: (25, 15)}, {1: (33,), 2: (13, 9)}  # of simula
 _MOVES, _MOVE_STEPS, _BAND_MOVES, _BAND_MOVE_STEPS = 7, (0.1, 0.03, 0.01), 5, (0.08, 0.025, 0.008)
 _DENSE = {1: (2001,), 2: (161, 81)}  # of the surface: within half a step of 161 figures change by 1e-4 of themselves
 _NODES, _LEVEL_POINTS, _MEAN_ERROR = 41, 17, 1e-3  # of the mean over a band, and of its worst peak
-_NEIGHBOURS = 2  # of a point, between which the slope of the front is taken
+_NEIGHBOURS, _BAND_NEIGHBOURS = 2, 1  # of a point, between which the slope of the front is taken
 _POINTS, _BAND_POINTS = 25, 10  # even steps of the damping, and as many of the power
 
 
@@ -93,10 +93,12 @@ class SurfaceFront:
         values = self._simulate(points)
         points = points[self._front(values)]
         band = self.trial.view.operation.band
+        reach = _BAND_NEIGHBOURS if band else _NEIGHBOURS
         moves = np.linspace(-3, 3, _BAND_MOVES if band else _MOVES)
         for step in _BAND_MOVE_STEPS if band else _MOVE_STEPS:
             values = self._simulate(points)
-            weights = _slopes(np.log(np.maximum(values.power, SMALLEST_FIGURE)), self._peaks(values.displacement))
+            power = np.log(np.maximum(values.power, SMALLEST_FIGURE))
+            weights = _slopes(power, self._peaks(values.displacement), reach)
             tried = np.repeat(points[:, None], len(moves), axis=1)
             tried[..., 1] += step * moves
             tried = np.clip(tried, self.region.lower, self.region.upper)
@@ -201,10 +203,10 @@ def _spread(power: np.ndarray, level: np.ndarray, count: int) -> np.ndarray:
     return np.unique(places)
 
 
-def _slopes(power: np.ndarray, level: np.ndarray) -> np.ndarray:
-    """Slopes (n,) of a front: logarithm of displacement over that of power, across neighbours on both sides."""
+def _slopes(power: np.ndarray, level: np.ndarray, reach: int) -> np.ndarray:
+    """Slopes (n,) of a front: logarithm of displacement over that of power, between neighbours so many places away."""
     n = np.arange(len(power))
-    low, high = np.maximum(n - _NEIGHBOURS, 0), np.minimum(n + _NEIGHBOURS, len(n) - 1)
+    low, high = np.maximum(n - reach, 0), np.minimum(n + reach, len(n) - 1)
     with np.errstate(all="ignore"):
         slope = (level[high] - level[low]) / (power[high] - power[low])
     return np.where(np.isfinite(slope) & (slope > 0), slope, 1.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,8 @@ def front(drawn: Sequence[tuple[Subject, Front]], best: Sequence[FrontPoint], bo
     figure, axes = style.grid_of_axes(1, height=4.4)
     top = max((p.harvested_power for _, one in drawn for p in one.points), default=0.0)
     factor, unit = prefix_of(top, "W")
-    axes.plot(*_figures(best, factor), zorder=1.5, **_BEST)
+    for _, part in groupby(best, key=lambda point: point.shunt.kind):  # between kinds there is no design
+        axes.plot(*_figures(list(part), factor), zorder=1.5, **_BEST)
     handles = [Line2D([], [], label="best over all kinds", **_BEST)]
     for subject, one in drawn:
         look = _look(subject, alone=len(one.points) == 1)
