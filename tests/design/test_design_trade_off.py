@@ -49,7 +49,10 @@ def random_points(front, count):
     return np.vstack((rng.uniform(low, high, (count // 2, len(low))), near))
 
 
-@pytest.mark.parametrize(("kind", "band"), [("series_rl", None), ("parallel_rl", None), ("series_rl", BAND)])
+@pytest.mark.parametrize(
+    ("kind", "band"),
+    [("series_rl", None), ("parallel_rl", None), pytest.param("series_rl", BAND, marks=pytest.mark.slow)],
+)
 def test_no_random_linear_design_dominates(run, kind, band):
     front = front_of(run(BENCH, 50.6, objective="trade_off", band=band, candidates=(kind,)), kind)
     assert len(front.points) > 15
@@ -83,7 +86,7 @@ def test_no_random_switched_design_dominates(run, kind):
     assert beaten_by(front, found["harvested_power"][trusted], found["attenuation_db"][trusted]) < PROMISE
 
 
-@pytest.mark.parametrize("band", [None, (49.0, 52.0)])
+@pytest.mark.parametrize("band", [None, pytest.param((49.0, 52.0), marks=pytest.mark.slow)])
 def test_ends_are_the_designs_for_one_objective(run, band):
     kind = "series_rl"
     result = run(BENCH, 50.6, objective="trade_off", band=band, candidates=(kind,))
