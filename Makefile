@@ -1,5 +1,6 @@
 # make demo   install on first use and write the demonstration report to demo-report/
-# make test   run the tests
+# make test   run the quick tests (less than 8 minutes on two cores)
+# make slow   run the tests that take long, which `make test` leaves out (about 10 minutes)
 # make lowest run a part of the tests with the lowest versions of all dependencies (Python 3.11; 3 minutes)
 # make bench  measure speed and error beside ngspice, solve_ivp and NumPy: reports/speed/, table in README.md (10 minutes)
 # make paper  simulate and audit the reference paper's tables: reports/paper/index.html, findings.json (5 minutes)
@@ -18,13 +19,17 @@ MEETING := tests/test_cli.py tests/test_study.py tests/test_linear.py tests/test
 	tests/sweep/test_sweep_dask.py tests/identify/test_identify_cli.py tests/identify/test_loops.py \
 	tests/engine/test_vector.py
 
-.PHONY: demo test lowest bench paper actuators recovery coverage check clean
+.PHONY: demo test slow lowest bench paper actuators recovery coverage check clean
 
 demo: .venv/.installed
 	$(BIN)/piezoharvest demo --out demo-report
 
+# One process runs all tests of a file, so that what they share is made once.
 test: .venv/.installed
-	$(BIN)/python -m pytest -n 2 -q
+	$(BIN)/python -m pytest -n 2 --dist loadfile -q -m 'not slow'
+
+slow: .venv/.installed
+	$(BIN)/python -m pytest -n 2 --dist loadfile -q -m slow
 
 lowest: build/lowest/.installed
 	NUMBA_CACHE_DIR=$(CURDIR)/build/lowest/numba build/lowest/bin/python -m pytest -n 2 -q --disable-warnings \

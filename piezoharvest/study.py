@@ -36,6 +36,7 @@ _NEEDED = {
     "excitation": "table [excitation]",
     "shunts": "tables [[shunts]], at least one is needed",
 }
+SYNTHESISED = "synthesised"  # candidate that is not a kind of shunt: a network that the design makes
 _TABLES = ("title", *_NEEDED, "design", "sweep", "bench")
 MAX_DESIGNS = 2**30  # of a sweep: the length of a Sobol sequence
 MAX_TOML_BYTES = 1 << 22  # bytes: tomllib takes about a second for 2 MB; a study of a thousand lines has 40 kB
@@ -68,6 +69,12 @@ class DesignOptions(Component):
     candidates: tuple[str, ...] | None = None
     phase_lag: Literal["free", "fixed"] | None = None  # None: free for harvest, fixed for damping
     hold: tuple[str, ...] = ()
+    order: int | None = quantity(
+        "", "coils and capacitors of the synthesised network, at most", default=None, at_least=1, at_most=8
+    )
+    coil_quality: float | None = quantity(
+        "", "quality of the synthesised network's coils at the centre; None: without losses", default=None, above=0
+    )
     parts: Literal["E3", "E6", "E12", "E24", "E48", "E96", "E192"] | None = None
     parts_tolerance: float | None = quantity(
         "", "relative tolerance of the parts, instead of that of their series", default=None, at_least=0, below=1
@@ -96,8 +103,8 @@ class DesignOptions(Component):
         if self.candidates is not None and not self.candidates:
             raise ParameterError("candidates", "found an empty list, at least one kind of shunt is needed")
         for n, kind in enumerate(self.candidates or ()):
-            if kind not in shunts.registered():
-                raise unknown(f"candidates.{n}", kind, shunts.registered())
+            if kind not in (known := (*shunts.registered(), SYNTHESISED)):
+                raise unknown(f"candidates.{n}", kind, known)
         keys = {f.name for cls in shunts.registered().values() for f in dataclasses.fields(cls) if f.init}
         for n, key in enumerate(self.hold):
             if key not in keys:
@@ -170,16 +177,16 @@ class Study:
     shunts : tuple of Shunt
         Empty only with a table [design], which adds its own candidates.
     path : Path
-        The file.
+        The file; of a study made in Python a name for reports and messages.
     bench : mapping
         The table [bench] as in the file; empty if there is none.
     """
 
-    title: str
+    title: str = ""
     transducer: Transducer
     excitation: Excitation
-    shunts: tuple[Shunt, ...]
-    path: Path
+    shunts: tuple[Shunt, ...] = ()
+    path: Path = Path("study")
     design: DesignOptions | None = None
     sweep: SweepOptions | None = None
     bench: Mapping[str, Any] = dataclasses.field(default_factory=dict)

@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -34,7 +35,7 @@ LAYERS = [
     {"engine.run"},
     {"engine.steady_search"},
     {"engine.simulation"},
-    {"engine.batch", "engine.sensitivity"},
+    {"engine.batch", "engine.sensitivity", "engine.windows"},
     {"spice"},
     {"study", "output"},
     {"records.expectation", "records.finding", "records.record", "records.weights"},
@@ -95,9 +96,15 @@ def rank(name):
     return RANK[name] if name in RANK else max(RANK[other] for other in RANK if other.startswith(f"{name}.")) + 0.5
 
 
+@cache
+def nodes(path):
+    """All parts of the syntax tree of a file."""
+    return list(ast.walk(ast.parse(path.read_text())))
+
+
 def imports(path):
     """Full names of all that a file imports, within functions too."""
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             yield from ((alias.name, node.lineno) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -127,7 +134,7 @@ def test_no_folder_has_more_files_than_one_overlooks():
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_the_whole_package_is_asked_for_its_version_only(path):
     """What else it offers comes from above, by way of its front."""
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes(path):
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "piezoharvest":
             assert node.attr == "__version__", f"{path}:{node.lineno}: piezoharvest.{node.attr}"
 
@@ -144,7 +151,7 @@ def test_heavy_packages_stay_where_they_belong(path):
 def test_only_the_command_line_prints(path):
     if part(path) == "cli":
         return
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes(path):
         called = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id
         assert called not in ("print", "input"), f"{path}:{node.lineno}: {called}()"
 

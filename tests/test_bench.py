@@ -9,7 +9,18 @@ import math
 import numpy as np
 import pytest
 
-from reports.speed import engine, events_ivp, ngspice, pages, plots, reference, startup, steady, studies, timing, words
+from reports.speed import (
+    engine,
+    events_ivp,
+    ngspice,
+    pages,
+    plots,
+    reference,
+    steady,
+    studies,
+    timing,
+    words,
+)
 from reports.speed import transient as runs
 from reports.speed.bench import Extent, measure, write
 from reports.speed.drives import Sine, Straight
@@ -111,6 +122,18 @@ class TestResults:
         for name in ("work_precision.png", "steady_state.png"):
             assert (tmp_path / name).stat().st_size > 10_000
 
+    def test_startup(self, results):
+        found = results["startup"]
+        assert found["python"] > 0
+        assert not found["compiled_anew"]
+
+    def test_sweep(self, results):
+        found = results["sweep"]
+        assert [row["designs"] for row in found["rows"]] == [100]
+        assert found["rows"][0]["memory"] > 50e6
+        assert found["converged"] == 1.0
+        assert found["power_error"] < 1e-6
+
     def test_page_names_no_machine(self, results):
         import platform
 
@@ -171,18 +194,6 @@ class TestParts:
         row = steady.measure((1e-7,), 1)[0]
         assert 20 < row["periods_waited"] < 500
         assert row["power_error"] < 1e-6
-
-    def test_startup(self):
-        found = startup.measure(1, fresh=False)
-        assert found["python"] > 0
-        assert not found["compiled_anew"]
-
-    def test_sweep(self, results):
-        found = results["sweep"]
-        assert [row["designs"] for row in found["rows"]] == [100]
-        assert found["rows"][0]["memory"] > 50e6
-        assert found["converged"] == 1.0
-        assert found["power_error"] < 1e-6
 
     def test_goals(self):
         assert Goal("", 3.0, "s", True, 2.0).met is True

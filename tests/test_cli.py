@@ -592,6 +592,7 @@ class TestExport:
 
 
 class TestDemo:
+    @pytest.mark.slow
     def test_ends_with_the_report(self, run, tmp_path):
         status, out, _ = run("demo", "--out", str(tmp_path / "demo"))
         assert status == 0

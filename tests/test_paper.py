@@ -208,6 +208,7 @@ class TestClosedForms:
             assert run.peak == pytest.approx(peak, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_row_with_hysteresis_against_small_steps():
     """Table V, stop reading, 1 kN, 5 Hz, R2: explicit steps of the quasi-static equations."""
     load, f, dt = 97.88e3, 5.0, 1e-5

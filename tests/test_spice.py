@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from oracles.ngspice import NgspiceError, needs_ngspice, run_netlist
+from selection import with_slow
 from studies import BENCH, SECOND, STOPS, bench, inversion, objects, solve
 
 from piezoharvest.description.effects import Stiffening
@@ -42,7 +43,9 @@ EFFECTS = {
 # circuit, the second which effect it is.
 CIRCUITS = ["resistor", "rectifier", "parallel_sshi"]
 OF_EFFECTS = [*(("all", kind) for kind in CIRCUITS), *zip(EFFECTS, itertools.cycle(CIRCUITS))]
+QUICK = [("all", "resistor"), ("leakage", "resistor"), ("stiffening", "rectifier"), ("load_error", "parallel_sshi")]
 
+BRANCHES = {"inductances": [300.0, 40.0], "resistances": [3e4, 2e4]}
 LINEAR = {
     "open": {"kind": "open"},
     "short": {"kind": "short"},
@@ -54,6 +57,12 @@ LINEAR = {
     "negative_capacitance": {"kind": "negative_capacitance", "resistance": 1e5, "capacitance": 20e-9},
     "series negative": {
         "kind": "negative_capacitance", "resistance": 1e5, "capacitance": 100e-9, "topology": "series",
+    },
+    "current_flowing": {"kind": "current_flowing", **BRANCHES, "capacitances": [50e-9, 40e-9]},
+    "parallel_branches": {"kind": "parallel_branches", **BRANCHES, "capacitances": [40e-9]},
+    "current_blocking": {
+        "kind": "current_blocking", **BRANCHES, "blocking_inductances": [25.0, 3.0],
+        "blocking_capacitances": [400e-9, 500e-9], "coil_quality": 6.0,
     },
     "network": {"kind": "network", "netlist": NETWORK},
     "network with loops and cutsets": {"kind": "network", "netlist": LOOPS},
@@ -175,6 +184,7 @@ class TestAgainstFormulas:
         found = self.harvested({"kind": "rectifier", "dc_voltage": voltage / 2})
         assert found == pytest.approx(OMEGA * CAPACITANCE * voltage**2 / (2 * np.pi), rel=2e-3)
 
+    @pytest.mark.slow
     def test_parallel_sshi(self):
         voltage = self.open_voltage()
         loss = 1 - inversion(LOOP["quality"])
@@ -185,6 +195,7 @@ class TestAgainstFormulas:
         expected = 2 * OMEGA * CAPACITANCE * self.open_voltage() ** 2 / np.pi
         assert self.harvested({"kind": "sece"}) == pytest.approx(expected, rel=2e-3)
 
+    @pytest.mark.slow
     def test_half_the_step_changes_nothing(self):
         shunt = {"kind": "parallel_sshi", "dc_voltage": 2 * self.open_voltage(), **LOOP}
         coarse, fine = self.harvested(shunt), self.harvested(shunt, steps_per_period=2000)
@@ -193,33 +204,42 @@ class TestAgainstFormulas:
 
 @needs_ngspice
 class TestAgainstEngine:
-    @pytest.mark.parametrize("kind", SWITCHED)
+    @pytest.mark.parametrize("kind", with_slow(SWITCHED, slow=lambda kind: kind in ("series_sshi", "ssds")))
     def test_switched(self, kind):
         compare_with_engine(bench(SWITCHED[kind], DRIVE, **DAMPED), 3e-3)
 
-    @pytest.mark.parametrize("timing", MISTIMED)
-    @pytest.mark.parametrize("kind", ["parallel_sshi", "series_sshi"])
+    @pytest.mark.parametrize(
+        ("kind", "timing"),
+        with_slow(
+            itertools.product(["parallel_sshi", "series_sshi"], MISTIMED),
+            slow=lambda kind, timing: timing != {"parallel_sshi": "closed too long", "series_sshi": "early"}[kind],
+        ),
+    )
     def test_mistimed(self, kind, timing):
         compare_with_engine(bench({**SWITCHED[kind], **MISTIMED[timing]}, DRIVE, **DAMPED), 5e-3)
 
     def test_source_switched_early(self):
         compare_with_engine(bench({**SWITCHED["ssdv"], "phase_lag": -0.1}, DRIVE, **DAMPED), 5e-3)
 
-    @pytest.mark.parametrize("kind", ["short", "resistor", "parallel_sshi", "sece"])
+    @pytest.mark.parametrize(
+        "kind", ["short", "resistor", pytest.param("parallel_sshi", marks=pytest.mark.slow), "sece"]
+    )
     def test_hysteresis(self, kind):
         # Thresholds that the charge passes, so that the operators slip.
         stops = {"thresholds": [1e-9, 5e-9], "weights": [1e7, 5e6]}
         study = bench({**LINEAR, **SWITCHED}[kind], DRIVE, **DAMPED, hysteresis=stops)
         compare_with_engine(study, 5e-3)
 
-    @pytest.mark.parametrize(("effect", "kind"), OF_EFFECTS)
+    @pytest.mark.parametrize(
+        ("effect", "kind"), with_slow(OF_EFFECTS, slow=lambda effect, kind: (effect, kind) not in QUICK)
+    )
     def test_effects(self, effect, kind):
         effects = EFFECTS if effect == "all" else {effect: EFFECTS[effect]}
         drive = {**DRIVE, "offset": 0.01} if kind == "rectifier" else DRIVE
         study = bench({**LINEAR, **SWITCHED}[kind], drive, **DAMPED, effects=effects)
         compare_with_engine(study, 5e-3)
 
-    @pytest.mark.parametrize("kind", ["sece", "ssds"])
+    @pytest.mark.parametrize("kind", [pytest.param("sece", marks=pytest.mark.slow), "ssds"])
     def test_bent_charge_taken_at_once(self, kind):
         name = "voltage_dependent_capacitance"
         compare_with_engine(bench(SWITCHED[kind], DRIVE, **DAMPED, effects={name: EFFECTS[name]}), 5e-3)
@@ -233,7 +253,7 @@ class TestAgainstEngine:
         assert found["harvested_power"] == pytest.approx(response.harvested_power, rel=3e-3)
         assert found["displacement_pp"] == pytest.approx(2 * response.displacement_amplitude, rel=1e-3)
 
-    @pytest.mark.parametrize("kind", ["rectifier", "sece"])
+    @pytest.mark.parametrize("kind", ["rectifier", pytest.param("sece", marks=pytest.mark.slow)])
     def test_step(self, kind):
         drive = {"kind": "step_force", "amplitude": 0.5, "duration": 0.2, "rise_time": 0.01, "offset": 0.1}
         study = bench(SWITCHED[kind], drive, **DAMPED)

@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from piezoharvest.description.netlist import UNITS
 from piezoharvest.description.shunts import registered
 
 if TYPE_CHECKING:
@@ -64,8 +65,10 @@ def print_design(title: str, result: Mapping[str, Any]) -> None:
     """Print the candidates of a design, best first, and the bound as the last row."""
     rows = [*result["candidates"], {"shunt": {"kind": "bound"}, "converged": True, **result["bound"]}]
     scheduled = Column("with schedule", "W", [row.get("scheduled_power") for row in rows])
+    errors = [row.get("harvested_power_standard_error") for row in rows]
     columns = [
         Column("harvested power", "W", [row.get("harvested_power") for row in rows]),
+        *([Column("standard error", "W", errors)] if any(errors) else []),
         *([scheduled] if any(row.get("scheduled_power") is not None for row in rows) else []),
         Column("attenu- ation", "dB", [row.get("attenuation_db") for row in rows]),
         Column("gap to bound", "", [row.get("gap_to_bound") for row in rows]),
@@ -124,13 +127,28 @@ def _keys(shunt: Mapping[str, Any], ideal: Mapping[str, float]) -> str:
     fields = {field.name: field for field in dataclasses.fields(cls)} if cls else {}
     lines = []
     for key, value in shunt.items():
+        if key == "netlist":
+            lines += [_element(part, ideal) for part in value]
+            continue
         unit = fields[key].metadata.get("unit") if key in fields else None
         if unit and isinstance(value, float):
             tuned = f" (ideal {_with_unit(ideal[key], unit)})" if key in ideal else ""
             value = _with_unit(value, unit, exact=key in ideal) + tuned
+        elif unit and isinstance(value, list):
+            tuned = [_with_unit(x, unit, exact=f"{key}.{n}" in ideal) for n, x in enumerate(value)]
+            value = ", ".join(tuned)
         if key != "kind" and value is not None:
             lines.append(f"{key} = {value}")
     return "\n".join(lines)
+
+
+def _element(part: Mapping[str, Any], ideal: Mapping[str, float]) -> str:
+    """Name, value and nodes of an element of a netlist, and its ideal value if it was rounded."""
+    name, unit = part["name"], UNITS[part["kind"]]
+    tuned = f" (ideal {_with_unit(ideal[name], unit)})" if name in ideal else ""
+    first, second = part["nodes"]
+    value = _with_unit(part["value"], unit, exact=name in ideal)
+    return f"{name} {first}-{second} = {value}{tuned}{', load' if part['load'] else ''}"
 
 
 def _with_unit(value: float, unit: str, *, exact: bool = False) -> str:

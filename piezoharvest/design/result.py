@@ -64,11 +64,12 @@ class Candidate:
     ----------
     shunt : Shunt
     harvested_power : float
-        W, by simulation; over a band its mean.
+        W, by simulation; over a band its mean, under noise its expectation.
     attenuation_db : float
         Displacement against the short circuit, by simulation; over a band worst peak against worst peak.
     displacement_amplitude, voltage_amplitude : float
-        m and V, by simulation; over a band the largest.
+        m and V, by simulation; over a band the largest. Under noise the displacement is the amplitude of a sine with
+        the expected mean square, the voltage the largest of the study's realisation.
     converged : bool
         True if every simulation behind these figures is reliable.
     violates : tuple of str
@@ -79,6 +80,8 @@ class Candidate:
         Tuning method.
     iterations : int
         Iterations of the optimiser, or simulations where it tuned on them.
+    standard_error : float or None
+        W, of the harvested power under noise: 0 where its expectation is exact, None for other excitations.
     gap_to_bound : float or None
         Relative distance from the bound.
     schedule : tuple of mapping or None
@@ -88,6 +91,8 @@ class Candidate:
         W, mean over the band with the schedule.
     parts : PartsChoice or None
         Parts of the shunt, where they are rounded to a series.
+    restrictions : tuple of mapping or None
+        Of a synthesised network: the bound, and the figures with one more restriction from each to the next.
     worst_case : RobustCase or None
         Worst case in the tolerance of the study, where it has one.
     response : Response
@@ -104,10 +109,12 @@ class Candidate:
     start: str = ""
     method: str = ""
     iterations: int = 0
+    standard_error: float | None = None
     gap_to_bound: float | None = None
     schedule: tuple[Mapping[str, float], ...] | None = None
     scheduled_power: float | None = None
     parts: PartsChoice | None = None
+    restrictions: tuple[Mapping[str, Any], ...] | None = None
     worst_case: RobustCase | None = None
     response: Response | None = field(default=None, repr=False)
 
@@ -123,8 +130,10 @@ class Candidate:
         values = {name: getattr(self, name) for name in names}
         schedule = None if self.schedule is None else [dict(row) for row in self.schedule]
         parts = self.parts.as_json() if self.parts else None
+        restrictions = None if self.restrictions is None else [dict(row) for row in self.restrictions]
         worst = self.worst_case.as_json() if self.worst_case else None
         more = {"violates": list(self.violates), "schedule": schedule, "parts": parts, "worst_case": worst}
+        more |= {"restrictions": restrictions, "harvested_power_standard_error": self.standard_error}
         return {"shunt": shunt_table(self.shunt), **values, **more}
 
 

@@ -16,9 +16,13 @@ from piezoharvest.design.goal import Goal, largest_inductance
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.operation import is_sine, operation_of
 from piezoharvest.design.parts.choice import PartsChoice, PartsChooser
+from piezoharvest.design.places import lists_of, value_at
 from piezoharvest.design.result import Bound, Candidate, DesignResult
 from piezoharvest.design.robust.robustness import Robustness
 from piezoharvest.design.robust.worst import RobustCase
+from piezoharvest.design.synthesis.ladder import Ladder
+from piezoharvest.design.synthesis.synthesis import Synthesis, bounded
+from piezoharvest.design.synthesis.view import LadderView
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.bridges import bridge_starts
 from piezoharvest.design.tuning.minimax import Tuned, tune
@@ -26,7 +30,7 @@ from piezoharvest.design.tuning.phase import PhaseTuning, phase_start
 from piezoharvest.design.tuning.refine import refine
 from piezoharvest.design.tuning.region import Region
 from piezoharvest.design.tuning.starts import Host, Start, starts
-from piezoharvest.study import DesignOptions, Study
+from piezoharvest.study import SYNTHESISED, DesignOptions, Study
 
 LARGEST_COIL = 1.0  # H; beyond, "discrete inductors are limited" (Fleming, Behrens & Moheimani, SMS 12, 57-64, 2003)
 _MAX_DISAGREEMENT = 5e-3  # e-folds; the simulation's mean over a band is good to 1e-3
@@ -67,7 +71,8 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
     the drive is a sine of constant amplitude: harvested power is its mean, displacement the worst peak. With
     `options.tolerance` the worst case of each is found, and with `options.worst_case` tuned for (`robust`). With
     `options.parts` each tuned candidate is rounded to a series of preferred values (`parts`); what is ranked is what
-    can be bought. All is set against the bound of passive linear shunts (`bound`).
+    can be bought. The candidate "synthesised", only where it is named, is a network grown for the objective
+    (`synthesis`). All is set against the bound of passive linear shunts (`bound`).
     """
     options = study.design or DesignOptions()
     if options.objective == "trade_off":
@@ -93,7 +98,7 @@ class _Design:
         self.trial = Trial(self.view)
         self.host = Host.of(self.view)
         drafting = Drafting(study.transducer, study.shunts, options, self.operation)
-        drafts = drafting.drafts()
+        drafts = [*drafting.drafts(), *self._synthesised()]
         if drafting.left_out:
             self.notes.append(f"left out: {'; '.join(drafting.left_out)}")
         self.notes += drafting.unlike
@@ -106,8 +111,19 @@ class _Design:
             self.notes.insert(0, "no candidate keeps all limits")
         bound = self._bound(candidates)
         gaps = [bound.gap(c.harvested_power, c.attenuation_db, damping=self.goal.damping) for c in candidates]
-        candidates = tuple(replace(c, gap_to_bound=gap) for c, gap in zip(candidates, gaps, strict=True))
+        candidates = tuple(
+            replace(c, gap_to_bound=gap, restrictions=bounded(c.restrictions, bound))
+            for c, gap in zip(candidates, gaps, strict=True)
+        )
         return DesignResult(candidates=candidates, bound=bound, notes=tuple(self.notes))
+
+    def _synthesised(self) -> list[Draft]:
+        """Draft of a synthesised network, where it is asked for."""
+        if SYNTHESISED not in (self.options.candidates or ()):
+            return []
+        self.progress(f"{SYNTHESISED}: growing a network")
+        self.synthesis = Synthesis(self.view, self.host)
+        return [self.synthesis.draft]
 
     def _bound(self, candidates: tuple[Candidate, ...]) -> Bound:
         """Bound of passive linear shunts, with hysteresis at the amplitude with the best of the linear candidates."""
@@ -151,20 +167,22 @@ class _Design:
         nominal, tuned = tuned.shunt, self._hardened(draft, tuned)
         schedule = phase.schedule() if phase and self.options.band and not self.goal.damping else None
         parts = self._parts(draft, tuned.shunt)
-        shunt = parts.shunt if parts else tuned.shunt
+        shunt = _as_network(parts.shunt if parts else tuned.shunt)
         figures = self.trial.figures(shunt, complete=True)
         violates = self.goal.violated(figures, shunt, self.study.transducer.capacitance)
-        worst_case = self._worst_case(shunt, nominal)
+        worst_case = self._worst_case(shunt, _as_network(nominal))
         if self.options.worst_case and worst_case:
             violates = tuple(dict.fromkeys((*violates, *worst_case.violates)))
         found = Candidate(
             shunt=shunt, parts=parts, harvested_power=figures.harvested_power, attenuation_db=figures.attenuation_db,
             displacement_amplitude=figures.displacement_amplitude, voltage_amplitude=figures.voltage_amplitude,
-            converged=figures.converged, violates=violates, start=tuned.start, method=tuned.method,
+            converged=figures.converged, standard_error=figures.standard_error, violates=violates,
+            start=tuned.start, method=tuned.method,
             iterations=tuned.iterations, response=figures.response,
             schedule=schedule and schedule.table, scheduled_power=schedule and schedule.power, worst_case=worst_case,
+            restrictions=self.synthesis.restrictions() if isinstance(draft.shunt, Ladder) else None,
         )  # fmt: skip
-        self._add_notes(draft, found, figures.message)
+        self._add_notes(draft, found, tuned.shunt, figures.message)
         return found
 
     def _tuned(self, draft: Draft) -> Tuned:
@@ -208,8 +226,11 @@ class _Design:
 
     def _linear(self, draft: Draft) -> Tuned:
         """Tune on the two-port, and on by simulation from there if that disagrees."""
-        view, region = self.view, self._region(draft)
-        best = _best(tune(view, draft, start, region) for start in starts(draft, self.host))
+        view, region = self._view(draft), self._region(draft)
+        found = starts(draft, self.host)
+        if lists_of(type(draft.shunt)):  # a branch for each mode: with so many parts one tuning takes seconds
+            found = [min(found, key=lambda start: view.goal.merit(view.figures(draft.with_values(start.values))))]
+        best = _best(tune(view, draft, start, region) for start in found)
         for _ in range(_AMPLITUDE_ROUNDS if view.amplitude else 0):
             # The describing function at the amplitude with the tuned shunt, not at a guessed one.
             view = view.working(best.shunt)
@@ -235,14 +256,18 @@ class _Design:
             return None
         if not isinstance(tuned, LinearShunt):
             return PartsChooser(self.trial, self.goal, None, False, None).choose(draft, tuned)
-        view = self.view.working(tuned)
+        view = self._view(draft).working(tuned)
         exact = self._is_exact(view, tuned)
         return PartsChooser(self.trial, self.goal, view, exact, self._region(draft)).choose(draft, tuned)
+
+    def _view(self, draft: Draft) -> LinearView:
+        """The two-port, for a synthesised network in its faster form."""
+        return LadderView.of(self.view) if isinstance(draft.shunt, Ladder) else self.view
 
     def _region(self, draft: Draft) -> Region:
         return Region.of(draft, self.host, self.options.max_inductance)
 
-    def _add_notes(self, draft: Draft, found: Candidate, message: str) -> None:
+    def _add_notes(self, draft: Draft, found: Candidate, tuned: Shunt, message: str) -> None:
         """Add notes on a candidate: assumptions, unavailable parts, optima at their bounds, limits."""
         kind, note = found.shunt.kind, self.notes.append
         self.progress(f"{kind}: {found.harvested_power:.4g} W, {found.attenuation_db:.2f} dB")
@@ -253,8 +278,7 @@ class _Design:
             note(f"{kind}: {inductance:.3g} H needs a synthetic inductor (coils end at about {LARGEST_COIL:g} H)")
         if draft.free and isinstance(found.shunt, LinearShunt):
             region = self._region(draft)
-            ideal = {n: getattr(found.shunt, n) for n in draft.free} | (found.parts.ideal if found.parts else {})
-            for text in region.remarks(np.log([ideal[n] for n in draft.free])):
+            for text in region.remarks(np.log([value_at(tuned, n) for n in draft.free])):
                 note(f"{kind}: {'before rounding, ' if found.parts else ''}{text}")
         if found.parts and found.parts.remark:
             note(f"{kind}: {found.parts.remark}")
@@ -267,6 +291,11 @@ class _Design:
             note(f"{kind}: {message}")
         if found.violates:
             note(f"{kind}: does not keep {', '.join(found.violates)}")
+
+
+def _as_network(shunt: Shunt) -> Shunt:
+    """The shunt, a synthesised one as the netlist that is simulated."""
+    return shunt.network() if isinstance(shunt, Ladder) else shunt
 
 
 def _best(tried: Iterable[Tuned]) -> Tuned:
@@ -283,4 +312,4 @@ def _beyond(candidate: Candidate, bound: Bound) -> str:
 
 
 def _start_at(draft: Draft, tuned: Tuned) -> Start:
-    return Start(tuned.start, {name: getattr(tuned.shunt, name) for name in draft.free})
+    return Start(tuned.start, {name: value_at(tuned.shunt, name) for name in draft.free})

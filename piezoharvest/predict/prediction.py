@@ -12,10 +12,11 @@ import numpy as np
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.predict.discrete_model import MAGNIFIED, DiscreteModel, Setting
 from piezoharvest.predict.drive import JUMP_PARTS, RISE_PARTS, divided, rise_steps
+from piezoharvest.predict.pace import Pace, pace_of, padded
 from piezoharvest.predict.parameters import Parameter
 from piezoharvest.predict.record_model import STOP, Matrices
 from piezoharvest.predict.sample_step import SampleStep, equilibria
-from piezoharvest.predict.segments import NO_RISE, Pace, Propagation, pace_of, padded
+from piezoharvest.predict.segments import NO_RISE, Propagation
 
 BLOCK = 1 << 16  # samples at a time: the derivatives of a record of millions of samples do not fit into memory
 
@@ -256,7 +257,8 @@ class _Propagation:
         if parts not in self._paces:
             setting, (step, slopes) = self._of.setting, self._of.steps(parts, self._derivatives)
             step, slopes = (each._replace(O=each.O[self._rows]) for each in (step, slopes))
-            self._paces[parts] = pace_of(setting.sample_time / parts, self._of.share / parts, step, slopes)
+            h, share = setting.sample_time / parts, self._of.share / parts
+            self._paces[parts] = pace_of(h, share, step, slopes, self._run.inputs)
         return self._paces[parts]
 
     def _small(self, begin: int, Y: np.ndarray, dY: np.ndarray) -> int:

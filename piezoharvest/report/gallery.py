@@ -9,7 +9,7 @@ import numpy as np
 
 from piezoharvest.description.shunts import Open, Short
 from piezoharvest.engine.response import Waveforms
-from piezoharvest.report.figures import bode, curves, hysteresis, ledger, waveforms
+from piezoharvest.report.figures import bode, curves, hysteresis, ledger, restrictions, waveforms
 from piezoharvest.report.figures.bound_lines import BoundLines
 from piezoharvest.report.figures.pictures import Picture
 from piezoharvest.report.limits import Limit, hysteretic
@@ -59,6 +59,7 @@ class Gallery:
     def pictures(self) -> Iterator[Picture]:
         """All figures of the study, one after the other."""
         yield from self._ledger()
+        yield from self._restrictions()
         yield from self._loads()
         yield from self._frequencies()
         yield from self._damping()
@@ -72,6 +73,13 @@ class Gallery:
         if any(ledger.shares(s) for s in self.subjects):
             caption = f"Per {'period' if self._periodic else 'run'}, by simulation; the sum closes to rounding."
             yield Picture("energy", "answer", "Where the energy goes", caption, ledger.ledger(self.subjects))
+
+    def _restrictions(self) -> Iterator[Picture]:
+        rows = next((s.candidate.restrictions for s in self.subjects if s.candidate.restrictions), None)
+        if rows:
+            section = "power" if "harvested_power" in rows[0] else "damping"
+            caption = "Best passive network by the two-port, under one restriction after the other."
+            yield Picture("restrictions", section, "Price of restrictions", caption, restrictions.restrictions(rows))
 
     @property
     def _periodic(self) -> bool:

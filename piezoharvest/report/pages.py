@@ -66,6 +66,7 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
         answer=answer(study, subjects, limit),
         ranking=tables.ranking(subjects, limit),
         parts=tables.bought_parts(subjects),
+        restrictions=tables.restrictions(subjects),
         series=tables.series_text(subjects),
         worst_cases=worst_cases(subjects),
         worst_case=worst_case_text(study, subjects),

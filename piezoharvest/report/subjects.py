@@ -84,11 +84,11 @@ class Subject:
 def subjects_of(candidates: Iterable[Candidate]) -> tuple[Subject, ...]:
     """Candidates in order, those of the same kind numbered."""
     candidates = tuple(candidates)
-    total = Counter(candidate.shunt.kind for candidate in candidates)
+    kinds = ["synthesised_network" if c.restrictions else c.shunt.kind for c in candidates]
+    total = Counter(kinds)
     seen: Counter[str] = Counter()
     found = []
-    for rank, candidate in enumerate(candidates):
-        kind = candidate.shunt.kind
+    for rank, (candidate, kind) in enumerate(zip(candidates, kinds, strict=True)):
         seen[kind] += 1
         label = kind_name(kind) + (f" ({seen[kind]})" if total[kind] > 1 else "")
         found.append(Subject(candidate, label, rank))

@@ -10,10 +10,22 @@ import numpy as np
 
 from piezoharvest.description.parameters import Component
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.design.places import unit_at
 from piezoharvest.report.figures.ledger import name_of
+from piezoharvest.report.figures.restrictions import price_text, value_text
 from piezoharvest.report.limits import Limit, ModeFigures, hysteretic, mode_figures, white_input
 from piezoharvest.report.subjects import Subject, values_of
-from piezoharvest.report.units import SPACE, decibel, engineering, kind_name, number, percent, quantity_text, symbol
+from piezoharvest.report.units import (
+    SPACE,
+    decibel,
+    engineering,
+    kind_name,
+    number,
+    percent,
+    quantity_text,
+    symbol,
+    with_error,
+)  # fmt: skip
 from piezoharvest.study import Study
 
 _LIMITS = {
@@ -66,10 +78,10 @@ def ranking(subjects: Sequence[Subject], limit: Limit | None) -> list[Row]:
     """One row for each candidate; cells in the order of the columns."""
     rows = []
     for s in subjects:
-        c, r = s.candidate, s.response
+        c, r, p = s.candidate, s.response, s.candidate.harvested_power
         closure = r.energy.get("closure") if r else None
         cells = [
-            engineering(c.harvested_power, "W"),
+            with_error(p, c.standard_error, "W") if c.standard_error else engineering(p, "W"),
             percent(c.harvested_power / limit.power) if limit else "",
             percent(r.efficiency) if r else engineering(None),
             engineering(c.displacement_amplitude, "m"),
@@ -91,7 +103,7 @@ def bought_parts(subjects: Sequence[Subject]) -> list[PartsRow]:
         c = s.candidate.parts
         if c is None:
             continue
-        units = {f.name: f.metadata["unit"] for f in dataclasses.fields(s.shunt) if f.name in c.values}
+        units = {name: unit_at(c.shunt, name) for name in c.values}
         parts = []
         for name, unit in units.items():
             ideal, worst = engineering(c.ideal[name], unit, 4), engineering(c.worst_values[name], unit)
@@ -101,6 +113,12 @@ def bought_parts(subjects: Sequence[Subject]) -> list[PartsRow]:
         worst = engineering(c.worst, "W") if harvest else decibel(c.worst)
         rows.append(PartsRow(s.label, parts, cost, worst, c.converged and c.complete))
     return rows
+
+
+def restrictions(subjects: Sequence[Subject]) -> list[tuple[str, str, str]]:
+    """Name, figure and price against the bound of each restriction on a synthesised network."""
+    rows = next((s.candidate.restrictions for s in subjects if s.candidate.restrictions), ())
+    return [(row["name"], value_text(row), price_text(rows, n) if n else "") for n, row in enumerate(rows)]
 
 
 def series_text(subjects: Sequence[Subject]) -> str:

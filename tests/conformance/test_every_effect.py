@@ -9,6 +9,7 @@ import numpy as np
 import pint
 import pytest
 from examples import plain_examples, typical
+from selection import with_slow
 from studies import BENCH, DRIVE, LOOP, SECOND, STOPS, distance, objects, phasor
 from studies import bench as bench_study
 
@@ -198,8 +199,14 @@ def test_what_sensors_feel_leaves_the_specimen_alone(name):
 # --- What bends with the amplitude, or goes on through a record ------------------------------------------------------
 
 
-@each_shunt
-@each_bending
+@pytest.mark.parametrize(
+    ("name", "shunt"),
+    with_slow(
+        itertools.product(sorted(BENDING), SHUNTS),
+        # These take several times as long as all others together.
+        slow=lambda name, shunt: name != "stiffening" and shunt not in ("resistor", "sece"),
+    ),
+)
 def test_what_bends_gives_back_what_it_takes(name, shunt):
     found, without = run(shunt, EXAMPLES[name]), run(shunt)
     assert abs(found.displacement_amplitude / without.displacement_amplitude - 1) > 1e-6
@@ -207,7 +214,7 @@ def test_what_bends_gives_back_what_it_takes(name, shunt):
     assert abs(found.energy[name]) < 1e-9 * found.energy["mechanical_in"]
 
 
-@pytest.mark.parametrize("shunt", ["rectifier", "parallel_sshi"])
+@pytest.mark.parametrize("shunt", ["rectifier", pytest.param("parallel_sshi", marks=pytest.mark.slow)])
 @each_bending
 def test_steady_state_is_where_a_long_transient_ends(name, shunt):
     damped = dataclasses.replace(HYSTERETIC, damping=1.0, effects=(EXAMPLES[name],))
@@ -348,7 +355,8 @@ def of_pairs():
     for (n, names), (m, load), (k, drive) in itertools.product(enumerate(CASES), enumerate(LOADS), enumerate(drives)):
         if len(names) > 1 or (n + m + k) % 2 == 0:
             label = names[0] if len(names) == 1 else "all at once"
-            yield pytest.param(names, load, drives[drive], id=f"{label}-{load['kind']}-{drive}")
+            marks = pytest.mark.slow if len(names) == 1 and load["kind"] == "open" else ()
+            yield pytest.param(names, load, drives[drive], id=f"{label}-{load['kind']}-{drive}", marks=marks)
 
 
 @pytest.mark.parametrize(("names", "load", "table"), of_pairs())
@@ -387,8 +395,10 @@ def test_agrees_with_the_virtual_bench_on_a_moving_base():
 KINDS = ["resistor", "parallel_sshi", "sece"]
 
 
-@pytest.mark.parametrize("shunt", KINDS)
-@each_felt
+@pytest.mark.parametrize(
+    ("name", "shunt"),
+    with_slow(itertools.product(FELT, KINDS), slow=lambda name, shunt: name in BENDING and shunt != "sece"),
+)
 def test_many_designs_are_those_of_one(name, shunt):
     """The strength from its null, where that is within the bounds, to twice the example's.
 

@@ -149,6 +149,7 @@ class TestBand:
         assert found.harvested_power < 0.27 * found.frequency_wise
         assert found.reached >= 0.99 * found.harvested_power
 
+    @pytest.mark.slow
     def test_the_sum_rule_counts(self, monkeypatch):
         # Without it Re Z_s >= 0 alone would let a negative capacitance pass for a passive network.
         view = view_of(band=(40.0, 60.0))
@@ -161,6 +162,7 @@ class TestBand:
         certified, reached = on_a_coarse_mesh(view_of(objective="damping", band=(40.0, 60.0)), "peak")
         assert certified <= reached <= 1.06 * certified  # 1 % on the meshes of `bound_of`
 
+    @pytest.mark.slow
     def test_several_modes_a_leak_and_a_moving_base(self):
         modes = (Mode(mass=0.004, stiffness=900.0, damping=0.02, coupling=-5e-4),)
         host = replace(BENCH, modes=modes, effects=(Leakage(resistance=5e6),))
@@ -209,6 +211,7 @@ class TestNoise:
         assert 0.97 * lqg <= found.reached <= lqg
         assert found.harvested_power <= 1.01 * lqg  # as close as the certified value is to what is reached
 
+    @pytest.mark.slow
     def test_mean_square_displacement(self):
         noise = RandomForce(psd=1e-6, band=(20.0, 100.0), duration=10.0, seed=1)
         certified, reached = on_a_coarse_mesh(view_of(objective="damping", excitation=noise), "mean_square")

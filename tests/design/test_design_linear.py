@@ -1,10 +1,12 @@
 """Tuning of linear shunts against closed forms and brute force on the frequency response."""
 
 import dataclasses
+from itertools import product
 
 import numpy as np
 import pytest
 from scipy.optimize import differential_evolution, minimize_scalar
+from selection import with_slow
 
 from piezoharvest.description.excitation import Multisine, RandomForce
 from piezoharvest.description.hysteresis import Hysteresis
@@ -83,7 +85,7 @@ def test_resonant_load_takes_all_there_is(host, run, kind):
     assert "conjugate match" in best.start
 
 
-@pytest.mark.parametrize("k", [0.1, 0.3, 0.6])
+@pytest.mark.parametrize("k", with_slow([0.1, 0.3, 0.6], slow=lambda k: k != 0.3))
 def test_resistor_for_the_smallest_peak(host, run, k):
     """R = 1/(C w_F), peak 2/K^2, for an undamped host (REFERENCE section 4)."""
     transducer = host(k**2)
@@ -94,8 +96,10 @@ def test_resistor_for_the_smallest_peak(host, run, k):
     assert best.displacement_amplitude * transducer.stiffness / FORCE == pytest.approx(2 / k**2, rel=1e-5)
 
 
-@pytest.mark.parametrize("kind", ["series_rl", "parallel_rl"])
-@pytest.mark.parametrize("k", [0.1, 0.4])
+@pytest.mark.parametrize(
+    ("k", "kind"),
+    with_slow(product([0.1, 0.4], ["series_rl", "parallel_rl"]), slow=lambda k, kind: (k, kind) != (0.4, "series_rl")),
+)
 def test_resonant_shunt_is_h_infinity_optimal(host, run, kind, k):
     """As good as a global search on a dense grid; two equal peaks; no rule of the literature is better."""
     transducer, band = host(k**2), (50 * (1 - k), 50 * (1 + 2 * k))
@@ -128,6 +132,7 @@ def test_mean_power_over_a_band(host, run):
         assert exact >= -brute * (1 - 1e-4)
 
 
+@pytest.mark.slow
 def test_two_loads_suit_a_band_with_both_resonances(host, run):
     """Over short- and open-circuit resonance the mean power has a maximum near each: the higher one is found."""
     transducer = host(0.5, 300)
@@ -170,6 +175,7 @@ def test_largest_inductance(host, run):
     assert any("synthetic" in note for note in result.notes)
 
 
+@pytest.mark.slow
 def test_limits_over_a_band(host, run):
     transducer, band = host(0.1, 50), (46.0, 58.0)
     limit = 0.7 * run(transducer, 50.0, band=band, candidates=("series_rl",)).best.voltage_amplitude
@@ -187,6 +193,7 @@ def test_what_cannot_be_kept(host, run):
     assert "no candidate keeps all limits" in result.notes
 
 
+@pytest.mark.slow
 def test_negative_capacitance_keeps_what_the_template_says(host, run):
     """K^2 -> K^2 C/(C - C_n) (REFERENCE section 4)."""
     transducer = host(0.04)

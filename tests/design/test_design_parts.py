@@ -113,6 +113,7 @@ def test_no_combination_around_is_better_at_one_frequency(host, run, kind, serie
     assert parts.cost == pytest.approx(1 - candidate.harvested_power / ideal, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_no_combination_around_is_better_in_a_band(host, run):
     """And the worst case is that of 2000 designs within the tolerance."""
     transducer = host(0.05, 60)
@@ -130,6 +131,7 @@ def test_no_combination_around_is_better_in_a_band(host, run):
     assert shift - 1e-3 <= found.parts.worst - found.attenuation_db <= shift + 0.1
 
 
+@pytest.mark.slow
 def test_three_parts_in_a_band(host, run):
     """A search over the 729 combinations within four steps finds none that is better by 0.1 %."""
     transducer = host(0.05, 60)
@@ -210,7 +212,7 @@ def test_worst_case_within_the_box(host, run):
     assert any(inside)
 
 
-@pytest.mark.parametrize("kind", ["rectifier", "parallel_sshi"])
+@pytest.mark.parametrize("kind", ["rectifier", pytest.param("parallel_sshi", marks=pytest.mark.slow)])
 def test_worst_case_of_a_bridge(host, run, kind):
     """Only the load is rounded and varies; what the template gives is kept."""
     transducer = host(0.05, 60)
@@ -289,7 +291,10 @@ def test_tolerance_without_series():
         DesignOptions(parts_tolerance=0.05)
 
 
-@pytest.mark.parametrize(("objective", "words"), [("harvest", "smallest power"), ("damping", "least damping")])
+@pytest.mark.parametrize(
+    ("objective", "words"),
+    [("harvest", "smallest power"), pytest.param("damping", "least damping", marks=pytest.mark.slow)],
+)
 def test_table_and_report(host, tmp_path, capsys, objective, words):
     """Both show ideal and bought values, cost and worst case."""
     options = DesignOptions(objective=objective, candidates=("series_rl", "open"), parts="E6", parts_tolerance=0.1)

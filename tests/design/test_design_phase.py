@@ -60,7 +60,9 @@ def test_schedule_over_a_band(run, kind, least):
         assert row["harvested_power"] > found * (1 - 1e-3)
 
 
-@pytest.mark.parametrize(("kind", "before"), [("parallel_sshi", 381.4e-6), ("sece", 427.0e-6)])
+@pytest.mark.parametrize(
+    ("kind", "before"), [pytest.param("parallel_sshi", 381.4e-6, marks=pytest.mark.slow), ("sece", 427.0e-6)]
+)
 def test_one_lag_over_a_band(run, kind, before):
     """The mean over the band at the lag and load that were found, and around them, with frequencies of their own."""
     free = run(BENCH, 50.3, band=BAND, candidates=(kind,)).best
@@ -80,7 +82,7 @@ def test_one_lag_over_a_band(run, kind, before):
             assert free.harvested_power > mean * (1 - 1e-4)
 
 
-@pytest.mark.parametrize("frequency", [49.0, 52.0])
+@pytest.mark.parametrize("frequency", [49.0, pytest.param(52.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", ["parallel_sshi", "series_sshi", "sece"])
 def test_one_frequency(run, kind, frequency):
     best = run(BENCH, frequency, candidates=(kind,)).best

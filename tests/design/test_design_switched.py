@@ -89,7 +89,7 @@ def test_equivalent_impedance(host, kind, within, drop):
 
 
 @pytest.mark.parametrize("kind", OPTIMA)
-@pytest.mark.parametrize("drop", [0.0, 0.4])
+@pytest.mark.parametrize("drop", [0.0, pytest.param(0.4, marks=pytest.mark.slow)])
 def test_load_in_strong_coupling(host, run, kind, drop):
     """No load of a dense grid does better between the resonances."""
     transducer, frequency = host(0.1, 60), 51.5
@@ -100,6 +100,7 @@ def test_load_in_strong_coupling(host, run, kind, drop):
     assert best.converged and best.harvested_power >= max(r.harvested_power for r in grid) * (1 - 1e-3)
 
 
+@pytest.mark.slow
 def test_two_loads_suit_a_band_with_both_resonances(host, run):
     """Mean power of a rectifier over short- and open-circuit resonance: maxima near each, the higher one is found."""
     transducer = host(0.5, 150)

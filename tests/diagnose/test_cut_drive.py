@@ -18,7 +18,7 @@ SMALL = {"load_resistance": 97.78e3, "excitation": {"amplitude": 300.0, "offset"
 WITH_SMALL = [*RECORDS, SMALL, {**SMALL, "load_resistance": 51.43e3, "role": "validate"}]
 
 
-@pytest.mark.parametrize("others", [{}, {"leakage": {"resistance": 1e6}}])
+@pytest.mark.parametrize("others", [{}, pytest.param({"leakage": {"resistance": 1e6}}, marks=pytest.mark.slow)])
 def test_a_drive_that_is_cut_off_is_named_beside_what_else_is_missing(tmp_path, others):
     found = diagnose(campaign(tmp_path, {**CLIPPED, **others}, WITH_SMALL))
     assert found.verdict == "effect"
@@ -47,6 +47,7 @@ def test_records_end_where_their_drive_is_cut_off(tmp_path):
     assert all(record["force"].max() > LIMIT - 1.0 for record in measured.records if record.name in cut.records)
 
 
+@pytest.mark.slow
 def test_where_too_little_is_left_for_a_fit_whole_records_are_diagnosed(tmp_path, monkeypatch):
     measured, told, rest = campaign(tmp_path, CLIPPED, WITH_SMALL), [], diagnosis._diagnose_all
 

@@ -96,6 +96,7 @@ def test_bad_input_is_one_sentence(files, tmp_path, capsys, broken):
 CASES = [({}, [BiasCurrent], "adequate"), ({"stiffening": {"cubic_stiffness": 1e18}}, [], "unexplained")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("present", "library", "wanted"), CASES, ids=[case[2] for case in CASES])
 def test_report_of_what_has_no_name(tmp_path, present, library, wanted):
     found = diagnose(campaign(tmp_path, effects=present), library=library)

@@ -2,6 +2,7 @@
 
 import films
 import pytest
+from selection import with_slow
 
 from piezoharvest.description.effects import BiasCurrent, Leakage
 from piezoharvest.diagnose import diagnose
@@ -22,7 +23,10 @@ NOMINAL = [
 
 @pytest.mark.parametrize(
     ("nominal", "kind"),
-    [(NOMINAL[0], "impacts"), (NOMINAL[2], "sine"), (NOMINAL[3], "random"), (NOMINAL[4], "impacts")],
+    with_slow(
+        [(NOMINAL[0], "impacts"), (NOMINAL[2], "sine"), (NOMINAL[3], "random"), (NOMINAL[4], "impacts")],
+        slow=lambda nominal, kind: kind != "sine",
+    ),
 )
 def test_a_meter_across_a_film_is_a_leakage_whatever_mass_and_damping_are_said_to_be(nominal, kind, tmp_path):
     told = diagnose(load_campaign(films.write(tmp_path, nominal, kind=kind, leakage=METER)))
@@ -35,7 +39,11 @@ def test_a_meter_across_a_film_is_a_leakage_whatever_mass_and_damping_are_said_t
 
 
 @pytest.mark.parametrize(
-    ("nominal", "kind"), list(zip(NOMINAL, ["sine", "impacts", "random", "sine", "random"], strict=True))
+    ("nominal", "kind"),
+    with_slow(
+        zip(NOMINAL, ["sine", "impacts", "random", "sine", "random"], strict=True),
+        slow=lambda nominal, kind: kind == "random" or nominal == NOMINAL[3],
+    ),
 )
 def test_nothing_is_missing_where_nothing_is(nominal, kind, tmp_path):
     told = diagnose(load_campaign(films.write(tmp_path, nominal, kind=kind, seed=1)))
@@ -46,6 +54,7 @@ def test_nothing_is_missing_where_nothing_is(nominal, kind, tmp_path):
     assert bool(inert) == ("mass = 1" in nominal)  # what the file does not tell is no parameter
 
 
+@pytest.mark.slow
 def test_a_coarse_meter_is_no_effect(tmp_path):
     told = diagnose(load_campaign(films.write(tmp_path, NOMINAL[0], bits=9, leakage=METER)))
     assert [named.effect.name for named in told.effects] == ["leakage"]

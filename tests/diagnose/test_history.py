@@ -16,7 +16,13 @@ HYSTERESIS = {"thresholds": [0.1e-6, 0.3e-6, 0.7e-6], "weights": [0.5e6, 1.5e6, 
 BEFORE = 640  # samples that are thrown away
 
 
-@pytest.mark.parametrize("effects", [{}, {"leakage": {"resistance": 3e6}}], ids=["healthy", "leakage"])
+@pytest.mark.parametrize(
+    "effects",
+    [
+        pytest.param({}, id="healthy"),
+        pytest.param({"leakage": {"resistance": 3e6}}, id="leakage", marks=pytest.mark.slow),
+    ],
+)
 def test_what_came_before_the_record_is_no_effect(effects, tmp_path, monkeypatch):
     monkeypatch.setitem(STACK, "hysteresis", HYSTERESIS)
     whole = campaign(tmp_path, effects, RECORDS[1:], duration=2.0 + 1e-3 * BEFORE)

@@ -53,6 +53,7 @@ def noisy(folder, seed, effects=None):
     return load_campaign(write_campaign(measure(study_from(tables, Path("study.toml"))), Path(folder) / "campaign"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effects", [{}, {"leakage": {"resistance": 1e6}}], ids=["healthy", "leakage"])
 def test_noise_of_the_drive_is_no_effect_and_hides_none(tmp_path, effects):
     found = diagnose(noisy(tmp_path, 3, effects))

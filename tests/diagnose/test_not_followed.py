@@ -11,7 +11,7 @@ from piezoharvest.predict.prediction import PredictionError
 HIDDEN = {"leakage": {"resistance": 3e6}}
 
 
-@pytest.mark.parametrize("validated_with", [1, 2])
+@pytest.mark.parametrize("validated_with", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_records_that_cannot_be_followed_are_named(validated_with, tmp_path, monkeypatch):
     measured = campaign(tmp_path, HIDDEN, [*RECORDS, {**RECORDS[3], "load_resistance": 51.43e3}][: 3 + validated_with])
     lost = measured.of_role("validate")[0].name
@@ -30,6 +30,7 @@ def test_records_that_cannot_be_followed_are_named(validated_with, tmp_path, mon
     assert f"The model with these effects cannot follow {lost}" in sentence(told)
 
 
+@pytest.mark.slow
 def test_what_was_found_stands_where_one_effect_more_cannot_be_followed(tmp_path, monkeypatch):
     measured, plain, told = campaign(tmp_path, HIDDEN), candidate_fits.scores, []
 

@@ -64,6 +64,7 @@ def test_score_grows_with_the_square_of_the_effect(records):
     assert sizes[1] / sizes[0] == pytest.approx(4.0, rel=0.01)
 
 
+@pytest.mark.slow
 def test_scores_of_a_healthy_specimen_are_chi_squared(records):
     """One start, no bound: the p-values are uniform."""
     p_values = []
@@ -151,6 +152,7 @@ def test_a_burst_is_told_at_its_time_in_a_record_of_several_blocks():
     assert 1.297 <= float(places[0].where.split()[-2]) <= 1.301
 
 
+@pytest.mark.slow
 def test_rounded_sensors_scatter_the_harmonics_of_a_drive_that_comes_back_to_the_same_values(tmp_path):
     """Squares of lines over many offsets of a laser that rounds to 30 nm, before a converter that rounds to 3 nm."""
     small = {"load_resistance": 97.78e3, "excitation": {"amplitude": 60.0, "frequency": 4.0}}

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 from diagnose_runs import campaign, fitted
+from selection import with_slow
 
 from piezoharvest.description.effects import (
     BiasCurrent,
@@ -83,7 +84,13 @@ def test_a_search_comes_back_from_a_false_minimum(searched):
     assert held is None
 
 
-@pytest.mark.parametrize("hidden", [{}, {"bias_current": {"current": 1e-6}}], ids=["healthy", "another effect"])
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        pytest.param({}, id="healthy"),
+        pytest.param({"bias_current": {"current": 1e-6}}, id="another effect", marks=pytest.mark.slow),
+    ],
+)
 def test_an_effect_that_spoils_unseen_records_is_chance_where_nothing_is_left_without_it(tmp_path, monkeypatch, hidden):
     """A search that ends with a range too small for the record that was not fitted."""
     told, run = [], Searcher.run
@@ -116,7 +123,9 @@ HIDDEN = {
 }
 
 
-@pytest.mark.parametrize("effect", HIDDEN.values(), ids=HIDDEN)
+@pytest.mark.parametrize(
+    "effect", with_slow(HIDDEN.values(), slow=lambda effect: effect is not HIDDEN["charge"]), ids=HIDDEN
+)
 def test_a_search_ends_where_nothing_in_the_library_is_the_cause(tmp_path, effect):
     """What its stand-in leaves is as large as before; with the effect itself in the library nothing is left."""
     measured = campaign(tmp_path)

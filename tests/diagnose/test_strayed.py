@@ -24,6 +24,7 @@ def test_what_is_far_from_its_nominal_value_is_said(tmp_path):
     assert "The fit wants stiffness at 2 times its nominal value, which may stand in" in sentence(told)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("times", "verdict"), [(5, "effect"), (30, "unexplained")])
 def test_no_verdict_rests_on_a_parameter_beyond_belief(times, verdict, tmp_path):
     """Damping makes a displacement late as a lag of its sensor does: once it took that in, 38 times its own value."""

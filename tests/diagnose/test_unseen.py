@@ -39,13 +39,14 @@ def test_a_range_that_only_they_come_to_is_named_and_validated_with_the_other(tm
     )
 
 
+@pytest.mark.slow
 def test_healthy_records_that_are_not_fitted_overshadow_nothing(tmp_path):
     plain = diagnose(campaign(tmp_path, records=RECORDS), library=LIBRARY)
     assert (plain.verdict, plain.also_fitted) == ("adequate", ())
 
 
 # So large that it overshadows what is fitted, and so small that it only shows beside what a search leaves.
-@pytest.mark.parametrize(("size", "searches"), [(0.02, 1), (0.002, 2)])
+@pytest.mark.parametrize(("size", "searches"), [pytest.param(0.02, 1, marks=pytest.mark.slow), (0.002, 2)])
 def test_what_has_no_name_is_unexplained_though_no_fitted_record_shows_it(size, searches, tmp_path):
     told, disturbed = [], campaign(tmp_path, records=RECORDS)
     for record in disturbed.of_role("validate"):

@@ -13,6 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from selection import with_slow
 
 import piezoharvest
 from piezoharvest.engine.compilation.cache import sources
@@ -172,9 +173,10 @@ def code_files(folder):
 
 
 class TestSources:
-    @pytest.mark.parametrize("module", ["piezoharvest.engine.entry_point", "piezoharvest.predict.propagate"])
-    def test_all_that_compiled_functions_can_be_made_of_is_in_their_stamp(self, module):
+    @pytest.mark.parametrize("entry", ["engine.entry_point", "predict.propagation.propagate"])
+    def test_all_that_compiled_functions_can_be_made_of_is_in_their_stamp(self, entry):
         """Functions and constants come by imports: here as Python itself reads them."""
+        module = f"piezoharvest.{entry}"
         found, todo = {}, [module]
         while todo:
             name = todo.pop()
@@ -198,6 +200,12 @@ class TestSources:
         assert {function.__code__.co_filename for function in found} <= set(
             sources(engine.py_func.__code__.co_filename)
         )
+
+    def test_tuples_that_compiled_functions_take_are_too(self):
+        """The order of their fields is compiled in, and the signature that code is kept under does not show it."""
+        from piezoharvest.predict.propagation import arguments, propagate
+
+        assert arguments.__file__ in sources(propagate.__file__)
 
     def test_pages_and_the_command_line_are_not(self):
         """Or every change of theirs would cost a compilation."""
@@ -224,6 +232,7 @@ class TestKept:
         assert finish(begin(package, NUMBA_CACHE_DIR=kept_before)) == ("9.0 1", [])
         assert code_files(kept_before) == [kept]
 
+    @pytest.mark.slow
     def test_beside_the_source_where_nothing_else_is_said(self, tmp_path):
         package = copied(tmp_path)
         assert finish(begin(package)) == ("9.0 0", [])
@@ -236,7 +245,7 @@ class TestKept:
         ("name", "old", "new", "found"),
         [
             ("equations/terms.py", "FACTOR = 3.0", "FACTOR = 4.0", "12.0 0"),
-            ("engine/below/number.py", "x + 1.0", "x + 2.0", "12.0 0"),
+            pytest.param("engine/below/number.py", "x + 1.0", "x + 2.0", "12.0 0", marks=pytest.mark.slow),
         ],
     )
     def test_code_of_other_sources_is_not_run(self, tmp_path, name, old, new, found):
@@ -264,7 +273,7 @@ class TestKept:
         assert code.suffix == ".nbc"
         assert finish(begin(package, NUMBA_CACHE_DIR=kept)) == ("9.0 1", [])
 
-    @pytest.mark.parametrize("damage", ["short", "changed"])
+    @pytest.mark.parametrize("damage", [pytest.param("short", marks=pytest.mark.slow), "changed"])
     def test_damaged_code_is_made_again(self, package, kept_before, damage):
         (kept,) = code_files(kept_before)
         content = kept.read_bytes()
@@ -325,7 +334,14 @@ def read_only():
 @pytest.mark.skipif(sys.platform != "linux", reason="drops privileges as Linux does")
 @pytest.mark.parametrize("options", users())
 class TestNoPlace:
-    @pytest.mark.parametrize("variable", [None, "closed", "study.toml"], ids=["none", "closed", "file"])
+    @pytest.mark.parametrize(
+        "variable",
+        [
+            pytest.param(None, id="none"),
+            pytest.param("closed", id="closed", marks=pytest.mark.slow),
+            pytest.param("study.toml", id="file"),
+        ],
+    )
     def test_compiled_in_memory_with_one_sentence(self, read_only, options, variable):
         closed = read_only.parent / "closed"
         places = {"HOME": closed, "XDG_CACHE_HOME": None, "NUMBA_CACHE_DIR": variable and read_only.parent / variable}
@@ -335,6 +351,7 @@ class TestNoPlace:
         assert said[0].startswith(UNKEPT)
         assert "set the environment variable NUMBA_CACHE_DIR to a folder that may be written to" in said[0]
 
+    @pytest.mark.slow
     def test_a_folder_that_is_closed_meanwhile(self, read_only, options, tmp_path_factory):
         with tempfile.TemporaryDirectory() as name:
             Path(name).chmod(0o777)
@@ -368,7 +385,9 @@ class TestNoPlace:
 
 
 class TestOtherNumba:
-    @pytest.mark.parametrize("version", ["0.60.0", "0.99.1", "0+unknown"])
+    @pytest.mark.parametrize(
+        "version", with_slow(["0.60.0", "0.99.1", "0+unknown"], slow=lambda version: version != "0.99.1")
+    )
     def test_compiled_plainly_with_one_sentence(self, package, tmp_path, version):
         code = f"import numba; numba.__version__ = {version!r}\n{RUN}"
         found, said = finish(begin(package, code, NUMBA_CACHE_DIR=tmp_path))

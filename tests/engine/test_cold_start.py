@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from oracles.reference import steady
 from random_studies import random_study
+from selection import with_slow
 from studies import BENCH, DRIVE, LOOP, STOPS, bench, objects, solve
 
 from piezoharvest.engine import simulate
@@ -38,8 +39,12 @@ def continued(study):
     return np.linalg.norm(change) / np.linalg.norm(before), abs(change[dc] / before[dc]) / shown
 
 
-@pytest.mark.parametrize("hysteresis", [None, STOPS], ids=["plain", "hysteresis"])
-@pytest.mark.parametrize("kind", ["rectifier", "parallel_sshi", "series_sshi"])
+@pytest.mark.parametrize(
+    "hysteresis", [pytest.param(None, id="plain", marks=pytest.mark.slow), pytest.param(STOPS, id="hysteresis")]
+)
+@pytest.mark.parametrize(
+    "kind", with_slow(["rectifier", "parallel_sshi", "series_sshi"], slow=lambda kind: "par" not in kind)
+)
 def test_few_periods_for_every_capacitor_and_load(kind, hysteresis):
     loop = LOOP if kind != "rectifier" else {}
     device = {"hysteresis": hysteresis} if hysteresis else {}
@@ -73,8 +78,9 @@ def against_waiting(study, relative=1e-6, **options):
     return found, wanted
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("hysteresis", [None, STOPS], ids=["plain", "hysteresis"])
+@pytest.mark.parametrize(
+    "hysteresis", [pytest.param(None, id="plain"), pytest.param(STOPS, id="hysteresis", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("kind", ["rectifier", "parallel_sshi", "series_sshi"])
 def test_a_cold_start_against_the_oracle(kind, hysteresis):
     loop = LOOP if kind != "rectifier" else {}
@@ -114,7 +120,7 @@ def test_grazing_diodes_against_the_oracle(share):
 
 
 @pytest.mark.parametrize("kind", ["parallel_sshi", "rectifier"])
-@pytest.mark.parametrize("capacitance", [1e-9, 1e-8])
+@pytest.mark.parametrize("capacitance", [1e-9, pytest.param(1e-8, marks=pytest.mark.slow)])
 def test_discontinuous_conduction_against_the_oracle(kind, capacitance):
     """The capacitor empties within the period: the bridge conducts again and again, or never lets go."""
     loop = LOOP if kind != "rectifier" else {}

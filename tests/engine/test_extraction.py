@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
+from selection import with_slow
 from studies import BENCH, STOPS, distance
 
 from piezoharvest import SineForce, System, Transducer, simulate
@@ -84,7 +85,7 @@ class Bench:
         return waves
 
 
-@pytest.mark.parametrize("beta", [0.0, 3e-3, 3e-2, -1e-3])
+@pytest.mark.parametrize("beta", with_slow([0.0, 3e-3, 3e-2, -1e-3], slow=lambda beta: beta > 3e-3))
 @pytest.mark.parametrize("stops", [{"thresholds": [], "weights": []}, STOPS], ids=["plain", "hysteresis"])
 @pytest.mark.parametrize("kind", ["sece", "ssds"])
 def test_agrees_with_dop853(kind, stops, beta):
@@ -105,8 +106,14 @@ def test_agrees_with_dop853(kind, stops, beta):
         assert abs(found.energy["voltage_dependent_capacitance"]) < 1e-5 * taken
 
 
-@pytest.mark.parametrize("stops", [None, STOPS], ids=["plain", "hysteresis"])
-@pytest.mark.parametrize("shunt", [shunts.SECE(), shunts.SSDS(), shunts.SECE(phase_lag=0.1)], ids=str)
+@pytest.mark.parametrize(
+    "stops", [pytest.param(None, id="plain", marks=pytest.mark.slow), pytest.param(STOPS, id="hysteresis")]
+)
+@pytest.mark.parametrize(
+    "shunt",
+    with_slow([shunts.SECE(), shunts.SSDS(), shunts.SECE(phase_lag=0.1)], slow=lambda shunt: shunt == shunts.SECE()),
+    ids=str,
+)
 def test_steady_state_is_that_of_a_long_run(shunt, stops):
     """Found in a few periods, which it is not with wrong tangents."""
     hysteresis = Hysteresis(**stops) if stops else None

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from random_studies import random_study
+from selection import with_slow
 from studies import BENCH, DRIVE, LOOP, SECOND, STOPS, bench, objects
 
 from piezoharvest import Multisine, NoGradientError, StepForce, System, gradient, simulate
@@ -148,7 +149,10 @@ def check_all(system, excitation, relative=2e-5):
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize(("circuit", "device"), PAIRS)
+@pytest.mark.parametrize(
+    ("circuit", "device"),
+    with_slow(PAIRS, slow=lambda circuit, device: circuit not in FEW if device == "hysteresis" else device != "base"),
+)
 def test_differences_of_simulations(circuit, device):
     keys, drive = DEVICES[device]
     check_all(*objects(bench(CIRCUITS[circuit], drive, **keys)))

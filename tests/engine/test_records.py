@@ -88,7 +88,7 @@ def compare(waves, wanted, tolerance):
 
 
 @pytest.mark.parametrize("load", LOADS)
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_record_against_the_oracle(seed, load, tmp_path, monkeypatch):
     values = rough(seed)
     found = simulate(stack(load), record_of(values, tmp_path), samples=64)

@@ -193,7 +193,7 @@ def test_motion_that_never_repeats_is_not_passed_off_as_steady(shunt):
     assert found.message
 
 
-@pytest.mark.parametrize("transient", [0.5, None])
+@pytest.mark.parametrize("transient", [pytest.param(0.5, marks=pytest.mark.slow), None])
 @pytest.mark.parametrize(
     "effects",
     [{"voltage_dependent_capacitance": {"beta": -0.1}}, {"stiffening": {"cubic_stiffness": -1e10}}],

@@ -1,13 +1,16 @@
 """Steady states found by shooting against those that the oracle waits for."""
 
+from itertools import product
+
 import pytest
 from oracles.reference import steady
 from random_studies import random_study
+from selection import with_slow
 from studies import DRIVE, LOOP, SECOND, STOPS, bench, solve
 
 # Seeds for which the oracle settles within seconds.
-DEFAULT = [0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 19, 20, 24, 26, 27, 29, 30, 33, 34, 37, 42, 54]
-MORE = [21, 25, 45, 50, 57, 59, 65, 74, 77, 90]
+DEFAULT = [0, 2, 3, 4, 5, 8, 11, 13, 15, 16, 19, 27]
+MORE = [1, 7, 9, 10, 12, 14, 17, 20, 21, 24, 25, 26, 29, 30, 33, 34, 37, 42, 45, 50, 54, 57, 59, 65, 74, 77, 90]
 
 
 # Of the oracle. Against a hundredth of each, which takes twice as long, the least damped results change by 2e-8.
@@ -56,24 +59,34 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", ["rectifier", "parallel_sshi", "sece", "ssdi"])
+@pytest.mark.parametrize(
+    "case",
+    with_slow(["rectifier", "parallel_sshi", "sece", "ssdi"], slow=lambda case: case in ("parallel_sshi", "ssdi")),
+)
 def test_two_modes_with_hysteresis_on_a_moving_base(case):
     base = {"kind": "sine_base", "amplitude": 2.0, "frequency": 50.6}
     check(bench(CASES[case], base, hysteresis=STOPS, modes=[SECOND], effective_mass=0.012))
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", with_slow(CASES, slow=lambda case: case in ("ssdi", "ssdv")))
 def test_sine_with_offset(case):
     check(bench(CASES[case], {**DRIVE, "offset": 0.03}))
 
 
-@pytest.mark.parametrize("frequency", [35.0, 45.0, 50.0, 55.0, 200.0])
-@pytest.mark.parametrize("case", ["rectifier", "series_sshi", "sece"])
+@pytest.mark.parametrize(
+    ("case", "frequency"),
+    with_slow(
+        product(["rectifier", "series_sshi", "sece"], [35.0, 45.0, 50.0, 55.0, 200.0]),
+        slow=lambda case, frequency: frequency in (50.0, 55.0) or (case, frequency) == ("series_sshi", 200.0),
+    ),
+)
 def test_away_from_the_resonances(case, frequency):
     check(bench(CASES[case], {**DRIVE, "frequency": frequency, "amplitude": 0.1}))
 
 
-@pytest.mark.parametrize("case", ["rectifier", "parallel_sshi", "series_sshi"])
+@pytest.mark.parametrize(
+    "case", with_slow(["rectifier", "parallel_sshi", "series_sshi"], slow=lambda case: "sshi" in case)
+)
 def test_large_smoothing_capacitor_from_a_charged_start(case):
     """The oracle need not charge 100 uF (a time constant of 500 periods) when it starts where the engine ends."""
     shunt = {**CASES[case], "smoothing_capacitance": 1e-4}

@@ -3,15 +3,17 @@
 import numpy as np
 import pytest
 from oracles.reference import simulate as reference
+from selection import with_slow
 from stiff_studies import STACK, STACK_STOPS, stiff_study
 from studies import bench, solve
 
 # Studies of several kinds of shunt, and one that was wrong once: 5020 missed a velocity that dips below zero between
 # two long steps.
 SEEDS = (5000, 5003, 5007, 5010, 5020, 5021, 5024)
+LONG = (5000, 5007, 5020, 5024)  # for Radau
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", with_slow(SEEDS, slow=lambda seed: seed in LONG))
 def test_two_periods_from_rest_against_radau(seed):
     study = stiff_study(seed)
     period = 1.0 / study["excitation"]["frequency"]

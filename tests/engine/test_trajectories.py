@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from oracles.reference import simulate as reference
+from selection import with_slow
 from studies import DRIVE, LOOP, SECOND, STOPS, bench, solve
 
 SMOOTH = {"smoothing_capacitance": 1e-6, "load_resistance": 1e5}
@@ -132,7 +133,11 @@ def oracle_name(name):
 
 
 @pytest.mark.parametrize(
-    ("case", "device"), [*((case, "hysteresis") for case in CASES), *((case, "plain") for case in FIRST_OF_EACH_KIND)]
+    ("case", "device"),
+    with_slow(
+        [*((case, "hysteresis") for case in CASES), *((case, "plain") for case in FIRST_OF_EACH_KIND)],
+        slow=lambda case, device: device == "plain" or any(m in case for m in ("early", "on-time", "hold-off", "dc 0")),
+    ),
 )
 def test_against_the_oracle(case, device):
     """Every circuit with a specimen that has hysteresis, every kind of circuit with one that has none."""
@@ -153,14 +158,17 @@ def test_sine_with_offset(case):
 TONES = {"amplitudes": [0.02, 0.01], "frequencies": [50.0, 75.0], "phases": [0.4, -1.0], "duration": 0.2}
 
 
-@pytest.mark.parametrize("case", ["resistor", "rectifier drop", "p-sshi", "s-sshi", "sece", "ssdv"])
+@pytest.mark.parametrize(
+    "case",
+    with_slow(["resistor", "rectifier drop", "p-sshi", "s-sshi", "sece", "ssdv"], slow=lambda case: "sshi" in case),
+)
 def test_multisine(case):
     # hold_off is given because its default differs: the oracle does not look for a period in a multisine.
     hold = {} if case in ("resistor", "rectifier drop") else {"hold_off": 4e-3}
     check(bench({**CASES[case], **hold}, {"kind": "multisine", **TONES}, hysteresis=STOPS), 0.2)
 
 
-@pytest.mark.parametrize("rise_time", [0.0, 3e-3])
+@pytest.mark.parametrize("rise_time", [0.0, pytest.param(3e-3, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "case", ["resistor", "series_rl", "rectifier drop", "p-sshi", "s-sshi", "sece", "ssdi time lag"]
 )
@@ -169,7 +177,13 @@ def test_step(case, rise_time):
     check(bench(CASES[case], step, hysteresis=STOPS, modes=[SECOND]), 0.12, jumps=() if rise_time else (0.0, 0.06))
 
 
-@pytest.mark.parametrize("case", ["rectifier drop", "p-sshi dc drop", "s-sshi back through the bridge", "ssdv"])
+@pytest.mark.parametrize(
+    "case",
+    with_slow(
+        ["rectifier drop", "p-sshi dc drop", "s-sshi back through the bridge", "ssdv"],
+        slow=lambda case: "p-sshi" in case,
+    ),
+)
 def test_energy_of_a_run_from_rest(case):
     # The multisine's window is the whole run in the oracle too.
     hold = {} if "rectifier" in case else {"hold_off": 4e-3}

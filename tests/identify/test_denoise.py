@@ -75,6 +75,7 @@ def sines(time, tones):
     return sum(size * np.sin(2 * np.pi * frequency * time + phase) for frequency, size, phase in tones)
 
 
+@pytest.mark.slow
 def test_tones_closer_than_a_record_tells_apart_are_not_taken_for_a_slow_drift():
     """Fewer sines than there are follow them but for what looks like a drift: an amplitude of a fifth of the noise."""
     close = [(0.4, 80.5), (0.55, 67.2), (0.7, 49.8), (0.75, 53.8), (0.8, 42.5), (0.85, 64.1), (2.1, 31.2), (3.9, 23.1)]
@@ -119,7 +120,7 @@ def test_sines_that_grow_are_followed_while_they_do_and_are_sines_then():
     assert np.abs(off).max() < 4.0 * 5.0
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_tones_of_half_a_line_apart_are_told_apart(seed):
     """Their frequencies take more of Newton's steps than those of the others; until then some line is left."""
     close = [(1.45, 102.8, 3.58), (5.7, 68.9, 5.31), (0.6, 229.8, 2.98), (10.15, 33.5, 5.71)]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from identify.identify_runs import LINEAR, STACK, campaign_file
 from scipy.integrate import solve_ivp
+from selection import with_slow
 
 from piezoharvest.description.hysteresis import Hysteresis
 from piezoharvest.description.shunts import Resistor
@@ -94,7 +95,7 @@ def test_an_impedance_below_the_resonance_has_the_capacitance(mechanical):
     assert found.coupling == TRUTH.coupling
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+@pytest.mark.parametrize("seed", with_slow([1, 2, 3, 4], slow=lambda seed: seed > 2))
 def test_bench_records_tell_values_that_are_30_percent_off(tmp_path, seed):
     """The smallest threshold, which hardly shows, is left to the fit."""
     path, truth = campaign_file(tmp_path, seed)

@@ -187,7 +187,9 @@ def fits():
 
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"no measured data in {DATA.name} beside the project")
 class TestMirror:
-    @pytest.mark.parametrize(("level", "published"), [(100, 8.38), (200, 7.95), (300, 5.63)])
+    @pytest.mark.parametrize(
+        ("level", "published"), [pytest.param(100, 8.38, marks=pytest.mark.slow), (200, 7.95), (300, 5.63)]
+    )
     def test_linear_models_are_as_good_as_published(self, fits, level, published):
         drive, output = records(level, "test")
         error = output - fits[level].modes.periodic(drive, 6400.0)

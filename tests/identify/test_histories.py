@@ -61,19 +61,16 @@ def explained(campaign):
         assert all(rms == pytest.approx(noise[channel], rel=0.06) for channel, rms in record.quality.rms.items())
 
 
-@pytest.mark.parametrize("before", [523, 671])
-def test_wherever_records_begin_they_are_explained(before, tmp_path):
-    explained(cut_out(tmp_path, CUT_OUT, 2.0, before))
-
-
+@pytest.mark.slow
 def test_stops_that_a_preload_has_left_within_their_range_are_found(tmp_path):
     explained(cut_out(tmp_path, list(preloads(tmp_path, 1.3, 2000)), 4.0, 2000))
 
 
-@pytest.mark.parametrize(("before", "looked"), [(0, False), (523, True)])
-def test_histories_are_looked_for_only_where_the_beginning_of_a_record_leaves_more_than_noise(
-    before, looked, tmp_path, monkeypatch
-):
+@pytest.mark.parametrize(
+    ("before", "looked"), [(0, False), (523, True), pytest.param(671, True, marks=pytest.mark.slow)]
+)
+def test_wherever_records_begin_they_are_explained(before, looked, tmp_path, monkeypatch):
+    """Histories are looked for only where the beginning of a record leaves more than noise."""
     asked, begun = [], initial_hysteresis_state._candidate_states
     monkeypatch.setattr(
         initial_hysteresis_state, "_candidate_states", lambda one, *rest: asked.append(one) or begun(one, *rest)
@@ -82,6 +79,7 @@ def test_histories_are_looked_for_only_where_the_beginning_of_a_record_leaves_mo
     assert bool(asked) is looked
 
 
+@pytest.mark.slow
 def test_a_record_of_a_few_samples_has_a_beginning_too(tmp_path):
     short = cut_out(tmp_path, [{**CUT_OUT[0], "duration": 0.04}, *CUT_OUT[1:]], 2.0, 0)
     assert min(map(len, short.records)) < max(initial_hysteresis_state.SUM_LENGTHS)

@@ -29,7 +29,7 @@ def within(found, truth, limit=3.0, leave=("mass",)):
             assert abs(estimate.value - true) < limit * estimate.std, (name, estimate.value, true, estimate.std)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
 def test_specimens_up_to_30_percent_off_are_found(tmp_path, seed):
     path, truth = campaign_file(tmp_path, seed)
     steps: list[str] = []
@@ -53,6 +53,7 @@ def test_specimens_up_to_30_percent_off_are_found(tmp_path, seed):
             assert rms == pytest.approx(quality.noise[channel], rel=0.06)
 
 
+@pytest.mark.slow
 def test_records_without_noise_give_the_specimen_itself(tmp_path):
     """As of a simulation; residuals are then what the sampled drive leaves open between its samples."""
     path, truth = campaign_file(tmp_path, 4, perfect=True)
@@ -97,6 +98,7 @@ def _without(path, channel):
     path.write_text(text)
 
 
+@pytest.mark.slow
 def test_an_offset_of_a_sensor_is_a_number_of_the_record(tmp_path):
     path, truth = campaign_file(tmp_path, 2)
     file = sorted(path.parent.glob("*.csv"))[0]
@@ -112,6 +114,7 @@ def test_an_offset_of_a_sensor_is_a_number_of_the_record(tmp_path):
     assert found.records[1].own["current offset"] == pytest.approx(0.0, abs=2e-8)
 
 
+@pytest.mark.slow
 def test_an_impedance_beside_time_records(tmp_path):
     """A precise impedance of the free leads tells the capacitance better than the records of a single load."""
     path, truth = campaign_file(tmp_path, 1, linear=True)

@@ -41,6 +41,7 @@ def test_the_beginning_of_a_record_has_all_of_its_channels(tmp_path):
         assert np.array_equal(part[channel], record[channel][:100])
 
 
+@pytest.mark.slow
 def test_records_whose_beginning_is_fitted_first_give_the_same(tmp_path, monkeypatch):
     path, truth = campaign_file(tmp_path, 2)
     whole = identify(load_campaign(path))

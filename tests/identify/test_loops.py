@@ -191,6 +191,7 @@ class TestColoured:
 
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"no measured data in {DATA.name} beside the project")
 class TestStack:
+    @pytest.mark.slow
     def test_predicts_the_minor_loops_and_beats_the_papers_inverse(self):
         """From the settled sine alone; displacements of the next row and windows as the data's notes have them."""
         sine, test = (np.loadtxt(DATA / name) for name in ("Model_Vi_Do.dat", "Test_Vi_Do_Di.dat"))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from selection import with_slow
 
 from piezoharvest.cli import main
 from piezoharvest.identify.identification import identify
@@ -81,7 +82,7 @@ def found(path):
 
 
 @pytest.mark.parametrize(("quality", "off"), OFF)
-@pytest.mark.parametrize("seed", [7100, 7101, 7102])
+@pytest.mark.parametrize("seed", [7100, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (7101, 7102))])
 def test_an_impedance_finds_its_resonance(tmp_path, quality, off, seed):
     true = Specimen(seed, quality)
     result, estimates = found(true.campaign(tmp_path, true.impedance(), IMPEDANCE, off))
@@ -110,6 +111,7 @@ def test_a_frequency_response_finds_its_resonance(tmp_path, quality, off):
     assert not estimates["capacitance"].identifiable  # the open electrodes are not seen
 
 
+@pytest.mark.slow
 def test_standard_errors_hold(tmp_path):
     """Errors of the capacitance in units of their standard error, of 30 specimens: as of a normal distribution."""
     off = []
@@ -137,7 +139,7 @@ def test_a_resonance_that_the_model_has_not_is_said(tmp_path, capsys):
     assert "misses a resonance" in told["warnings"][0]
 
 
-@pytest.mark.parametrize("seed", range(7500, 7508))
+@pytest.mark.parametrize("seed", with_slow(range(7500, 7508), slow=lambda seed: seed > 7503))
 def test_what_is_called_determined_is_known_to_half_its_value(tmp_path, seed):
     """Below the resonance, far above it or beside it: no parameter is determined by a vague standard error."""
     true = Specimen(seed, 50)

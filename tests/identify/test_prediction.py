@@ -185,7 +185,7 @@ def test_linear_effects_agree_with_the_bench(name, table):
     ("name", "table"),
     [
         ("nonlinear_coupling", {"quadratic_coupling": -1e5}),
-        ("stiffening", {"cubic_stiffness": 1e18}),
+        pytest.param("stiffening", {"cubic_stiffness": 1e18}, marks=pytest.mark.slow),
         ("voltage_dependent_capacitance", {"beta": 1e-3}),
     ],
 )
@@ -308,6 +308,7 @@ def test_small_steps_follow_the_drive():
     np.testing.assert_allclose(found, np.concatenate([once, 2 * once]), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_what_bends_at_resonance_takes_several_steps_a_sample():
     """Outputs of elements that run straight between samples are off by (w h)^2/12 of what these do, here a 130th."""
     hysteresis = {"thresholds": [1e-8, 5e-8], "weights": [6e6, 3e6]}

@@ -75,7 +75,7 @@ ROUGH = {"tol": 1e-7, "rtol": 1e-10, "samples_per_period": 0}
 # ---- closed forms, prescribed displacement -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("share", [0.3, 0.6])
+@pytest.mark.parametrize("share", [0.3, pytest.param(0.6, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", ["rectifier", "parallel_sshi", "series_sshi"])
 def test_bridge_rows_at_fixed_dc_voltage(kind, share):
     limit = {"rectifier": 1.0, "parallel_sshi": 2.0 / (1.0 - INVERSION), "series_sshi": 1.0}[kind]
@@ -90,7 +90,7 @@ def test_bridge_rows_at_fixed_dc_voltage(kind, share):
     assert abs(result.closure) < 1e-8
 
 
-@pytest.mark.parametrize("kind", ["rectifier", "parallel_sshi", "series_sshi"])
+@pytest.mark.parametrize("kind", ["rectifier", pytest.param("parallel_sshi", marks=pytest.mark.slow), "series_sshi"])
 def test_bridge_rows_with_smoothing_capacitor_and_load(kind):
     rcw = {
         "rectifier": math.pi / 2.0,
@@ -142,6 +142,7 @@ def best_power(lag: float) -> float:
     return (currents[1] + slope * voltage) ** 2 / (4.0 * slope)
 
 
+@pytest.mark.slow
 def test_late_and_early_parallel_sshi():
     lag, in_time = 0.3, best_power(0.0)
     late = (((1.0 - INVERSION) + (1.0 + INVERSION) * math.cos(lag)) / 2.0) ** 2
@@ -230,6 +231,7 @@ def test_radau_agrees_with_dop853():
 # ---- hysteresis, coupled switching -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_hysteresis_loss_of_a_slipping_stop():
     study = prescribed({"kind": "short"})
     study["excitation"]["frequency"] = 5.0

@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from selection import with_slow
 
 from piezoharvest.output import write_table
 
@@ -48,9 +49,8 @@ def columns():
     return {"time_s": time, **{name: x + noise[name] * rng.normal(size=SAMPLES) for name, x in clean.items()}}
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the largest memory of a process is told by Linux only")
-@pytest.mark.parametrize("ending", ["csv", "parquet", "h5"])
+@pytest.mark.parametrize("ending", with_slow(["csv", "parquet", "h5"], slow=lambda ending: ending != "parquet"))
 def test_peak_of_memory(tmp_path, columns, ending):
     write_table(columns, tmp_path / f"run.{ending}")
     record = f'[[records]]\nfile = "run.{ending}"\nload_resistance = 97780.0\n'

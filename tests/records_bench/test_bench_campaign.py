@@ -123,6 +123,7 @@ def paper():
     return measure(load_study(PAPER)), time.process_time() - start
 
 
+@pytest.mark.slow
 def test_the_papers_campaign_is_one_study(paper):
     """Three loads, steps and sines of 1 to 5 Hz, 0.5 to 1.25 kN, eight records of ten seconds at 1 kHz."""
     campaign, seconds = paper
@@ -268,7 +269,7 @@ def test_a_failed_run_leaves_what_was_there(tmp_path, monkeypatch):
     assert {path.name for path in tmp_path.iterdir()} == {"out"}
 
 
-@pytest.mark.parametrize("when", ["it integrates", "it writes"])
+@pytest.mark.parametrize("when", ["it integrates", pytest.param("it writes", marks=pytest.mark.slow)])
 def test_a_killed_run_leaves_nothing_half_written(tmp_path, when):
     """There is no campaign, or the whole one."""
     (tmp_path / "study.toml").write_text(tomli_w.dumps(tables(duration=8.0, records=[{}] * 6)))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from bench_runs import HOLD, LINEAR, LOAD, OPEN, SHORT, SINE, C, K, T, error, study, waves
+from selection import with_slow
 
 from piezoharvest.bench import measure
 from piezoharvest.bench.effects import registered
@@ -68,7 +69,7 @@ def test_null_value_changes_nothing(name):
         assert error(found[column], values) < 1e-8
 
 
-@pytest.mark.parametrize("name", TINY)
+@pytest.mark.parametrize("name", with_slow(TINY, slow=lambda name: name == "displacement_lag"))
 def test_next_to_null_changes_next_to_nothing(name):
     plain, found = waves(), waves(effects={name: TINY[name]})
     for signal in ("reading", "voltage", "current"):

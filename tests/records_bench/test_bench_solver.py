@@ -50,7 +50,10 @@ def check(excitation, shunt, transducer, length, tolerance=PROMISED, **oracle):
     return found, wanted
 
 
-@pytest.mark.parametrize("hysteresis", [{}, {"hysteresis": STOPS}], ids=["plain", "hysteresis"])
+@pytest.mark.parametrize(
+    "hysteresis",
+    [pytest.param({}, id="plain", marks=pytest.mark.slow), pytest.param({"hysteresis": STOPS}, id="hysteresis")],
+)
 @pytest.mark.parametrize("shunt", SHUNTS)
 def test_cantilever_against_the_oracle(shunt, hysteresis):
     check(DRIVE, SHUNTS[shunt], {**BENCH, **hysteresis}, 0.2)

@@ -83,7 +83,7 @@ def test_what_the_stack_takes_in_is_lost_or_harvested():
 
 def test_uncertainty_by_monte_carlo():
     """The stated standard deviations are those of many records with other noise."""
-    rng, signals = np.random.default_rng(0), sine()
+    rng, signals = np.random.default_rng(0), sine(length=1.5)
     draws = [analyse(*noisy(signals, rng), frequency=3.0, sigma=SIGMA) for _ in range(400)]
     for port in ("mechanical", "electrical"):
         for span, place in (("cycles", 3), ("record", 0)):

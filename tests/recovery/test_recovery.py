@@ -7,6 +7,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from selection import with_slow
 
 from reports.diagnosis import trials
 from reports.diagnosis.trials import DRAWS, Trial, run
@@ -21,16 +22,33 @@ def drawn(seed, count):
     return tuple(str(name) for name in rng.choice(NAMES, count, replace=False)), float(rng.uniform(20.0, 60.0))
 
 
-@pytest.fixture
-def half_the_samples(monkeypatch):
-    """Campaigns of the same motions, read half as often: they take less time, and a size in sigma is 1.4 times less."""
+def read_at(rate, monkeypatch):
+    """Campaigns of the same motions, read less often: they take less time, and a size in sigma falls as its root."""
     load = trials._study
 
     def study(path):
         whole = load(path)
-        return dataclasses.replace(whole, bench={**whole.bench, "sample_rate": 500.0})
+        return dataclasses.replace(whole, bench={**whole.bench, "sample_rate": rate})
 
     monkeypatch.setattr(trials, "_study", study)
+
+
+@pytest.fixture
+def half_the_samples(monkeypatch):
+    read_at(500.0, monkeypatch)
+
+
+QUICK = [(Trial("single", *drawn(0, 1), 300), "effect"), (Trial("withheld", ("mains_hum",), 60.0, 331), "unexplained")]
+
+
+@pytest.mark.parametrize(
+    ("trial", "verdict"), with_slow(QUICK, slow=lambda trial, _: trial.kind == "single"), ids=["single", "withheld"]
+)
+def test_a_fifth_of_the_samples_tells_what_is_large(trial, verdict, monkeypatch):
+    read_at(200.0, monkeypatch)
+    result = run(trial)
+    assert result["right"], result
+    assert result["verdict"] == verdict, result
 
 
 @pytest.mark.slow

@@ -14,26 +14,34 @@ STACK = {"catalogue": "NAC2125-H10"}
 SINE = {"kind": "sine_base", "amplitude": 2.0, "frequency": 50.6}
 PUSH = {"kind": "sine_force", "amplitude": 450.0, "offset": 550.0, "frequency": 500.0}
 STEP = {"kind": "step_force", "amplitude": 0.02, "duration": 0.5, "rise_time": 0.01}
-NOISE = {"kind": "random_base", "psd": 0.1, "band": [20.0, 100.0], "duration": 4.0, "seed": 1}
+NOISE = {"kind": "random_base", "psd": 0.1, "band": [20.0, 100.0], "duration": 2.0, "seed": 1}
+BAND = {"objective": "damping", "band": [48.0, 53.0]}
 TITLE = "bench & <beam> at $2"
 
 # Transducer, excitation and table [design].
 STUDIES = {
     "bench": (BEAM, SINE, {"candidates": ["resistor", "series_rl", "rectifier", "parallel_sshi", "sece"]}),
-    "stack": (STACK, PUSH, {"candidates": ["resistor", "parallel_sshi"]}),
-    "band": (BEAM, SINE, {"objective": "damping", "band": [48.0, 53.0], "candidates": ["resistor", "rectifier"]}),
+    "stack": (STACK, PUSH, {"candidates": ["resistor", "short"]}),
+    "bridge on a stack": (STACK, PUSH, {"candidates": ["resistor", "parallel_sshi"]}),
+    "band": (BEAM, SINE, {**BAND, "candidates": ["resistor", "series_rl"]}),
+    "bridge over a band": (BEAM, SINE, {**BAND, "candidates": ["resistor", "rectifier"]}),
     "step": (BEAM, STEP, {"candidates": ["resistor", "rectifier"]}),
     "noise": (BEAM, NOISE, {"candidates": ["resistor", "sece"]}),
 }
 _KEPT = tempfile.TemporaryDirectory(prefix="piezoharvest-reports-")
 
 
+def study_of(name):
+    """A study of `STUDIES`."""
+    transducer, excitation, options = STUDIES[name]
+    table = {"title": TITLE, "transducer": transducer, "excitation": excitation, "design": options}
+    return study_from(table, Path("study.toml"))
+
+
 @cache
 def designed(name):
     """A study of `STUDIES` and its design."""
-    transducer, excitation, options = STUDIES[name]
-    table = {"title": TITLE, "transducer": transducer, "excitation": excitation, "design": options}
-    study = study_from(table, Path("study.toml"))
+    study = study_of(name)
     return study, design(study)
 
 

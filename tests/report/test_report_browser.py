@@ -8,6 +8,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from report_studies import report, untrusted_report
+from selection import with_slow
 
 pytestmark = pytest.mark.browser
 OPTIONS = [
@@ -63,7 +64,7 @@ def shot(browse, page, file, *options):
     return matplotlib.image.imread(file)[..., :3]
 
 
-@pytest.mark.parametrize("name", ["bench", "stack", "step"])
+@pytest.mark.parametrize("name", with_slow(["bench", "bridge on a stack", "step"], slow=lambda name: name != "step"))
 def test_everything_is_drawn_and_nothing_fetched(measured, name):
     found = measured(report(name))
     assert found["title"].endswith("design report")
@@ -76,18 +77,19 @@ def test_everything_is_drawn_and_nothing_fetched(measured, name):
 
 
 def test_a_narrow_window_scrolls_only_downwards(measured):
-    found = measured(report("bench"), width=500)  # the least that chromium takes
+    found = measured(report("step"), width=500)  # the least that chromium takes
     assert found["wide"] <= 0
     assert all(width > 500 for width, _ in found["drawn"])
 
 
 def test_dom_of_the_page_as_it_is(browse):
-    dom = browse(report("bench"), "--dump-dom")
+    dom = browse(report("step"), "--dump-dom")
     assert re.search(r"<title>.*design report</title>", dom)
     assert dom.count("<svg") == dom.count("</svg>") == dom.count("<figure ")
     assert not re.findall(r'(?:src|href)="(?!#|data:)', dom)
 
 
+@pytest.mark.slow
 def test_what_is_not_to_be_trusted_is_seen(browse):
     dom = browse(untrusted_report(), "--dump-dom")
     assert dom.count('data-converged="false"') == 2
@@ -96,8 +98,8 @@ def test_what_is_not_to_be_trusted_is_seen(browse):
 
 def test_looks_in_light_and_dark(browse, tmp_path):
     size = "--window-size=1200,3000"
-    light = shot(browse, report("bench"), tmp_path / "light.png", size)
-    dark = shot(browse, report("bench"), tmp_path / "dark.png", size, "--blink-settings=preferredColorScheme=0")
+    light = shot(browse, report("step"), tmp_path / "light.png", size)
+    dark = shot(browse, report("step"), tmp_path / "dark.png", size, "--blink-settings=preferredColorScheme=0")
     assert light.shape == dark.shape == (3000, 1200, 3)
     assert np.median(light) > 0.95
     assert np.median(dark) < 0.2
@@ -108,6 +110,6 @@ def test_looks_in_light_and_dark(browse, tmp_path):
 
 
 def test_prints(browse, tmp_path):
-    browse(report("bench"), "--no-pdf-header-footer", f"--print-to-pdf={tmp_path / 'page.pdf'}")
+    browse(report("step"), "--no-pdf-header-footer", f"--print-to-pdf={tmp_path / 'page.pdf'}")
     pages = len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes()))
     assert 3 <= pages <= 14

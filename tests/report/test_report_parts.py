@@ -4,7 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from report_studies import STUDIES, designed
+from report_studies import STUDIES, designed, study_of
+from selection import with_slow
 
 from piezoharvest.description.excitation import Multisine, RandomForce, SineBase, SineForce, StepForce
 from piezoharvest.description.shunts import SECE, ParallelSSHI, Rectifier, Resistor
@@ -19,6 +20,7 @@ from piezoharvest.report.sweeps import CurveTracer, _coarse_to_fine
 
 BEAM = Transducer(mass=0.01, damping=0.0628, stiffness=986.96, coupling=1e-3, capacitance=40e-9)
 FORCE = SineForce(amplitude=0.02, frequency=50.6)
+BRIDGES = "bridge on a stack", "bridge over a band"
 
 
 @pytest.mark.parametrize(
@@ -91,15 +93,14 @@ class TestLimit:
 class TestSpans:
     def test_drive_and_band_are_inside(self):
         for name in ("bench", "band"):
-            study, _ = designed(name)
+            study = study_of(name)
             span = sweep_span(study)
             assert span == resonance_span(study)
             for f in (study.excitation.frequency, *(study.design.band or ())):
                 assert span.low < f < span.high
 
     def test_far_from_resonance_the_drive_is_looked_at(self):
-        study, _ = designed("stack")
-        assert sweep_span(study) == (50.0, 5000.0, True)
+        assert sweep_span(study_of("stack")) == (50.0, 5000.0, True)
 
     def test_loads_hold_the_tuned_ones(self):
         study, result = designed("bench")
@@ -119,7 +120,9 @@ class TestSpans:
 
 
 class TestSweeps:
-    @pytest.mark.parametrize("name", ["bench", "stack", "band"])
+    @pytest.mark.parametrize(
+        "name", with_slow(["bench", "stack", "band", *BRIDGES], slow=lambda name: name not in ("bench", "stack"))
+    )
     def test_curves_go_through_the_tuned_point(self, name):
         study, result = designed(name)
         subjects = subjects_of(result.candidates)

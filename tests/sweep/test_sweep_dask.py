@@ -14,6 +14,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from selection import with_slow
 from sweep_studies import (
     BENCH,
     NOISE,
@@ -102,6 +103,7 @@ def test_a_worker_that_is_killed_loses_nothing(dask, tmp_path):
     assert out.read_bytes() == (tmp_path / "alone.parquet").read_bytes()
 
 
+@pytest.mark.slow
 def test_workers_may_come_late_and_the_scheduler_may_go(dask, tmp_path):
     write(tmp_path, LONG)
     out = tmp_path / "out.parquet"
@@ -116,6 +118,17 @@ def test_workers_may_come_late_and_the_scheduler_may_go(dask, tmp_path):
     assert err.endswith("; the same command resumes\n")
     assert err.count("\n") == 1
     assert len(parts(out)) >= 1
+
+
+# The command line, which waits for a scheduler no longer than is needed to see that it is left.
+WAIT = 0.5  # s
+HASTY = f"""\
+import sys
+from piezoharvest.cli import main
+from piezoharvest.sweep import cluster
+cluster._TIMEOUT = {WAIT}
+sys.exit(main(sys.argv[1:]))
+"""
 
 
 @contextmanager
@@ -161,14 +174,16 @@ def no_scheduler(address):
 
 
 @pytest.mark.parametrize(
-    "answer", [None, b"HTTP/1.1 400 Bad Request\r\n\r\n", b"\0" * 64], ids=["silent", "http", "zeros"]
+    "answer",
+    with_slow([None, b"HTTP/1.1 400 Bad Request\r\n\r\n", b"\0" * 64], slow=lambda answer: answer == b"\0" * 64),
+    ids=["silent", "http", "zeros"],
 )
 def test_a_port_without_a_scheduler_is_left_in_time(tmp_path, answer):
     write(tmp_path, LONG)
     with listening(answer) as port:
-        err, took = refused(tmp_path, f"tcp://127.0.0.1:{port}")
+        err, took = refused(tmp_path, f"tcp://127.0.0.1:{port}", program=("-c", HASTY))
     assert err == no_scheduler(f"tcp://127.0.0.1:{port}")
-    assert took < cluster._TIMEOUT + 20.0  # the start of Python and Dask, on a machine that is busy
+    assert took < WAIT + 20.0  # the start of Python and Dask, on a machine that is busy
 
 
 @pytest.mark.parametrize(
@@ -180,28 +195,25 @@ def test_a_port_without_a_scheduler_is_left_in_time(tmp_path, answer):
     ],
 )  # fmt: skip
 def test_an_address_that_is_none(run, monkeypatch, address):
-    monkeypatch.setattr(cluster, "_TIMEOUT", 0.5)  # or most of these take it whole
+    monkeypatch.setattr(cluster, "_TIMEOUT", WAIT)  # or most of these take it whole
     assert run(LONG, "--out", "out.parquet", "--scheduler", address) == (2, "", no_scheduler(address))
     assert os.listdir() == ["study.toml"]
 
 
-# The command line, which waits for a scheduler as long as above.
-HASTY = """\
-import sys
-from piezoharvest.cli import main
-from piezoharvest.sweep import cluster
-cluster._TIMEOUT = 0.5
-sys.exit(main(sys.argv[1:]))
-"""
-
-
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "inproc://127.0.0.1/1/2", "ucx://127.0.0.1:1"])
+@pytest.mark.parametrize(
+    "address",
+    with_slow(
+        ["tcp://127.0.0.1:1", "inproc://127.0.0.1/1/2", "ucx://127.0.0.1:1"],
+        slow=lambda address: not address.startswith("tcp"),
+    ),
+)
 def test_nothing_else_is_said_of_it(tmp_path, address):
     """By no package that is asked: what a process of its own shows."""
     write(tmp_path, LONG)
     assert refused(tmp_path, address, program=("-c", HASTY))[0] == no_scheduler(address)
 
 
+@pytest.mark.slow
 def test_the_address_of_a_worker_is_none(dask, tmp_path):
     from distributed import Client
 

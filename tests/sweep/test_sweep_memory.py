@@ -44,7 +44,7 @@ def swept(folder, designs, suffix, *how):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the largest memory of a process is told by Linux only")
 class TestMemory:
-    @pytest.mark.parametrize("suffix", ["parquet", "csv"])
+    @pytest.mark.parametrize("suffix", ["parquet", pytest.param("csv", marks=pytest.mark.slow)])
     def test_it_does_not_grow_with_the_number_of_designs(self, tmp_path, suffix):
         rows, _, small = swept(tmp_path / "small", 70_000, suffix)
         assert rows == 70_000
@@ -55,6 +55,7 @@ class TestMemory:
         # A goal of 20,000 designs a second leaves 50 us for each: what is not simulated should take little of it.
         assert seconds / 250_000 < 20e-6
 
+    @pytest.mark.slow
     def test_the_engine_needs_less_than_a_gibibyte(self, tmp_path):
         """Chunks are simulated one after the other, and are at their largest from 16,384 designs on."""
         rows, _, peak = swept(tmp_path / "real", 16_384, "parquet", "real")

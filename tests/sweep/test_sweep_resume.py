@@ -67,7 +67,7 @@ def quick(tmp_path, monkeypatch):
 
 
 class TestProcess:
-    @pytest.mark.parametrize("workers", [1, 2])
+    @pytest.mark.parametrize("workers", [pytest.param(1, marks=pytest.mark.slow), 2])
     def test_killed(self, tmp_path, through, workers):
         write(tmp_path, LONG)
         arguments = ("study.toml", "--out", "out.parquet", "--workers", workers)
@@ -88,6 +88,7 @@ class TestProcess:
         assert out.read_bytes() == through
         assert sorted(os.listdir(tmp_path)) == ["out.parquet", "study.toml"]
 
+    @pytest.mark.slow
     def test_interrupted(self, tmp_path, through):
         write(tmp_path, LONG)
         arguments = ("study.toml", "--out", "out.parquet", "--workers", "2")
@@ -102,6 +103,7 @@ class TestProcess:
         assert finish(start(tmp_path, *arguments))[0] == 0
         assert (tmp_path / "out.parquet").read_bytes() == through
 
+    @pytest.mark.slow
     def test_a_worker_that_dies_is_told(self, tmp_path, through):
         write(tmp_path, LONG)
         process = start(tmp_path, "study.toml", "--out", "out.parquet", "--workers", "2")

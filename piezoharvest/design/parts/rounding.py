@@ -21,6 +21,7 @@ from piezoharvest.design.drafts import Draft
 from piezoharvest.design.goal import Figures, Goal
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.parts.series import Series
+from piezoharvest.design.places import value_at
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.minimax import tune
 from piezoharvest.design.tuning.region import Region
@@ -31,6 +32,7 @@ _REACH = 5  # steps of a pair of parts
 # Values at which one part is held: in a decade of the finer series, and at most in one direction. In coarse series the
 # boxes reach from one to the next.
 _HELD_A_DECADE, _MOST_HELD = 3, 3
+_MOST_WALKED = 3  # parts: with more the boxes hold enough combinations, and tuning the others takes long
 _GAIN = 1e-3  # in merit, 0.1 % of power: for less it is not worth while to go on
 _MOST = 512  # combinations in one box
 _EXACT = 4  # best of a batch that are judged exactly
@@ -82,7 +84,7 @@ class Rounding:
         # The values nearest one by one are always judged, so that no joint rounding is worse than they are.
         best, before = self._best_of((singly,)), None
         best = self._best_of(near, best)
-        if self.judge is self.view and self.region is not None and len(ideal) > 1:
+        if self.judge is self.view and self.region is not None and 1 < len(ideal) <= _MOST_WALKED:
             for place, _ in enumerate(ideal):
                 for step in (1, -1):
                     best = self._walk(place, step, best)
@@ -108,7 +110,7 @@ class Rounding:
             tuned = tune(self.view, draft, Start("", others), region)
             if not tuned.merit < self._merits[best] - _GAIN:
                 break
-            others = {n: getattr(tuned.shunt, n) for n in others}
+            others = {n: value_at(tuned.shunt, n) for n in others}
             below = [number if n == name else self.series.below(others[n]) for n in self.draft.free]
             best = self._best_of(_box(below, [(0,) if n == name else _SIDES[0] for n in self.draft.free]), best)
         return best

@@ -58,9 +58,9 @@ class Region:
         span = np.array([MOST_LAG if name in ANGLES else SPAN for name in draft.free])
         lower, upper, coil = middle - span, middle + span, np.zeros(len(middle))
         names = list(draft.free)
-        if max_inductance is not None and "inductance" in names:
-            n = names.index("inductance")
-            upper[n] = min(upper[n], np.log(max_inductance))
+        largest = np.inf if max_inductance is None else max_inductance
+        for n in (n for n, name in enumerate(names) if _is_inductance(name)):
+            upper[n] = min(upper[n], np.log(largest))
             lower[n] = min(lower[n], upper[n] - SPAN)
         sign = _SERIES.get(draft.kind, 0.0) if {"resistance", "inductance"} <= set(names) else 0.0
         if sign:
@@ -110,7 +110,12 @@ class Region:
                 f"the resistance is what a coil of quality {COIL_QUALITY:g} has by itself, nothing is left for a load"
             )
         for n, name in enumerate(self.names):
-            if name != "inductance" and min(p[n] - self.lower[n], self.upper[n] - p[n]) < _AT_BOUND:
+            if not _is_inductance(name) and min(p[n] - self.lower[n], self.upper[n] - p[n]) < _AT_BOUND:
                 side = "smallest" if p[n] < 0.5 * (self.lower[n] + self.upper[n]) else "largest"
                 found.append(f"the {side} {name} tried is the best: it might as well be left out")
         return found
+
+
+def _is_inductance(name: str) -> bool:
+    """True for inductances of a shunt and of its branches, and for those of a synthesised network: L1, L2, ..."""
+    return "inductance" in name or name[0] == "L"

@@ -1,6 +1,6 @@
-"""Decorators that compile the engine: cached on disk, never stale, without reference counting.
+"""Decorators that compile numerical code: cached on disk, never stale, without reference counting.
 
-Compiled functions work on a few flat arrays that Python owns. Counting references to them would cost more than the
+Compiled functions work on a few arrays that Python owns. Counting references to them would cost more than the
 arithmetic, so it is switched off (`_nrt=False`): nothing compiled allocates, and a function may return an array only
 where it is inlined.
 """
@@ -59,12 +59,15 @@ def inlined(function: Callable) -> Any:
     return dispatcher
 
 
-def entry(function: Callable) -> Any:
-    """Compile a function that Python calls; it is cached on disk with all functions that it calls."""
-    return cached(_entry()(function))
+def entry(function: Callable, *, nogil: bool = False) -> Any:
+    """Compile a function that Python calls; it is cached on disk with all functions that it calls.
 
-
-def cached(dispatcher: Any) -> Any:
-    """Cache on disk the compiled code of a function that Python calls, with all functions that it calls."""
+    Parameters
+    ----------
+    function : callable
+    nogil : bool
+        Other threads of Python run meanwhile.
+    """
+    dispatcher = _entry(nogil=nogil)(function)
     cache_on_disk(dispatcher)
     return dispatcher

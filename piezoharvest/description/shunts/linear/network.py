@@ -1,4 +1,4 @@
-"""Any network of resistors, inductors and capacitors."""
+"""Any network of resistors, inductors and capacitors: `Circuit` has the equations, `Network` reads a netlist."""
 
 from __future__ import annotations
 
@@ -16,46 +16,32 @@ from piezoharvest.description.shunts.base import LinearShunt
 
 
 class _Resistive(NamedTuple):
-    """Elimination of the resistors: gains from [port voltage, tree capacitor voltages, link inductor currents]."""
+    """Elimination of the resistors: gains from [port voltage, tree capacitor voltages, link inductor currents].
+
+    Arrays (n, m), for a batch of designs (n, m, designs, 1).
+    """
 
     link_currents: np.ndarray
     tree_voltages: np.ndarray
 
 
 @dataclass(frozen=True, kw_only=True)
-class Network(LinearShunt):
+class Circuit(LinearShunt):
     """R, L and C elements between numbered nodes, port at nodes 1 and 0, loads among the resistors.
 
-    Parameters
-    ----------
-    netlist : str or sequence of str, mapping or Element
-        In the forms of `piezoharvest.description.netlist.read_netlist`; stored as a tuple of `Element`.
+    Subclasses give the elements, whose values may be arrays for a batch of designs.
 
     Notes
     -----
     The equations follow from a normal tree in which the port is a branch of imposed voltage. Capacitors in a loop with
     others or with the port, and inductors in a cutset with others, are not independent states: they are kept for their
     energy, tied to the others by the derivative of their constraint.
-
-    Raises
-    ------
-    ParameterError
-        An element or the circuit is not allowed.
     """
-
-    kind: ClassVar[str] = "network"
-    source: ClassVar[str] = "Bryant, Proc. IEE C 106(9), 174-188, 1959; Kuo & Rohrer, Proc. IEEE 55(9), 1201-1219, 1967"
-
-    netlist: str | Sequence[str | Mapping[str, Any] | Element]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "netlist", read_netlist(self.netlist))
 
     @property
     def elements(self) -> tuple[Element, ...]:
         """The elements, in the order of the netlist."""
-        return self.netlist  # type: ignore[return-value]
+        raise NotImplementedError
 
     @cached_property
     def _topology(self) -> NormalTree:
@@ -65,14 +51,15 @@ class Network(LinearShunt):
     def _resistive(self) -> _Resistive:
         """Eliminate the resistors: (R_l + F' R_t F) i_l = v_l of the rest, a positive definite system."""
         tree, links, _ = self._topology
-        of_tree = np.diag([e.value for e in tree if e.kind == "R"])
-        of_links = np.diag([e.value for e in links if e.kind == "R"])
+        of_tree, of_links = _diagonal(tree), _diagonal(links)
         cut_r, cut_l = self._cut("R", "R"), self._cut("R", "L")
-        drive = np.hstack([self._cut("port", "R").T, self._cut("C", "R").T, -cut_r.T @ of_tree @ cut_l])
-        currents = np.linalg.solve(of_links + cut_r.T @ of_tree @ cut_r, drive)
+        own = -cut_r.T @ of_tree @ cut_l
+        outer = [np.broadcast_to(self._cut(kind, "R").T, (*own.shape[:-2], len(cut_r.T), n))
+                 for kind, n in (("port", 1), ("C", len(self._cut("C", "R"))))]  # fmt: skip
+        currents = np.linalg.solve(of_links + cut_r.T @ of_tree @ cut_r, np.concatenate([*outer, own], axis=-1))
         through = cut_r @ currents
-        through[:, through.shape[1] - cut_l.shape[1] :] += cut_l
-        return _Resistive(currents, -of_tree @ through)
+        through[..., through.shape[-1] - cut_l.shape[1] :] += cut_l
+        return _Resistive(*(np.moveaxis(gain, (-2, -1), (0, 1)) for gain in (currents, -of_tree @ through)))
 
     def _cut(self, branch: str, link: str) -> np.ndarray:
         """Part of the cutset matrix between tree branches of one kind ("port" too) and links of another."""
@@ -93,11 +80,11 @@ class Network(LinearShunt):
 
         def current(e: Element) -> Row:
             """Current of a link."""
-            return link_currents[e] if e.kind == "R" else e.value * _of(dz, e) if e.kind == "C" else _of(z, e)
+            return link_currents[e.name] if e.kind == "R" else e.value * _of(dz, e) if e.kind == "C" else _of(z, e)
 
         def voltage(e: Element) -> Row:
             """Voltage across a branch of the tree."""
-            return tree_voltages[e] if e.kind == "R" else _of(z, e) if e.kind == "C" else e.value * _of(dz, e)
+            return tree_voltages[e.name] if e.kind == "R" else _of(z, e) if e.kind == "C" else e.value * _of(dz, e)
 
         currents = [current(e) for e in links]
         voltages = [port.v, *(voltage(e) for e in tree)]
@@ -122,14 +109,14 @@ class Network(LinearShunt):
         """Power of each resistor: harvested in loads, lost in others."""
         link_currents, tree_voltages = self._resistors(port, z)
         powers: dict[str, list[Product]] = {"harvested": [], "shunt_loss": []}
-        for e, current in link_currents.items():
-            powers["harvested" if e.load else "shunt_loss"].append(Product(e.value, current, current))
-        for e, voltage in tree_voltages.items():
-            powers["harvested" if e.load else "shunt_loss"].append(Product(1.0 / e.value, voltage, voltage))
+        for e in (e for e in (*self._topology.links, *self._topology.tree) if e.kind == "R"):
+            row, weight = (tree_voltages[e.name], 1.0 / e.value) if e.name in tree_voltages else (
+                link_currents[e.name], e.value)  # fmt: skip
+            powers["harvested" if e.load else "shunt_loss"].append(Product(weight, row, row))
         return powers
 
-    def _resistors(self, port: Port, z: SimpleNamespace) -> tuple[dict[Element, Row], dict[Element, Row]]:
-        """Currents of the resistors among the links and voltages of those in the tree."""
+    def _resistors(self, port: Port, z: SimpleNamespace) -> tuple[dict[str, Row], dict[str, Row]]:
+        """Currents of the resistors among the links and voltages of those in the tree, by name."""
         tree, links, _ = self._topology
         none = 0.0 * port.one
         drive = [port.v, *(_of(z, e) for e in tree if e.kind == "C"), *(_of(z, e) for e in links if e.kind == "L")]
@@ -137,9 +124,45 @@ class Network(LinearShunt):
         currents = [_combine(row, drive, none) for row in gains.link_currents]
         voltages = [_combine(row, drive, none) for row in gains.tree_voltages]
         return (
-            dict(zip((e for e in links if e.kind == "R"), currents, strict=True)),
-            dict(zip((e for e in tree if e.kind == "R"), voltages, strict=True)),
+            dict(zip((e.name for e in links if e.kind == "R"), currents, strict=True)),
+            dict(zip((e.name for e in tree if e.kind == "R"), voltages, strict=True)),
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Network(Circuit):
+    """Circuit of a netlist.
+
+    Parameters
+    ----------
+    netlist : str or sequence of str, mapping or Element
+        In the forms of `piezoharvest.description.netlist.read_netlist`; stored as a tuple of `Element`.
+
+    Raises
+    ------
+    ParameterError
+        An element or the circuit is not allowed.
+    """
+
+    kind: ClassVar[str] = "network"
+    source: ClassVar[str] = "Bryant, Proc. IEE C 106(9), 174-188, 1959; Kuo & Rohrer, Proc. IEEE 55(9), 1201-1219, 1967"
+
+    netlist: str | Sequence[str | Mapping[str, Any] | Element]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "netlist", read_netlist(self.netlist))
+
+    @property
+    def elements(self) -> tuple[Element, ...]:
+        """The elements, in the order of the netlist."""
+        return self.netlist  # type: ignore[return-value]
+
+
+def _diagonal(branches: Iterable[Element]) -> np.ndarray:
+    """Diagonal matrix (..., n, n) of the resistances among some branches."""
+    values = np.broadcast_arrays(*(e.value for e in branches if e.kind == "R"))
+    return np.stack(values, axis=-1)[..., None] * np.eye(len(values)) if values else np.zeros((0, 0))
 
 
 def _state(element: Element) -> str:
@@ -154,4 +177,4 @@ def _of(states: SimpleNamespace, element: Element) -> Row:
 
 def _combine(coefficients: Iterable[float], rows: Sequence[Row], none: Row) -> Row:
     """Sum of coefficient * row, without absent terms."""
-    return sum((c * row for c, row in zip(coefficients, rows, strict=True) if c), start=none)
+    return sum((c * row for c, row in zip(coefficients, rows, strict=True) if np.any(c)), start=none)

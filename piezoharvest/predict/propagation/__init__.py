@@ -1,0 +1,1 @@
+"""Compiled propagation over the samples of a record."""

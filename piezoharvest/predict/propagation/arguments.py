@@ -1,0 +1,202 @@
+"""Arguments of the compiled propagation: what belongs together."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Drive(NamedTuple):
+    """The drive in a block of steps.
+
+    Attributes
+    ----------
+    coefficients : (steps, 4) array
+        Polynomial coefficients in powers of the share of a step.
+    begin : float
+        Time at which the first step begins, as fraction of the record.
+    every : int
+        Steps between two samples that are written.
+    lane : int
+        The first of two parameters that the drive depends on.
+    rise : (steps, 2) array, or (0, 2)
+        Derivatives of the drive with respect to these.
+    """
+
+    coefficients: np.ndarray
+    begin: float
+    every: int
+    lane: int
+    rise: np.ndarray
+
+
+class Step(NamedTuple):
+    """Matrices of a step, arranged by the order of their use.
+
+    Attributes
+    ----------
+    h : float
+        s between samples.
+    share : float
+        Step as fraction of the record.
+    held : bool
+        Stops keep their outputs.
+    M, H : arrays
+        As in `SampleStep`.
+    inputs, outputs : arrays
+        Rows of O for the elements' inputs (and their rates), without the influence of the elements' outputs, and for
+        the outputs.
+    feed : (inputs, elements) array
+        Influence of the elements' outputs at the end of the step on their inputs there.
+    """
+
+    h: float
+    share: float
+    held: bool
+    M: np.ndarray
+    H: np.ndarray
+    inputs: np.ndarray
+    outputs: np.ndarray
+    feed: np.ndarray
+
+
+class Sparse(NamedTuple):
+    """Nonzero entries of a matrix.
+
+    Attributes
+    ----------
+    values, columns : (rows, columns) array
+        Those of each row one after the other, the rest being unused, and their columns.
+    counts : (rows,) array
+        Their number.
+    """
+
+    values: np.ndarray
+    columns: np.ndarray
+    counts: np.ndarray
+
+
+class Tangent(NamedTuple):
+    """Derivatives of a matrix.
+
+    Attributes
+    ----------
+    values : (columns, entries) array
+        Column by column, only for those pairs of a row and a parameter with nonzero ones: with many effects these are
+        few.
+    places : (entries, 2) array
+        Row and parameter of each entry.
+    sums : (entries,) array
+        Memory for the derivatives of the product with a vector.
+    """
+
+    values: np.ndarray
+    places: np.ndarray
+    sums: np.ndarray
+
+
+class Slopes(NamedTuple):
+    """What derivatives are propagated by.
+
+    Attributes
+    ----------
+    M, H, O : Tangent
+        Derivatives of the matrices.
+    input_entries : int
+        Entries of O that are those of inputs.
+    limits : (elements, lanes) array
+        Derivatives of the elements' limits.
+    from_states : Sparse
+        M for states and outputs of the elements.
+    from_elements : Sparse
+        H.
+    to_inputs, to_outputs : Sparse
+        O for states and outputs of the elements; for the inputs with `Step.feed`.
+    """
+
+    M: Tangent
+    H: Tangent
+    O: Tangent  # noqa: E741
+    input_entries: int
+    limits: np.ndarray
+    from_states: Sparse
+    from_elements: Sparse
+    to_inputs: Sparse
+    to_outputs: Sparse
+
+
+class Elements(NamedTuple):
+    """Elements of a specimen.
+
+    Attributes
+    ----------
+    kinds, places
+        As in `Matrices`.
+    limits : (elements,) array
+        Thresholds of stops, exponents of powers.
+    """
+
+    kinds: np.ndarray
+    places: np.ndarray
+    limits: np.ndarray
+
+
+class State(NamedTuple):
+    """Moving state of a propagation.
+
+    Attributes
+    ----------
+    y : (n + elements + 4,) array
+        States, outputs of the elements, drive, its rate, 1 and time.
+    inputs : (inputs,) array
+        Inputs of the elements, then their rates.
+    d, dinputs : (n + elements, lanes), (inputs, lanes) array
+        Derivatives of states and outputs of the elements, and of their inputs.
+    local : (elements, 2) array
+        Sum over the steps of the elements' slopes with respect to their inputs.
+    sizes : (inputs,) array
+        Largest inputs and rates so far, the scale of rounding.
+    """
+
+    y: np.ndarray
+    inputs: np.ndarray
+    d: np.ndarray
+    dinputs: np.ndarray
+    local: np.ndarray
+    sizes: np.ndarray
+
+
+class Memory(NamedTuple):
+    """Memory for what is used within a step.
+
+    Attributes
+    ----------
+    g : (n + elements + 6,) array
+        Vector multiplied by M.
+    z, dz : (n,), (n, lanes) array
+        States at the end of the step, and their derivatives.
+    base, old, before : arrays
+        Inputs without the contribution of the elements' outputs; inputs and outputs at the previous sample.
+    trial, residual, move : arrays
+        Inputs in Newton's method, their residuals and their last change.
+    slopes : (elements, 7) array
+        Derivatives of the elements' outputs.
+    J : (inputs, inputs) array
+        Matrix of the equations to be solved.
+    right : (inputs, lanes) array
+        Their right-hand side.
+    """
+
+    g: np.ndarray
+    z: np.ndarray
+    dz: np.ndarray
+    base: np.ndarray
+    old: np.ndarray
+    before: np.ndarray
+    trial: np.ndarray
+    residual: np.ndarray
+    move: np.ndarray
+    slopes: np.ndarray
+    J: np.ndarray
+    right: np.ndarray

@@ -1,0 +1,122 @@
+"""Products, sums and solutions with parameters as the innermost axis, so that the loops over them are vectorised."""
+
+from __future__ import annotations
+
+from piezoharvest.engine.compilation.compiled import compiled
+
+
+@compiled
+def dot(rows, values, out):
+    """Product of a matrix with a vector, into `out`."""
+    for r in range(len(out)):
+        total = 0.0
+        for j in range(len(values)):
+            total += rows[r, j] * values[j]
+        out[r] = total
+
+
+@compiled
+def add_product(A, R, out):
+    """Add A R to `out`, A being Sparse and the others matrices.
+
+    Several rows of R at a time: a loop over few parameters is dominated by its overhead.
+    """
+    values, columns, counts = A
+    P = out.shape[1]
+    for r in range(len(out)):
+        count, q = counts[r], 0
+        while q + 4 <= count:
+            a, b, c, d = columns[r, q], columns[r, q + 1], columns[r, q + 2], columns[r, q + 3]
+            f, g, h, i = values[r, q], values[r, q + 1], values[r, q + 2], values[r, q + 3]
+            for p in range(P):
+                out[r, p] += f * R[a, p] + g * R[b, p] + h * R[c, p] + i * R[d, p]
+            q += 4
+        if q + 3 <= count:
+            a, b, c = columns[r, q], columns[r, q + 1], columns[r, q + 2]
+            f, g, h = values[r, q], values[r, q + 1], values[r, q + 2]
+            for p in range(P):
+                out[r, p] += f * R[a, p] + g * R[b, p] + h * R[c, p]
+            q += 3
+        while q < count:
+            a, f = columns[r, q], values[r, q]
+            for p in range(P):
+                out[r, p] += f * R[a, p]
+            q += 1
+
+
+@compiled
+def weighted_sums(tangent, values):
+    """Derivatives of the product of a matrix with a vector of fixed values, into the memory of its Tangent."""
+    tangents, out = tangent.values, tangent.sums
+    for p in range(len(out)):
+        out[p] = 0.0
+    j = 0
+    while j + 4 <= len(values):
+        f, g, h, i = values[j], values[j + 1], values[j + 2], values[j + 3]
+        for p in range(len(out)):
+            out[p] += f * tangents[j, p] + g * tangents[j + 1, p] + h * tangents[j + 2, p] + i * tangents[j + 3, p]
+        j += 4
+    while j < len(values):
+        f = values[j]
+        for p in range(len(out)):
+            out[p] += f * tangents[j, p]
+        j += 1
+
+
+@compiled
+def assign(values, out):
+    """Overwrite the first rows of a matrix by those of another."""
+    for r in range(len(values)):
+        for p in range(values.shape[1]):
+            out[r, p] = values[r, p]
+
+
+@compiled
+def clear(out):
+    """Overwrite a matrix by zeros."""
+    for r in range(len(out)):
+        for p in range(out.shape[1]):
+            out[r, p] = 0.0
+
+
+@compiled
+def scatter(tangent, begin, end, first, out):
+    """Add the sums begin:end of a Tangent to their entries of `out`, whose rows count from the first."""
+    for k in range(begin, end):
+        out[tangent.places[k, 0] - first, tangent.places[k, 1]] += tangent.sums[k]
+
+
+@compiled
+def solve(K, slopes, places, J, right):
+    """Overwrite `right` by the solution of (1 - K f') d = right, f' being the slopes for present inputs and rates."""
+    m = len(J)
+    half = m // 2
+    for r in range(m):
+        for c in range(m):
+            J[r, c] = 1.0 if r == c else 0.0
+    for j in range(len(places)):
+        for r in range(m):
+            J[r, places[j, 0]] -= K[r, j] * slopes[j, 3]
+            J[r, half + places[j, 0]] -= K[r, j] * slopes[j, 4]
+            J[r, places[j, 1]] -= K[r, j] * slopes[j, 5]
+    for c in range(m):
+        pivot = c
+        for r in range(c + 1, m):
+            if abs(J[r, c]) > abs(J[pivot, c]):
+                pivot = r
+        if pivot != c:
+            for k in range(m):
+                J[c, k], J[pivot, k] = J[pivot, k], J[c, k]
+            for p in range(right.shape[1]):
+                right[c, p], right[pivot, p] = right[pivot, p], right[c, p]
+        for r in range(m):
+            if r != c and J[r, c] != 0.0:
+                factor = J[r, c] / J[c, c]
+                for k in range(c, m):
+                    J[r, k] -= factor * J[c, k]
+                for p in range(right.shape[1]):
+                    right[r, p] -= factor * right[c, p]
+    for c in range(m):
+        inverse = 1.0 / J[c, c]
+        for p in range(right.shape[1]):
+            right[c, p] *= inverse

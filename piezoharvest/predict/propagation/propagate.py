@@ -1,0 +1,161 @@
+"""Compiled propagation over the samples of a record, with derivatives with respect to all parameters.
+
+Between two samples all is linear except the elements, whose outputs at the end of a step depend on the state there.
+Derivatives are propagated with the step, parameters being the innermost axis so that the loops over them are
+vectorised. The functions that make up a step are inlined: it takes less than a microsecond, of which calls with so
+many arrays would be a good part.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from piezoharvest.engine.compilation.compiled import entry, inlined
+
+# The order of a tuple's fields is compiled in: their file has to be among the sources of this one.
+from piezoharvest.predict.propagation.arguments import Drive, Elements, Memory, Slopes, State, Step
+from piezoharvest.predict.propagation.newton import find_outputs
+from piezoharvest.predict.propagation.products import add_product, assign, clear, dot, scatter, solve, weighted_sums
+
+
+@inlined
+def _apply_drive(drive, step, y, g, k):
+    """Set what M is multiplied by in a step, and the drive at its end."""
+    q, now, size = drive.coefficients[k], drive.begin + step.share * (k + 1), len(y) - 4
+    for j in range(size):
+        g[j] = y[j]
+    for j in range(4):
+        g[size + j] = q[j]
+    g[size + 4], g[size + 5] = 1.0, now - step.share
+    y[size], y[size + 1] = q[0] + q[1] + q[2] + q[3], (q[1] + 2 * q[2] + 3 * q[3]) / step.h
+    y[size + 2], y[size + 3] = 1.0, now
+
+
+@inlined
+def _advance(step, elements, state, memory):
+    """States, inputs and outputs of the elements at the end of a step; return True if found."""
+    y, inputs, trial, n, count = state.y, state.inputs, memory.trial, len(memory.z), len(memory.before)
+    w = y[n : n + count]
+    dot(step.M, memory.g, memory.z)
+    for r in range(n):
+        y[r] = memory.z[r]
+    dot(step.inputs, y, memory.base)
+    for j in range(count):
+        memory.before[j] = w[j]
+    for r in range(len(inputs)):
+        memory.old[r] = inputs[r]
+        trial[r] = memory.base[r]
+        for j in range(count):
+            trial[r] += step.feed[r, j] * w[j]
+    if not find_outputs(step, elements, state.sizes, memory, w):
+        return False
+    for r in range(len(inputs)):
+        inputs[r] = trial[r]
+    for j in range(count):
+        state.local[j, 0] += memory.slopes[j, 3]
+        state.local[j, 1] += memory.slopes[j, 5]
+    for r in range(n):
+        for j in range(count):
+            y[r] += step.H[r, j] * w[j]
+    return True
+
+
+@inlined
+def _advance_state_derivatives(drive, step, slopes, state, memory, k):
+    """Derivatives of the states, without the influence of those of the elements' present outputs."""
+    d, dz = state.d, memory.dz
+    n, size = len(dz), len(d)
+    weighted_sums(slopes.M, memory.g)
+    clear(dz)
+    scatter(slopes.M, 0, len(slopes.M.sums), 0, dz)
+    if len(drive.rise):
+        for r in range(n):
+            dz[r, drive.lane] += step.M[r, size] * drive.rise[k, 0]
+            dz[r, drive.lane + 1] += step.M[r, size] * drive.rise[k, 1]
+    add_product(slopes.from_states, d, dz)
+    weighted_sums(slopes.H, state.y[n:size])
+    scatter(slopes.H, 0, len(slopes.H.sums), 0, dz)
+    assign(dz, d)
+
+
+@inlined
+def _advance_element_derivatives(step, elements, slopes, state, memory):
+    """Derivatives of the elements' inputs and outputs."""
+    d, dinputs, right, s, places = state.d, state.dinputs, memory.right, memory.slopes, elements.places
+    n, half, parameters = len(memory.z), len(dinputs) // 2, d.shape[1]
+    # First the part of the outputs that does not depend on the elements' present inputs.
+    for j in range(len(places)):
+        a, b = places[j, 0], places[j, 0] + half
+        s0, s1, s2, s6 = s[j, 0], s[j, 1], s[j, 2], s[j, 6]
+        for p in range(parameters):
+            d[n + j, p] = s0 * d[n + j, p] + s1 * dinputs[a, p] + s2 * dinputs[b, p] + s6 * slopes.limits[j, p]
+    weighted_sums(slopes.O, state.y)
+    clear(right)
+    scatter(slopes.O, 0, slopes.input_entries, 0, right)
+    add_product(slopes.to_inputs, d, right)
+    solve(step.feed, s, places, memory.J, right)
+    assign(right, dinputs)
+    for j in range(len(places)):
+        a, b, c = places[j, 0], places[j, 0] + half, places[j, 1]
+        s3, s4, s5 = s[j, 3], s[j, 4], s[j, 5]
+        for p in range(parameters):
+            d[n + j, p] += s3 * dinputs[a, p] + s4 * dinputs[b, p] + s5 * dinputs[c, p]
+
+
+@inlined
+def _advance_derivatives(drive, step, elements, slopes, state, memory, k):
+    """Derivatives at the end of a step, of which the values are known."""
+    _advance_state_derivatives(drive, step, slopes, state, memory, k)
+    _advance_element_derivatives(step, elements, slopes, state, memory)
+    add_product(slopes.from_elements, state.d, memory.dz)
+    assign(memory.dz, state.d)
+
+
+@inlined
+def _write_derivatives(slopes, state, out):
+    """Write the derivatives of the outputs."""
+    clear(out)
+    scatter(slopes.O, slopes.input_entries, len(slopes.O.sums), len(state.inputs), out)
+    add_product(slopes.to_outputs, state.d, out)
+
+
+@partial(entry, nogil=True)
+def propagate_block(
+    drive: Drive, step: Step, slopes: Slopes, elements: Elements, state: State, memory: Memory,
+    Y: np.ndarray, dY: np.ndarray,
+) -> int:  # fmt: skip
+    """Propagate over a block of steps.
+
+    Parameters
+    ----------
+    drive : Drive
+    step : Step
+    slopes : Slopes
+        Of no parameters if no derivatives are wanted.
+    elements : Elements
+    state : State
+        At the beginning; overwritten by that at the end.
+    memory : Memory
+    Y : (samples, outputs) array
+    dY : (samples, outputs, parameters) array
+        Both outputs, at the ends of each `drive.every` steps.
+
+    Returns
+    -------
+    int
+        -1, or the step in which Newton's method failed.
+    """
+    for k in range(len(drive.coefficients)):
+        _apply_drive(drive, step, state.y, memory.g, k)
+        if not _advance(step, elements, state, memory):
+            return k
+        sample, written = k // drive.every, (k + 1) % drive.every == 0
+        if written:
+            dot(step.outputs, state.y, Y[sample])
+        if state.d.shape[1]:
+            _advance_derivatives(drive, step, elements, slopes, state, memory, k)
+            if written:
+                _write_derivatives(slopes, state, dY[sample])
+    return -1
