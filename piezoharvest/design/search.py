@@ -213,14 +213,22 @@ class _Design:
         if self.robust is None or not self.options.worst_case:
             return tuned
         self.progress(f"{draft.kind}: tuning for the worst case")
-        return self.robust.hardened(draft, tuned, self._region(draft), self._on_two_port(tuned.shunt))
+        try:
+            return self.robust.hardened(draft, tuned, self._region(draft), self._on_two_port(tuned.shunt))
+        except ParameterError as error:
+            self.notes.append(f"{draft.kind}: not tuned for its worst case: {error.message}")
+            return tuned
 
     def _worst_case(self, shunt: Shunt, nominal: Shunt) -> RobustCase | None:
         """Worst case of a candidate, where a tolerance is given."""
         if self.robust is None:
             return None
         before = nominal if self.options.worst_case else shunt
-        return self.robust.case(shunt, before, self._on_two_port(shunt))
+        try:
+            return self.robust.case(shunt, before, self._on_two_port(shunt))
+        except ParameterError as error:
+            self.notes.append(f"{shunt.kind}: its worst case was not found: {error.message}")
+            return None
 
     def _on_two_port(self, shunt: Shunt) -> bool:
         return isinstance(shunt, LinearShunt) and self._is_exact(self.view.working(shunt), shunt)
