@@ -27,9 +27,9 @@ _HOMES = {
         "Excitation", "Multisine", "RandomBase", "RandomForce", "Record", "SineBase", "SineForce", "StepForce",
     ),
     "description.shunts": (
-        "LinearShunt", "NegativeCapacitance", "Network", "Open", "ParallelRL", "ParallelRLC", "ParallelSSHI",
-        "Rectifier", "Resistor", "SECE", "SSDI", "SSDS", "SSDV", "SeriesRL", "SeriesRLC", "SeriesSSHI", "Short",
-        "Shunt",
+        "CurrentBlocking", "CurrentFlowing", "LinearShunt", "NegativeCapacitance", "Network", "Open",
+        "ParallelBranches", "ParallelRL", "ParallelRLC", "ParallelSSHI", "Rectifier", "Resistor", "SECE", "SSDI",
+        "SSDS", "SSDV", "SeriesRL", "SeriesRLC", "SeriesSSHI", "Short", "Shunt",
     ),
     "description.effects": (
         "BiasCurrent", "ChannelSkew", "Clipping", "ContactCompliance", "CouplingDrift", "Creep",

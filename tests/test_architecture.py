@@ -35,7 +35,7 @@ LAYERS = [
     {"engine.run"},
     {"engine.steady_search"},
     {"engine.simulation"},
-    {"engine.batch", "engine.sensitivity"},
+    {"engine.batch", "engine.sensitivity", "engine.windows"},
     {"spice"},
     {"study", "output"},
     {"records.expectation", "records.finding", "records.record", "records.weights"},

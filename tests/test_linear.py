@@ -15,9 +15,12 @@ from piezoharvest.description.effects import DielectricRelaxation, Leakage
 from piezoharvest.description.hysteresis import Hysteresis
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import (
+    CurrentBlocking,
+    CurrentFlowing,
     LinearShunt,
     NegativeCapacitance,
     Open,
+    ParallelBranches,
     ParallelRL,
     ParallelRLC,
     Rectifier,
@@ -50,6 +53,21 @@ FREQUENCIES = np.concatenate((np.geomspace(0.1, 3e3, 60), np.linspace(45, 55, 40
 S = 2j * np.pi * FREQUENCIES
 R, L, C = 4.7e4, 180.0, 2.2e-8
 
+TWO = {"inductances": (L, 20.0), "resistances": (R, 3e4)}  # two branches
+BLOCKED = {"blocking_inductances": (25.0, 3.0), "blocking_capacitances": (4e-7, 5e-7)}
+
+
+def branch(s, n, rest):
+    """Admittance of a branch of inductance, resistance and an impedance."""
+    return 1 / (s * TWO["inductances"][n] + TWO["resistances"][n] + rest)
+
+
+def block(s, n, quality=np.inf):
+    """Impedance of a blocking circuit with losses in its coil."""
+    inductance, capacitance = (BLOCKED[f"blocking_{name}"][n] for name in ("inductances", "capacitances"))
+    return 1 / (s * capacitance + 1 / (s * inductance + np.sqrt(inductance / capacitance) / quality))
+
+
 ADMITTANCES = [
     (Open(), lambda s: 0 * s),
     (Resistor(resistance=R), lambda s: 1 / R + 0 * s),
@@ -57,6 +75,15 @@ ADMITTANCES = [
     (ParallelRL(inductance=L, resistance=R), lambda s: 1 / R + 1 / (s * L)),
     (SeriesRLC(inductance=L, resistance=R, capacitance=C), lambda s: 1 / (R + s * L + 1 / (s * C))),
     (ParallelRLC(inductance=L, resistance=R, capacitance=C), lambda s: 1 / R + 1 / (s * L) + s * C),
+    (
+        CurrentFlowing(**TWO, capacitances=(C, 3e-8)),
+        lambda s: branch(s, 0, 1 / (s * C)) + branch(s, 1, 1 / (s * 3e-8)),
+    ),
+    (ParallelBranches(**TWO, capacitances=(3e-8,)), lambda s: branch(s, 0, 0) + branch(s, 1, 1 / (s * 3e-8))),
+    (
+        CurrentBlocking(**TWO, **BLOCKED, coil_quality=30.0),
+        lambda s: branch(s, 0, block(s, 1, 30.0)) + branch(s, 1, block(s, 0, 30.0)),
+    ),
     (NegativeCapacitance(capacitance=C, resistance=R), lambda s: 1 / R - s * C),
     (
         NegativeCapacitance(capacitance=9e-8, resistance=R, topology="series"),
@@ -121,9 +148,11 @@ def test_admittance_of_a_short_is_infinite():
 @pytest.mark.parametrize("drive", ["voltage", "current"])
 @pytest.mark.parametrize(("shunt", "formula"), ADMITTANCES, ids=NAMES)
 def test_linearize_shunt(shunt, formula, drive):
+    branched = ("current_flowing", "parallel_branches", "current_blocking")
     improper = {
-        "voltage": ("parallel_rlc", "negative_capacitance_parallel"), "current": ("open", "series_rl", "series_rlc")
-    }  # fmt: skip
+        "voltage": ("parallel_rlc", "negative_capacitance_parallel"),
+        "current": ("open", "series_rl", "series_rlc", *branched),
+    }
     name = NAMES[SHUNTS.index(shunt)]
     if name in improper[drive]:
         with pytest.raises(ParameterError, match=r"improper .* allowed is"):

@@ -45,6 +45,7 @@ CIRCUITS = ["resistor", "rectifier", "parallel_sshi"]
 OF_EFFECTS = [*(("all", kind) for kind in CIRCUITS), *zip(EFFECTS, itertools.cycle(CIRCUITS))]
 QUICK = [("all", "resistor"), ("leakage", "resistor"), ("stiffening", "rectifier"), ("load_error", "parallel_sshi")]
 
+BRANCHES = {"inductances": [300.0, 40.0], "resistances": [3e4, 2e4]}
 LINEAR = {
     "open": {"kind": "open"},
     "short": {"kind": "short"},
@@ -56,6 +57,12 @@ LINEAR = {
     "negative_capacitance": {"kind": "negative_capacitance", "resistance": 1e5, "capacitance": 20e-9},
     "series negative": {
         "kind": "negative_capacitance", "resistance": 1e5, "capacitance": 100e-9, "topology": "series",
+    },
+    "current_flowing": {"kind": "current_flowing", **BRANCHES, "capacitances": [50e-9, 40e-9]},
+    "parallel_branches": {"kind": "parallel_branches", **BRANCHES, "capacitances": [40e-9]},
+    "current_blocking": {
+        "kind": "current_blocking", **BRANCHES, "blocking_inductances": [25.0, 3.0],
+        "blocking_capacitances": [400e-9, 500e-9], "coil_quality": 6.0,
     },
     "network": {"kind": "network", "netlist": NETWORK},
     "network with loops and cutsets": {"kind": "network", "netlist": LOOPS},

@@ -20,6 +20,7 @@ from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.shunts.switching import InductiveSwitch, SynchronisedShunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.design.operation import Operation
+from piezoharvest.design.places import lists_of, value_at, with_values
 from piezoharvest.study import SYNTHESISED, DesignOptions
 
 QUALITY = 6.0  # inverts to exp(-pi/(2 Q)) = 0.77 of the voltage: between the 0.6 of a small coil and 0.9 of a good one
@@ -28,6 +29,7 @@ FLIP_SHARE = 1 / 50  # of the period: short beside it, and still slow enough for
 # half period and the best load by 0.2 %; where charging up counts, by 2.5 % and 1 %.
 STEADY_PERIODS, TRANSIENT_PERIODS = 100.0, 20.0
 NEGATIVE_SHARE = 0.5  # of the capacitance: doubles K^2, with as much again to the limit of stability
+_MOST_BRANCHES = 3  # of assumed shunts with a branch for each mode: more parts than that take long to tune
 _TUNED_UNITS = ("ohm", "H", "F")
 ANGLES = ("phase_lag",)  # fields that may be negative: they are not tuned as logarithms
 
@@ -62,7 +64,7 @@ class Draft:
 
     def first(self) -> dict[str, float]:
         """Present values of the free fields."""
-        return {name: getattr(self.shunt, name) for name in self.free}
+        return {name: value_at(self.shunt, name) for name in self.free}
 
     @property
     def tied(self) -> dict[str, str]:
@@ -74,7 +76,7 @@ class Draft:
         values = dict(values)
         if self.smoothing is not None and "load_resistance" in values:
             values["smoothing_capacitance"] = self.smoothing / values["load_resistance"]
-        return dataclasses.replace(self.shunt, **values)
+        return with_values(self.shunt, values)
 
 
 @dataclass
@@ -134,6 +136,8 @@ class Drafting:
             return False
         if not templated and any(state.storage < 0 for state in shunt.states(self.transducer.capacitance)):
             return False  # active parts only where they are asked for
+        if self.options.objective == "trade_off":
+            return True
         gives = harvests(shunt, self.transducer.capacitance, 1 / self.frequency)
         return gives if self.options.objective == "harvest" else isinstance(shunt, LinearShunt) or not gives
 
@@ -145,22 +149,33 @@ class Drafting:
         names: list[str] = []
         if isinstance(shunt, Bridge):
             names.append("load_resistance" if shunt.dc_voltage is None else "dc_voltage")
-        if isinstance(shunt, SynchronisedShunt) and self._lag_is_free:
+        if isinstance(shunt, SynchronisedShunt) and self._lag_is_free(shunt):
             names.append("phase_lag")
         if isinstance(shunt, LinearShunt):
             active = [-state.storage for state in shunt.states(self.transducer.capacitance) if state.storage < 0]
-            names += [name for name in _parts(type(shunt)) if getattr(shunt, name) not in active]
-        return tuple(name for name in names if name not in self.options.hold)
+            names += [name for name in _entries(shunt) if value_at(shunt, name) not in active]
+        held = self.options.hold
+        return tuple(name for name in names if name.partition(".")[0] not in held)
 
-    @property
-    def _lag_is_free(self) -> bool:
-        """True if the switches' lag is tuned: an angle of a sine, there is none under other excitations."""
-        wanted = self.options.phase_lag or ("free" if self.options.objective == "harvest" else "fixed")
+    def _lag_is_free(self, shunt: SynchronisedShunt) -> bool:
+        """True if a switch's lag is tuned: an angle of a sine, there is none under other excitations."""
+        objective = self.options.objective
+        pays = objective == "harvest" or (
+            objective == "trade_off" and harvests(shunt, self.transducer.capacitance, 1 / self.frequency)
+        )
+        wanted = self.options.phase_lag or ("free" if pays else "fixed")
         return wanted == "free" and self.operation.apart
 
     def _assume(self, cls: type[Shunt], wanted: bool) -> list[Draft]:
         """Draft of a kind without a template, with typical values; empty where a value cannot be assumed."""
+        modes = self.operation.modes(self.transducer)[:_MOST_BRANCHES]
+        if lists_of(cls) and len(modes) < 2:
+            if wanted:
+                self.left_out.append(f"{cls.kind}, as fewer than two modes are in the band")
+            return []
         values, notes = self._typical(cls)
+        for name in lists_of(cls):  # the tuning begins elsewhere: only the number of branches counts
+            values[name] = (values[name],) * (len(modes) - (name == "capacitances" and cls.kind == "parallel_branches"))
         needed = [
             f.name for f in dataclasses.fields(cls)
             if f.init and f.default is MISSING and f.default_factory is MISSING and f.name not in values
@@ -179,7 +194,7 @@ class Drafting:
 
     def _may_fit(self, cls: type[Shunt]) -> bool:
         """True if a kind that cannot be built could be of use: one that only switches does not harvest."""
-        if self.options.objective == "damping" or issubclass(cls, Bridge) or not issubclass(cls, SynchronisedShunt):
+        if self.options.objective != "harvest" or issubclass(cls, Bridge) or not issubclass(cls, SynchronisedShunt):
             return True
         return cls.harvested_share is not SynchronisedShunt.harvested_share
 
@@ -261,11 +276,19 @@ def _parts(cls: type[Shunt]) -> dict[str, str]:
     return {f.name: f.metadata["unit"] for f in fields}
 
 
+def _entries(shunt: Shunt) -> list[str]:
+    """Names of the parts that a shunt requires, of lists those of their entries."""
+    lists = lists_of(type(shunt))
+    found = [[f"{n}.{k}" for k, _ in enumerate(getattr(shunt, n))] if n in lists else [n] for n in _parts(type(shunt))]
+    return [name for names in found for name in names]
+
+
 def _distinct(drafts: list[Draft]) -> list[Draft]:
     """Drafts that differ in more than their initial values."""
     kept: dict[Any, Draft] = {}
     for draft in drafts:
-        names = [f.name for f in dataclasses.fields(draft.shunt) if f.name not in draft.free]
+        lists = {name.partition(".")[0] for name in draft.free}
+        names = [f.name for f in dataclasses.fields(draft.shunt) if f.name not in lists]
         fixed = tuple(getattr(draft.shunt, name) for name in names)
         kept.setdefault((draft.kind, draft.free, fixed), draft)
     return list(kept.values())

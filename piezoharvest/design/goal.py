@@ -35,6 +35,8 @@ class Figures(NamedTuple):
         Remarks on the simulation.
     response : Response or None
         A simulation, over a band that of the largest displacement; None for figures of the linear two-port.
+    standard_error : float or None
+        Of the harvested power under noise, W; None where it is not estimated.
     """
 
     harvested_power: float
@@ -44,6 +46,7 @@ class Figures(NamedTuple):
     converged: bool = True
     message: str = ""
     response: Response | None = None
+    standard_error: float | None = None
 
 
 class Slopes(NamedTuple):

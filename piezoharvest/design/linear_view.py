@@ -16,12 +16,14 @@ from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.design.goal import SMALLEST_FIGURE, Figures, Goal, Slopes
 from piezoharvest.design.operation import Operation
+from piezoharvest.design.places import value_at, with_values
 from piezoharvest.linear import frequency_response, hysteresis_slope, poles
 from piezoharvest.linear.response import FrequencyResponse
 
 _GRID_POINTS = 61  # points of a band, besides those at the poles
 _ZOOMS, _ZOOM_POINTS = 7, 11  # a peak's frequency to 1e-5 of the grid's spacing, its height to the square of that
 _AMPLITUDE_STEPS = 60
+_BESIDE = 1e-12  # relative: moves a frequency off a pole by some thousand roundings
 _STEP = 1e-5  # of central differences, in e-folds: the error of a slope is 1e-10
 
 
@@ -65,8 +67,11 @@ class LinearView:
 
     def response(self, shunt: Shunt, frequencies: Any) -> FrequencyResponse:
         """Response to a unit drive."""
-        system = System(self.transducer, shunt)
-        return frequency_response(system, frequencies, base=self.operation.base, amplitude=self.amplitude)
+        system, given = System(self.transducer, shunt), {"base": self.operation.base, "amplitude": self.amplitude}
+        try:
+            return frequency_response(system, frequencies, **given)
+        except np.linalg.LinAlgError:  # at a pole without damping: beside it the peak is as high as can be told
+            return frequency_response(system, np.asarray(frequencies) * (1 + _BESIDE), **given)
 
     def levels(self, shunt: Shunt, grid: np.ndarray) -> Levels:
         """Levels of a shunt, or of a batch of designs; `grid` in Hz is used where lines act one at a time."""
@@ -160,8 +165,8 @@ class LinearView:
         """
         n = len(parts)
         steps = np.exp(_STEP * np.concatenate((np.zeros((1, n)), np.eye(n), -np.eye(n))))
-        values = {name: getattr(shunt, name) * steps[:, k : k + 1] for k, name in enumerate(parts)}
-        power, *levels = self.levels(replace(shunt, **values), self.grid(shunt))
+        values = {name: value_at(shunt, name) * steps[:, k : k + 1] for k, name in enumerate(parts)}
+        power, *levels = self.levels(with_values(shunt, values), self.grid(shunt))
         heights = [power, *(x[:, np.argmax(x[0])] for x in levels)]
         logs = [np.log(np.maximum(x, SMALLEST_FIGURE)) for x in heights]
         slopes = Slopes(*((x[1 : n + 1] - x[n + 1 :]) / (2 * _STEP) for x in logs))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from scipy.special import roots_legendre
 
 from piezoharvest.description.excitation import Excitation, Multisine, Tones
 from piezoharvest.description.parameters import ParameterError
@@ -70,6 +71,18 @@ class Operation:
         if len(inside) and not isinstance(self.excitation, Multisine):
             return float(inside[0])
         return float(self.frequencies[np.argmax(self.squares)])
+
+    def modes(self, transducer: Transducer) -> list[tuple[float, float]]:
+        """Short- and open-circuit resonances (rad/s) of the modes in the band, the most strongly coupled first.
+
+        Of all modes where the excitation has no band.
+        """
+        found = resonances(transducer)
+        pairs = 2 * np.pi * np.transpose([found.short_circuit.undamped, found.open_circuit.undamped])
+        if len(self.frequencies) > 1:
+            low, high = 2 * np.pi * self.frequencies[[0, -1]]
+            pairs = pairs[(pairs[:, 1] >= low) & (pairs[:, 0] <= high)]
+        return [(float(s), float(o)) for s, o in sorted(pairs, key=lambda pair: pair[0] / pair[1])]
 
     def at(self, frequency: float | np.ndarray) -> Excitation:
         """The sine at another frequency (Hz), or a batch of sines at frequencies (n, 1)."""
@@ -158,7 +171,7 @@ def _extreme_poles(transducer: Transducer) -> np.ndarray:
 
 @cache
 def _gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
-    return np.polynomial.legendre.leggauss(count)
+    return roots_legendre(count)
 
 
 def _lines(excitation: Excitation, transducer: Transducer) -> tuple[np.ndarray, np.ndarray]:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from piezoharvest.description.netlist import Element
 from piezoharvest.description.shunts import Shunt
+from piezoharvest.design.front.point import Front, FrontPoint, overall
 from piezoharvest.design.parts.choice import PartsChoice
 from piezoharvest.design.robust.worst import RobustCase
 
@@ -64,11 +66,12 @@ class Candidate:
     ----------
     shunt : Shunt
     harvested_power : float
-        W, by simulation; over a band its mean.
+        W, by simulation; over a band its mean, under noise its expectation.
     attenuation_db : float
         Displacement against the short circuit, by simulation; over a band worst peak against worst peak.
     displacement_amplitude, voltage_amplitude : float
-        m and V, by simulation; over a band the largest.
+        m and V, by simulation; over a band the largest. Under noise the displacement is the amplitude of a sine with
+        the expected mean square, the voltage the largest of the study's realisation.
     converged : bool
         True if every simulation behind these figures is reliable.
     violates : tuple of str
@@ -79,6 +82,8 @@ class Candidate:
         Tuning method.
     iterations : int
         Iterations of the optimiser, or simulations where it tuned on them.
+    standard_error : float or None
+        W, of the harvested power under noise: 0 where its expectation is exact, None for other excitations.
     gap_to_bound : float or None
         Relative distance from the bound.
     schedule : tuple of mapping or None
@@ -106,6 +111,7 @@ class Candidate:
     start: str = ""
     method: str = ""
     iterations: int = 0
+    standard_error: float | None = None
     gap_to_bound: float | None = None
     schedule: tuple[Mapping[str, float], ...] | None = None
     scheduled_power: float | None = None
@@ -129,7 +135,7 @@ class Candidate:
         restrictions = None if self.restrictions is None else [dict(row) for row in self.restrictions]
         worst = self.worst_case.as_json() if self.worst_case else None
         more = {"violates": list(self.violates), "schedule": schedule, "parts": parts, "worst_case": worst}
-        more["restrictions"] = restrictions
+        more |= {"restrictions": restrictions, "harvested_power_standard_error": self.standard_error}
         return {"shunt": shunt_table(self.shunt), **values, **more}
 
 
@@ -142,21 +148,26 @@ class DesignResult:
     candidates : tuple of Candidate
         Best first; those that violate a limit after those that keep all, unreliable ones last.
     bound : Bound
-    trade_off : tuple of mapping
-        Front between harvesting and damping.
+    fronts : tuple of Front
+        For the trade-off the front between harvesting and damping of each candidate, with parts as tuned.
     notes : tuple of str
         Assumptions, omissions and other remarks.
     """
 
     candidates: tuple[Candidate, ...]
     bound: Bound = Bound()
-    trade_off: tuple[Mapping[str, Any], ...] = ()
+    fronts: tuple[Front, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
     def best(self) -> Candidate:
         """The first candidate."""
         return self.candidates[0]
+
+    @cached_property
+    def trade_off(self) -> tuple[FrontPoint, ...]:
+        """The best front over all kinds, largest power first."""
+        return overall(self.fronts)
 
     @property
     def converged(self) -> bool:
@@ -169,9 +180,19 @@ class DesignResult:
             "bound": self.bound.as_json(),
             "candidates": [candidate.as_json() for candidate in self.candidates],
             "best": 0,
-            "trade_off": [dict(point) for point in self.trade_off],
+            "trade_off": [_point_table(point) for point in self.trade_off],
+            "fronts": [
+                {"kind": front.kind, "free": list(front.free), "points": [_point_table(p) for p in front.points]}
+                for front in self.fronts
+            ],
             "notes": list(self.notes),
         }
+
+
+def _point_table(point: FrontPoint) -> dict[str, Any]:
+    """Point of a front as a table of the JSON output."""
+    figures = {"harvested_power": point.harvested_power, "attenuation_db": point.attenuation_db}
+    return {"kind": point.shunt.kind, "shunt": shunt_table(point.shunt), **figures}
 
 
 def shunt_table(shunt: Shunt) -> dict[str, Any]:

@@ -11,11 +11,13 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Shunt
 from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.design.bound import bound_of
-from piezoharvest.design.drafts import Draft, Drafting
+from piezoharvest.design.drafts import Draft, Drafting, harvests
+from piezoharvest.design.front import Front, FrontTracer
 from piezoharvest.design.goal import Goal, largest_inductance
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.operation import is_sine, operation_of
 from piezoharvest.design.parts.choice import PartsChoice, PartsChooser
+from piezoharvest.design.places import lists_of, value_at
 from piezoharvest.design.result import Bound, Candidate, DesignResult
 from piezoharvest.design.robust.robustness import Robustness
 from piezoharvest.design.robust.worst import RobustCase
@@ -58,7 +60,7 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
     Raises
     ------
     ParameterError
-        No candidate is left, the excitation is zero or cannot be simulated, or the objective is not implemented yet.
+        No candidate is left, or the excitation is zero or cannot be simulated.
 
     Notes
     -----
@@ -71,12 +73,10 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
     `options.tolerance` the worst case of each is found, and with `options.worst_case` tuned for (`robust`). With
     `options.parts` each tuned candidate is rounded to a series of preferred values (`parts`); what is ranked is what
     can be bought. The candidate "synthesised", only where it is named, is a network grown for the objective
-    (`synthesis`). All is set against the bound of passive linear shunts (`bound`).
+    (`synthesis`). All is set against the bound of passive linear shunts (`bound`). For the trade-off the candidates
+    are those that are best for harvest, ranked by power, and the front of each goes on from there (`front`).
     """
     options = study.design or DesignOptions()
-    if options.objective == "trade_off":
-        later = "found 'trade_off', which this version cannot do yet, allowed is 'harvest' or 'damping'"
-        raise ParameterError("design.objective", later)
     return _Design(study, options, progress or (lambda _: None)).run()
 
 
@@ -86,6 +86,7 @@ class _Design:
     options: DesignOptions
     progress: Progress
     notes: list[str] = field(default_factory=list)
+    tuned: list[tuple[Draft, Shunt]] = field(default_factory=list)
 
     def run(self) -> DesignResult:
         study, options = self.study, self.options
@@ -108,13 +109,26 @@ class _Design:
         candidates = tuple(sorted(self._candidates(drafts), key=self._rank))
         if not any(candidate.feasible for candidate in candidates):
             self.notes.insert(0, "no candidate keeps all limits")
+        fronts = self._fronts() if options.objective == "trade_off" else ()
         bound = self._bound(candidates)
         gaps = [bound.gap(c.harvested_power, c.attenuation_db, damping=self.goal.damping) for c in candidates]
         candidates = tuple(
             replace(c, gap_to_bound=gap, restrictions=bounded(c.restrictions, bound))
             for c, gap in zip(candidates, gaps, strict=True)
         )
-        return DesignResult(candidates=candidates, bound=bound, notes=tuple(self.notes))
+        return DesignResult(candidates=candidates, bound=bound, fronts=fronts, notes=tuple(self.notes))
+
+    def _fronts(self) -> tuple[Front, ...]:
+        """Fronts between power and damping, with parts as tuned, not as bought."""
+        tracer = FrontTracer(self.view, self.host, self._is_exact)
+        found = []
+        for draft, best in self.tuned:
+            self.progress(f"{draft.kind}: front between power and damping")
+            front = tracer.front(draft, best)
+            points = tuple(replace(point, shunt=_as_network(point.shunt)) for point in front.points)
+            found.append(replace(front, points=points))
+        self.notes += tracer.notes
+        return tuple(front for front in found if front.points)
 
     def _synthesised(self) -> list[Draft]:
         """Draft of a synthesised network, where it is asked for."""
@@ -163,6 +177,7 @@ class _Design:
         self.progress(f"{draft.kind}: tuning {', '.join(draft.free) or 'nothing'}")
         phase = self._phase(draft) if "phase_lag" in draft.free else None
         tuned = phase.fixed() if phase else self._tuned(draft)
+        self.tuned.append((draft, tuned.shunt))
         nominal, tuned = tuned.shunt, self._hardened(draft, tuned)
         schedule = phase.schedule() if phase and self.options.band and not self.goal.damping else None
         parts = self._parts(draft, tuned.shunt)
@@ -175,7 +190,8 @@ class _Design:
         found = Candidate(
             shunt=shunt, parts=parts, harvested_power=figures.harvested_power, attenuation_db=figures.attenuation_db,
             displacement_amplitude=figures.displacement_amplitude, voltage_amplitude=figures.voltage_amplitude,
-            converged=figures.converged, violates=violates, start=tuned.start, method=tuned.method,
+            converged=figures.converged, standard_error=figures.standard_error, violates=violates,
+            start=tuned.start, method=tuned.method,
             iterations=tuned.iterations, response=figures.response,
             schedule=schedule and schedule.table, scheduled_power=schedule and schedule.power, worst_case=worst_case,
             restrictions=self.synthesis.restrictions() if isinstance(draft.shunt, Ladder) else None,
@@ -197,14 +213,22 @@ class _Design:
         if self.robust is None or not self.options.worst_case:
             return tuned
         self.progress(f"{draft.kind}: tuning for the worst case")
-        return self.robust.hardened(draft, tuned, self._region(draft), self._on_two_port(tuned.shunt))
+        try:
+            return self.robust.hardened(draft, tuned, self._region(draft), self._on_two_port(tuned.shunt))
+        except ParameterError as error:
+            self.notes.append(f"{draft.kind}: not tuned for its worst case: {error.message}")
+            return tuned
 
     def _worst_case(self, shunt: Shunt, nominal: Shunt) -> RobustCase | None:
         """Worst case of a candidate, where a tolerance is given."""
         if self.robust is None:
             return None
         before = nominal if self.options.worst_case else shunt
-        return self.robust.case(shunt, before, self._on_two_port(shunt))
+        try:
+            return self.robust.case(shunt, before, self._on_two_port(shunt))
+        except ParameterError as error:
+            self.notes.append(f"{shunt.kind}: its worst case was not found: {error.message}")
+            return None
 
     def _on_two_port(self, shunt: Shunt) -> bool:
         return isinstance(shunt, LinearShunt) and self._is_exact(self.view.working(shunt), shunt)
@@ -212,12 +236,21 @@ class _Design:
     def _phase(self, draft: Draft) -> PhaseTuning:
         loads = isinstance(draft.shunt, Bridge) and len(draft.free) > 1
         found = bridge_starts(self.view, draft) if loads else []
-        return PhaseTuning(self.trial, draft, phase_start(draft, found), self._region(draft))
+        return PhaseTuning(self._trial_of(draft), draft, phase_start(draft, found), self._region(draft))
+
+    def _trial_of(self, draft: Draft) -> Trial:
+        """The trial in which a draft is tuned: for damping where power counts and it harvests none."""
+        if self.goal.damping or harvests(draft.shunt, self.study.transducer.capacitance, 2 * np.pi / self.host.omega):
+            return self.trial
+        return Trial(replace(self.view, goal=Goal(replace(self.options, objective="damping"))), left=self.trial.left)
 
     def _linear(self, draft: Draft) -> Tuned:
         """Tune on the two-port, and on by simulation from there if that disagrees."""
         view, region = self._view(draft), self._region(draft)
-        best = _best(tune(view, draft, start, region) for start in starts(draft, self.host))
+        found = starts(draft, self.host)
+        if lists_of(type(draft.shunt)):  # a branch for each mode: with so many parts one tuning takes seconds
+            found = [min(found, key=lambda start: view.goal.merit(view.figures(draft.with_values(start.values))))]
+        best = _best(tune(view, draft, start, region) for start in found)
         for _ in range(_AMPLITUDE_ROUNDS if view.amplitude else 0):
             # The describing function at the amplitude with the tuned shunt, not at a guessed one.
             view = view.working(best.shunt)
@@ -265,7 +298,7 @@ class _Design:
             note(f"{kind}: {inductance:.3g} H needs a synthetic inductor (coils end at about {LARGEST_COIL:g} H)")
         if draft.free and isinstance(found.shunt, LinearShunt):
             region = self._region(draft)
-            for text in region.remarks(np.log([getattr(tuned, n) for n in draft.free])):
+            for text in region.remarks(np.log([value_at(tuned, n) for n in draft.free])):
                 note(f"{kind}: {'before rounding, ' if found.parts else ''}{text}")
         if found.parts and found.parts.remark:
             note(f"{kind}: {found.parts.remark}")
@@ -299,4 +332,4 @@ def _beyond(candidate: Candidate, bound: Bound) -> str:
 
 
 def _start_at(draft: Draft, tuned: Tuned) -> Start:
-    return Start(tuned.start, {name: getattr(tuned.shunt, name) for name in draft.free})
+    return Start(tuned.start, {name: value_at(tuned.shunt, name) for name in draft.free})

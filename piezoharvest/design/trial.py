@@ -16,6 +16,7 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Shunt
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.system import System
+from piezoharvest.design.broadband.expectation import NoiseExpectation
 from piezoharvest.design.drafts import ANGLES
 from piezoharvest.design.goal import SMALLEST_FIGURE, Figures, Slopes
 from piezoharvest.design.linear_view import LinearView
@@ -31,6 +32,7 @@ _TUNING_POINTS, _FINAL_POINTS = 17, 41  # of switched circuits
 _PEAK_STEPS = 8
 # Of all simulations of a design together, in units of `engine.work_limit`: about 10 s, twice the largest of designs/.
 _MAX_WORK = MAX_WORK * 5 // 4
+_NOISE_SHARE = 0.08  # of that for the expectation of one candidate: most of twelve, with their tuning, are within it
 _TUNING_SAMPLES = 16  # waveforms are not used while tuning; amplitudes do not depend on their number
 
 
@@ -134,8 +136,10 @@ class Trial:
         operation = self.view.operation
         excitation = operation.excitation if frequency is None else operation.at(frequency)
         samples = {} if complete else {"samples": _TUNING_SAMPLES}
+        system, alone = System(self.view.transducer, shunt), operation.band is None
         with self._counted() as budget:
-            response = simulate(System(self.view.transducer, shunt), excitation, budget=budget, **samples)
+            # Over a band worst peaks are compared: the short circuit need not be simulated at each frequency.
+            response = simulate(system, excitation, attenuation=alone, budget=budget, **samples)
         self._check_left()
         if response.exhausted:  # as many others would be
             raise self._impossible(response)
@@ -163,8 +167,28 @@ class Trial:
 
     def _alone(self, shunt: Shunt, complete: bool) -> Figures:
         r = self._simulate(shunt, complete)
-        return Figures(r.harvested_power, r.displacement_amplitude, r.voltage_amplitude, float(r.attenuation_db),
-                       r.converged, r.message, r)  # fmt: skip
+        found = Figures(r.harvested_power, r.displacement_amplitude, r.voltage_amplitude, float(r.attenuation_db),
+                        r.converged, r.message, r)  # fmt: skip
+        return self._expected(shunt, found) if complete and self._noise else found
+
+    @property
+    def _noise(self) -> bool:
+        """True under stationary noise: expectations count, not what one realisation happens to be."""
+        return hasattr(self.view.operation.excitation, "psd")
+
+    def _expected(self, shunt: Shunt, found: Figures) -> Figures:
+        """Figures of a realisation with the expectations under noise in their place, as far as there are any."""
+        noise = NoiseExpectation(self.view)
+        allowed = max(min(self.left, int(_MAX_WORK * _NOISE_SHARE)), 0)
+        budget = Budget(allowed)
+        power, square = noise.of(shunt, budget)
+        self.left -= allowed - budget.left
+        found = found._replace(harvested_power=power.value, standard_error=power.standard_error)
+        if not noise.exact:
+            return found
+        level = float(np.sqrt(2 * square.value))
+        attenuation = 20 * float(np.log10(level / self.shorted))
+        return found._replace(displacement_amplitude=level, attenuation_db=attenuation)
 
     def _over_band(self, shunt: Shunt, complete: bool) -> Figures:
         """Mean power at the nodes of a quadrature; displacement at its worst peak."""
@@ -251,7 +275,8 @@ class Trial:
         worst = max(found.values(), key=lambda response: response.displacement_amplitude)
         if not worst.displacement_amplitude > 0:
             raise self._impossible(worst)
-        return worst.displacement_amplitude
+        exact = self._noise and NoiseExpectation(self.view).exact
+        return self.view.shorted if exact else worst.displacement_amplitude
 
     @staticmethod
     def _impossible(response: Response) -> ParameterError:

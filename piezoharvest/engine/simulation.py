@@ -42,6 +42,7 @@ def simulate(
     *,
     transient: float | None = None,
     samples: int = 512,
+    attenuation: bool = True,
     budget: Budget | None = None,
 ) -> Response:
     """Simulate a system exactly, event by event.
@@ -56,6 +57,9 @@ def simulate(
         directly; any other excitation is run from rest over its length.
     samples : int
         Waveform samples in a period, or in the length of a non-periodic excitation.
+    attenuation : bool
+        Compare the displacement with that of the short circuit, which is simulated for it; without, `attenuation_db`
+        is NaN.
     budget : Budget, optional
         Work limit, from which the work done is subtracted; default that of one simulation.
 
@@ -96,6 +100,8 @@ def simulate(
         )
     if isinstance(system.shunt, Short):
         return response
+    if not attenuation:
+        return _replaced(response, attenuation_db=np.nan)
     reference, reason = _short_circuit(system.transducer, excitation, transient)
     if not reason and not response.displacement_amplitude > 0:
         reason = "nothing moves"

@@ -10,6 +10,7 @@ from piezoharvest.linear.material import (
     transmission_coefficient,
 )
 from piezoharvest.linear.modal import CouplingFactors, Resonance, Resonances, coupling_factor, resonances
+from piezoharvest.linear.noise import MeanSquares, white_noise_response
 from piezoharvest.linear.response import FrequencyResponse, frequency_response
 from piezoharvest.linear.stability import check_stability, poles
 from piezoharvest.linear.statespace import closed_loop, linearize, linearize_shunt
@@ -19,6 +20,7 @@ __all__ = [
     "CouplingFactors",
     "FrequencyResponse",
     "LinearModel",
+    "MeanSquares",
     "Resonance",
     "Resonances",
     "TwoPort",
@@ -41,4 +43,5 @@ __all__ = [
     "series_element",
     "static_matrix",
     "transmission_coefficient",
+    "white_noise_response",
 ]

@@ -114,7 +114,9 @@ def kind_name(kind: str) -> str:
 
 def symbol(name: str) -> str:
     """Symbol or words for a shunt's key."""
-    return _SYMBOLS.get(name, name.replace("_", " "))
+    field, _, place = name.partition(".")
+    number = f" {int(place) + 1}" if place else ""
+    return _SYMBOLS.get(field, field.replace("_", " ")) + number
 
 
 def quantity_text(value: Any, unit: str | None, digits: int = 3) -> str:

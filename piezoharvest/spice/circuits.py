@@ -67,6 +67,36 @@ def _parallel_rlc(deck, shunt, point):
     return _parallel_rl(deck, shunt, point)
 
 
+def _branches(deck, shunt, point):
+    harvested = []
+    for n, inductance, resistance, capacitance in shunt.branches():
+        if capacitance is not None:
+            deck.add(f"Cbranch{n} c{n} r{n}", capacitance, "IC=0")
+        deck.add(f"Lbranch{n} p {'r' if capacitance is None else 'c'}{n}", inductance, "IC=0")
+        deck.add(f"Rbranch{n} r{n} 0", resistance)
+        harvested.append((1 / resistance, f"V(r{n})*V(r{n})"))
+    slowest = max(2 * inductance / resistance for _, inductance, resistance, _ in shunt.branches())
+    return NetlistCircuit(total(harvested), slowest=slowest)
+
+
+def _blocking(deck, shunt, point):
+    ends, harvested = ["p"] * len(shunt.inductances), []
+    for n, mode, name in shunt.blocks():
+        ends[n], begin, coil = f"b{name}", ends[n], shunt.coil_resistance(mode)
+        deck.add(f"Cblock{name} {begin} {ends[n]}", shunt.blocking_capacitances[mode], "IC=0")
+        deck.add(f"Lblock{name} {begin} {f'l{name}' if coil else ends[n]}", shunt.blocking_inductances[mode], "IC=0")
+        if coil:
+            deck.add(f"Rblock{name} l{name} {ends[n]}", coil)
+    for n, (inductance, resistance) in enumerate(zip(shunt.inductances, shunt.resistances, strict=True)):
+        deck.add(f"Lbranch{n} {ends[n]} r{n}", inductance, "IC=0")
+        deck.add(f"Rbranch{n} r{n} 0", resistance)
+        harvested.append((1 / resistance, f"V(r{n})*V(r{n})"))
+    losses = [(shunt.blocking_inductances[mode], shunt.coil_resistance(mode)) for _, mode, _ in shunt.blocks()]
+    parts = [*zip(shunt.inductances, shunt.resistances, strict=True), *(pair for pair in losses if pair[1])]
+    slowest = max(2 * inductance / resistance for inductance, resistance in parts)
+    return NetlistCircuit(total(harvested), slowest=slowest)
+
+
 def _negative_capacitance(deck, shunt, point):
     if shunt.topology == "parallel":
         deck.comment("A copy of V(p) charges Cmirror; as much current is sent back into the electrodes.")
@@ -137,6 +167,9 @@ WRITERS: dict[str, Callable[..., NetlistCircuit]] = {
     "parallel_rlc": _parallel_rlc,
     "negative_capacitance": _negative_capacitance,
     "network": _network,
+    "current_flowing": _branches,
+    "parallel_branches": _branches,
+    "current_blocking": _blocking,
     "rectifier": _rectifier,
     "parallel_sshi": _parallel_sshi,
     "series_sshi": _series_sshi,

@@ -33,7 +33,13 @@ TYPICAL = {
 RELATIVE = 0.1  # a pure number of an effect
 SWITCHED_INDUCTANCE = 0.01
 # Fields that have no unit.
-GIVEN = {"network": {"netlist": "L1 1 2 150\nC1 2 0 30n\nR1 2 0 100k load"}}
+BRANCHES = {"inductances": (300.0, 40.0), "resistances": (3e4, 2e4)}
+GIVEN = {
+    "network": {"netlist": "L1 1 2 150\nC1 2 0 30n\nR1 2 0 100k load"},
+    "current_flowing": {**BRANCHES, "capacitances": (5e-8, 4e-8)},
+    "parallel_branches": {**BRANCHES, "capacitances": (4e-8,)},
+    "current_blocking": {**BRANCHES, "blocking_inductances": (25.0, 3.0), "blocking_capacitances": (4e-7, 5e-7)},
+}
 # Combinations beside the plainest ones that are worth a run.
 VARIANTS = {
     "rectifier": [{"dc_voltage": 1.0, "diode_drop": 0.2}],
@@ -43,6 +49,7 @@ VARIANTS = {
     "ssds": [{"phase_lag": 0.2}],
     "ssdi": [{"phase_lag": 0.2, "on_time_error": 0.4}],
     "ssdv": [{"phase_lag": -0.1, "on_time_error": -0.2}],
+    "current_blocking": [{"coil_quality": 20.0}],
     "negative_capacitance": [{"topology": "series", "capacitance": 3 * BENCH["capacitance"]}],
 }
 

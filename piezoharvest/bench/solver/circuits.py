@@ -113,6 +113,54 @@ class ParallelRLC(ParallelRL):
         return (others + self.capacitance * free) / (1.0 + self.capacitance * elastance), rates
 
 
+class CurrentFlowing(Circuit):
+    """Series branches side by side; states are all currents, then the capacitor voltages of the last branches."""
+
+    inductances: tuple[float, ...]
+    resistances: tuple[float, ...]
+    capacitances: tuple[float, ...]
+
+    def __init__(self, shunt):
+        super().__init__(shunt)
+        self.storage = (*self.inductances, *self.capacitances)
+
+    def flow(self, z, v, free, elastance):
+        count, without = len(self.inductances), len(self.inductances) - len(self.capacitances)
+        across = [v - (z[count + n - without] if n >= without else 0.0) for n in range(count)]
+        parts = zip(across, self.resistances, z[:count], self.inductances, strict=True)
+        currents = [(u - r * i) / inductance for u, r, i, inductance in parts]
+        voltages = [z[without + n] / c for n, c in enumerate(self.capacitances)]
+        return sum(z[:count]), (*currents, *voltages)
+
+
+class CurrentBlocking(Circuit):
+    """Branches with blocking circuits; states are the branch currents, then coil current and voltage of each block."""
+
+    inductances: tuple[float, ...]
+    resistances: tuple[float, ...]
+    blocking_inductances: tuple[float, ...]
+    blocking_capacitances: tuple[float, ...]
+    coil_quality: float | None
+
+    def __init__(self, shunt):
+        super().__init__(shunt)
+        count = len(self.inductances)
+        self.blocks = [(n, m) for n in range(count) for m in range(count) if m != n]
+        of_blocks = [(self.blocking_inductances[m], self.blocking_capacitances[m]) for _, m in self.blocks]
+        self.storage = (*self.inductances, *(part for pair in of_blocks for part in pair))
+
+    def flow(self, z, v, free, elastance):
+        count, rates = len(self.inductances), []
+        left = [v - r * i for r, i in zip(self.resistances, z[:count], strict=True)]
+        for k, (n, m) in enumerate(self.blocks):
+            coil, voltage = z[count + 2 * k], z[count + 2 * k + 1]
+            inductance, capacitance = self.blocking_inductances[m], self.blocking_capacitances[m]
+            loss = 0.0 if self.coil_quality is None else np.sqrt(inductance / capacitance) / self.coil_quality
+            left[n] = left[n] - voltage
+            rates += [(voltage - loss * coil) / inductance, (z[n] - coil) / capacitance]
+        return sum(z[:count]), (*(u / part for u, part in zip(left, self.inductances, strict=True)), *rates)
+
+
 class Rectifier(Circuit):
     """Bridge into a smoothing capacitor (whose voltage is the state) with its load, or into a constant voltage."""
 
@@ -157,5 +205,8 @@ CIRCUITS: dict[str, type[Circuit]] = {
     "parallel_rl": ParallelRL,
     "series_rlc": SeriesRLC,
     "parallel_rlc": ParallelRLC,
+    "current_flowing": CurrentFlowing,
+    "parallel_branches": CurrentFlowing,
+    "current_blocking": CurrentBlocking,
     "rectifier": Rectifier,
 }

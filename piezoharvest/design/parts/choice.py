@@ -16,6 +16,7 @@ from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.parts.rounding import Rounding
 from piezoharvest.design.parts.series import series_of
 from piezoharvest.design.parts.worst_case import PartsSpace, WorstCase, objective_of
+from piezoharvest.design.places import unit_at, value_at
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.region import Region
 
@@ -104,7 +105,7 @@ class PartsChooser:
     def choose(self, draft: Draft, tuned: Shunt) -> PartsChoice | None:
         """Round the parts of a tuned draft together; None for a draft without parts that are tuned."""
         options = self.goal.options
-        names = tuple(n for n in draft.free if type(tuned).__dataclass_fields__[n].metadata["unit"] in _BOUGHT_UNITS)
+        names = tuple(n for n in draft.free if unit_at(tuned, n) in _BOUGHT_UNITS)
         if options.parts is None or not names:
             return None
         series = series_of(options.parts)
@@ -124,7 +125,7 @@ class PartsChooser:
             shunt=bought.shunt, series=series.name, ideal=ideal.first(), values=values,
             cost=loss * 20 / np.log(10) if self.goal.damping else float(-np.expm1(-loss)), tolerance=tolerance,
             objective="attenuation_db" if self.goal.damping else "harvested_power", worst=figure,
-            worst_values={name: getattr(worst, name) for name in names},
+            worst_values={name: value_at(worst, name) for name in names},
             converged=worst_case.converged and converged, complete=rounding.complete,
         )  # fmt: skip
 

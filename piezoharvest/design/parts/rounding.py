@@ -21,6 +21,7 @@ from piezoharvest.design.drafts import Draft
 from piezoharvest.design.goal import Figures, Goal
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.parts.series import Series
+from piezoharvest.design.places import value_at
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.minimax import tune
 from piezoharvest.design.tuning.region import Region
@@ -109,7 +110,7 @@ class Rounding:
             tuned = tune(self.view, draft, Start("", others), region)
             if not tuned.merit < self._merits[best] - _GAIN:
                 break
-            others = {n: getattr(tuned.shunt, n) for n in others}
+            others = {n: value_at(tuned.shunt, n) for n in others}
             below = [number if n == name else self.series.below(others[n]) for n in self.draft.free]
             best = self._best_of(_box(below, [(0,) if n == name else _SIDES[0] for n in self.draft.free]), best)
         return best

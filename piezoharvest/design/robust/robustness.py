@@ -158,10 +158,7 @@ class Robustness:
         size = len(space.box.names)
         if not (space.batched and size):
             return 0, None
-        if space.exact:
-            most = min(_SAMPLES, _TWO_PORT_SAMPLES // max(len(space.nominal.survey(space.shunt)), 1))
-        else:
-            most = _SAMPLES // space.cost
+        most = min(_SAMPLES, _TWO_PORT_SAMPLES // space.cost) if space.exact else _SAMPLES // space.cost
         points = np.random.default_rng(1).uniform(-1, 1, (most, size)) * space.box.widths
         step, scores = max(_AT_ONCE // space.cost, 1), np.empty(0)
         for first in range(0, most, step):

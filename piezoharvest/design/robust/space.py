@@ -24,7 +24,7 @@ _STEP_SIMULATED = 1e-3  # the same by simulation, whose steady states are found 
 _MOST, _MOST_SIMULATED, _SIMULATIONS = 256, 9, 2000  # points of a first look, and simulations that they may take
 _MEAN_ERROR, _MOST_NODES = 1e-3, 41  # of simulated means over a band, as in tuning
 _LEVEL_POINTS = 17  # frequencies over the band at which displacement and voltage are looked at in a batch
-_AT_ONCE = 2048  # points of a batch on the two-port
+_AT_ONCE = 100_000  # systems of equations of a batch on the two-port, some 50 MB
 
 
 @dataclass
@@ -120,8 +120,9 @@ class ToleranceSpace:
         if not self.exact:
             return self.many(self.shunt, points)
         grid, found = self.nominal.survey(self.shunt), []
-        for first in range(0, len(points), _AT_ONCE):
-            found += self._peaks(self._levels(self.nominal, points[first : first + _AT_ONCE], grid))
+        step = max(_AT_ONCE // self.cost, 1)
+        for first in range(0, len(points), step):
+            found += self._peaks(self._levels(self.nominal, points[first : first + step], grid))
         return found
 
     def many(self, shunt: Shunt, points: np.ndarray) -> list[Figures]:
@@ -160,7 +161,9 @@ class ToleranceSpace:
 
     @property
     def cost(self) -> int:
-        """Simulations that one point takes."""
+        """Simulations, or frequencies on the two-port, that one point of a batch takes."""
+        if self.exact:
+            return len(self.nominal.operation.frequencies) + len(self.nominal.survey(self.shunt))
         return len(self._judged()[0]) if self.nominal.operation.apart else 1
 
     def _swept_tangent(self, point: np.ndarray) -> tuple[Figures, Slopes]:

@@ -117,5 +117,5 @@ class Region:
 
 
 def _is_inductance(name: str) -> bool:
-    """True for the inductance of a shunt, and for those of a synthesised network: L1, L2, ..."""
-    return name == "inductance" or name[0] == "L"
+    """True for inductances of a shunt and of its branches, and for those of a synthesised network: L1, L2, ..."""
+    return "inductance" in name or name[0] == "L"

@@ -16,6 +16,8 @@ from piezoharvest.description.shunts import LinearShunt
 from piezoharvest.description.shunts.linear.negative_capacitance import NegativeCapacitance
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.linear_view import LinearView
+from piezoharvest.design.places import unit_at
+from piezoharvest.design.tuning.branches import branch_values
 from piezoharvest.linear import TwoPort, resonances
 
 
@@ -40,6 +42,8 @@ class Host:
         K^2 of the mode.
     impedance : complex
         Of the leads at `omega`, ohm.
+    modes : tuple of (float, float)
+        Short- and open-circuit resonances in the band, rad/s, the most strongly coupled first.
     """
 
     omega: float
@@ -48,6 +52,7 @@ class Host:
     capacitance: float
     coupling: float
     impedance: np.complex128
+    modes: tuple[tuple[float, float], ...] = ()
 
     @classmethod
     def of(cls, view: LinearView) -> Host:
@@ -60,7 +65,8 @@ class Host:
         with np.errstate(all="ignore"):
             impedance = np.complex128(TwoPort.of(transducer, frequency, amplitude=view.amplitude).impedance()[0])
         coupling = (opened**2 - short**2) / short**2
-        return cls(2 * np.pi * frequency, short, opened, view.capacitance, coupling, impedance)
+        modes = tuple(view.operation.modes(transducer))
+        return cls(2 * np.pi * frequency, short, opened, view.capacitance, coupling, impedance, modes)
 
 
 def starts(draft: Draft, host: Host) -> list[Start]:
@@ -72,7 +78,10 @@ def starts(draft: Draft, host: Host) -> list[Start]:
         "parallel_rlc": _parallel_rlc, "negative_capacitance": _negative_capacitance,
     }.get(draft.kind)  # fmt: skip
     found = own(host, draft.shunt) if own else []
-    found.append(Start("impedance of the clamped capacitance", scales(draft, host)))
+    given = branch_values(draft.shunt, host.modes, host.capacitance)
+    found += [Start(formula, {name: values[name] for name in draft.free}) for formula, values in given]
+    if not given:
+        found.append(Start("impedance of the clamped capacitance", scales(draft, host)))
     return [s for s in found if all(np.isfinite(v) and v > 0 for v in s.values.values())]
 
 
@@ -81,8 +90,7 @@ def scales(draft: Draft, host: Host) -> dict[str, float]:
     c, w = host.capacitance, host.omega
     # A dc voltage is anything: from one volt the search region reaches from 0.1 mV to 10 kV.
     scale = {"ohm": 1 / (w * c), "H": 1 / (w**2 * c), "F": c, "V": 1.0, "rad": 0.0}
-    units = {name: type(draft.shunt).__dataclass_fields__[name].metadata["unit"] for name in draft.free}
-    return {name: scale[unit] for name, unit in units.items()}
+    return {name: scale[unit_at(draft.shunt, name)] for name in draft.free}
 
 
 def _resistor(host: Host, _: LinearShunt) -> list[Start]:

@@ -1,0 +1,1 @@
+"""Expected figures under noise: exact for linear shunts, estimated with a standard error for switched ones."""
