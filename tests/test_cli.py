@@ -389,11 +389,6 @@ class TestBadInput:
         assert "shunts: missing tables [[shunts]]" in refused("simulate", study)
         assert "shunts: missing tables [[shunts]]" in refused("export", study, "--out", "x.cir")
 
-    def test_what_is_to_come_says_so(self, study, refused, tmp_path):
-        (tmp_path / study).write_text(STUDY + 'objective = "trade_off"\n')
-        message = refused("design", study)
-        assert "study.toml: design.objective: found 'trade_off', which this version cannot do yet" in message
-
 
 def heed_interrupts():
     """In a child: tests that run in the background hand on that Ctrl-C is ignored."""

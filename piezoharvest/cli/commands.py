@@ -71,7 +71,6 @@ def design(path: Path, *, as_json: bool, report: Path | None) -> int:
 
 def _design(study: Study, *, as_json: bool, report: Path | None) -> int:
     study = replace(study, design=study.design or DesignOptions())
-    _refuse_what_is_to_come(study)
     if report is not None:
         check_new_directory(report)
     from piezoharvest.design import design as run
@@ -93,16 +92,6 @@ def _design(study: Study, *, as_json: bool, report: Path | None) -> int:
 
         print(write_report(study, result, report), file=sys.stderr if as_json else sys.stdout)
     return 0 if result.converged else 1
-
-
-def _refuse_what_is_to_come(study: Study) -> None:
-    """Raise for options of [design] that are not implemented yet."""
-    options = study.design or DesignOptions()
-    later = "which this version cannot do yet,"
-    if options.objective == "trade_off":
-        raise StudyError(
-            study.path, "design.objective", f"found 'trade_off', {later} allowed is 'harvest' or 'damping'"
-        )
 
 
 def export(path: Path, out: Path, shunt: int | None) -> int:

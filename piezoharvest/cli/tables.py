@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 
+_FRONT_STEPS = 12  # of a front that is printed; the JSON has all points
 _MIN_COST = 1e-4  # of the power, or dB: what is less is within the accuracy of the tuning, and of either sign
 # Keys of a result in the order of the interface; each is an attribute of `Response`.
 _RESULT = (
@@ -78,6 +79,20 @@ def print_design(title: str, result: Mapping[str, Any]) -> None:
     names = [row["shunt"]["kind"] for row in rows]
     keys = [*(_keys(row["shunt"], (row.get("parts") or {}).get("ideal", {})) for row in result["candidates"]), ""]
     _print_table(title, "candidate", names, columns, [row["converged"] for row in rows], keys)
+    if result["trade_off"]:
+        _print_front(result["trade_off"])
+
+
+def _print_front(points: Sequence[Mapping[str, Any]]) -> None:
+    """Print some points of the front between harvest and damping, both ends among them."""
+    step = max(1, -(-(len(points) - 1) // _FRONT_STEPS))
+    rows = [*points[:-1:step], points[-1]]
+    columns = [
+        Column("harvested power", "W", [row["harvested_power"] for row in rows]),
+        Column("attenu- ation", "dB", [row["attenuation_db"] for row in rows]),
+    ]
+    names, keys = [row["shunt"]["kind"] for row in rows], [_keys(row["shunt"], {}) for row in rows]
+    _print_table("front between harvested power and damping", "shunt", names, columns, [True] * len(rows), keys)
 
 
 def print_sweep(

@@ -136,6 +136,8 @@ class Drafting:
             return False
         if not templated and any(state.storage < 0 for state in shunt.states(self.transducer.capacitance)):
             return False  # active parts only where they are asked for
+        if self.options.objective == "trade_off":
+            return True
         gives = harvests(shunt, self.transducer.capacitance, 1 / self.frequency)
         return gives if self.options.objective == "harvest" else isinstance(shunt, LinearShunt) or not gives
 
@@ -147,7 +149,7 @@ class Drafting:
         names: list[str] = []
         if isinstance(shunt, Bridge):
             names.append("load_resistance" if shunt.dc_voltage is None else "dc_voltage")
-        if isinstance(shunt, SynchronisedShunt) and self._lag_is_free:
+        if isinstance(shunt, SynchronisedShunt) and self._lag_is_free(shunt):
             names.append("phase_lag")
         if isinstance(shunt, LinearShunt):
             active = [-state.storage for state in shunt.states(self.transducer.capacitance) if state.storage < 0]
@@ -155,10 +157,13 @@ class Drafting:
         held = self.options.hold
         return tuple(name for name in names if name.partition(".")[0] not in held)
 
-    @property
-    def _lag_is_free(self) -> bool:
-        """True if the switches' lag is tuned: an angle of a sine, there is none under other excitations."""
-        wanted = self.options.phase_lag or ("free" if self.options.objective == "harvest" else "fixed")
+    def _lag_is_free(self, shunt: SynchronisedShunt) -> bool:
+        """True if a switch's lag is tuned: an angle of a sine, there is none under other excitations."""
+        objective = self.options.objective
+        pays = objective == "harvest" or (
+            objective == "trade_off" and harvests(shunt, self.transducer.capacitance, 1 / self.frequency)
+        )
+        wanted = self.options.phase_lag or ("free" if pays else "fixed")
         return wanted == "free" and self.operation.apart
 
     def _assume(self, cls: type[Shunt], wanted: bool) -> list[Draft]:
@@ -189,7 +194,7 @@ class Drafting:
 
     def _may_fit(self, cls: type[Shunt]) -> bool:
         """True if a kind that cannot be built could be of use: one that only switches does not harvest."""
-        if self.options.objective == "damping" or issubclass(cls, Bridge) or not issubclass(cls, SynchronisedShunt):
+        if self.options.objective != "harvest" or issubclass(cls, Bridge) or not issubclass(cls, SynchronisedShunt):
             return True
         return cls.harvested_share is not SynchronisedShunt.harvested_share
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from piezoharvest.description.netlist import Element
 from piezoharvest.description.shunts import Shunt
+from piezoharvest.design.front.point import Front, FrontPoint, overall
 from piezoharvest.design.parts.choice import PartsChoice
 from piezoharvest.design.robust.worst import RobustCase
 
@@ -146,21 +148,26 @@ class DesignResult:
     candidates : tuple of Candidate
         Best first; those that violate a limit after those that keep all, unreliable ones last.
     bound : Bound
-    trade_off : tuple of mapping
-        Front between harvesting and damping.
+    fronts : tuple of Front
+        For the trade-off the front between harvesting and damping of each candidate, with parts as tuned.
     notes : tuple of str
         Assumptions, omissions and other remarks.
     """
 
     candidates: tuple[Candidate, ...]
     bound: Bound = Bound()
-    trade_off: tuple[Mapping[str, Any], ...] = ()
+    fronts: tuple[Front, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
     def best(self) -> Candidate:
         """The first candidate."""
         return self.candidates[0]
+
+    @cached_property
+    def trade_off(self) -> tuple[FrontPoint, ...]:
+        """The best front over all kinds, largest power first."""
+        return overall(self.fronts)
 
     @property
     def converged(self) -> bool:
@@ -173,9 +180,19 @@ class DesignResult:
             "bound": self.bound.as_json(),
             "candidates": [candidate.as_json() for candidate in self.candidates],
             "best": 0,
-            "trade_off": [dict(point) for point in self.trade_off],
+            "trade_off": [_point_table(point) for point in self.trade_off],
+            "fronts": [
+                {"kind": front.kind, "free": list(front.free), "points": [_point_table(p) for p in front.points]}
+                for front in self.fronts
+            ],
             "notes": list(self.notes),
         }
+
+
+def _point_table(point: FrontPoint) -> dict[str, Any]:
+    """Point of a front as a table of the JSON output."""
+    figures = {"harvested_power": point.harvested_power, "attenuation_db": point.attenuation_db}
+    return {"kind": point.shunt.kind, "shunt": shunt_table(point.shunt), **figures}
 
 
 def shunt_table(shunt: Shunt) -> dict[str, Any]:

@@ -13,61 +13,60 @@ LANES = 8  # derivatives are padded to full vector registers
 
 
 class Pace(NamedTuple):
-    """Steps of one length.
+    """Steps of one length, as `propagate_block` takes them.
 
     Attributes
     ----------
-    h, share : float
-        Sample time or the part of it that a step takes (s); the same as fraction of the record.
-    step, derivatives : SampleStep
-        The matrices and their derivatives, whose last axis may be empty.
-    inputs : int
-        Inputs of the elements and their rates.
-    arguments : tuple of Step, Slopes
-        All of it, as `propagate_block` takes it.
+    step : Step
+    slopes : Slopes
+    direct : (inputs, n + elements) array
+        Influence of states and elements' outputs at one instant on the elements' inputs.
     """
 
-    h: float
-    share: float
-    step: SampleStep
-    derivatives: SampleStep
-    inputs: int
-    arguments: tuple[Step, Slopes]
+    step: Step
+    slopes: Slopes
+    direct: np.ndarray
 
-    def arguments_at_start(self) -> tuple[Step, Slopes]:
+    def at_start(self) -> tuple[Step, Slopes]:
         """Step of no length at the first sample of a record, where the states are given and the stops are held."""
-        step, slopes = self.step, self.derivatives
-        step = step._replace(M=np.eye(*step.M.shape), H=np.zeros_like(step.H))
-        slopes = slopes._replace(M=np.zeros_like(slopes.M), H=np.zeros_like(slopes.H))
-        return _arranged(step, slopes, self.inputs, self.h, 0.0, True)
+        n, (M, H) = len(self.step.M), (self.step.M, self.step.H)
+        M, H, feed = np.eye(*M.shape), np.zeros_like(H), np.ascontiguousarray(self.direct[:, n:])
+        none = (Tangent(np.zeros((A.shape[1], 0)), np.zeros((0, 2), int), np.zeros(0)) for A in (M, H))
+        return self.step._replace(share=0.0, held=True, M=M, H=H, feed=feed), self.slopes._replace(
+            **dict(zip(("M", "H"), none, strict=True)), from_states=_sparse(M[:, : self.direct.shape[1]]),
+            from_elements=_sparse(H, n), to_inputs=_sparse(self.direct),
+        )  # fmt: skip
 
 
 def pace_of(h: float, share: float, step: SampleStep, derivatives: SampleStep, inputs: int) -> Pace:
-    """Pace from what its attributes of these names are."""
-    return Pace(h, share, step, derivatives, inputs, _arranged(step, derivatives, inputs, h, share, False))
+    """Arrange a step and its derivatives.
+
+    Parameters
+    ----------
+    h, share : float
+        s; the same as fraction of the record.
+    step, derivatives : SampleStep
+        The last axis of the derivatives may be empty.
+    inputs : int
+        Inputs of the elements and their rates.
+    """
+    n = len(step.M)
+    size = n + step.H.shape[1]
+    M, H, free, outputs = (np.array(A, order="C") for A in (step.M, step.H, step.O[:inputs], step.O[inputs:]))
+    direct = free[:, :size].copy()
+    free[:, n:size] = 0.0
+    feed = direct[:, n:] + direct[:, :n] @ H
+    dM, dH, dO = (_tangent(A) for A in (derivatives.M, derivatives.H, derivatives.O))
+    slopes = Slopes(
+        dM, dH, dO, int(np.count_nonzero(dO.places[:, 0] < inputs)), padded(derivatives.limits),
+        _sparse(M[:, :size]), _sparse(H, n), _sparse(np.hstack([direct[:, :n], feed])), _sparse(outputs[:, :size]),
+    )  # fmt: skip
+    return Pace(Step(h, share, False, M, H, free, outputs, feed), slopes, direct)
 
 
 def padded(slopes: np.ndarray) -> np.ndarray:
     """Derivatives (rows, parameters) padded with zeros to whole registers."""
     return np.pad(slopes, ((0, 0), (0, -slopes.shape[1] % LANES)))
-
-
-def _arranged(
-    step: SampleStep, derivatives: SampleStep, inputs: int, h: float, share: float, held: bool
-) -> tuple[Step, Slopes]:
-    """Step and its derivatives in the form that the compiled propagation takes."""
-    n = len(step.M)
-    size = n + step.H.shape[1]
-    M, H, free, outputs = (np.array(A, order="C") for A in (step.M, step.H, step.O[:inputs], step.O[inputs:]))
-    to_inputs = free[:, :size].copy()
-    to_inputs[:, n:] += to_inputs[:, :n] @ H
-    free[:, n:size] = 0.0
-    dM, dH, dO = (_tangent(A) for A in (derivatives.M, derivatives.H, derivatives.O))
-    slopes = Slopes(
-        dM, dH, dO, int(np.count_nonzero(dO.places[:, 0] < inputs)), padded(derivatives.limits),
-        _sparse(M[:, :size]), _sparse(H, n), _sparse(to_inputs), _sparse(outputs[:, :size]),
-    )  # fmt: skip
-    return Step(h, share, held, M, H, free, outputs, np.ascontiguousarray(to_inputs[:, n:])), slopes
 
 
 def _tangent(derivatives: np.ndarray) -> Tangent:

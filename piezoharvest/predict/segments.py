@@ -74,8 +74,7 @@ class Propagation:
             # A straight line that ends where the record begins, with the rate there.
             value, rate = coefficients[0, :2]
             first = Drive(np.array([[value - rate, rate, 0.0, 0.0]]), time, 1, *NO_RISE)
-            at = pace.arguments_at_start()
-            if propagate_block(first, *at, self._elements, aside, self._memory, Y[:1], dY[:1]) >= 0:
+            if propagate_block(first, *pace.at_start(), self._elements, aside, self._memory, Y[:1], dY[:1]) >= 0:
                 return 0
         drive, state = Drive(coefficients, time, every, *rise), aside if small else self._state
-        return propagate_block(drive, *pace.arguments, self._elements, state, self._memory, Y[1:], dY[1:])
+        return propagate_block(drive, pace.step, pace.slopes, self._elements, state, self._memory, Y[1:], dY[1:])

@@ -8,14 +8,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from piezoharvest.description.shunts import Open, Short
+from piezoharvest.design.result import DesignResult
 from piezoharvest.engine.response import Waveforms
-from piezoharvest.report.figures import bode, curves, hysteresis, ledger, restrictions, waveforms
+from piezoharvest.report.figures import bode, curves, front, hysteresis, ledger, restrictions, waveforms
 from piezoharvest.report.figures.bound_lines import BoundLines
 from piezoharvest.report.figures.pictures import Picture
 from piezoharvest.report.limits import Limit, hysteretic
 from piezoharvest.report.signals import occasion, signals_of, windows
 from piezoharvest.report.spans import dense, design_band, drive_frequency, frequency_range, loads, sweep_span
-from piezoharvest.report.subjects import Subject
+from piezoharvest.report.subjects import Subject, front_subject
 from piezoharvest.report.sweeps import Curve, CurveTracer
 from piezoharvest.report.units import engineering, pretty_unit
 from piezoharvest.study import Study
@@ -37,6 +38,8 @@ class Gallery:
         Upper limit of power of any interface.
     bound : BoundLines or None
         Limits of passive linear shunts.
+    result : DesignResult or None
+        With the fronts of a trade-off.
     remarks : list of str
         Omissions in the figures.
     """
@@ -45,6 +48,7 @@ class Gallery:
     subjects: Sequence[Subject]
     limit: Limit | None = None
     bound: BoundLines | None = None
+    result: DesignResult | None = None
     remarks: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -58,6 +62,7 @@ class Gallery:
 
     def pictures(self) -> Iterator[Picture]:
         """All figures of the study, one after the other."""
+        yield from self._front()
         yield from self._ledger()
         yield from self._restrictions()
         yield from self._loads()
@@ -68,6 +73,17 @@ class Gallery:
         yield from self._bode()
         if self._bench.cut_short:
             self.remarks.append("simulations take long here: some curves have fewer points than usual, or are left out")
+
+    def _front(self) -> Iterator[Picture]:
+        if self.result is None or not self.result.trade_off:
+            return
+        drawn = [(front_subject(self.subjects, one), one) for one in self.result.fronts]
+        caption = (
+            "None of these designs is better than another in both. Every dot is a design of its own, with parts as "
+        )
+        caption += "tuned; diamonds are circuits with nothing to vary."
+        figure = front.front(sorted(drawn, key=lambda pair: pair[0].rank), self.result.trade_off, self.result.bound)
+        yield Picture("trade-off", "trade-off", "Front between harvested power and damping", caption, figure)
 
     def _ledger(self) -> Iterator[Picture]:
         if any(ledger.shares(s) for s in self.subjects):

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from piezoharvest.design.result import DesignResult
 
 NAME = "report.html"
-_SECTIONS = ("answer", "power", "damping", "waveforms", "two-port")
+_SECTIONS = ("answer", "trade-off", "power", "damping", "waveforms", "two-port")
 
 
 def write_report(study: Study, design_result: DesignResult, directory: str | Path) -> Path:
@@ -59,7 +59,7 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
     subjects = subjects_of(design_result.candidates)
     limit = power_limit(study.transducer, study.excitation)
     bound = BoundLines(study, design_result.bound, best_linear(subjects))
-    gallery = Gallery(study, subjects, limit, bound)
+    gallery = Gallery(study, subjects, limit, bound, design_result)
     figures = place_pictures(gallery.pictures(), _SECTIONS, directory)
     page = page_template("report.html.j2").render(
         title=study.title,
@@ -67,6 +67,8 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
         ranking=tables.ranking(subjects, limit),
         parts=tables.bought_parts(subjects),
         restrictions=tables.restrictions(subjects),
+        front=tables.best_front(design_result),
+        fronts=tables.kind_fronts(subjects, design_result),
         series=tables.series_text(subjects),
         worst_cases=worst_cases(subjects),
         worst_case=worst_case_text(study, subjects),

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from piezoharvest.description.shunts import LinearShunt, Shunt
+from piezoharvest.design.front.point import Front
 from piezoharvest.design.result import Candidate, shunt_table
 from piezoharvest.engine.response import Response, Waveforms
 from piezoharvest.report.figures.style import line_style
@@ -93,6 +94,13 @@ def subjects_of(candidates: Iterable[Candidate]) -> tuple[Subject, ...]:
         label = kind_name(kind) + (f" ({seen[kind]})" if total[kind] > 1 else "")
         found.append(Subject(candidate, label, rank))
     return tuple(found)
+
+
+def front_subject(subjects: Iterable[Subject], front: Front) -> Subject:
+    """The candidate from which a front goes on: the one of its kind with the power of its first point."""
+    power = front.points[0].harvested_power
+    same = (s for s in subjects if s.shunt.kind == front.kind)
+    return min(same, key=lambda s: abs(s.candidate.harvested_power - power))
 
 
 def values_of(shunt: Shunt) -> Iterator[tuple[str, str]]:

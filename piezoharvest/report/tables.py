@@ -10,11 +10,13 @@ import numpy as np
 
 from piezoharvest.description.parameters import Component
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.design.front.point import FrontPoint
 from piezoharvest.design.places import unit_at
+from piezoharvest.design.result import DesignResult
 from piezoharvest.report.figures.ledger import name_of
 from piezoharvest.report.figures.restrictions import price_text, value_text
 from piezoharvest.report.limits import Limit, ModeFigures, hysteretic, mode_figures, white_input
-from piezoharvest.report.subjects import Subject, values_of
+from piezoharvest.report.subjects import Subject, front_subject, values_of
 from piezoharvest.report.units import (
     SPACE,
     decibel,
@@ -39,6 +41,7 @@ _MERIT = "from 2 on a resistor, from π on a rectifier can reach the limit of po
 _NOISE = "sum over modes of S/(4 m): what white noise of this density brings in, whatever the shunt"
 _MIN_VOLTAGE = 1e-9  # V: smaller voltages are rounding errors of zero
 _MIN_COST = 1e-4  # of the power, or dB: what is less is within the accuracy of the tuning, and of either sign
+_FRONT_ROWS, _KIND_ROWS = 14, 6  # of the best front, and of each kind's; the JSON has all points
 _MIN_LIMIT_SHARE = 0.01  # of the limit: smallest share that is compared with it
 
 
@@ -64,6 +67,16 @@ class PartsRow(NamedTuple):
     cost: str
     worst: str
     sure: bool
+
+
+class FrontRow(NamedTuple):
+    """A design on a front."""
+
+    label: str
+    kind: str
+    values: list[tuple[str, str]]
+    power: str
+    attenuation: str
 
 
 class QuantityRow(NamedTuple):
@@ -119,6 +132,27 @@ def restrictions(subjects: Sequence[Subject]) -> list[tuple[str, str, str]]:
     """Name, figure and price against the bound of each restriction on a synthesised network."""
     rows = next((s.candidate.restrictions for s in subjects if s.candidate.restrictions), ())
     return [(row["name"], value_text(row), price_text(rows, n) if n else "") for n, row in enumerate(rows)]
+
+
+def best_front(result: DesignResult) -> list[FrontRow]:
+    """Rows along the best front over all kinds."""
+    return [_front_row(kind_name(p.shunt.kind), p) for p in _some(result.trade_off, _FRONT_ROWS)]
+
+
+def kind_fronts(subjects: Sequence[Subject], result: DesignResult) -> list[list[FrontRow]]:
+    """Rows along the front of each candidate, in the order of the ranking."""
+    pairs = sorted(((front_subject(subjects, one), one) for one in result.fronts), key=lambda pair: pair[0].rank)
+    return [[_front_row(s.label, p) for p in _some(one.points, _KIND_ROWS)] for s, one in pairs]
+
+
+def _some(points: Sequence[FrontPoint], most: int) -> list[FrontPoint]:
+    """At most so many of the points, both ends among them, evenly in their order."""
+    return [points[n] for n in np.unique(np.linspace(0, len(points) - 1, most).astype(int))] if points else []
+
+
+def _front_row(label: str, point: FrontPoint) -> FrontRow:
+    figures = engineering(point.harvested_power, "W"), decibel(point.attenuation_db)
+    return FrontRow(label, point.shunt.kind, list(values_of(point.shunt)), *figures)
 
 
 def series_text(subjects: Sequence[Subject]) -> str:

@@ -107,11 +107,6 @@ def test_kinds_that_cannot_be_assumed(bench, run):
         run(bench, 50.6, candidates=("network",))
 
 
-def test_what_is_to_come(bench, run):
-    with pytest.raises(ParameterError, match=r"design.objective"):
-        run(bench, 50.6, objective="trade_off")
-
-
 def test_nothing_drives_it(bench, run):
     with pytest.raises(ParameterError, match="excitation"):
         run(bench, 50.6, amplitude=0.0, candidates=("resistor",))

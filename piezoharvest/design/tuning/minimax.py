@@ -72,7 +72,7 @@ class Tuned(NamedTuple):
 
 def tune(view: MinimaxView, draft: Draft, start: Start, region: Region) -> Tuned:
     """Tune the free parts of a linear shunt from one start, within a region."""
-    program = _MinimaxProgram(view, draft, region)
+    program = MinimaxProgram(view, draft, region)
     best = region.logs(start.values)
     best_merit, iterations = program.merit(best), 0
     program.widen(best)
@@ -89,7 +89,7 @@ def tune(view: MinimaxView, draft: Draft, start: Start, region: Region) -> Tuned
 
 
 @dataclass
-class _MinimaxProgram:
+class MinimaxProgram:
     """The nonlinear program on one set of frequencies.
 
     Variables are the logarithms p of the parts, the level t and the common slack s.
@@ -102,9 +102,11 @@ class _MinimaxProgram:
     _at: tuple = (None, None, None)
 
     def shunt(self, p: np.ndarray) -> Shunt:
+        """The draft with parts p."""
         return self.draft.with_values(self.region.values(p))
 
     def merit(self, p: np.ndarray) -> float:
+        """Merit at p, with exact peaks."""
         return self.view.goal.merit(self.view.figures(self.shunt(p)))
 
     def widen(self, p: np.ndarray) -> bool:

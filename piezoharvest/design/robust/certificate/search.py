@@ -27,6 +27,41 @@ class Certificate(NamedTuple):
     point: np.ndarray
 
 
+class _Boxes(NamedTuple):
+    """Boxes by centre and half-widths (n, d), with logarithms (n,), larger for worse, of bounds and of middle values.
+
+    `influence` (n, d) is that of the coordinates.
+    """
+
+    centre: np.ndarray
+    radius: np.ndarray
+    losses: np.ndarray
+    middles: np.ndarray
+    influence: np.ndarray
+
+    @classmethod
+    def of(cls, enclosure: Enclosure, centre: np.ndarray, radius: np.ndarray, sign: float) -> _Boxes:
+        """Boxes with what the enclosure says of them."""
+        worst, middle, influence = enclosure.bounds(centre, radius)
+        return cls(centre, radius, _loss(worst, sign), _loss(middle, sign), influence)
+
+    def part(self, which: np.ndarray) -> _Boxes:
+        """Boxes of a mask, or of indices."""
+        return _Boxes(*(values[which] for values in self))
+
+    def joined(self, other: _Boxes) -> _Boxes:
+        """Both sets of boxes."""
+        return _Boxes(*(np.concatenate(pair) for pair in zip(self, other, strict=True)))
+
+    def halves(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centre and half-widths of both halves of each, along the coordinate with the largest influence."""
+        rows, axis = np.arange(len(self.centre)), np.argmax(self.influence, axis=1)
+        step = np.zeros_like(self.radius)
+        step[rows, axis] = 0.5 * self.radius[rows, axis]
+        centres = np.concatenate((self.centre - step, self.centre + step))
+        return centres, np.concatenate((self.radius - step, self.radius - step))
+
+
 def certify(enclosure: Enclosure, known: float) -> Certificate | None:
     """Certificate for the objective, given the worst value known (W or m); None where there is none.
 
@@ -34,52 +69,35 @@ def certify(enclosure: Enclosure, known: float) -> Certificate | None:
     """
     if not enclosure.possible:
         return None
-    sign = 1.0 if enclosure.view.goal.damping else -1.0
-    widths = enclosure.widths
-    centre, radius = np.zeros((1, len(widths))), widths[None].copy()
-    losses, middles, influence = _losses(enclosure, centre, radius, sign)
-    met, point, done = _loss(known, sign), None, -np.inf
-    left = _SYSTEMS // enclosure.systems - 1
+    sign, widths = 1.0 if enclosure.view.goal.damping else -1.0, enclosure.widths
+    boxes = _Boxes.of(enclosure, np.zeros((1, len(widths))), widths[None].copy(), sign)
+    met: float = float(_loss(known, sign))
+    done: float = -np.inf
+    place: np.ndarray = np.full(len(widths), np.nan)
+    left: int = _SYSTEMS // enclosure.systems - 1
     while True:
-        if middles.size and middles.max() > met:
-            met, point = float(middles.max()), centre[np.argmax(middles)].copy()
-        settled = losses <= met + GAP
-        done = max(done, np.max(losses[settled], initial=-np.inf))
-        centre, radius, losses, influence = (x[~settled] for x in (centre, radius, losses, influence))
-        if not len(losses) or left <= 0:
+        worst = int(np.argmax(boxes.middles))
+        if boxes.middles[worst] > met:
+            met, place = float(boxes.middles[worst]), boxes.centre[worst].copy()
+        settled = boxes.losses <= met + GAP
+        done = max(done, float(np.max(boxes.losses[settled], initial=-np.inf)))
+        boxes = boxes.part(~settled)
+        if not len(boxes.losses) or left <= 0:
             break
-        count = min(len(losses), max(1, min(left // 2, max(_FIRST, len(losses) // 4), _AT_ONCE // enclosure.systems)))
-        order = np.argsort(-losses, kind="stable")
-        worst, others = order[:count], order[count:]
-        children = _halved(centre[worst], radius[worst], influence[worst])
-        found = _losses(enclosure, *children, sign)
+        several = max(_FIRST, len(boxes.losses) // 4)
+        count = min(len(boxes.losses), max(1, min(left // 2, several, _AT_ONCE // enclosure.systems)))
+        order = np.argsort(-boxes.losses, kind="stable")
+        halved = _Boxes.of(enclosure, *boxes.part(order[:count]).halves(), sign)
+        boxes = boxes.part(order[count:]).joined(halved)
         left -= 2 * count
-        centre, radius = (np.concatenate((a[others], b)) for a, b in zip((centre, radius), children, strict=True))
-        losses, influence = np.concatenate((losses[others], found[0])), np.concatenate((influence[others], found[2]))
-        middles = np.concatenate((np.full(len(others), -np.inf), found[1]))
-    certified = max(done, met, np.max(losses, initial=-np.inf))
-    place = np.full(len(widths), np.nan) if point is None else point
+    certified = max(done, met, float(np.max(boxes.losses, initial=-np.inf)))
     return Certificate(_value(certified, sign), _value(met, sign), place[: len(enclosure.box.names)])
 
 
-def _losses(enclosure: Enclosure, centre: np.ndarray, radius: np.ndarray, sign: float):
-    """Logarithms, larger for worse, of bounds and of values at the middles; and the coordinates' influence."""
-    worst, middle, influence = enclosure.bounds(centre, radius)
-    return _loss(worst, sign), _loss(middle, sign), influence
-
-
-def _loss(value, sign: float):
+def _loss(value: np.ndarray | float, sign: float) -> np.ndarray:
     with np.errstate(divide="ignore"):
         return sign * np.log(value)
 
 
 def _value(loss: float, sign: float) -> float:
     return float(np.exp(sign * loss))
-
-
-def _halved(centre: np.ndarray, radius: np.ndarray, influence: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Both halves of boxes, along the coordinate with the largest influence."""
-    rows, axis = np.arange(len(centre)), np.argmax(influence, axis=1)
-    step = np.zeros_like(radius)
-    step[rows, axis] = 0.5 * radius[rows, axis]
-    return np.concatenate((centre - step, centre + step)), np.concatenate((radius - step, radius - step))
