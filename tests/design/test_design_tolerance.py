@@ -16,6 +16,7 @@ from piezoharvest.description.shunts import (
     SSDI,
     NegativeCapacitance,
     Network,
+    ParallelBranches,
     ParallelRL,
     ParallelSSHI,
     Rectifier,
@@ -475,3 +476,16 @@ def test_page_has_the_table(host, tmp_path, monkeypatch):
     )
     page = write_report(study, design(study), tmp_path).read_text(encoding="utf-8")
     assert '<table class="worst">' in page and "never below" in page and "max voltage: broken, the nearest" in page
+
+
+def test_branched_shunt_for_its_worst_case(host, run):
+    """Entries of lists are tuned, a sharp tuning gains a third; a load without a key is left out, which is said."""
+    transducer = host(0.05, 60, modes=(Mode(mass=0.01, damping=0.2, stiffness=4e4, coupling=5e-4),))
+    shunt = ParallelBranches(inductances=(250.0, 7.0), resistances=(2e5, 5e4), capacitances=(4e-7,))
+    options = {"shunts": [shunt], "candidates": (shunt.kind,), "hold": ("resistances", "capacitances")}
+    tolerance = Tolerance(stiffness=0.03, load=0.1)
+    nominal, robust = (run(transducer, 50.6, tolerance=tolerance, worst_case=w, **options) for w in (False, True))
+    assert robust.best.shunt.inductances != nominal.best.shunt.inductances
+    assert robust.best.worst_case.worst > 1.2 * nominal.best.worst_case.worst
+    assert robust.best.worst_case.left_out == ("load",)
+    assert any("leaves out load" in note for note in robust.notes)

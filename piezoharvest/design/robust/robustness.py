@@ -101,7 +101,7 @@ class Robustness:
         if gap is None or gap > _SURE:
             samples, sampled = self._sample(space, search, affordable)
         points["objective"] = search.known
-        figures = space.figures(points["objective"])
+        figures = space.expected(points["objective"])
         limits = tuple(self._limit(space, name, points[name]) for name in points if name != "objective")
         return RobustCase(
             objective="attenuation_db" if self.goal.damping else "harvested_power",
@@ -207,7 +207,7 @@ class Robustness:
 
     def _distance(self, loss: float) -> float:
         """A loss in e-folds as a share of the power, or in dB."""
-        return loss * 20 / np.log(10) if self.goal.damping else float(-np.expm1(-loss))
+        return float(loss * 20 / np.log(10)) if self.goal.damping else float(-np.expm1(-loss))
 
     def _loss(self, figure: float) -> float:
         with np.errstate(divide="ignore"):

@@ -94,9 +94,17 @@ class ToleranceSpace:
             return self.view(point).figures(self.shunt_at(point))
         if self._swept:
             return self.many(self.shunt, point[None])[0]
+        return self._simulated(point, complete=False)
+
+    def expected(self, point: np.ndarray) -> Figures:
+        """Figures at a point as they are reported: under noise expectations, not those of the realisation searched."""
+        noisy = not self.exact and hasattr(self.nominal.operation.excitation, "psd")
+        return self._simulated(point, complete=True) if noisy else self.figures(point)
+
+    def _simulated(self, point: np.ndarray, *, complete: bool) -> Figures:
         trial = Trial(self.view(point), left=self.work.left)
         try:
-            found = trial.figures(self.shunt_at(point))
+            found = trial.figures(self.shunt_at(point), complete=complete)
         finally:
             self.work.left = trial.left
         return found._replace(attenuation_db=self._attenuation(found.displacement_amplitude))

@@ -95,6 +95,8 @@ class RobustCase:
         """Remarks on what is not sure, and on limits that are not kept, in words."""
         unsure = "the worst case is not sure: not all of the box could be simulated, or it is unstable in a part of it"
         found = [] if self.converged else [unsure]
+        if self.left_out and self.figures.harvested_power > 0:
+            found.append(f"its worst case leaves out {', '.join(self.left_out)}, which it has no key of")
         for limit in self.limits:
             if not limit.kept:
                 where = ", ".join(f"{name} {value:+.3g}" for name, value in limit.corner.items())
@@ -112,4 +114,5 @@ class RobustCase:
         return {
             **{name: getattr(self.figures, name) for name in names}, "corner": dict(self.corner),
             **{name: getattr(self, name) for name in more}, "limits": limits, "violates": list(self.violates),
+            "left_out": list(self.left_out),
         }  # fmt: skip
