@@ -201,8 +201,9 @@ def test_short_circuit_response():
 
 @pytest.mark.parametrize("shunt", SHUNTS[1:], ids=NAMES[1:])
 def test_power_balance_of_a_lossless_transducer(shunt):
-    """Without damping all mechanical power ends in the resistance of the shunt."""
+    """Without damping all mechanical power ends in the resistance of the shunt, if its coils have no losses."""
     lossless = dataclasses.replace(PLAIN, damping=0.0)
+    shunt = dataclasses.replace(shunt, coil_quality=None) if hasattr(shunt, "coil_quality") else shunt
     response = linear.frequency_response(System(lossless, shunt), np.geomspace(20, 80, 30))
     electrical = np.real(response.voltage * np.conj(response.current)) / 2
     assert response.harvested_power == pytest.approx(electrical, rel=1e-8)
@@ -566,8 +567,9 @@ def test_poles_are_roots_of_the_characteristic_equation(shunt):
     found = linear.poles(System(FULL, shunt))
     formula = dict(zip(NAMES, (f for _, f in ADMITTANCES), strict=True))[NAMES[SHUNTS.index(shunt)]]
     for pole in found[found != 0]:
-        at, near = (by_hand(FULL, formula(s), s, HYSTERESIS.stiffness)[0] for s in (pole * (1 + 1e-9), pole * 1.01))
-        assert np.abs(at) > 1e4 * np.abs(near)
+        # Of what is largest there: a pole of a blocking circuit hardly moves the transducer.
+        at, near = (by_hand(FULL, formula(s), s, HYSTERESIS.stiffness) for s in (pole * (1 + 1e-9), pole * 1.01))
+        assert max(np.abs(a) / np.abs(b) for a, b in zip(at, near, strict=True)) > 1e4
     assert np.all(np.diff(np.abs(found)) >= -1e-9 * np.abs(found[1:]))
 
 

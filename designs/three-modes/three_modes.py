@@ -1,6 +1,7 @@
 """Damping of three modes of a beam with one patch.
 
-A force of constant amplitude goes from below the first to above the third resonance, and the worst peak counts. Compared are a resistor, a series RL tuned to the first mode and shunts with a branch for each mode.
+A force of constant amplitude goes from below the first to above the third resonance, and the worst peak counts. Compared
+are a resistor, a series RL, and shunts with a branch for each mode, all tuned for the worst of the three peaks.
 """
 
 from __future__ import annotations

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import matrix_balance, solve_continuous_lyapunov
 
 from piezoharvest.description.circuit import Row
 from piezoharvest.description.parameters import ParameterError
@@ -52,6 +51,8 @@ def white_noise_response(system: System, psd: float, *, base: bool = False) -> M
     The covariance X of the states solves A X + X A' + B B' S/2 = 0 (Kwakernaak & Sivan, Linear Optimal Control Systems,
     1972, section 1.11), on balanced states, as charge and displacement differ by many orders of magnitude.
     """
+    from scipy.linalg import matrix_balance, solve_continuous_lyapunov
+
     model = assemble(system.transducer, system.shunt, base=base)
     a, b = model.dynamics()
     found = np.linalg.eigvals(a)

@@ -62,3 +62,11 @@ def test_bode_diagram_of_python_control_is_that_of_the_simulation(tmp_path):
     assert (tmp_path / "bode_efficiency.png").stat().st_size > 10_000
     assert found["simulation against python-control"] < 1e-9
     assert found["series RL 241 H, 38.7 kΩ"] < 0.3 * found["shorted"]
+
+
+@pytest.mark.slow
+def test_a_branch_for_each_of_three_modes(tmp_path):
+    found = runpy.run_path(str(DESIGNS / "three-modes/three_modes.py"))["main"](tmp_path)
+    assert (tmp_path / "three_modes.png").stat().st_size > 10_000
+    assert max(found["parallel_branches"]) == pytest.approx(-14.7, abs=0.1)
+    assert max(found["series_rl"]) > -5

@@ -23,6 +23,8 @@ _MESHES = {
     "peak": ((20, 0.12), (40, 0.08)),
     "mean_square": ((20, 0.12), (40, 0.08)),
 }
+_COARSEST = (20, 0.25)
+_MAX_NODES = 300  # time goes with the cube: 300 take 5 to 10 s, 500 would take a minute (three modes in one band)
 # Where the certificate's functions differ from zero: about the band, and where Re Z/|Z| counts. A certificate holds
 # with any; with 0.3 and 3 in place of 0.6 and 1.6 it comes closer by 2e-4 of its value.
 _BELOW, _ABOVE, _NEGLIGIBLE = 0.6, 1.6, 1e-3
@@ -92,9 +94,8 @@ def _figures(port: ElectrodePort, kind: Kind) -> tuple[float, float | None, floa
     if target is None:
         return acausal, acausal, acausal
     power, values, reached = kind == "power", [acausal], []
-    for count, near_pole in _MESHES[kind]:
+    for nodes in _meshes(port, target):
         # Every mesh gives a bound, and a value that is reached: the closest count.
-        nodes = mesh(target.band, port.poles, count, near_pole)
         certified = certify(port, target, nodes, _support(port, target, nodes))
         values += [] if certified is None else [certified]
         found = reach(port, target, nodes)
@@ -103,6 +104,12 @@ def _figures(port: ElectrodePort, kind: Kind) -> tuple[float, float | None, floa
         if (not power and value == 0) or _agree(value, best):
             break
     return value, best, acausal
+
+
+def _meshes(port: ElectrodePort, target: Target) -> list[np.ndarray]:
+    """Meshes to be tried one after the other, rad/s: those that are quick to solve, or the coarsest one."""
+    found = [mesh(target.band, port.poles, *each) for each in _MESHES[target.kind]]
+    return [n for n in found if len(n) <= _MAX_NODES] or [mesh(target.band, port.poles, *_COARSEST)]
 
 
 def _support(port: ElectrodePort, target: Target, nodes: np.ndarray) -> tuple[float, float]:
