@@ -1,6 +1,6 @@
 """Damping of three modes of a beam with one patch.
 
-A force of constant amplitude goes from below the first to above the third resonance, and the worst peak counts. Compared
+A force of constant amplitude goes from below the first to above the third resonance, the worst peak counts. Compared
 are a resistor, a series RL, and shunts with a branch for each mode, all tuned for the worst of the three peaks.
 """
 
@@ -70,11 +70,15 @@ def main(out: Path, short: bool = False) -> dict[str, list[float]]:
     axes.loglog(frequencies, shorted, color="#1d232b", label="shorted")
     for (kind, shunt), colour in zip(shunts.items(), ("#0072b2", "#d55e00", "#009e73", "#cc79a7"), strict=False):
         response = displacement(transducer, shunt, frequencies)
-        axes.loglog(frequencies, response, color=colour, label=kind.replace("_", " "))
+        dashes = "--" if list(shunts).index(kind) % 2 else "-"
+        axes.loglog(frequencies, response, dashes, color=colour, label=kind.replace("_", " ").replace("rl", "RL"))
         inside = [(frequencies >= low) & (frequencies <= high) for low, high in BANDS]
         found[kind] = [20 * float(np.log10(response[m].max() / shorted[m].max())) for m in inside]
+    ticks = [50, 100, 150, 200, 320]
+    axes.set_xticks(ticks, [str(tick) for tick in ticks])
+    axes.minorticks_off()
     axes.set(xlabel="frequency in Hz", ylabel="displacement per force in m/N")
-    axes.grid(alpha=0.3, which="both")
+    axes.grid(alpha=0.3)
     axes.legend()
     out.mkdir(parents=True, exist_ok=True)
     figure.savefig(out / "three_modes.png", dpi=150)
