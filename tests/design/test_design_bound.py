@@ -17,7 +17,7 @@ from piezoharvest.description.transducer import Mode, Transducer
 from piezoharvest.design.bound import bound_of, bounds
 from piezoharvest.design.bound.certificate import certify
 from piezoharvest.design.bound.density import Hats, subdivided
-from piezoharvest.design.bound.mesh import mesh
+from piezoharvest.design.bound.mesh import Grading, mesh
 from piezoharvest.design.bound.port import ElectrodePort
 from piezoharvest.design.bound.reached import reach
 from piezoharvest.design.bound.target import Target
@@ -136,7 +136,7 @@ class TestBand:
     def test_what_is_reached_is_passive(self):
         view, band = view_of(band=(48.0, 53.0)), (2 * np.pi * 48.0, 2 * np.pi * 53.0)
         port = ElectrodePort(view)
-        nodes = mesh(band, port.poles, 10, 0.25)
+        nodes = mesh(band, port.poles, Grading(10, 0.25))
         value, admittance = reach(port, Target("power", band, 0.02**2 / (band[1] - band[0])), nodes)
         omega = subdivided(np.union1d(nodes, np.geomspace(1.0, 1e5, 200)), 7)
         at, q = port.at(omega), admittance.at(omega)
@@ -175,7 +175,7 @@ class TestBand:
 def on_a_coarse_mesh(view, kind):
     """Certified and reached value on a mesh that takes little time."""
     port, target = ElectrodePort(view), bounds._target(view, kind)
-    nodes = mesh(target.band, port.poles, 10, 0.2)
+    nodes = mesh(target.band, port.poles, Grading(10, 0.2))
     return certify(port, target, nodes, bounds._support(port, target, nodes)), reach(port, target, nodes)[0]
 
 

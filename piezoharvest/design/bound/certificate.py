@@ -15,7 +15,9 @@ is one (int |y| dw for the peak):
     max |x + a Q| >= int Re(conj(y) x) dw - mu C - int (|D''| - Re D'')/R dw,   D'' = D' + conj(y) a/2.
 
 Every D, mu, y gives a bound that holds; the convex program finds good ones, and its accuracy decides only how close the
-bound is. D has a piecewise linear imaginary part that vanishes where Re Z is negligible: there h = 0 if D' >= 0.
+bound is. D has a piecewise linear imaginary part that vanishes where Re Z is negligible: there h = 0 if D' >= 0. In the
+band of a displacement D'' is piecewise linear, and conj(y) a/2 = D'' - D': the best D'' is zero where passivity does
+not bind, which a piecewise linear y would only come near to.
 """
 
 from __future__ import annotations
@@ -45,14 +47,14 @@ class Multipliers:
         Im D at the peaks of the hats.
     pole : float
         mu.
-    pull : (m,) complex array
-        conj(y) a/2 at the nodes in the band; empty for power.
+    inner : (m,) complex array
+        D'' at the nodes in the band; empty for power.
     """
 
     hats: Hats
     imaginary: np.ndarray
     pole: float
-    pull: np.ndarray
+    inner: np.ndarray
 
 
 def certify(port: ElectrodePort, target: Target, nodes: np.ndarray, support: tuple[float, float]) -> float | None:
@@ -81,7 +83,8 @@ def _evaluate(port: ElectrodePort, target: Target, found: Multipliers, omega: np
     d = hats.adjoint(omega) @ found.imaginary + 1j * (hats.values(omega) @ found.imaginary)
     gain, scale = 0.0, 1.0
     if target.kind != "power":
-        pull = interpolation(omega, _band_nodes(hats.nodes, target)) @ found.pull
+        inner = interpolation(omega, _band_nodes(hats.nodes, target)) @ found.inner
+        pull = np.where(inside, inner - d - found.pole / (np.pi * omega**2), 0.0)
         y = np.conj(2 * pull / at.influence)
         scale = _dual_norm(target, omega, y)
         d = d + pull
@@ -164,9 +167,12 @@ class _DualProgram:
         if self.target.kind != "power":
             y = cp.Variable((len(_band_nodes(self.hats.nodes, self.target)), 2))
             spread, norm, forward = self._pull()
-            real, imaginary = real + spread @ y[:, 0], imaginary + spread @ y[:, 1]
-            gain = np.real(forward) @ y[:, 0] - np.imag(forward) @ y[:, 1]
-            constraints.append(_unit_norm(cp, self.target, norm, self.target.weights(self.omega) / self.width, y))
+            inside, b = self.inside, self.inside.astype(float)
+            pulled = [(spread @ y[:, k])[inside] - part[inside] for k, part in enumerate((real, imaginary))]
+            real, imaginary = (spread @ y[:, k] + cp.multiply(1 - b, part) for k, part in enumerate((real, imaginary)))
+            gain = np.real(forward)[inside] @ pulled[0] - np.imag(forward)[inside] @ pulled[1]
+            weights = (self.target.weights(self.omega) / self.width)[inside]
+            constraints.append(_unit_norm(cp, self.target, norm[inside], weights, cp.vstack(pulled)))
         r, t = (cp.Variable(int(np.count_nonzero(self.support))) for _ in range(2))
         # D must not be negative far above the support, where it falls with the square of the frequency.
         moments = self.hats.first_moments * self.scale
@@ -183,8 +189,8 @@ class _DualProgram:
         found = solve(cost - gain, constraints, [c, pole, *(() if y is None else (y,))])
         if found is None:
             return None
-        pull = np.empty(0) if y is None else (found[2] @ np.array([1, 1j])) * self._pull_unit()
-        return Multipliers(self.hats, found[0] * self.scale, max(float(found[1]), 0.0) * self.pole_unit, pull)
+        inner = np.empty(0) if y is None else (found[2] @ np.array([1, 1j])) * self._inner_unit()
+        return Multipliers(self.hats, found[0] * self.scale, max(float(found[1]), 0.0) * self.pole_unit, inner)
 
     def _conjugate_pair(self, c: Any, pole: Any) -> tuple[Any, Any, Any]:
         """Re D' and Im D over their unit, and Re D' outside of the support over a natural size."""
@@ -206,23 +212,22 @@ class _DualProgram:
             return np.zeros(len(self.omega))
         return np.where(self.inside, 0.5 * self.target.density * np.abs(self.at.voltage) ** 2 / self.unit, 0.0)
 
-    def _pull_unit(self) -> np.ndarray:
-        nodes = _band_nodes(self.hats.nodes, self.target)
-        return np.interp(nodes, self.omega, self.weight_unit * np.abs(self.at.influence) / 2)
+    def _inner_unit(self) -> np.ndarray:
+        return np.interp(_band_nodes(self.hats.nodes, self.target), self.omega, self.unit)
 
     def _pull(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Matrices from conj(y) a/2 at the nodes to itself, to y, and to int Re(conj(y) x) dw, all over their units."""
+        """Matrix from D'' at the nodes in the band to itself, and factors from conj(y) a/2 to |y| and the gain.
+
+        All over their units; the gain is int Re(conj(y) x) dw.
+        """
         at, target, omega = self.at, self.target, self.omega
-        spread = interpolation(omega, _band_nodes(self.hats.nodes, target)) * self._pull_unit()
-        norm = 2 * spread / np.abs(at.influence)[:, None] / self.weight_unit
-        forward = (2 * at.displacement / at.influence / self.size * target.weights(omega)) @ spread
-        return spread / self.unit[:, None], norm, forward
+        spread = interpolation(omega, _band_nodes(self.hats.nodes, target)) * self._inner_unit() / self.unit[:, None]
+        norm = 2 * self.unit / np.abs(at.influence) / self.weight_unit
+        return spread, norm, 2 * at.displacement / at.influence / self.size * target.weights(omega) * self.unit
 
 
-def _unit_norm(cp: Any, target: Target, norm: np.ndarray, weights: np.ndarray, y: Any) -> Any:
-    """Constraint that the dual norm of y is one at most."""
-    inside = weights > 0
-    norm, weights = norm[inside], weights[inside]
+def _unit_norm(cp: Any, target: Target, norm: np.ndarray, weights: np.ndarray, pulled: Any) -> Any:
+    """Constraint that the dual norm of y is one at most; `pulled` (2, f) is conj(y) a/2 over its unit."""
     if target.kind == "peak":
-        return weights @ cp.norm(norm @ y, 2, axis=1) <= 1
-    return cp.norm(cp.multiply(np.sqrt(weights)[:, None], norm @ y), "fro") <= 1
+        return (weights * norm) @ cp.norm(pulled, 2, axis=0) <= 1
+    return cp.norm(cp.multiply((np.sqrt(weights) * norm)[None], pulled), "fro") <= 1
