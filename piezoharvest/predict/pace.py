@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from piezoharvest.predict.propagation.arguments import Slopes, Sparse, Step, Tangent
+from piezoharvest.predict.propagation.arguments import ElementSlopes, Sparse, Step, Tangent
 from piezoharvest.predict.sample_step import SampleStep
 
 LANES = 8  # derivatives are padded to full vector registers
@@ -18,16 +18,16 @@ class Pace(NamedTuple):
     Attributes
     ----------
     step : Step
-    slopes : Slopes
+    slopes : ElementSlopes
     direct : (inputs, n + elements) array
         Influence of states and elements' outputs at one instant on the elements' inputs.
     """
 
     step: Step
-    slopes: Slopes
+    slopes: ElementSlopes
     direct: np.ndarray
 
-    def at_start(self) -> tuple[Step, Slopes]:
+    def at_start(self) -> tuple[Step, ElementSlopes]:
         """Step of no length at the first sample of a record, where the states are given and the stops are held."""
         n, (M, H) = len(self.step.M), (self.step.M, self.step.H)
         M, H, feed = np.eye(*M.shape), np.zeros_like(H), np.ascontiguousarray(self.direct[:, n:])
@@ -57,7 +57,7 @@ def pace_of(h: float, share: float, step: SampleStep, derivatives: SampleStep, i
     free[:, n:size] = 0.0
     feed = direct[:, n:] + direct[:, :n] @ H
     dM, dH, dO = (_tangent(A) for A in (derivatives.M, derivatives.H, derivatives.O))
-    slopes = Slopes(
+    slopes = ElementSlopes(
         dM, dH, dO, int(np.count_nonzero(dO.places[:, 0] < inputs)), padded(derivatives.limits),
         _sparse(M[:, :size]), _sparse(H, n), _sparse(np.hstack([direct[:, :n], feed])), _sparse(outputs[:, :size]),
     )  # fmt: skip

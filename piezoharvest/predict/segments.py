@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from piezoharvest.predict.pace import Pace
-from piezoharvest.predict.propagation.arguments import Drive, Elements, Memory, State
+from piezoharvest.predict.propagation.arguments import Elements, Memory, PropagatedState, StepDrive
 from piezoharvest.predict.record_model import Matrices
 
 NO_RISE = 0, np.zeros((0, 2))  # for a drive that depends on no parameter
@@ -32,7 +32,7 @@ class Propagation:
         m, n, elements, lanes = self.inputs, len(z), len(w), self.lanes
         self.local = np.zeros((elements, 2))  # sum of the elements' slopes with respect to their inputs
         self._elements = Elements(matrices.kinds, matrices.places, np.ascontiguousarray(np.real(matrices.parameters)))
-        self._state = State(
+        self._state = PropagatedState(
             y=np.concatenate([z, w, np.zeros(4)]), inputs=np.zeros(m), d=np.vstack([dz, dw]),
             dinputs=np.zeros((m, lanes)), local=self.local, sizes=np.zeros(m),
         )  # fmt: skip
@@ -53,7 +53,7 @@ class Propagation:
         ----------
         pace : Pace
         coefficients, time, every, rise
-            `coefficients`, `begin`, `every`, and `lane` with `rise` of `Drive`.
+            `coefficients`, `begin`, `every`, and `lane` with `rise` of `StepDrive`.
         at_start : bool
             The record begins here: its first sample is written, too.
         Y : (samples + 1, outputs) array
@@ -73,8 +73,8 @@ class Propagation:
         if at_start:
             # A straight line that ends where the record begins, with the rate there.
             value, rate = coefficients[0, :2]
-            first = Drive(np.array([[value - rate, rate, 0.0, 0.0]]), time, 1, *NO_RISE)
+            first = StepDrive(np.array([[value - rate, rate, 0.0, 0.0]]), time, 1, *NO_RISE)
             if propagate_block(first, *pace.at_start(), self._elements, aside, self._memory, Y[:1], dY[:1]) >= 0:
                 return 0
-        drive, state = Drive(coefficients, time, every, *rise), aside if small else self._state
+        drive, state = StepDrive(coefficients, time, every, *rise), aside if small else self._state
         return propagate_block(drive, pace.step, pace.slopes, self._elements, state, self._memory, Y[1:], dY[1:])

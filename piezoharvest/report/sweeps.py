@@ -29,7 +29,7 @@ _MAX_DIFFERENCE = 1e-3  # largest relative difference of two-port and simulation
 _MEAN_ERROR, _MAX_NODES = 1e-3, 21
 
 
-class Point(NamedTuple):
+class Swept(NamedTuple):
     """Powers in W, displacement amplitude in m, attenuation in dB; NaN where there is no reliable answer."""
 
     harvested: float
@@ -38,7 +38,7 @@ class Point(NamedTuple):
     attenuation: float
 
 
-NO_ANSWER = Point(*[float("nan")] * 4)
+NO_ANSWER = Swept(*[float("nan")] * 4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ class CurveTracer:
     budget: float = BUDGET_SECONDS
     cut_short: bool = field(default=False, init=False)
 
-    def simulated(self, shunt: Shunt, excitation: Excitation) -> Point:
+    def simulated(self, shunt: Shunt, excitation: Excitation) -> Swept:
         """One simulation."""
         try:
             r = simulate(System(self.study.transducer, shunt), excitation, samples=2)
@@ -105,7 +105,7 @@ class CurveTracer:
             return NO_ANSWER
         if not r.converged:
             return NO_ANSWER
-        return Point(r.harvested_power, r.mechanical_power, r.displacement_amplitude, float(r.attenuation_db))
+        return Swept(r.harvested_power, r.mechanical_power, r.displacement_amplitude, float(r.attenuation_db))
 
     @property
     def strength(self) -> float:
@@ -113,7 +113,7 @@ class CurveTracer:
         return 1.0 if drive_frequency(self.study) is None else self.study.excitation.amplitude  # pyright: ignore
 
     def two_port(self, shunt: Shunt, frequencies: np.ndarray) -> list[np.ndarray]:
-        """Arrays as in `Point` for a sine of this strength at any frequencies (Hz), by exact linear algebra."""
+        """Arrays as in `Swept` for a sine of this strength at any frequencies (Hz), by exact linear algebra."""
         base, amplitude = self.study.excitation.base, self.strength
         found, short = (
             frequency_response(System(self.study.transducer, s), frequencies, base=base) for s in (shunt, Short())
@@ -166,20 +166,20 @@ class CurveTracer:
         curves = [Curve(s, fine, *self.two_port(s.shunt, fine), exact=True) for s in exact]
         jobs = {s: frequencies for s in subjects if s not in exact}
 
-        def at(subject: Subject, frequency: float) -> Point:
+        def at(subject: Subject, frequency: float) -> Swept:
             return self.simulated(subject.shunt, self._sine(frequency))
 
         curves += [Curve(s, x, *points.T, exact=False) for s, x, points in self._timed(jobs, at)]
         return sorted(curves, key=lambda curve: curve.subject.rank)
 
-    def _tuned(self, subject: Subject, values: np.ndarray) -> dict[int, Point]:
+    def _tuned(self, subject: Subject, values: np.ndarray) -> dict[int, Swept]:
         """The tuned point of a curve along loads, by its index; it is not subject to the time budget."""
         r = subject.response
         assert subject.load_field is not None
         place = int(np.flatnonzero(values == getattr(subject.shunt, subject.load_field))[0])
         if r is None or not r.converged or design_band(self.study) is not None:
             return {place: self._operated(subject.shunt)}
-        return {place: Point(r.harvested_power, r.mechanical_power, r.displacement_amplitude, float(r.attenuation_db))}
+        return {place: Swept(r.harvested_power, r.mechanical_power, r.displacement_amplitude, float(r.attenuation_db))}
 
     def against_short(
         self, curves: Sequence[Curve], fine: np.ndarray
@@ -204,13 +204,13 @@ class CurveTracer:
         rows = [[x @ weights for x in self.two_port(subject.with_load(value), frequencies)] for value in values]
         return Curve(subject, values, *np.array(rows).T, exact=True)
 
-    def _operated(self, shunt: Shunt) -> Point:
+    def _operated(self, shunt: Shunt) -> Swept:
         """One circuit in the operation: under the excitation itself, or averaged over the band."""
         if design_band(self.study) is None:
             return self.simulated(shunt, self.study.excitation)
         frequencies, weights = self._nodes()
         points = np.array([self.simulated(shunt, self._sine(f)) for f in frequencies])
-        return Point(*(weights @ points))
+        return Swept(*(weights @ points))
 
     def _nodes(self) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies in Hz and weights of the operation's mean."""
@@ -222,7 +222,7 @@ class CurveTracer:
     def _sine(self, frequency: float) -> Excitation:
         return dataclasses.replace(self.study.excitation, frequency=float(frequency))
 
-    def _timed(self, jobs: dict[Subject, np.ndarray], evaluate: Callable[[Subject, float], Point], known=lambda *_: {}):
+    def _timed(self, jobs: dict[Subject, np.ndarray], evaluate: Callable[[Subject, float], Swept], known=lambda *_: {}):
         """Evaluate all jobs from coarse to fine until the time is up; (subject, x, points (n, 4)) of each.
 
         `known` returns, for a subject and its values, points by their index that need no simulation.

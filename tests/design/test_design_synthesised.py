@@ -16,7 +16,7 @@ from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.operation import operation_of
 from piezoharvest.design.parts.series import series_of
 from piezoharvest.design.synthesis.ladder import Ladder, chain_slopes, ladder_class, names_of
-from piezoharvest.design.synthesis.measure import Measure
+from piezoharvest.design.synthesis.measure import LadderMeasure
 from piezoharvest.design.synthesis.synthesis import Synthesis
 from piezoharvest.design.synthesis.view import LadderView
 from piezoharvest.design.tuning.starts import Host
@@ -82,7 +82,7 @@ class TestLadders:
             psd=1e-6, band=(40.0, 60.0), duration=1.0, seed=1), "band": None}],
     )  # fmt: skip
     def test_measure_has_its_slope(self, options):
-        measure, step = Measure.of(view_of(**options)), 1e-6
+        measure, step = LadderMeasure.of(view_of(**options)), 1e-6
         _, slope = measure.value(self.ARMS, self.LOGS, 3.0)
         near = [
             [measure.value(self.ARMS, self.LOGS + sign * step * one, 3.0)[0] for sign in (1, -1)]

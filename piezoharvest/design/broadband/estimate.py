@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 
 
-class Estimate(NamedTuple):
+class MeanEstimate(NamedTuple):
     """A value and its standard error (NaN where there are too few samples for one)."""
 
     value: float
     standard_error: float
 
 
-def controlled_mean(samples: np.ndarray, controls: np.ndarray, expected: np.ndarray) -> Estimate:
+def controlled_mean(samples: np.ndarray, controls: np.ndarray, expected: np.ndarray) -> MeanEstimate:
     """Mean of samples by regression on control variates.
 
     Parameters
@@ -34,11 +34,11 @@ def controlled_mean(samples: np.ndarray, controls: np.ndarray, expected: np.ndar
     """
     n, c = controls.shape
     if n < c + 3:
-        return Estimate(float(np.mean(samples)) if n else float("nan"), float("nan"))
+        return MeanEstimate(float(np.mean(samples)) if n else float("nan"), float("nan"))
     scale = np.where(expected != 0, np.abs(expected), 1.0)
     design = np.column_stack([np.ones(n), (controls - expected) / scale])
     fit, _, rank, _ = np.linalg.lstsq(design, samples, rcond=None)
     residual = samples - design @ fit
     variance = float(residual @ residual) / (n - rank)
     inverse = np.linalg.pinv(design.T @ design)
-    return Estimate(float(fit[0]), float(np.sqrt(variance * inverse[0, 0])))
+    return MeanEstimate(float(fit[0]), float(np.sqrt(variance * inverse[0, 0])))

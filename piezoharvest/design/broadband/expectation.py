@@ -19,7 +19,7 @@ from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.description.shunts.linear.series_rl import SeriesRL
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.system import System
-from piezoharvest.design.broadband.estimate import Estimate, controlled_mean
+from piezoharvest.design.broadband.estimate import MeanEstimate, controlled_mean
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.engine.windows import Windows, window_averages
 from piezoharvest.engine.work_limit import Budget
@@ -42,14 +42,14 @@ class Expectation(NamedTuple):
 
     Attributes
     ----------
-    harvested_power : Estimate
+    harvested_power : MeanEstimate
         W; without error for linear shunts.
-    displacement_square : Estimate
+    displacement_square : MeanEstimate
         m^2.
     """
 
-    harvested_power: Estimate
-    displacement_square: Estimate
+    harvested_power: MeanEstimate
+    displacement_square: MeanEstimate
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +74,7 @@ class NoiseExpectation:
         """Expectation of a shunt, exact for a linear one; the work of simulations is taken from the budget."""
         if self.exact and isinstance(shunt, LinearShunt):
             power, square = self._linear(shunt)
-            return Expectation(Estimate(power, 0.0), Estimate(square, 0.0))
+            return Expectation(MeanEstimate(power, 0.0), MeanEstimate(square, 0.0))
         return self.estimated(shunt, budget)
 
     def estimated(self, shunt: Shunt, budget: Budget, wanted: float = WANTED_ERROR) -> Expectation:

@@ -13,7 +13,7 @@ from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.goal import Goal
 from piezoharvest.design.linear_view import LinearView
-from piezoharvest.design.parts.rounding import Rounding
+from piezoharvest.design.parts.rounding import RoundedParts
 from piezoharvest.design.parts.series import series_of
 from piezoharvest.design.parts.worst_case import PartsSpace, WorstCase, objective_of
 from piezoharvest.design.places import unit_at, value_at
@@ -112,7 +112,7 @@ class PartsChooser:
         tolerance = series.tolerance if options.parts_tolerance is None else options.parts_tolerance
         judge, affordable = self.view if self.exact and self.view else self.trial, self._budget()
         ideal = dataclasses.replace(draft, shunt=tuned, free=names)
-        rounding = Rounding(ideal, series, judge, self.view, self.region, self.goal, affordable)
+        rounding = RoundedParts(ideal, series, judge, self.view, self.region, self.goal, affordable)
         values = rounding.run()
         # The assumed smoothing capacitance is chosen with the load and keeps its value when the load varies.
         bought = dataclasses.replace(ideal, shunt=ideal.with_values(values), smoothing=None)

@@ -43,7 +43,7 @@ Numbers = tuple[int, ...]
 
 
 @dataclass
-class Rounding:
+class RoundedParts:
     """Search for the best preferred values of a shunt's parts.
 
     Attributes

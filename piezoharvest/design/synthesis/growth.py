@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from piezoharvest.design.synthesis.measure import Measure
+from piezoharvest.design.synthesis.measure import LadderMeasure
 
 _KEPT = 3  # ladders of an order that are extended by resonators; by single arms the best of them
 # e-folds of a new arm's impedance from that of the electrodes: those of an arm that hardly acts, and of a resonator's
@@ -39,7 +39,7 @@ class Growth:
 
     Attributes
     ----------
-    measure : Measure
+    measure : LadderMeasure
     places : sequence of float
         Angular frequencies to which resonators are tuned at first, rad/s.
     impedance : float
@@ -52,7 +52,7 @@ class Growth:
         H.
     """
 
-    measure: Measure
+    measure: LadderMeasure
     places: tuple[float, ...]
     impedance: float
     loss: float

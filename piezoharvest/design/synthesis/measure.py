@@ -16,7 +16,7 @@ _POWER, _POINTS = 40.0, 121
 
 
 @dataclass(frozen=True, eq=False)
-class Measure:
+class LadderMeasure:
     """Logarithm of one over the power, or of the displacement, of ladders across a transducer.
 
     Attributes
@@ -37,7 +37,7 @@ class Measure:
     peak: bool
 
     @classmethod
-    def of(cls, view: LinearView) -> Measure:
+    def of(cls, view: LinearView) -> LadderMeasure:
         """The objective of a design in its operation."""
         op, damping = view.operation, view.goal.damping
         frequencies, squares, peak = op.frequencies, op.squares, False

@@ -11,12 +11,12 @@ import numpy as np
 
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.linear_view import LinearView
-from piezoharvest.design.parts.rounding import Rounding
+from piezoharvest.design.parts.rounding import RoundedParts
 from piezoharvest.design.parts.series import series_of
 from piezoharvest.design.result import Bound
 from piezoharvest.design.synthesis.growth import Growth
 from piezoharvest.design.synthesis.ladder import LOAD, ladder_class, names_of
-from piezoharvest.design.synthesis.measure import Measure
+from piezoharvest.design.synthesis.measure import LadderMeasure
 from piezoharvest.design.synthesis.view import LadderView
 from piezoharvest.design.tuning.minimax import tune
 from piezoharvest.design.tuning.region import COIL_QUALITY, SPAN, Region
@@ -101,8 +101,8 @@ class Synthesis:
         return self._growths[loss]
 
     @cached_property
-    def _measure(self) -> Measure:
-        return Measure.of(self.view)
+    def _measure(self) -> LadderMeasure:
+        return LadderMeasure.of(self.view)
 
     @property
     def _places(self) -> tuple[float, ...]:
@@ -119,7 +119,7 @@ class Synthesis:
     def _bought(self, draft: Draft, series: str) -> Draft:
         """The draft with the best preferred values."""
         goal, region = self.view.goal, self._region(draft)
-        rounding = Rounding(draft, series_of(series), self.ladders, self.ladders, region, goal, lambda: True)
+        rounding = RoundedParts(draft, series_of(series), self.ladders, self.ladders, region, goal, lambda: True)
         return Draft(draft.with_values(rounding.run()), draft.free, formula=FORMULA)
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 
-class Drive(NamedTuple):
+class StepDrive(NamedTuple):
     """The drive in a block of steps.
 
     Attributes
@@ -96,7 +96,7 @@ class Tangent(NamedTuple):
     sums: np.ndarray
 
 
-class Slopes(NamedTuple):
+class ElementSlopes(NamedTuple):
     """What derivatives are propagated by.
 
     Attributes
@@ -142,7 +142,7 @@ class Elements(NamedTuple):
     limits: np.ndarray
 
 
-class State(NamedTuple):
+class PropagatedState(NamedTuple):
     """Moving state of a propagation.
 
     Attributes

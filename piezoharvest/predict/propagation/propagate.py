@@ -15,7 +15,7 @@ import numpy as np
 from piezoharvest.engine.compilation.compiled import entry, inlined
 
 # The order of a tuple's fields is compiled in: their file has to be among the sources of this one.
-from piezoharvest.predict.propagation.arguments import Drive, Elements, Memory, Slopes, State, Step
+from piezoharvest.predict.propagation.arguments import Elements, ElementSlopes, Memory, PropagatedState, Step, StepDrive
 from piezoharvest.predict.propagation.newton import find_outputs
 from piezoharvest.predict.propagation.products import add_product, assign, clear, dot, scatter, solve, weighted_sums
 
@@ -123,19 +123,19 @@ def _write_derivatives(slopes, state, out):
 
 @partial(entry, nogil=True)
 def propagate_block(
-    drive: Drive, step: Step, slopes: Slopes, elements: Elements, state: State, memory: Memory,
+    drive: StepDrive, step: Step, slopes: ElementSlopes, elements: Elements, state: PropagatedState, memory: Memory,
     Y: np.ndarray, dY: np.ndarray,
 ) -> int:  # fmt: skip
     """Propagate over a block of steps.
 
     Parameters
     ----------
-    drive : Drive
+    drive : StepDrive
     step : Step
-    slopes : Slopes
+    slopes : ElementSlopes
         Of no parameters if no derivatives are wanted.
     elements : Elements
-    state : State
+    state : PropagatedState
         At the beginning; overwritten by that at the end.
     memory : Memory
     Y : (samples, outputs) array

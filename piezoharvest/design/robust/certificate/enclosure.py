@@ -227,7 +227,7 @@ def _growth(coefficients: Sequence[float]) -> Any:
     return "neither"
 
 
-class _Columns(NamedTuple):
+class _Influences(NamedTuple):
     """Equations at rest and by the rate, and products of harvested power."""
 
     still: np.ndarray
@@ -235,7 +235,7 @@ class _Columns(NamedTuple):
     powers: list[tuple[float, np.ndarray, np.ndarray]]
 
 
-def _columns(shunt: Shunt, capacitance: float) -> _Columns:
+def _columns(shunt: Shunt, capacitance: float) -> _Influences:
     """Equations at rest and by the rate, and products of harvested power, over [v, i, states]."""
     names = tuple(state.name for state in shunt.states(capacitance))
     n = len(names)
@@ -249,7 +249,7 @@ def _columns(shunt: Shunt, capacitance: float) -> _Columns:
     still, rate = rows[:, columns], np.zeros((n + 1, n + 2))
     rate[:, 0], rate[:, 2:] = rows[:, 2 * n + 1], rows[:, n : 2 * n]
     harvested = shunt.powers("linear", port, z).get("harvested", ())
-    return _Columns(still, rate, [(float(p.coefficient), p.first[columns], p.second[columns]) for p in harvested])  # pyright: ignore
+    return _Influences(still, rate, [(float(p.coefficient), p.first[columns], p.second[columns]) for p in harvested])  # pyright: ignore
 
 
 def _mean(part: Form, squares: np.ndarray, boxes: int) -> Form:
