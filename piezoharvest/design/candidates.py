@@ -14,7 +14,7 @@ from piezoharvest.design.drafts import Draft, harvests
 from piezoharvest.design.goal import Goal, largest_inductance
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.parts.choice import PartsChoice, PartsChooser
-from piezoharvest.design.places import lists_of, value_at
+from piezoharvest.design.places import lists_of
 from piezoharvest.design.result import Candidate
 from piezoharvest.design.robust.robustness import Robustness
 from piezoharvest.design.robust.worst import RobustCase
@@ -196,7 +196,7 @@ class CandidateMaker:
             note(f"{kind}: {inductance:.3g} H needs a synthetic inductor (coils end at about {LARGEST_COIL:g} H)")
         if draft.free and isinstance(found.shunt, LinearShunt):
             region = self._region(draft)
-            for text in region.remarks(np.log([value_at(tuned, n) for n in draft.free])):
+            for text in region.remarks(np.log(list(draft.values_of(tuned).values()))):
                 note(f"{kind}: {'before rounding, ' if found.parts else ''}{text}")
         if found.parts and found.parts.remark:
             note(f"{kind}: {found.parts.remark}")
@@ -222,4 +222,4 @@ def _best(tried: Iterable[Tuned]) -> Tuned:
 
 
 def _start_at(draft: Draft, tuned: Tuned) -> Start:
-    return Start(tuned.start, {name: value_at(tuned.shunt, name) for name in draft.free})
+    return Start(tuned.start, draft.values_of(tuned.shunt))

@@ -64,7 +64,11 @@ class Draft:
 
     def first(self) -> dict[str, float]:
         """Present values of the free fields."""
-        return {name: value_at(self.shunt, name) for name in self.free}
+        return self.values_of(self.shunt)
+
+    def values_of(self, shunt: Shunt) -> dict[str, float]:
+        """Values of the free fields in a shunt of this kind."""
+        return {name: value_at(shunt, name) for name in self.free}
 
     @property
     def tied(self) -> dict[str, str]:

@@ -31,7 +31,7 @@ class Operation:
     Attributes
     ----------
     excitation : Excitation
-    Hz; if given, the excitation is a sine of fixed amplitude that is swept through the band.
+    band : (float, float) or None
         Hz; where given, the excitation is a sine that goes through the band with its amplitude kept.
     frequencies, squares : (n,) array
         Lines in Hz and their squared peak values, with which linear powers add up: over a band the nodes and weights

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from piezoharvest.description.excitation import SineForce
+from piezoharvest.description.excitation import Multisine, SineForce
 from piezoharvest.description.hysteresis import Hysteresis
 from piezoharvest.description.shunts import SSDI, SeriesRL
 from piezoharvest.description.system import System
-from piezoharvest.description.transducer import Transducer
+from piezoharvest.description.transducer import Mode, Transducer
 from piezoharvest.design.front.point import Front, FrontPoint, nondominated, overall
 from piezoharvest.design.goal import Goal
 from piezoharvest.design.linear_view import LinearView
@@ -202,3 +202,14 @@ def test_report_shows_front_and_table(run, tmp_path, monkeypatch):
     assert "Fronts of all kinds" in section and '<tr data-kind="ssdi"' in section
     without = write_report(study, dataclasses.replace(result, fronts=()), tmp_path / "other")
     assert "trade-off" not in without.read_text(encoding="utf-8")
+
+
+def test_a_branch_for_each_of_two_modes(run):
+    second = Mode(mass=0.01, stiffness=9 * 986.96, damping=0.06, coupling=2e-3)
+    tones = Multisine(amplitudes=(0.02, 0.02), frequencies=(50.0, 151.0), phases=(0.0, 0.5), duration=1.0)
+    transducer = dataclasses.replace(BENCH, modes=(second,))
+    found = front_of(
+        run(transducer, excitation=tones, objective="trade_off", candidates=("parallel_branches",)), "parallel_branches"
+    )
+    assert len(found.points) > 5
+    assert all(len(point.shunt.inductances) == 2 for point in found.points)

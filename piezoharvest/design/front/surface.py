@@ -115,7 +115,7 @@ class SurfaceFront:
 
     @property
     def _best_point(self) -> np.ndarray:
-        return coordinates({name: getattr(self.best, name) for name in self.draft.free})
+        return coordinates(self.draft.values_of(self.best))
 
     def _box(self) -> list[np.ndarray]:
         """Axes of a grid about the front, by a first grid all over."""

@@ -74,7 +74,7 @@ class TwoPortFront:
             return view.goal.merit(view.figures(self.draft.with_values(self.region.values(self._logs(start)))))
 
         tried = sorted(starts(self.draft, self.host), key=merit)[:_CLOSED_FORMS]
-        tried.append(Start("the best for harvest", {name: getattr(self.best, name) for name in self.draft.free}))
+        tried.append(Start("the best for harvest", self.draft.values_of(self.best)))
         return min((tune(view, self.draft, start, self.region) for start in tried), key=lambda t: t.merit).shunt
 
     def _logs(self, start: Start) -> np.ndarray:
@@ -82,7 +82,7 @@ class TwoPortFront:
 
     def _along(self, end: Shunt, objective: str, limits: list[dict[str, float]]) -> list[Shunt]:
         """Designs for a sequence of limits: each is tuned from the one before it, whose peaks it begins with."""
-        found, p = [end], self.region.logs({name: getattr(end, name) for name in self.draft.free})
+        found, p = [end], self.region.logs(self.draft.values_of(end))
         grid = self.view.grid(end)
         for limit in limits:
             view = self._view(found[-1], objective, **limit)
@@ -123,7 +123,7 @@ class TwoPortFront:
         region, names = self.region, self.draft.free
         random = np.random.default_rng(1).random((_RANDOM, len(names)))
         wide = region.lower + (region.upper - region.lower) * random
-        near = np.array([region.logs({name: getattr(shunt, name) for name in names}) for shunt in designs])
+        near = np.array([region.logs(self.draft.values_of(shunt)) for shunt in designs])
         near = np.repeat(near, _RANDOM // len(near) + 1, axis=0)[:_RANDOM] + _NEAR * (2 * random - 1) ** 3
         points = np.array([p for p in np.vstack((wide, near)) if region.contains(p)])
         band = self.view.operation.band

@@ -19,7 +19,6 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.drafts import ANGLES, Draft
 from piezoharvest.design.goal import MARGIN, PENALTY
-from piezoharvest.design.places import value_at
 from piezoharvest.design.robust.scenarios import ScenarioTrial, ScenarioView
 from piezoharvest.design.robust.space import ToleranceSpace, worst_of
 from piezoharvest.design.trial import Trial
@@ -85,7 +84,7 @@ class Hardening:
 
     def _tune(self, points: list[np.ndarray], *shunts: Shunt) -> Tuned:
         """Tune for some points, from each of some shunts."""
-        starts = [Start("nominal optimum", {n: value_at(s, n) for n in self.draft.free}) for s in dict.fromkeys(shunts)]
+        starts = [Start("nominal optimum", self.draft.values_of(s)) for s in dict.fromkeys(shunts)]
         if self.space.exact:
             view = ScenarioView(self.space, points)
             return min((tune(view, self.draft, s, self.region) for s in starts), key=lambda found: found.merit)
