@@ -76,6 +76,9 @@ class _Design:
         study, options = self.study, self.options
         if options.band is not None and not is_sine(study.excitation):
             self.notes.append(f"design.band is not used: {study.excitation.kind} has a spectrum of its own")
+        unused = [name for name in ("order", "coil_quality") if getattr(options, name) is not None]
+        if unused and SYNTHESISED not in (options.candidates or ()):
+            self.notes.append(f"design.{unused[0]} is not used: no candidate is {SYNTHESISED!r}")
         operation = operation_of(study.excitation, options.band, study.transducer)
         self.view = LinearView(study.transducer, operation, Goal(options)).working()
         self.goal, self.host, trial = self.view.goal, Host.of(self.view), Trial(self.view)

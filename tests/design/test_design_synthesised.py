@@ -200,3 +200,8 @@ def test_damps_better_than_a_coil_and_resistor(run, monkeypatch):
 def test_wrong_options_are_named(options, message):
     with pytest.raises(ParameterError, match=message):
         DesignOptions(**options)
+
+
+def test_keys_of_a_network_that_is_not_asked_for_are_remarked_upon(run, host):
+    notes = run(host(0.025, 50.0), candidates=("resistor",), order=2).notes
+    assert "design.order is not used: no candidate is 'synthesised'" in notes
