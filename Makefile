@@ -1,5 +1,5 @@
 # make demo   install on first use and write the demonstration report to demo-report/
-# make test   run the quick tests (about 10 minutes on two cores)
+# make test   run the quick tests (about 7 minutes on two cores)
 # make slow   run the tests that take long, which `make test` leaves out (about 10 minutes)
 # make lowest run a part of the tests with the lowest versions of all dependencies (Python 3.11; 3 minutes)
 # make bench  measure speed and error beside ngspice, solve_ivp and NumPy: reports/speed/, table in README.md (10 minutes)
