@@ -36,6 +36,7 @@ LAYERS = [
     {"engine.steady_search"},
     {"engine.simulation"},
     {"engine.batch", "engine.sensitivity", "engine.windows"},
+    {"engine.transient"},
     {"spice"},
     {"study", "output"},
     {"records.expectation", "records.finding", "records.record", "records.weights"},

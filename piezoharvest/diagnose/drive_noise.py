@@ -18,7 +18,7 @@ from piezoharvest.identify.fitting.likelihood import Whitener, spectra_of
 from piezoharvest.identify.fitting.model import Model, residual_blocks
 from piezoharvest.identify.noise.drive_denoising import denoised
 from piezoharvest.identify.noise.spectra import first_lines
-from piezoharvest.predict.drive import drive_of
+from piezoharvest.predict.circuit.setting import motion_of
 from piezoharvest.predict.prediction import PredictionError
 
 REALISATIONS = 2  # realisations of the noise
@@ -35,13 +35,13 @@ def drive_noise_variance(
     that the model cannot follow, are left out.
     """
     found, model = np.zeros((len(edges) - 1, len(data.channels))), replace(model, parameters=())
-    if not len(model.prediction(data).matrices.kinds):
+    if not model.prediction(data).nonlinear:
         return found
     true = _denoised_drive(data)
     plain = {begin: residual for _, begin, residual, _ in residual_blocks(model, data, nuisance, False)}
     counts = np.zeros(len(edges) - 1)
     for noisy in _noisy_drives(data, sigma):
-        motion = drive_of(noisy)
+        motion = motion_of(data.drive, data.setting.shunt, noisy)
         if not np.array_equal(motion.jumps, data.setting.motion.jumps):
             continue
         again = replace(data, setting=replace(data.setting, first=float(noisy[0]), motion=motion))

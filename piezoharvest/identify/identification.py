@@ -37,7 +37,6 @@ from piezoharvest.identify.start_values.quasi_static import (
 )
 from piezoharvest.identify.threads import single_threaded
 from piezoharvest.predict.parameters import Parameter, parameters_of, value_at
-from piezoharvest.predict.prediction import Prediction
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.record import FrequencyRecord, Record
@@ -458,7 +457,7 @@ def _warning(data: FrequencyData, judged: ResponseQuality) -> str:
 def _expected_rms(data: Data, found: Fit) -> dict[str, float]:
     """Standard deviation of residuals from noise alone, that of the drive included."""
     frequencies = np.fft.rfftfreq(min(len(data), 4096), data.setting.sample_time)
-    gain = gain_of(Prediction(found.model.transducer, data.setting), data.channels, frequencies)
+    gain = gain_of(replace(found.model, parameters=()).prediction(data), data.channels, frequencies)
     passed = (np.abs(gain) ** 2).mean(axis=0) * found.noise.sigma.get(data.drive, 0.0) ** 2
     own = [found.noise.sigma[channel] ** 2 for channel in data.channels]
     return dict(zip(data.channels, np.sqrt(passed + own).tolist(), strict=True))

@@ -39,6 +39,8 @@ class Setting:
         Samples.
     free : tuple of str
         States with a free initial value.
+    sizes : tuple of float
+        Behind a circuit with events: units of these values, SI.
     swift : tuple of str
         Fast states, which have come to rest relative to the free ones before the record.
     abrupt : bool
@@ -57,6 +59,7 @@ class Setting:
     swift: tuple[str, ...] = ()
     abrupt: bool = False
     fine: int = 1
+    sizes: tuple[float, ...] = ()
 
     @property
     def jumps(self) -> np.ndarray:

@@ -102,6 +102,21 @@ class Prediction:
         # until they are measured in a run.
         self.local = np.zeros((len(matrices.kinds), 2))
 
+    @property
+    def nonlinear(self) -> bool:
+        """True if the model has elements."""
+        return len(self.matrices.kinds) > 0
+
+    @property
+    def bends(self) -> bool:
+        """True if channels have corners between samples."""
+        return self.nonlinear
+
+    @property
+    def linear(self) -> Prediction:
+        """Prediction for small noise of the drive: this one, with its elements at their mean slopes."""
+        return self
+
     @cached_property
     def slopes(self) -> SampleStep:
         """Derivatives of the step with respect to the parameters and the nuisance parameters, by a complex step."""

@@ -257,6 +257,10 @@ class RecordModel:
         specimen = participating(modes, [x for x, _, _ in self._motion], none)
         velocity = participating(modes, [u for _, u, _ in self._motion], none)
         self._reading = specimen + sum(self._read)
+        self._moving = {"velocity": velocity}
+        rates = [du for _, _, du in self._motion if du is not None]
+        if rates:
+            self._moving["acceleration"] = participating(modes, rates, none)
         behind = 0.0
         for n, time_constant in enumerate(self._lags):
             behind = behind + time_constant
@@ -297,7 +301,9 @@ class RecordModel:
         n, elements = len(z), [element for element, _ in self._elements]
         rates = explicit(dz) / scale[:, None]
         inputs, places = _distinct(elements)
-        outputs = {"displacement": self._reading, "voltage": self.v, "current": self.i, "force": self._force}
+        outputs = {
+            "displacement": self._reading, **self._moving, "voltage": self.v, "current": self.i, "force": self._force,
+        }  # fmt: skip
         if self.drive_name != "displacement":
             del outputs["force"]
         rate_of = {_content(row): rate for _, row, rate, _ in self._states}

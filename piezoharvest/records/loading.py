@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +119,8 @@ def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
         raise ParameterError("records", f"{found}, at least one table [[records]] is needed")
     read = list(_entries(entries, sources, path))
     records = tuple(record for record, _ in read)
+    fitted = dict.fromkeys(value for record in records if isinstance(record, Record) for value in record.fitted)
+    transducer = replace(transducer, effects=(*transducer.effects, *fitted))
     # A channel may be missing in some records; one that [channels] names and no record has may be misspelt.
     measured = {channel for record in records if isinstance(record, Record) for channel in record.signals}
     absent = [[f for f in some if f.check != "missing column" or f.channel not in measured] for _, some in read]

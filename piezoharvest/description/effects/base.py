@@ -14,7 +14,10 @@ from piezoharvest.description.parameters import Component
 from piezoharvest.description.protocol import CampaignSizes, EnergyRows, EquationBuilder
 from piezoharvest.description.shunts.base import Shunt
 
-Channel: TypeAlias = Literal["force", "base_acceleration", "displacement", "voltage", "current"]
+Channel: TypeAlias = Literal[
+    "force", "base_acceleration", "displacement", "velocity", "acceleration", "voltage", "current", "dc_voltage",
+    "dc_current",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,7 +38,7 @@ class SynchronisedShunt(Shunt):
     def switch(self, capacitance: float, period: float | None) -> Switch:
         """Timing for an excitation of this period (s), or of none."""
         lag: Any = self.time_lag
-        if period is None and np.any(self.phase_lag != 0):
+        if period is None and np.any(np.real(self.phase_lag) != 0):
             raise ParameterError(
                 "phase_lag",
                 f"found {self.phase_lag} for an excitation without a frequency, which needs time_lag (s) instead",

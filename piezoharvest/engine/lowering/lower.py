@@ -74,7 +74,10 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
         own_powers = [(pg.CATEGORIES.index(key), product) for key in powers for product in powers[key]]
         tables.products.append([*physics.products(), *own_powers, mean_dc])
         motion, port = physics.motion, physics.port
-        outputs = (physics.drive, motion.displacement, motion.velocity, port.v, port.i, layout.z["q"], physics.v_h, dc)
+        outputs = (
+            physics.drive, motion.displacement, motion.velocity, port.v, port.i, layout.z["q"], physics.v_h, dc,
+            motion.acceleration,
+        )  # fmt: skip
         tables.outputs.append(rows_of(outputs, layout.width))
     switch = shunt.switch(capacitance, excitation.period)
     terms.check(shunt, switch)

@@ -36,6 +36,7 @@ EVENT_NAMES = (
 # Output rows of every configuration.
 OUTPUTS = (
     "drive", "displacement", "velocity", "voltage", "current", "charge", "hysteresis_voltage", "dc_voltage",
+    "acceleration",
 )  # fmt: skip
 DISPLACEMENT, VOLTAGE = 1, 3
 WATCHED = 2  # outputs whose extremes are recorded: their rates stand behind the guards, so that steps resolve them too

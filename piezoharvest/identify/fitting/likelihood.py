@@ -14,7 +14,7 @@ from piezoharvest.identify.fitting.model import Model, evaluated, residual_block
 from piezoharvest.identify.noise.noise_gain import gain_of, small_response
 from piezoharvest.identify.noise.noise_model import Noise, Rounding, rounding
 from piezoharvest.identify.noise.spectra import first_lines, gram, in_time, line_spectra, parts, whitened
-from piezoharvest.predict.prediction import Prediction
+from piezoharvest.predict.any_prediction import AnyPrediction
 
 # Cycles per sample: bands of the colour of residuals, from about an octave each down to a line of 10^4 samples.
 BAND_EDGES = np.array([0.0, 1e-4, 3e-4, 6e-4, 1.2e-3, 2.4e-3, 5e-3, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 1.0])
@@ -64,13 +64,13 @@ class Whitener:
 
     Parameters
     ----------
-    prediction : Prediction
+    prediction : Prediction or CircuitPrediction
         Prediction of the record, whose mean slopes filter the noise of the drive.
     noise : Noise
     data : Data
     """
 
-    def __init__(self, prediction: Prediction, noise: Noise, data: Data) -> None:
+    def __init__(self, prediction: AnyPrediction, noise: Noise, data: Data) -> None:
         self._prediction, self._noise, self._data = prediction, noise, data
         self._matrices: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self._passed: dict[tuple[int, int], np.ndarray] = {}
@@ -109,7 +109,7 @@ class Whitener:
     def _settle(self) -> None:
         """Compute mean slopes of the elements if the drive has noise."""
         noisy = self._data.drive in self._noise.sigma or np.any(self._data.rest)
-        if len(self._prediction.matrices.kinds) and noisy:
+        if self._prediction.nonlinear and noisy:
             self._prediction.settle()
 
     def sums(self, model: Model, nuisance: np.ndarray, scatter: bool = False) -> Sums:

@@ -20,8 +20,9 @@ LINEAR_PRIOR_DEVIATION = 10.0  # the same for a linear parameter, in units of it
 NOISE_STANDARD_ERRORS = 3.0  # standard errors by which a noise may be below that at the highest frequencies of records
 MIN_RELATIVE_NOISE = 1e-6  # of its range: least noise of a channel
 # Prior standard deviations of nuisance parameters that a record may not determine: the logarithm of the duration of a
-# jump, which shows only in overshoots, and the initial states of stops, relative to their thresholds.
-NUISANCE_PRIORS = {"rise": 2.0, "history": 1.0}
+# jump, which shows only in overshoots; the initial states of stops, relative to their thresholds; and initial states
+# behind a circuit, relative to the largest ones that the nominal model reaches from rest.
+NUISANCE_PRIORS = {"rise": 2.0, "history": 1.0, "start": 3.0}
 
 
 class Problem:
@@ -101,8 +102,13 @@ class Problem:
         return found
 
     def start(self, model: Model) -> tuple[np.ndarray, ...]:
-        """Start values of the records' nuisance parameters: all zero."""
-        return tuple(np.zeros(len(self.nuisance_names(model, data))) for data in self.data)
+        """Start values of the records' nuisance parameters: zero, unless a record knows better."""
+        return tuple(
+            np.array([data.start.get(name, 0.0) for name in self.nuisance_names(model, data)])
+            if isinstance(data, Data)
+            else np.zeros(0)
+            for data in self.data
+        )
 
     def nuisance_names(self, model: Model, data: Data | FrequencyData) -> tuple[str, ...]:
         """Names of a record's nuisance parameters."""
@@ -172,7 +178,7 @@ def prior_of(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Prior means and inverse variances of all parameters."""
     means, precision = [], []
     for parameter in model.parameters:
-        if parameter.path[0] == "effects":
+        if parameter.path[0] == "effects" and int(parameter.path[1]) >= len(problem.nominal.effects):
             means.append(0.0)
             precision.append(0.0)
             continue

@@ -1,0 +1,85 @@
+"""Derivatives of a prediction behind a circuit by differences, where effects are nonlinear between events."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from piezoharvest.predict.parameters import put, value_at
+from piezoharvest.predict.prediction import Block
+
+if TYPE_CHECKING:
+    from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
+
+# Largest change of a channel, relative to its size, by a difference: truncation is then about 1e-10, and the engine's
+# rounding error of 1e-13 gives 1e-8.
+CHANGE = 1e-5
+MIN_STEP = 1e-8  # first step of a variable, in its unit, enlarged until the change is large enough
+MAX_GROWTH = 1e12
+
+
+def differences(of: CircuitPrediction, channels: Sequence[str], size: int) -> Iterator[Block]:
+    """Blocks of a prediction with central differences.
+
+    Where an event of one of the runs lies on the other side of a sample, the difference of the other side is taken.
+    """
+    base = _values(of, channels)
+    lanes = [_lane(of, k, base, channels) for k in range(len(of.parameters) + len(of.nuisance))]
+    slopes = np.stack(lanes, axis=-1) if lanes else np.zeros((*base.shape, 0))
+    for begin in range(0, len(base), size):
+        yield Block(begin, base[begin : begin + size], slopes[begin : begin + size], None)
+
+
+def _values(of: CircuitPrediction, channels: Sequence[str]) -> np.ndarray:
+    return np.concatenate([block.values for block in of.blocks(derivatives=False, channels=channels)])
+
+
+def _moved(of: CircuitPrediction, k: int, step: float) -> CircuitPrediction:
+    """Prediction with another value of a parameter's variable, or of a nuisance parameter."""
+    device, nuisance = of.transducer, of.nuisance
+    if k < len(of.parameters):
+        parameter = of.parameters[k]
+        inner = float(np.real(parameter.inner(value_at(device, parameter.path)))) + step
+        device = put(device, parameter.path, float(np.real(parameter.outer(inner))))
+    else:
+        nuisance = nuisance + step * (np.arange(len(nuisance)) == k - len(of.parameters))
+    return type(of)(device, of.setting, (), nuisance, relaxed=of.relaxed)
+
+
+def _lane(of: CircuitPrediction, k: int, base: np.ndarray, channels: Sequence[str]) -> np.ndarray:
+    """Derivatives (samples, channels) with respect to one variable."""
+    largest = np.max(np.abs(base), axis=0) + 1e-300
+    step = _step(of, k)
+    upper = None
+    while step <= MAX_GROWTH * MIN_STEP:
+        upper = _values(_moved(of, k, step), channels) - base
+        change = float(np.max(np.median(np.abs(upper), axis=0) / largest))
+        if change >= 0.1 * CHANGE:
+            break
+        step *= 10.0 if change == 0.0 else float(np.clip(CHANGE / change, 2.0, 1e3))
+    if upper is None:
+        return np.zeros_like(base)
+    if _bounded_below(of, k, step):
+        return upper / step
+    lower = base - _values(_moved(of, k, -step), channels)
+    smaller = np.where(np.abs(upper) < np.abs(lower), upper, lower)
+    return np.where(np.abs(upper - lower) > 0.5 * (np.abs(upper) + np.abs(lower)), smaller, 0.5 * (upper + lower)) / step
+
+
+def _step(of: CircuitPrediction, k: int) -> float:
+    """First step of a variable."""
+    if k >= len(of.parameters) or of.parameters[k].scaling == "log":
+        return 1e-6
+    parameter = of.parameters[k]
+    size = abs(float(np.real(parameter.inner(value_at(of.transducer, parameter.path)))))
+    return 1e-6 * size if size > 0 else MIN_STEP
+
+
+def _bounded_below(of: CircuitPrediction, k: int, step: float) -> bool:
+    """True if a variable may not be smaller by a step."""
+    if k >= len(of.parameters):
+        return False
+    parameter = of.parameters[k]
+    return float(np.real(parameter.inner(value_at(of.transducer, parameter.path)))) - step < parameter.lower

@@ -1,0 +1,87 @@
+"""Initial state of a record behind a circuit, and its derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezoharvest.engine.lowering.lower import Lowered
+from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.memory.state import EngineState
+from piezoharvest.engine.run import Machine
+from piezoharvest.engine.sensitivity.dual_modes import Dual, dual, nominal
+from piezoharvest.predict.discrete_model import Setting
+
+
+def initial_state(
+    lowered: Lowered, setting: Setting, count: int, nuisance: np.ndarray
+) -> tuple[EngineState, np.ndarray]:
+    """State at the first sample: rest under the first value of the drive, and deviations from it.
+
+    Parameters
+    ----------
+    lowered : Lowered
+        From complex steps of the parameters.
+    setting : Setting
+    count : int
+        Number of parameters.
+    nuisance : (n,) array
+        Deviations of `setting.free` in units of `setting.sizes`, then outputs of the stops as fractions of their limits.
+
+    Returns
+    -------
+    EngineState
+    (states, count + n) array
+        Derivatives of its scaled states with respect to the parameters and these numbers.
+    """
+    program = lowered.program
+    scale, rest = (_of(program, name, count) for name in ("scale", "equilibrium"))
+    z, d = rest.value.copy(), np.zeros((len(rest.value), count + len(nuisance)))
+    d[:, :count] = rest.change.T
+    for k, (name, size) in enumerate(zip(setting.free, setting.sizes, strict=True)):
+        row = lowered.states.index(name)
+        slope = size / scale.value[row]
+        z[row] += slope * nuisance[k]
+        d[row, :count] -= slope * nuisance[k] / scale.value[row] * scale.change[:, row]
+        d[row, count + k] = slope
+    limits = _of(program, "stop_limit", count)
+    for j in range(len(nuisance) - len(setting.free)):
+        row, k = program.stop_state[j], len(setting.free) + j
+        z[row] = nuisance[k] * limits.value[j]
+        d[row, :count], d[row, count + k] = nuisance[k] * limits.change[:, j], limits.value[j]
+    state = Machine(lowered._replace(program=nominal(program))).state()
+    state.z[: len(z)] = z
+    _discharge(program, state, d, count)
+    return state, d
+
+
+def _of(program: pg.Program, name: str, count: int) -> Dual:
+    """A vector of the program with its derivatives (count, n)."""
+    found = dual(getattr(program, name), 1)
+    return Dual(found.value, np.broadcast_to(found.change, (count, len(found.value))))
+
+
+def _discharge(program: pg.Program, state: EngineState, d: np.ndarray, count: int) -> None:
+    """Take from the electrodes the charge by which their voltage would exceed what the diodes allow.
+
+    Noise and start values may put it there; diodes have conducted until it was gone.
+    """
+    n, charge = len(d), program.charge
+    z = np.concatenate([state.z[:n], _resting_signal(program)])
+    for g in np.flatnonzero((program.guard_code[0] == pg.CONDUCT) & (program.guard_target[0] >= 0)):
+        form = dual(program.guard_z[..., 0, g, :], 1)
+        excess, slope = float(form.value @ z), form.value[charge]
+        if excess <= 0.0 or slope == 0.0:
+            continue
+        change = form.value[:n] @ d
+        change[:count] += np.broadcast_to(form.change @ z, count)
+        state.z[charge] -= excess / slope
+        d[charge] -= change / slope
+        d[charge, :count] += np.broadcast_to(form.change[:, charge], count) * excess / slope**2
+
+
+def _resting_signal(program: pg.Program) -> np.ndarray:
+    """Exogenous states while the signal is zero: its value and slope, and the constant, if the program has one."""
+    found = np.zeros(program.rate.shape[-1] - program.rate.shape[-2])
+    if len(found) > 2 + pg.DERIVATIVES * len(program.element_power):
+        found[-1] = 1.0 / np.real(np.reshape(program.exo_scale, (-1, len(found)))[0, -1])
+    return found
