@@ -11,10 +11,12 @@ import numpy as np
 
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.model import Model, evaluated, residual_blocks
+from piezoharvest.identify.noise.event_noise import sample_weights
 from piezoharvest.identify.noise.noise_gain import gain_of, small_response
 from piezoharvest.identify.noise.noise_model import Noise, Rounding, rounding
 from piezoharvest.identify.noise.spectra import first_lines, gram, in_time, line_spectra, parts, whitened
 from piezoharvest.predict.any_prediction import AnyPrediction
+from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
 
 # Cycles per sample: bands of the colour of residuals, from about an octave each down to a line of 10^4 samples.
 BAND_EDGES = np.array([0.0, 1e-4, 3e-4, 6e-4, 1.2e-3, 2.4e-3, 5e-3, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 1.0])
@@ -112,6 +114,24 @@ class Whitener:
         if self._prediction.nonlinear and noisy:
             self._prediction.settle()
 
+    @cached_property
+    def _weights(self) -> np.ndarray | None:
+        """Weights (samples, channels) of the residuals behind a circuit; None where all are one."""
+        prediction, data = self._prediction, self._data
+        if not isinstance(prediction, CircuitPrediction):
+            return None
+        drive, noise = data.record[data.drive] - data.rest, self._noise.sigma.get(data.drive, 0.0)
+        signal = data.record.signals[data.drive]
+        return sample_weights(prediction.plain, data.channels, signal, drive, self._noise.sigma, noise)
+
+    def weighted(self, begin: int, values: np.ndarray) -> np.ndarray:
+        """Residuals of consecutive samples, or their derivatives, (samples, channels, ...), each with its weight."""
+        weights = self._weights
+        if weights is None:
+            return values
+        part = weights[begin : begin + len(values)]
+        return values * part.reshape(*part.shape, *[1] * (values.ndim - 2))
+
     def sums(self, model: Model, nuisance: np.ndarray, scatter: bool = False) -> Sums:
         """Sums of the record for a model, with the scatter by rounded sensors if required.
 
@@ -124,8 +144,9 @@ class Whitener:
         for begin, found, slopes in evaluated(model, self._data, nuisance):
             end = begin + len(found)
             residual = found - self.passed(begin, end)
-            white, rows = self._of(len(residual))
             predicted = self._data.part(begin, end) - residual
+            residual, slopes = self.weighted(begin, residual), self.weighted(begin, slopes)
+            white, rows = self._of(len(residual))
             rounded = (lambda D, x=predicted, W=white: self.scatter(x, D, W)) if scatter else None
             parts.append(_whitened(residual, slopes, rows, rounded))
         return reduce(add, parts)
@@ -134,7 +155,8 @@ class Whitener:
         """Blocks (begin, residuals, their whitened spectra (f, channels)) of a record for a model."""
         for _, begin, residual, _ in residual_blocks(replace(model, parameters=()), self._data, nuisance, False):
             residual -= self.passed(begin, begin + len(residual))
-            yield begin, residual, (self.of(len(residual)) @ spectra_of(residual)[:, :, None])[:, :, 0]
+            spectra = spectra_of(self.weighted(begin, residual))
+            yield begin, residual, (self.of(len(residual)) @ spectra[:, :, None])[:, :, 0]
 
     def scatter(self, predicted: np.ndarray, whitened: np.ndarray, white: np.ndarray) -> np.ndarray:
         """Covariance of the gradient by errors of rounded sensors, (p, p), with random phase, due to a free offset.

@@ -13,6 +13,7 @@ from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model, nuisance_limits, nuisance_names
 from piezoharvest.identify.noise.drive_denoising import high_frequency_noise
 from piezoharvest.identify.noise.noise_model import Noise, initial_noise, noise_upper_bound
+from piezoharvest.predict.circuit.setting import has_events
 from piezoharvest.predict.parameters import value_at
 
 PRIOR_DEVIATION = 1.0  # prior standard deviation of the logarithm of a parameter about its nominal value
@@ -23,6 +24,9 @@ MIN_RELATIVE_NOISE = 1e-6  # of its range: least noise of a channel
 # jump, which shows only in overshoots; the initial states of stops, relative to their thresholds; and initial states
 # behind a circuit, relative to the largest ones that the nominal model reaches from rest.
 NUISANCE_PRIORS = {"rise": 2.0, "history": 1.0, "start": 3.0}
+
+
+FAST = ("voltage", "current", "acceleration")  # channels that change fast where a switch acts
 
 
 class Problem:
@@ -40,6 +44,11 @@ class Problem:
         self, data: Sequence[Data | FrequencyData], nominal: Transducer, offset_channels: tuple[str, ...]
     ) -> None:
         self.data, self.nominal, self.offset_channels = tuple(data), nominal, offset_channels
+
+    @cached_property
+    def has_events(self) -> bool:
+        """True if a record is one behind a circuit with diodes or switches."""
+        return any(isinstance(data, Data) and has_events(data.drive, data.setting.shunt) for data in self.data)
 
     def noise(self) -> Noise:
         """Guess of the noise from the records themselves."""
@@ -90,8 +99,11 @@ class Problem:
         for data in self.data:
             if isinstance(data, FrequencyData):
                 continue
+            events = has_events(data.drive, data.setting.shunt)
             for channel in data.channels:
-                shown.setdefault(channel, []).append(high_frequency_noise(data.record[channel]))
+                # What a switch does fast would be taken for noise.
+                floor = None if events and channel in FAST else high_frequency_noise(data.record[channel])
+                shown.setdefault(channel, []).append(floor)
         found = {}
         for channel, each in shown.items():
             seen = [floor for floor in each if floor is not None]
