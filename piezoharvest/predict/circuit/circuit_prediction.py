@@ -26,6 +26,7 @@ from piezoharvest.engine.sensitivity.dual_modes import nominal
 from piezoharvest.engine.steady_search import EngineError
 from piezoharvest.engine.transient.variation import PlainRun, SampledRun
 from piezoharvest.equations.rows import connected
+from piezoharvest.equations.terms import Terms
 from piezoharvest.predict.circuit.differences import differences
 from piezoharvest.predict.circuit.initial_state import initial_state
 from piezoharvest.predict.circuit.measured_drive import MeasuredDrive
@@ -101,6 +102,22 @@ class CircuitPrediction:
         return found
 
     @cached_property
+    def _smooth(self) -> tuple[int, ...]:
+        """Parameters whose derivatives are differences: those of effects that are nonlinear between events.
+
+        Where such an effect is not at its null value, they are all.
+        """
+        base = "base_acceleration" if self.setting.drive == "base_acceleration" else "force"
+        device = replace(self._device, effects=())
+        smooth = [
+            n for n, effect in enumerate(self._stepped.effects)
+            if Terms(replace(device, effects=(effect,)), base, passes=True).elements
+        ]  # fmt: skip
+        if not all(self.transducer.effects[n].absent for n in smooth):
+            return tuple(range(len(self.parameters)))
+        return tuple(k for k, p in enumerate(self.parameters) if p.path[0] == "effects" and p.path[1] in smooth)
+
+    @cached_property
     def lowered(self) -> Lowered:
         """Matrices of all modes, with complex steps of the parameters."""
         setting = self.setting
@@ -137,8 +154,9 @@ class CircuitPrediction:
             The circuit cannot be simulated with these values.
         """
         wanted = list(self.channels if channels is None else channels)
-        if derivatives and len(self.lowered.program.element_power):
-            yield from differences(self, wanted, size)
+        smooth = self._smooth if derivatives else ()
+        if smooth:
+            yield from differences(self, smooth, wanted, size)
             return
         of = self if derivatives else self.plain
         names = list(dict.fromkeys([*NEEDED, *("dc_voltage" if name == "dc_current" else name for name in wanted)]))

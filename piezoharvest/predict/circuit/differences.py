@@ -20,14 +20,24 @@ MIN_STEP = 1e-8  # first step of a variable, in its unit, enlarged until the cha
 MAX_GROWTH = 1e12
 
 
-def differences(of: CircuitPrediction, channels: Sequence[str], size: int) -> Iterator[Block]:
-    """Blocks of a prediction with central differences.
+def differences(of: CircuitPrediction, which: Sequence[int], channels: Sequence[str], size: int) -> Iterator[Block]:
+    """Blocks of a prediction with central differences for some parameters, or for all and the nuisance parameters.
 
     Where an event of one of the runs lies on the other side of a sample, the difference of the other side is taken.
     """
-    base = _values(of, channels)
-    lanes = [_lane(of, k, base, channels) for k in range(len(of.parameters) + len(of.nuisance))]
-    slopes = np.stack(lanes, axis=-1) if lanes else np.zeros((*base.shape, 0))
+    base, count = _values(of, channels), len(of.parameters) + len(of.nuisance)
+    slopes = np.zeros((*base.shape, count))
+    rest = [k for k in range(count) if k not in which]
+    if len(which) < len(of.parameters):
+        others = type(of)(
+            of.transducer, of.setting, [of.parameters[k] for k in rest if k < len(of.parameters)], of.nuisance,
+            relaxed=of.relaxed,
+        )  # fmt: skip
+        slopes[..., rest] = np.concatenate([block.derivatives for block in others.blocks(channels=channels)])
+    else:
+        which = range(count)
+    for k in which:
+        slopes[..., k] = _lane(of, k, base, channels)
     for begin in range(0, len(base), size):
         yield Block(begin, base[begin : begin + size], slopes[begin : begin + size], None)
 
@@ -50,6 +60,8 @@ def _moved(of: CircuitPrediction, k: int, step: float) -> CircuitPrediction:
 
 def _lane(of: CircuitPrediction, k: int, base: np.ndarray, channels: Sequence[str]) -> np.ndarray:
     """Derivatives (samples, channels) with respect to one variable."""
+    if _has_none(of, k):
+        return np.zeros_like(base)
     largest = np.max(np.abs(base), axis=0) + 1e-300
     step = _step(of, k)
     upper = None
@@ -66,6 +78,15 @@ def _lane(of: CircuitPrediction, k: int, base: np.ndarray, channels: Sequence[st
     lower = base - _values(_moved(of, k, -step), channels)
     smaller = np.where(np.abs(upper) < np.abs(lower), upper, lower)
     return np.where(np.abs(upper - lower) > 0.5 * (np.abs(upper) + np.abs(lower)), smaller, 0.5 * (upper + lower)) / step
+
+
+def _has_none(of: CircuitPrediction, k: int) -> bool:
+    """True for a parameter of an effect at its null value, other than the strength."""
+    if k >= len(of.parameters) or of.parameters[k].path[0] != "effects":
+        return False
+    _, n, name = of.parameters[k].path
+    effect = of.transducer.effects[int(n)]
+    return effect.absent and effect.strength().name != name
 
 
 def _step(of: CircuitPrediction, k: int) -> float:

@@ -9,7 +9,12 @@ from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory.state import EngineState
 from piezoharvest.engine.run import Machine
 from piezoharvest.engine.sensitivity.dual_modes import Dual, dual, nominal
+from piezoharvest.equations.terms import PRODUCT, TIMED
 from piezoharvest.predict.discrete_model import Setting
+
+
+ITERATIONS = 30  # of elements that depend on each other: they are small beside what is linear
+MARGIN = 1e-9  # of the largest charge: far below what a sensor resolves
 
 
 def initial_state(
@@ -50,7 +55,8 @@ def initial_state(
         d[row, :count], d[row, count + k] = nuisance[k] * limits.change[:, j], limits.value[j]
     state = Machine(lowered._replace(program=nominal(program))).state()
     state.z[: len(z)] = z
-    _discharge(program, state, d, count)
+    charge = next((size for name, size in zip(setting.free, setting.sizes, strict=True) if name == "q"), 0.0)
+    _discharge(program, state, d, count, MARGIN * charge / scale.value[program.charge])
     return state, d
 
 
@@ -60,23 +66,39 @@ def _of(program: pg.Program, name: str, count: int) -> Dual:
     return Dual(found.value, np.broadcast_to(found.change, (count, len(found.value))))
 
 
-def _discharge(program: pg.Program, state: EngineState, d: np.ndarray, count: int) -> None:
-    """Take from the electrodes the charge by which their voltage would exceed what the diodes allow.
+def _discharge(program: pg.Program, state: EngineState, d: np.ndarray, count: int, margin: float) -> None:
+    """Take from the electrodes the charge by which their voltage would exceed what the diodes allow, and a bit more.
 
-    Noise and start values may put it there; diodes have conducted until it was gone.
+    Noise and start values may put it there; diodes have conducted until it was gone. Without the margin, a scaled
+    charge, diodes at rest would be neither conducting nor blocking.
     """
     n, charge = len(d), program.charge
     z = np.concatenate([state.z[:n], _resting_signal(program)])
+    _set_elements(program, z)
     for g in np.flatnonzero((program.guard_code[0] == pg.CONDUCT) & (program.guard_target[0] >= 0)):
         form = dual(program.guard_z[..., 0, g, :], 1)
         excess, slope = float(form.value @ z), form.value[charge]
+        excess += margin * abs(slope)
         if excess <= 0.0 or slope == 0.0:
             continue
         change = form.value[:n] @ d
         change[:count] += np.broadcast_to(form.change @ z, count)
         state.z[charge] -= excess / slope
+        z[charge] = state.z[charge]
         d[charge] -= change / slope
         d[charge, :count] += np.broadcast_to(form.change[:, charge], count) * excess / slope**2
+
+
+def _set_elements(program: pg.Program, z: np.ndarray) -> None:
+    """Set the outputs of smooth elements, which depend on the state and, by way of a voltage, on each other."""
+    n = program.rate.shape[-2]
+    scale = np.real(np.reshape(program.exo_scale, (-1, len(z) - n))[0])
+    inputs = np.real(np.reshape(program.element_z, (-1, *program.element_z.shape[-3:]))[0])
+    for _ in range(ITERATIONS if len(program.element_power) else 0):
+        for k, power in enumerate(program.element_power):
+            first, second = inputs[k] @ z
+            output = 0.0 if power == TIMED else first * second if power == PRODUCT else first**power
+            z[n + pg.DERIVATIVES * k] = output / scale[pg.DERIVATIVES * k]
 
 
 def _resting_signal(program: pg.Program) -> np.ndarray:
