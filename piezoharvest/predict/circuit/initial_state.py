@@ -92,9 +92,11 @@ def _discharge(program: pg.Program, state: EngineState, d: np.ndarray, count: in
 def _set_elements(program: pg.Program, z: np.ndarray) -> None:
     """Set the outputs of smooth elements, which depend on the state and, by way of a voltage, on each other."""
     n = program.rate.shape[-2]
+    if not len(program.element_power):
+        return
     scale = np.real(np.reshape(program.exo_scale, (-1, len(z) - n))[0])
     inputs = np.real(np.reshape(program.element_z, (-1, *program.element_z.shape[-3:]))[0])
-    for _ in range(ITERATIONS if len(program.element_power) else 0):
+    for _ in range(ITERATIONS):
         for k, power in enumerate(program.element_power):
             first, second = inputs[k] @ z
             output = 0.0 if power == TIMED else first * second if power == PRODUCT else first**power
