@@ -67,7 +67,9 @@ def print_design(title: str, result: Mapping[str, Any]) -> None:
     rows = [*result["candidates"], {"shunt": {"kind": "bound"}, "converged": True, **result["bound"]}]
     scheduled = Column("with schedule", "W", [row.get("scheduled_power") for row in rows])
     errors = [row.get("harvested_power_standard_error") for row in rows]
+    frequencies = [row.get("frequency") for row in rows]
     columns = [
+        *([Column("best frequency", "Hz", frequencies)] if any(frequencies) else []),
         Column("harvested power", "W", [row.get("harvested_power") for row in rows]),
         *([Column("standard error", "W", errors)] if any(errors) else []),
         *([scheduled] if any(row.get("scheduled_power") is not None for row in rows) else []),

@@ -55,7 +55,9 @@ class Gallery:
         self._bench = CurveTracer(self.study)
         self._ready: dict[Subject, Waveforms] = {}
         self._drawn = [s for s in self.subjects if not isinstance(s.shunt, Open | Short)][:MAX_CURVES]
-        self._marks = {"drive": drive_frequency(self.study), "band": design_band(self.study)}
+        self._free = any(s.candidate.frequency for s in self.subjects)
+        drive = None if self._free else drive_frequency(self.study)
+        self._marks = {"drive": drive, "band": design_band(self.study)}
         left_out = len([s for s in self.subjects if not isinstance(s.shunt, Open | Short)]) - len(self._drawn)
         if left_out:
             self.remarks.append(f"curves are drawn for the {MAX_CURVES} best candidates, not for the other {left_out}")
@@ -109,6 +111,7 @@ class Gallery:
         if not found:
             return
         caption = f"Mean over {frequency_range(band)}. " if band else ""
+        caption += "Each at the frequency that is best for it. " if self._free else ""
         caption += f"Everything but the load as tuned. {_origin(found)}{self._dropped(found)}"
         bound = self.bound.power if self.bound else None
         figure = curves.power_along_loads(found, level, self.limit.power if self.limit else None, bound)
