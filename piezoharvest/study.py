@@ -70,6 +70,7 @@ class DesignOptions(Component):
     candidates: tuple[str, ...] | None = None
     phase_lag: Literal["free", "fixed"] | None = None  # None: free for harvest, fixed for damping
     hold: tuple[str, ...] = ()
+    tune: tuple[Literal["on_time_error", "inductance", "smoothing_capacitance"], ...] = ()  # of switched shunts, too
     order: int | None = quantity(
         "", "coils and capacitors of the synthesised network, at most", default=None, at_least=1, at_most=8
     )
