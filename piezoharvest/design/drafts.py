@@ -165,10 +165,9 @@ class Drafting:
         return tuple(name for name in names if name.partition(".")[0] not in held)
 
     def _late(self, shunt: Shunt) -> tuple[str, ...]:
-        """Fields to tune after these: what the study names besides, and the time lag where there is no frequency."""
+        """Fields to tune after these: what the study names besides, and the time lag but under a sine."""
         names = [name for name in self.options.tune or () if getattr(shunt, name, None) is not None]
-        aperiodic = self.operation.excitation.period is None
-        if aperiodic and isinstance(shunt, SynchronisedShunt) and self._lag_is_wanted(shunt):
+        if not self.operation.apart and isinstance(shunt, SynchronisedShunt) and self._lag_is_wanted(shunt):
             names.append("time_lag")
         return tuple(name for name in names if name not in self.options.hold)
 
