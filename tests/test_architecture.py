@@ -34,6 +34,7 @@ LAYERS = [
     {"engine.entry_point"},
     {"engine.run"},
     {"engine.steady_search"},
+    {"engine.batch_means"},
     {"engine.simulation"},
     {"engine.batch", "engine.sensitivity", "engine.windows"},
     {"spice"},
