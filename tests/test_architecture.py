@@ -16,8 +16,9 @@ ROOT = Path(piezoharvest.__file__).parent
 LAYERS = [
     {"callable_package", "former_names", "input", "description.circuit", "description.parameters"},
     {"readers"},
-    {"description.excitation", "description.hysteresis", "description.netlist", "description.protocol"},
+    {"description.excitation", "description.hysteresis", "description.netlist"},
     {"description.shunts"},
+    {"description.protocol"},
     {"description.effects"},
     {"description.transducer"},
     {"description.catalogue", "description.limits", "description.system", "description.tolerance"},

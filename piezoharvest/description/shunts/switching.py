@@ -22,6 +22,9 @@ class SynchronisedShunt(Shunt):
     )
     time_lag: float = quantity("s", "time from the extremum to the action; negative is early", default=0.0)
     hold_off: float | None = quantity("s", "no action sooner than this after the last", default=None, at_least=0)
+    detector_threshold: float = quantity(
+        "V", "electrode voltage at an extremum below which the switch does not act", default=0.0, at_least=0
+    )
 
     def on_time(self, capacitance: float) -> float:
         """Seconds that the switch stays closed; 0 where it acts at once."""
@@ -53,7 +56,10 @@ class SynchronisedShunt(Shunt):
                 raise ParameterError("time_lag", f"found {np.min(lag):g} s, allowed is {allowed}")
             # The next extremum is half a period after the last one, of the other kind.
             lag = cast(Any, np.where(early, 0.5 * period + lag, lag))
-        return Switch(lag, self.on_time(capacitance), hold_off, early, self.harvested_share(), self.extraction_drop())
+        return Switch(
+            lag, self.on_time(capacitance), hold_off, early, self.harvested_share(), self.extraction_drop(),
+            self.detector_threshold,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)

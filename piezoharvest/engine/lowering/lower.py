@@ -247,6 +247,7 @@ def _switching(shunt: Shunt, switch: Switch | None, index: dict[str, int], layou
         "early": scalar(np.asarray(timing.early, float)),
         "efficiency": scalar(timing.efficiency),
         "drop": scalar(timing.drop),
+        "threshold": scalar(timing.threshold),
         "closed": np.array([[index.get(shunt.closed(c, polarity), -1) for c in index] for polarity in (-1, 1)]),
         "opened": np.array([index[shunt.opened(c)] for c in index]),
         "cut": layout.names.index("current") if "current" in layout.names else -1,
