@@ -126,7 +126,7 @@ def test_absent_at_exactly_its_null_value(name):
             value = getattr(SHUNTS[shunt], field.name)
         if value is not None and math.isfinite(value) and field.metadata.get("above") != value:
             null[field.name] = value
-    if not null:
+    if len(null) < sum(field.metadata.get("null") is not None for field in dataclasses.fields(cls)):
         pytest.skip("the bounds leave the null out")
     found, wanted = run(shunt, dataclasses.replace(EXAMPLES[name], **null)), run(shunt)
     assert found.displacement_amplitude == wanted.displacement_amplitude
@@ -406,6 +406,134 @@ def test_agrees_with_the_virtual_bench(names, load, table):
     assert distance(waves.displacement, wanted.displacement) < precision
     assert distance(waves.voltage, wanted.voltage) < precision
     assert np.abs(waves.current - wanted.current).max() < of_slopes * max(np.abs(wanted.current).max(), 1e-9)
+
+
+BRIDGE = {"smoothing_capacitance": 1e-7, "load_resistance": 1e6, "diode_drop": 0.1}
+COIL = {"inductance": 0.1, "quality": 5.0}
+# Of each effect of a circuit one that it acts on, with values that show.
+BEHIND = {
+    "switch_delay": ({"time_lag": 4e-4}, {"kind": "ssdv", **COIL, "source_voltage": 1.0}),
+    "inversion_loss": ({"quality": 3.0}, {"kind": "ssdi", **COIL}),
+    "voltage_reversion": ({"share": 0.2, "time_constant": 1e-3}, {"kind": "ssdi", **COIL}),
+    "diode_drop_error": ({"diode_drop": 0.4}, {"kind": "series_sshi", **BRIDGE, **COIL}),
+    "on_time_offset": ({"on_time_error": 0.3}, {"kind": "parallel_sshi", **BRIDGE, **COIL}),
+    "missed_switching": ({"threshold": 1.5}, {"kind": "sece"}),
+    "reverse_leakage": ({"conductance": 1e-6}, {"kind": "rectifier", **BRIDGE}),
+    "probe_loading": (
+        {"resistance": 1e6, "capacitance": 3e-8, "place": "dc"}, {"kind": "parallel_sshi", **BRIDGE, **COIL}
+    ),
+}  # fmt: skip
+
+
+def behind(names, load, length=0.06):
+    """Waveforms of the engine and of the bench from rest, and those of the engine without the effects."""
+    tables = {name: BEHIND[name][0] for name in names}
+    system, excitation = objects(bench_study(load, DRIVE_TABLE, hysteresis=STOPS, effects=tables))
+    found = simulate(system, excitation, transient=length, samples=200)
+    plain = simulate(System(HYSTERETIC, system.shunt), excitation, transient=length, samples=200)
+    present, shunt = [build(bench_effects.registered()[name], tables[name], name) for name in names], build_shunt(load)
+    for effect in present:
+        shunt = effect.connect(shunt)
+    model = Model(build_transducer({**BENCH, "hysteresis": STOPS}), CIRCUITS[shunt.kind](shunt), base=False)
+    for effect in present:
+        effect.act(model, length)
+    return found, integrate(model, excitation, found.waveforms.time), plain.waveforms
+
+
+def check_behind(found, wanted, plain):
+    assert found.energy["closure"] < 1e-12
+    waves = found.waveforms
+    # The bench takes a flip in some ten steps, each of them to 1e-7 of the state's size; measured: up to 4e-9.
+    assert distance(waves.displacement, wanted.displacement) < 1e-8
+    assert distance(waves.voltage, wanted.voltage) < 2e-8
+    assert distance(waves.current, wanted.current) < 2e-8
+    if np.any(waves.dc_voltage):
+        assert distance(waves.dc_voltage, wanted.dc_voltage) < 1e-8
+    changed = max(distance(waves.voltage, plain.voltage), distance(waves.dc_voltage, plain.dc_voltage))
+    assert changed > 1e-2
+
+
+@pytest.mark.parametrize("name", BEHIND)
+def test_an_effect_of_a_circuit_agrees_with_the_virtual_bench(name):
+    check_behind(*behind([name], BEHIND[name][1]))
+
+
+@pytest.mark.parametrize("kind", ["parallel_sshi", "series_sshi"])
+def test_all_effects_of_circuits_at_once_agree_with_the_virtual_bench(kind):
+    check_behind(*behind(list(BEHIND), {"kind": kind, **BRIDGE, **COIL}))
+
+
+def test_all_effects_of_circuits_are_compared():
+    assert set(BEHIND) == OF_THE_CIRCUIT | {"voltage_reversion", "probe_loading"}
+
+
+@pytest.mark.parametrize(
+    ("effect", "label"),
+    [
+        (effects.SwitchDelay(time_lag=2e-4), {"time_lag": 2e-4}),
+        (effects.InversionLoss(quality=3.0), {"quality": 3.0}),
+        (effects.DiodeDropError(diode_drop=0.3), {"diode_drop": 0.3}),
+        (effects.OnTimeOffset(on_time_error=0.3), {"on_time_error": 0.3}),
+        (effects.MissedSwitching(threshold=1.0), {"detector_threshold": 1.0}),
+        (effects.ReverseLeakage(conductance=1e-7), {"diode_leakage": 1e-7}),
+        (effects.ProbeLoading(resistance=1e7, capacitance=3e-8, place="dc"), {"dc_leakage": 1e-7}),
+    ],
+    ids=lambda each: getattr(each, "name", ""),
+)
+def test_a_circuit_is_what_its_label_says_with_the_effects_value(effect, label):
+    circuit = shunts.ParallelSSHI(**BRIDGE, **COIL)
+    if effect.name == "probe_loading":
+        label = {**label, "smoothing_capacitance": BRIDGE["smoothing_capacitance"] + 3e-8}
+    found = simulate(System(dataclasses.replace(PLAIN, effects=(effect,)), circuit), DRIVE)
+    wanted = simulate(System(PLAIN, dataclasses.replace(circuit, **label)), DRIVE)
+    assert found.converged
+    assert found.harvested_power == wanted.harvested_power
+    assert np.array_equal(found.waveforms.voltage, wanted.waveforms.voltage)
+
+
+def test_diodes_that_leak_are_a_resistance_on_either_side():
+    """Four of conductance g: 1/g across the leads, as a leakage of the specimen is, and 1/g beside the load."""
+    conductance, load = 2e-6, 1e5
+    leaking = shunts.Rectifier(smoothing_capacitance=1e-6, load_resistance=load, diode_leakage=conductance)
+    both = shunts.Rectifier(smoothing_capacitance=1e-6, load_resistance=1 / (1 / load + conductance))
+    found, leaky = run_of(leaking), run_of(both, effects.Leakage(resistance=1 / conductance))
+    assert found.displacement_amplitude == pytest.approx(leaky.displacement_amplitude, rel=1e-10)
+    assert found.dc_voltage == pytest.approx(leaky.dc_voltage, rel=1e-10)
+    behind_diodes = leaky.harvested_power / (1 + load * conductance)
+    assert found.harvested_power == pytest.approx(behind_diodes, rel=1e-9)
+    lost = leaky.energy["leakage"] + leaky.energy["harvested"] - found.energy["harvested"]
+    assert found.energy["shunt_loss"] == pytest.approx(lost, rel=1e-9)
+
+
+def test_a_probe_beside_the_load_takes_no_harvest():
+    load, meter = 1e5, 3e5
+    probe = effects.ProbeLoading(resistance=meter, place="dc")
+    found = run_of(shunts.Rectifier(smoothing_capacitance=1e-6, load_resistance=load), probe)
+    wanted = run_of(shunts.Rectifier(smoothing_capacitance=1e-6, load_resistance=1 / (1 / load + 1 / meter)))
+    assert found.dc_voltage == pytest.approx(wanted.dc_voltage, rel=1e-10)
+    assert found.harvested_power == pytest.approx(wanted.harvested_power * meter / (load + meter), rel=1e-9)
+
+
+def test_a_switch_that_misses_every_extremum_is_open():
+    circuit = shunts.SSDI(**COIL)
+    found, wanted = run_of(circuit, effects.MissedSwitching(threshold=1e3)), run_of(shunts.Open())
+    assert found.displacement_amplitude == pytest.approx(wanted.displacement_amplitude, rel=1e-12)
+    assert found.events_per_period == 0
+
+
+def test_reversion_is_a_relaxation_in_the_terms_of_an_inversion():
+    share, tau = 0.2, 1e-3
+    branch = {"capacitance": PLAIN.capacitance * share / (1 - share), "time_constant": tau / (1 - share)}
+    reversion = effects.VoltageReversion(share=share, time_constant=tau)
+    found, wanted = (run_of(shunts.SSDI(**COIL), each) for each in (reversion, effects.DielectricRelaxation(**branch)))
+    assert found.displacement_amplitude == pytest.approx(wanted.displacement_amplitude, rel=1e-11)
+    assert found.energy["voltage_reversion"] == pytest.approx(wanted.energy["dielectric_relaxation"], rel=1e-9)
+
+
+def run_of(shunt, *present):
+    found = simulate(System(dataclasses.replace(PLAIN, effects=present), shunt), DRIVE)
+    assert found.converged, found.message
+    return found
 
 
 def test_agrees_with_the_virtual_bench_on_a_moving_base():

@@ -86,11 +86,12 @@ class Effect(Component):
 
     @property
     def absent(self) -> bool:
-        """True if it is at its null value, in every design of a batch."""
+        """True if it is at its null value, or at all of them, in every design of a batch."""
         fields = (f for f in dataclasses.fields(self) if f.metadata.get("null") not in (None, AS_LABELLED))
-        return any(bool(np.all(np.equal(getattr(self, f.name), f.metadata["null"]))) for f in fields)
+        at_null = [bool(np.all(np.equal(getattr(self, f.name), f.metadata["null"]))) for f in fields]
+        return bool(at_null) and all(at_null)
 
     @classmethod
     def strength(cls) -> dataclasses.Field[Any]:
-        """The field with a null value."""
+        """The field with a null value, the first of several."""
         return next(field for field in dataclasses.fields(cls) if field.metadata.get("null") is not None)

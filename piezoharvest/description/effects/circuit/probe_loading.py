@@ -15,9 +15,9 @@ from piezoharvest.description.shunts.switching import SynchronisedShunt
 
 @dataclass(frozen=True, kw_only=True)
 class ProbeLoading(Effect):
-    """Resistance and capacitance of a meter across the leads, or across the dc side; absent at infinite resistance.
+    """Resistance and capacitance of a meter across the leads, or across the dc side.
 
-    Across the leads its current passes the load by. Its capacitance, small beside the clamped one, stands beside that,
+    It is absent at infinite resistance without a capacitance. Across the leads its current passes the load by. Its capacitance, small beside the clamped one, stands beside that,
     across v_t: the part of its charge that the hysteresis would see is neglected. On the dc side it adds to the
     smoothing capacitor, and what its resistance takes is no harvest; a constant dc voltage does not feel it.
     """
@@ -28,7 +28,7 @@ class ProbeLoading(Effect):
     told_by: ClassVar[str] = "measure through a buffer, or with a second meter of the same kind beside the first"
 
     resistance: float = quantity("ohm", "resistance of the meter", above=0, null=float("inf"))
-    capacitance: float = quantity("F", "capacitance of the meter and its cable", default=0.0, at_least=0)
+    capacitance: float = quantity("F", "capacitance of the meter and its cable", default=0.0, at_least=0, null=0.0)
     place: Literal["leads", "dc"] = "leads"
 
     def act(self, specimen: EquationBuilder) -> None:
