@@ -113,7 +113,9 @@ def difference(system, excitation, path, value, wide=False):
     """
     home, _, rest = path.partition(".")
     bounds = metadata(excitation if home == "excitation" else getattr(system, home), rest)
-    h = 1e-5 * abs(value) if value else {"time_lag": 3e-8, "offset": 1e-6, "diode_drop": 1e-5}.get(rest, 1e-5)
+    # A conductance is felt beside that of a load, some 1e-5 S.
+    at_zero = {"time_lag": 3e-8, "offset": 1e-6, "diode_leakage": 1e-8, "dc_leakage": 1e-8}
+    h = 1e-5 * abs(value) if value else at_zero.get(rest, 1e-5)
     kinked = system.shunt.kind in ("sece", "ssds") and rest in ("phase_lag", "time_lag")
     lags = [getattr(system.shunt, name, 0.0) for name in ("phase_lag", "time_lag")]
     side = 0.0

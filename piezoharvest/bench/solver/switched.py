@@ -117,6 +117,7 @@ class SSDI(Switched, Circuit):
     def meet(self, capacitance):
         damped = math.sqrt(1.0 - 0.25 / self.quality**2)  # w_d over 1/sqrt(L C)
         if self.inductance is None:
+            assert self.flip_time is not None  # one of the two is given
             self.inductance = (self.flip_time * damped / math.pi) ** 2 / capacitance
         self.resistance = math.sqrt(self.inductance / capacitance) / self.quality
         self.on_time = math.pi * math.sqrt(self.inductance * capacitance) / damped * (1.0 + self.on_time_error)
