@@ -23,8 +23,10 @@ from piezoharvest.description.parameters import AS_LABELLED, ParameterError
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.engine import simulate, simulate_many
+from piezoharvest.engine.lowering.lower import lower
 from piezoharvest.engine.sensitivity.gradient import NoGradientError, gradient
 from piezoharvest.linear import TwoPort, check_stability, frequency_response
+from piezoharvest.predict.parameters import put
 from piezoharvest.study import build, build_excitation, build_shunt, build_transducer
 
 UNITS = pint.UnitRegistry()
@@ -528,6 +530,27 @@ def test_reversion_is_a_relaxation_in_the_terms_of_an_inversion():
     found, wanted = (run_of(shunts.SSDI(**COIL), each) for each in (reversion, effects.DielectricRelaxation(**branch)))
     assert found.displacement_amplitude == pytest.approx(wanted.displacement_amplitude, rel=1e-11)
     assert found.energy["voltage_reversion"] == pytest.approx(wanted.energy["dielectric_relaxation"], rel=1e-9)
+
+
+@pytest.mark.parametrize("name", BEHIND)
+def test_lowering_takes_a_complex_step_of_an_effect(name):
+    """As those need who derive predictions through the engine: its imaginary part is the difference quotient."""
+    example, circuit = build(REGISTERED[name], BEHIND[name][0], name), shunts.ParallelSSHI(**BRIDGE, **COIL)
+    strength, step = REGISTERED[name].strength().name, 1e-20
+    value = getattr(example, strength)
+
+    def lowered(changed):
+        system = System(put(PLAIN, ("effects",), (put(example, (strength,), changed),)), circuit)
+        return lower(system, DRIVE).program
+
+    ours, above, below = (lowered(x) for x in (value + 1j * step, value * (1 + 1e-6), value * (1 - 1e-6)))
+    felt = 0
+    for key in ("rate", "product_coefficient", "lag", "on_time", "threshold"):
+        wanted = (getattr(above, key) - getattr(below, key)) / (2e-6 * value)
+        size = np.abs(wanted).max()
+        felt += bool(size > 0)
+        assert np.abs(np.imag(getattr(ours, key)) / step - wanted).max() <= 1e-7 * size, key
+    assert felt
 
 
 def run_of(shunt, *present):
