@@ -44,8 +44,8 @@ SWITCHED = {
 }
 
 
-def check(excitation, shunt, transducer, length, tolerance=PROMISED, **oracle):
-    found = waves(excitation, shunt, transducer, length=length)
+def check(excitation, shunt, transducer, length, tolerance=PROMISED, rate=1000.0, **oracle):
+    found = waves(excitation, shunt, transducer, length=length, rate=rate)
     study = {"transducer": transducer, "excitation": excitation, "shunts": [shunt]}
     wanted = reference(study, 0, duration=length, times=found.time, **oracle)
     # What is zero by nature (the voltage of a short) is so to rounding.
@@ -72,8 +72,8 @@ def test_cantilever_against_the_oracle(shunt, hysteresis):
 
 @pytest.mark.parametrize("kind", with_slow(SWITCHED, slow=lambda kind: kind not in ("parallel_sshi", "sece")))
 def test_switched_circuits_against_the_oracle(kind):
-    """Late, early, closed for too long, with extrema left out; from rest, with hysteresis."""
-    found, _ = check(DRIVE, SWITCHED[kind], {**BENCH, "hysteresis": STOPS}, 0.05)
+    """Late, early, closed for too long, with extrema left out; from rest, with hysteresis, samples within flips."""
+    found, _ = check(DRIVE, SWITCHED[kind], {**BENCH, "hysteresis": STOPS}, 0.05, rate=10000.0)
     assert len(found.pulses) == 3 if kind == "ssds" else len(found.pulses) >= 4
 
 
