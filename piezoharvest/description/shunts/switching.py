@@ -49,11 +49,12 @@ class SynchronisedShunt(Shunt):
         if period is not None:
             lag = lag + self.phase_lag * period / (2 * np.pi)
         hold_off = self.hold_off if self.hold_off is not None else (0.25 * period if period is not None else 0.0)
-        early: Any = np.real(lag) < 0
+        real: Any = np.real(lag)
+        early: Any = real < 0
         if np.any(early):
-            if period is None or np.any(np.real(lag) <= -0.5 * period):
+            if period is None or np.any(real <= -0.5 * period):
                 allowed = "early (below 0) only for a periodic excitation, and by less than half its period"
-                raise ParameterError("time_lag", f"found {np.min(np.real(lag)):g} s, allowed is {allowed}")
+                raise ParameterError("time_lag", f"found {np.min(real):g} s, allowed is {allowed}")
             # The next extremum is half a period after the last one, of the other kind.
             lag = cast(Any, np.where(early, 0.5 * period + lag, lag))
         return Switch(
