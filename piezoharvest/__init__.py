@@ -33,8 +33,9 @@ _HOMES = {
     ),
     "description.effects": (
         "BiasCurrent", "ChannelSkew", "Clipping", "ContactCompliance", "CouplingDrift", "Creep",
-        "DielectricRelaxation", "DisplacementLag", "Effect", "Friction", "Leakage", "LoadError", "MainsHum",
-        "NonlinearCoupling", "Stiffening", "VoltageDependentCapacitance",
+        "DielectricRelaxation", "DiodeDropError", "DisplacementLag", "Effect", "Friction", "InversionLoss", "Leakage",
+        "LoadError", "MainsHum", "MissedSwitching", "NonlinearCoupling", "OnTimeOffset", "ProbeLoading",
+        "ReverseLeakage", "Stiffening", "SwitchDelay", "VoltageDependentCapacitance", "VoltageReversion",
     ),
     "engine": (
         "Gradient", "NoGradientError", "Response", "Waveforms", "gradient", "simulate", "simulate_many",

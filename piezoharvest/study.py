@@ -36,6 +36,7 @@ _NEEDED = {
     "excitation": "table [excitation]",
     "shunts": "tables [[shunts]], at least one is needed",
 }
+FREE = "free"  # in place of the excitation's frequency: the design finds it
 SYNTHESISED = "synthesised"  # candidate that is not a kind of shunt: a network that the design makes
 _TABLES = ("title", *_NEEDED, "design", "sweep", "bench")
 MAX_DESIGNS = 2**30  # of a sweep: the length of a Sobol sequence
@@ -69,6 +70,7 @@ class DesignOptions(Component):
     candidates: tuple[str, ...] | None = None
     phase_lag: Literal["free", "fixed"] | None = None  # None: free for harvest, fixed for damping
     hold: tuple[str, ...] = ()
+    tune: tuple[Literal["on_time_error", "inductance", "smoothing_capacitance"], ...] = ()  # of switched shunts, too
     order: int | None = quantity(
         "", "coils and capacitors of the synthesised network, at most", default=None, at_least=1, at_most=8
     )
@@ -180,6 +182,14 @@ class Study:
         The file; of a study made in Python a name for reports and messages.
     bench : mapping
         The table [bench] as in the file; empty if there is none.
+    free_frequency : bool
+        True if the design finds the frequency of the excitation, a sine, in the band of [design]; what the excitation
+        has is then of no account. In a file: frequency = "free".
+
+    Raises
+    ------
+    ParameterError
+        A free frequency has nothing to be searched in, or for.
     """
 
     title: str = ""
@@ -190,11 +200,39 @@ class Study:
     design: DesignOptions | None = None
     sweep: SweepOptions | None = None
     bench: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    free_frequency: bool = False
+
+    def __post_init__(self) -> None:
+        if self.free_frequency:
+            _check_free_frequency(self.excitation, self.design)
 
     @property
     def systems(self) -> tuple[System, ...]:
         """The transducer with each of the shunts."""
         return tuple(System(self.transducer, shunt) for shunt in self.shunts)
+
+
+def _check_free_frequency(driven: Excitation, design: DesignOptions | None) -> None:
+    """Raise `ParameterError` if a free frequency has nothing to be sought in, or for."""
+    given = f"excitation.frequency = {FREE!r}"
+    if not hasattr(driven, "frequency"):
+        raise ParameterError("excitation.kind", f"found {driven.kind!r}, allowed with a free frequency is a sine")
+    if design is None:
+        raise ParameterError(
+            "excitation.frequency", f"found {FREE!r} without a table [design], in whose band it is sought"
+        )
+    if design.band is None:
+        raise ParameterError("design.band", f"missing key, {given} needs [lower, upper] (Hz) to be sought in")
+    if design.objective != "harvest":
+        why = "vibration is least where nothing resonates"
+        raise ParameterError(
+            "design.objective", f"found {design.objective!r}, allowed with {given} is 'harvest', as {why}"
+        )
+    if SYNTHESISED in (design.candidates or ()):
+        why = "at a frequency of its own an RL circuit draws all that a passive network can"
+        raise ParameterError(
+            "design.candidates", f"found {SYNTHESISED!r}, allowed with {given} are kinds of shunts, as {why}"
+        )
 
 
 def load_study(path: str | Path) -> Study:
@@ -210,6 +248,21 @@ def load_study(path: str | Path) -> Study:
         return study_from(read_toml(path), path)
     except ParameterError as error:
         raise StudyError(path, error.key, error.message) from None
+
+
+def load_driven_study(path: str | Path) -> Study:
+    """Read and check a study file whose excitation has a frequency, or needs none.
+
+    Raises
+    ------
+    StudyError
+        As of `load_study`; or the frequency is free.
+    """
+    study = load_study(path)
+    if study.free_frequency:
+        found = f"found {FREE!r}, which only the command design finds a value for"
+        raise StudyError(path, "excitation.frequency", f"{found}, allowed is a finite number greater than 0 Hz")
+    return study
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -254,13 +307,16 @@ def study_from(table: Mapping[str, Any], path: Path) -> Study:
             raise ParameterError(key, f"missing {wanted}")
     if table.get("shunts") == []:
         raise ParameterError("shunts", "found an empty list, at least one table [[shunts]] is needed")
+    design = _build_design(table["design"], path.parent) if "design" in table else None
+    driven, free = _with_frequency(table["excitation"], design)
     study = Study(
         title=_typed(str, table.get("title", path.stem), "title"),
         transducer=build_transducer(table["transducer"]),
-        excitation=build_excitation(table["excitation"], path.parent),
+        excitation=build_excitation(driven, path.parent),
         shunts=_build_list(table["shunts"], "shunts", build_shunt) if "shunts" in table else (),
         path=path,
-        design=_build_design(table["design"], path.parent) if "design" in table else None,
+        design=design,
+        free_frequency=free,
         sweep=build(SweepOptions, table["sweep"], "sweep") if "sweep" in table else None,
         bench=_typed(dict, table.get("bench", {}), "bench"),
     )
@@ -306,6 +362,17 @@ def build_excitation(table: Any, folder: Path, where: str = "excitation") -> Exc
     if isinstance(keys.get("file"), str):
         keys["file"] = str(folder / keys["file"])
     return build(cls, keys, where)
+
+
+def _with_frequency(table: Any, design: DesignOptions | None) -> tuple[Any, bool]:
+    """Table of a sine whose free frequency is replaced by the middle of the design's band; True if it was free."""
+    if not isinstance(table, dict) or table.get("frequency") != FREE:
+        return table, False
+    cls = excitation.registered().get(str(table.get("kind")))
+    if cls is None or "frequency" not in cls.__dataclass_fields__:
+        return table, False  # building it says what is wrong
+    middle = sum(design.band) / 2 if design and design.band else 1.0
+    return {**table, "frequency": middle}, True
 
 
 def _build_design(table: Any, folder: Path) -> DesignOptions:

@@ -16,8 +16,9 @@ ROOT = Path(piezoharvest.__file__).parent
 LAYERS = [
     {"callable_package", "former_names", "input", "description.circuit", "description.parameters"},
     {"readers"},
-    {"description.excitation", "description.hysteresis", "description.netlist", "description.protocol"},
+    {"description.excitation", "description.hysteresis", "description.netlist"},
     {"description.shunts"},
+    {"description.protocol"},
     {"description.effects"},
     {"description.transducer"},
     {"description.catalogue", "description.limits", "description.system", "description.tolerance"},
@@ -34,6 +35,7 @@ LAYERS = [
     {"engine.entry_point"},
     {"engine.run"},
     {"engine.steady_search"},
+    {"engine.batch_means"},
     {"engine.simulation"},
     {"engine.batch", "engine.sensitivity", "engine.windows"},
     {"engine.transient"},

@@ -12,12 +12,11 @@ from typing import Any
 import tomli_w
 
 from piezoharvest.bench.measuring import BenchCampaign, BenchRecord
-from piezoharvest.bench.sensors import channels
+from piezoharvest.bench.sensors import COLUMNS, UNITS, channels
 from piezoharvest.description.parameters import Component
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.output import OutputError, check_directory, check_new_directory, write_table, write_text, writing
-from piezoharvest.records.reading.channels import COLUMNS, UNITS
 
 FILE, TRUTH = "campaign.toml", "truth.json"
 _MARK = "# Written by piezoharvest measure"
@@ -102,7 +101,10 @@ def table(campaign: BenchCampaign) -> dict[str, Any]:
     for record in campaign.records:
         base = record.setup.excitation.base
         for name, channel in channels(bench, base=base).items():
-            found[name] = {"column": COLUMNS[name], "unit": UNITS[name], "sigma": channel.sigma(bench.converter)}
+            if COLUMNS[name] not in record.columns:
+                continue
+            scale = {"unit": UNITS[name], "sigma": channel.sigma(bench.converter)} if name != "gate" else {}
+            found[name] = {"column": COLUMNS[name], **scale}
         entries.append(_entry(record, "base_acceleration" if base else "force", start))
         start += record.setup.duration
     return {

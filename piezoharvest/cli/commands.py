@@ -19,7 +19,7 @@ from piezoharvest.output import (
     write_table,
     write_text,
 )
-from piezoharvest.study import DesignOptions, Study, StudyError, load_study
+from piezoharvest.study import DesignOptions, Study, StudyError, load_driven_study, load_study
 
 if TYPE_CHECKING:
     from piezoharvest.engine.response import Response
@@ -36,7 +36,7 @@ def simulate(path: Path, *, as_json: bool, transient: float | None, out: Path | 
     """Simulate every shunt of a study, print the results and write the waveforms."""
     if out is not None:
         check_file(out, TABLE_SUFFIXES)
-    study = _with_shunts(load_study(path))
+    study = _with_shunts(load_driven_study(path))
     responses = [_respond(study, n, transient, waveforms=out is not None) for n in range(len(study.shunts))]
     if as_json:
         tables.print_json({"title": study.title, "results": [tables.response_json(response) for response in responses]})
@@ -97,7 +97,7 @@ def _design(study: Study, *, as_json: bool, report: Path | None) -> int:
 def export(path: Path, out: Path, shunt: int | None) -> int:
     """Write a study with one of its shunts as a SPICE netlist."""
     check_file(out)
-    study = _with_shunts(load_study(path))
+    study = _with_shunts(load_driven_study(path))
     n = shunt or 0
     if not n < len(study.shunts):
         raise StudyError(

@@ -22,6 +22,7 @@ _MIN_COST = 1e-4  # of the power, or dB: what is less is within the accuracy of 
 _RESULT = (
     "shunt", "converged", "period", "harvested_power", "mechanical_power", "efficiency", "displacement_amplitude",
     "voltage_amplitude", "dc_voltage", "attenuation_db", "energy", "events_per_period", "periods_evaluated", "message",
+    "displacement_rms", "standard_error",
 )  # fmt: skip
 
 
@@ -50,11 +51,15 @@ def response_json(response: Response) -> dict[str, Any]:
 
 def print_responses(title: str, responses: Sequence[Response]) -> None:
     """Print one row for each shunt."""
+    noisy = any(r.displacement_rms is not None for r in responses)
     columns = [
         Column("harvested power", "W", [r.harvested_power for r in responses]),
+        *_error_column(responses, "harvested_power", "W"),
         Column("mech. power", "W", [r.mechanical_power for r in responses]),
         Column("effi- ciency", "%", [100 * r.efficiency for r in responses]),
         Column("displace- ment", "m", [r.displacement_amplitude for r in responses]),
+        *([Column("rms displ.", "m", [r.displacement_rms for r in responses])] if noisy else []),
+        *_error_column(responses, "displacement_rms", "m"),
         Column("voltage", "V", [r.voltage_amplitude for r in responses]),
         Column("dc voltage", "V", [r.dc_voltage for r in responses]),
         Column("attenu- ation", "dB", [r.attenuation_db for r in responses]),
@@ -62,12 +67,20 @@ def print_responses(title: str, responses: Sequence[Response]) -> None:
     _print_table(title, "shunt", [r.shunt for r in responses], columns, [r.converged for r in responses])
 
 
+def _error_column(responses: Sequence[Response], name: str, unit: str) -> list[Column]:
+    """Standard error of a figure under noise; none for other excitations."""
+    errors = [(r.standard_error or {}).get(name) for r in responses]
+    return [Column("standard error", unit, errors)] if any(error is not None for error in errors) else []
+
+
 def print_design(title: str, result: Mapping[str, Any]) -> None:
     """Print the candidates of a design, best first, and the bound as the last row."""
     rows = [*result["candidates"], {"shunt": {"kind": "bound"}, "converged": True, **result["bound"]}]
     scheduled = Column("with schedule", "W", [row.get("scheduled_power") for row in rows])
     errors = [row.get("harvested_power_standard_error") for row in rows]
+    frequencies = [row.get("frequency") for row in rows]
     columns = [
+        *([Column("best frequency", "Hz", frequencies)] if any(frequencies) else []),
         Column("harvested power", "W", [row.get("harvested_power") for row in rows]),
         *([Column("standard error", "W", errors)] if any(errors) else []),
         *([scheduled] if any(row.get("scheduled_power") is not None for row in rows) else []),

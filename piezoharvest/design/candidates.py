@@ -23,6 +23,7 @@ from piezoharvest.design.synthesis.synthesis import Synthesis
 from piezoharvest.design.synthesis.view import LadderView
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.bridges import bridge_starts
+from piezoharvest.design.tuning.late import tune_late, tune_time_lag
 from piezoharvest.design.tuning.minimax import Tuned, tune
 from piezoharvest.design.tuning.phase import PhaseTuning, phase_start
 from piezoharvest.design.tuning.refine import refine
@@ -75,6 +76,10 @@ class CandidateMaker:
         self.progress(f"{draft.kind}: tuning {', '.join(draft.free) or 'nothing'}")
         phase = self._phase(draft) if "phase_lag" in draft.free else None
         tuned = phase.fixed() if phase else self._tuned(draft)
+        if draft.late and not isinstance(draft.shunt, LinearShunt):
+            tuned = self._tuned_late(draft, tuned)
+            draft = replace(draft, shunt=tuned.shunt, smoothing=_kept(draft))
+            phase = self._phase(draft) if phase else None  # a schedule is that of the circuit as tuned
         self.tuned.append((draft, tuned.shunt))
         nominal, tuned = tuned.shunt, self._hardened(draft, tuned)
         schedule = phase.schedule() if phase and self.options.band and not self.goal.damping else None
@@ -105,6 +110,20 @@ class CandidateMaker:
         assert isinstance(draft.shunt, Bridge)
         found = bridge_starts(self.view, draft) or [Start("as given", draft.first())]
         return _best(refine(self.trial, draft, start) for start in found)
+
+    def _tuned_late(self, draft: Draft, tuned: Tuned) -> Tuned:
+        """The draft with its late fields tuned, too."""
+        trial = self._trial_of(draft)
+        self.progress(f"{draft.kind}: tuning {', '.join(draft.late)}")
+        if draft.late != ("time_lag",):
+            tuned = tune_late(trial, draft, tuned, self.host)
+            draft = replace(draft, shunt=tuned.shunt, smoothing=_kept(draft))
+        if "time_lag" not in draft.late:
+            return tuned
+        found = tune_time_lag(trial, draft, tuned, self.host)
+        if found is None:
+            self.notes.append(f"{draft.kind}: its time lag is not tuned, as that many simulations take too long")
+        return found or tuned
 
     def _hardened(self, draft: Draft, tuned: Tuned) -> Tuned:
         """The draft tuned for its worst case, where that is asked for."""
@@ -209,6 +228,11 @@ class CandidateMaker:
             note(f"{kind}: {message}")
         if found.violates:
             note(f"{kind}: does not keep {', '.join(found.violates)}")
+
+
+def _kept(draft: Draft) -> float | None:
+    """Time constant of a smoothing that still follows the load: none where it is tuned by itself."""
+    return None if "smoothing_capacitance" in draft.late else draft.smoothing
 
 
 def as_network(shunt: Shunt) -> Shunt:

@@ -31,7 +31,7 @@ STEADY_PERIODS, TRANSIENT_PERIODS = 100.0, 20.0
 NEGATIVE_SHARE = 0.5  # of the capacitance: doubles K^2, with as much again to the limit of stability
 _MOST_BRANCHES = 3  # of assumed shunts with a branch for each mode: more parts than that take long to tune
 _TUNED_UNITS = ("ohm", "H", "F")
-ANGLES = ("phase_lag",)  # fields that may be negative: they are not tuned as logarithms
+ANGLES = ("phase_lag", "on_time_error")  # fields that may be negative: they are not tuned as logarithms
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +47,8 @@ class Draft:
         Assumptions where no template gives a value, in words.
     smoothing : float or None
         Time constant of the smoothing capacitance with the load, s, where that capacitance is assumed; else None.
+    late : tuple of str
+        Names of fields that are tuned together with the free ones after these (`tuning.late`).
     formula : str
         Origin of initial values that are near an optimum: tuning starts from them alone. Empty: from closed forms.
     """
@@ -55,6 +57,7 @@ class Draft:
     free: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()
     smoothing: float | None = None
+    late: tuple[str, ...] = ()
     formula: str = ""
 
     @property
@@ -146,7 +149,7 @@ class Drafting:
         return gives if self.options.objective == "harvest" else isinstance(shunt, LinearShunt) or not gives
 
     def _from_template(self, shunt: Shunt) -> Draft:
-        return Draft(shunt, self._free(shunt))
+        return Draft(shunt, self._free(shunt), late=self._late(shunt))
 
     def _free(self, shunt: Shunt) -> tuple[str, ...]:
         """Fields to tune: parts of linear circuits except active ones, the load of a bridge, the lag of a switch."""
@@ -161,14 +164,25 @@ class Drafting:
         held = self.options.hold
         return tuple(name for name in names if name.partition(".")[0] not in held)
 
+    def _late(self, shunt: Shunt) -> tuple[str, ...]:
+        """Fields to tune after these: what the study names besides, and the time lag but under a sine."""
+        names = [name for name in self.options.tune or () if getattr(shunt, name, None) is not None]
+        if not self.operation.apart and isinstance(shunt, SynchronisedShunt) and self._lag_is_wanted(shunt):
+            names.append("time_lag")
+        return tuple(name for name in names if name not in self.options.hold)
+
     def _lag_is_free(self, shunt: SynchronisedShunt) -> bool:
-        """True if a switch's lag is tuned: an angle of a sine, there is none under other excitations."""
+        """True if a switch's lag is tuned as an angle: of a sine, there is none under other excitations."""
+        return self._lag_is_wanted(shunt) and self.operation.apart
+
+    def _lag_is_wanted(self, shunt: SynchronisedShunt) -> bool:
+        """True if a switch's lag is to be tuned: by default where power counts."""
         objective = self.options.objective
         pays = objective == "harvest" or (
             objective == "trade_off" and harvests(shunt, self.transducer.capacitance, 1 / self.frequency)
         )
         wanted = self.options.phase_lag or ("free" if pays else "fixed")
-        return wanted == "free" and self.operation.apart
+        return wanted == "free"
 
     def _assume(self, cls: type[Shunt], wanted: bool) -> list[Draft]:
         """Draft of a kind without a template, with typical values; empty where a value cannot be assumed."""
@@ -189,7 +203,8 @@ class Drafting:
                 self.left_out.append(f"{cls.kind}, whose {' and '.join(needed)} only a [[shunts]] table can give")
             return []
         shunt = cls(**values)
-        return [Draft(shunt, self._free(shunt), notes, self._smoothing if isinstance(shunt, Bridge) else None)]
+        smoothing = self._smoothing if isinstance(shunt, Bridge) else None
+        return [Draft(shunt, self._free(shunt), notes, smoothing, self._late(shunt))]
 
     @property
     def _smoothing(self) -> float:

@@ -20,6 +20,9 @@ from piezoharvest.linear import poles, resonances
 _MEAN_ERROR = 1e-9  # relative error of a mean over a band on the two-port
 _MAX_NODES = 400
 _PANEL_NODES = 10
+_LEAST_STEPS = 24  # of a band in which a frequency is sought
+_WIDENING = 0.4  # step over distance from a resonance: so that two steps on each side of it are about its half width
+_SHARPEST = 1e-6  # damping ratio; resonances that are sharper are looked at as if they were not
 _SAMPLES = 2**16  # of a signal whose spectrum is taken
 _BINS = 4096
 
@@ -155,6 +158,21 @@ def graded_nodes(band: tuple[float, float], transducer: Transducer) -> tuple[np.
     nodes, weights = _gauss(_PANEL_NODES)
     middle, half = 0.5 * (edges[1:] + edges[:-1]), 0.5 * np.diff(edges)
     return (middle[:, None] + half[:, None] * nodes).ravel(), (half[:, None] * weights).ravel() / (band[1] - band[0])
+
+
+def widening_grid(band: tuple[float, float], transducer: Transducer) -> np.ndarray:
+    """Frequencies (n,) in Hz over a band in which no resonance is missed, with shorted or open electrodes.
+
+    Steps of a quarter of the half-power width at each resonance, which widen evenly away from it.
+    """
+    found = _extreme_poles(transducer) / (2 * np.pi)
+    places, quarters = np.imag(found), 0.5 * np.maximum(-np.real(found), _SHARPEST * np.abs(found))
+    widest, grid = (band[1] - band[0]) / _LEAST_STEPS, [band[0]]
+    while grid[-1] < band[1]:
+        steps = np.hypot(quarters, _WIDENING * (grid[-1] - places))
+        grid.append(grid[-1] + min(widest, float(np.min(steps, initial=widest))))
+    steps = np.array(grid) - band[0]
+    return band[0] + (band[1] - band[0]) * steps / steps[-1]
 
 
 def narrowest_width(transducer: Transducer) -> float:

@@ -82,6 +82,8 @@ class Candidate:
         Tuning method.
     iterations : int
         Iterations of the optimiser, or simulations where it tuned on them.
+    frequency : float or None
+        Hz, of the drive, where the design found it; None where the study gives it.
     standard_error : float or None
         W, of the harvested power under noise: 0 where its expectation is exact, None for other excitations.
     gap_to_bound : float or None
@@ -111,6 +113,7 @@ class Candidate:
     start: str = ""
     method: str = ""
     iterations: int = 0
+    frequency: float | None = None
     standard_error: float | None = None
     gap_to_bound: float | None = None
     schedule: tuple[Mapping[str, float], ...] | None = None
@@ -127,8 +130,9 @@ class Candidate:
 
     def as_json(self) -> dict[str, Any]:
         """Candidate as a table of the JSON output."""
-        names = ("harvested_power", "attenuation_db", "gap_to_bound", "converged", "displacement_amplitude",
-                 "voltage_amplitude", "violates", "start", "method", "iterations", "scheduled_power")  # fmt: skip
+        names = ("frequency", "harvested_power", "attenuation_db", "gap_to_bound", "converged",
+                 "displacement_amplitude", "voltage_amplitude", "violates", "start", "method", "iterations",
+                 "scheduled_power")  # fmt: skip
         values = {name: getattr(self, name) for name in names}
         schedule = None if self.schedule is None else [dict(row) for row in self.schedule]
         parts = self.parts.as_json() if self.parts else None

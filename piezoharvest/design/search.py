@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt
-from piezoharvest.design.bound import bound_of
+from piezoharvest.design.bound import bound_in_band, bound_of
 from piezoharvest.design.candidates import CandidateMaker, Progress, as_network
 from piezoharvest.design.drafts import Draft, Drafting
 from piezoharvest.design.front import Front, FrontTracer
@@ -20,6 +20,7 @@ from piezoharvest.design.result import Bound, Candidate, DesignResult
 from piezoharvest.design.robust.robustness import Robustness
 from piezoharvest.design.synthesis.synthesis import Synthesis, bounded
 from piezoharvest.design.trial import Trial
+from piezoharvest.design.tuning.frequency import SEARCH_WORK, FrequencySearch
 from piezoharvest.design.tuning.starts import Host
 from piezoharvest.study import SYNTHESISED, DesignOptions, Study
 
@@ -60,6 +61,10 @@ def design(study: Study, progress: Progress | None = None) -> DesignResult:
     can be bought. The candidate "synthesised", only where it is named, is a network grown for the objective
     (`synthesis`). All is set against the bound of passive linear shunts (`bound`). For the trade-off the candidates
     are those that are best for harvest, ranked by power, and the front of each goes on from there (`front`).
+
+    With `study.free_frequency` each candidate has the frequency of the band at which it harvests most when tuned for it
+    (`frequency`); all else, its parts and its worst case too, is then as in a study with this frequency. The bound is
+    the largest of the band.
     """
     options = study.design or DesignOptions()
     return _Design(study, options, progress or (lambda _: None)).run()
@@ -80,20 +85,53 @@ class _Design:
         if unused and SYNTHESISED not in (options.candidates or ()):
             self.notes.append(f"design.{unused[0]} is not used: no candidate is {SYNTHESISED!r}")
         operation = operation_of(study.excitation, options.band, study.transducer)
+        if study.free_frequency:  # from here on the band is where it is sought, and not what counts
+            self.options = options = replace(options, band=None)
         self.view = LinearView(study.transducer, operation, Goal(options)).working()
-        self.goal, self.host, trial = self.view.goal, Host.of(self.view), Trial(self.view)
+        self.goal, self.trial = self.view.goal, Trial(self.view)
         drafting = Drafting(study.transducer, study.shunts, options, operation)
-        drafts, synthesis = drafting.drafts(), self._synthesis()
+        drafts = drafting.drafts()
         if drafting.left_out:
             self.notes.append(f"left out: {'; '.join(drafting.left_out)}")
         self.notes += drafting.unlike
-        if trial.unresolved:
+        candidates = self._at_free_frequency(drafts) if study.free_frequency else self._at_operation(drafts)
+        return self._result(tuple(sorted(candidates, key=self._rank)))
+
+    def _at_operation(self, drafts: list[Draft]) -> list[Candidate]:
+        """Candidates in the operation of the study."""
+        self.host, synthesis = Host.of(self.view), self._synthesis(self.view)
+        if self.trial.unresolved:
             self.notes.append("resonances are sharper than the simulated mean power over the band is sure to see")
+        self.maker = self._maker(self.trial, synthesis)
+        drafts = drafts + ([synthesis.draft] if synthesis else [])
+        return self._candidates(drafts, self.maker.candidate)
+
+    def _at_free_frequency(self, drafts: list[Draft]) -> list[Candidate]:
+        """Candidates each at the frequency of the band that is best for it."""
+        assert self.study.design is not None and self.study.design.band is not None
+        transducer, whole = self.study.transducer, self.view.operation
+        middle = operation_of(whole.at(whole.centre(transducer)), None, transducer)
+        self.view = replace(self.view, operation=middle)
+        self.search = FrequencySearch(Trial(self.view), self.study.design.band)
+
+        def candidate(draft: Draft) -> Candidate:
+            self.progress(f"{draft.kind}: seeking the best frequency")
+            self.search.trial.left = SEARCH_WORK
+            frequency = self.search.best(draft)
+            self.progress(f"{draft.kind}: {frequency:.6g} Hz")
+            trial = Trial(self.search.view_at(frequency), left=self.trial.left)
+            found = self._maker(trial).candidate(draft)
+            self.trial.left = trial.left
+            return replace(found, frequency=frequency)
+
+        return self._candidates(drafts, candidate)
+
+    def _maker(self, trial: Trial, synthesis: Synthesis | None = None) -> CandidateMaker:
+        """Maker of candidates in the operation of a trial."""
         reference = trial.shorted  # of all figures: computed first, as a design is impossible without it
-        robust = Robustness(self.view, reference, options.tolerance) if options.tolerance else None
-        self.maker = CandidateMaker(self.view, trial, self.host, self.progress, robust, synthesis, self.notes)
-        drafts += [synthesis.draft] if synthesis else []
-        return self._result(tuple(sorted(self._candidates(drafts), key=self._rank)))
+        tolerance, view = self.options.tolerance, trial.view
+        robust = Robustness(view, reference, tolerance) if tolerance else None
+        return CandidateMaker(view, trial, Host.of(view), self.progress, robust, synthesis, self.notes)
 
     def _result(self, candidates: tuple[Candidate, ...]) -> DesignResult:
         """Result with the fronts, and with the distance of the ranked candidates from the bound."""
@@ -120,18 +158,22 @@ class _Design:
         self.notes += tracer.notes
         return tuple(front for front in found if front.points)
 
-    def _synthesis(self) -> Synthesis | None:
+    def _synthesis(self, view: LinearView) -> Synthesis | None:
         """Synthesis of a network, where it is asked for."""
         if SYNTHESISED not in (self.options.candidates or ()):
             return None
         self.progress(f"{SYNTHESISED}: growing a network")
-        return Synthesis(self.view, self.host)
+        return Synthesis(view, Host.of(view))
 
     def _bound(self, candidates: tuple[Candidate, ...]) -> Bound:
         """Bound of passive linear shunts, with hysteresis at the amplitude with the best of the linear candidates."""
         self.progress("bound of passive linear shunts")
-        linear = [c.shunt for c in candidates if isinstance(c.shunt, LinearShunt)]
-        bound = bound_of(self.view.working(linear[0] if linear else None))
+        linear = next((c for c in candidates if isinstance(c.shunt, LinearShunt)), None)
+        if self.study.free_frequency:
+            view = self.search.view_at((linear or candidates[0]).frequency or self.search.grid[0])
+            bound = bound_in_band(view.working(linear.shunt if linear else None), self.search.grid)
+        else:
+            bound = bound_of(self.view.working(linear.shunt if linear else None))
         self.notes += bound.notes
         if bound.linearised:
             self.notes.append("the bound is that of the hysteresis linearised at the amplitude found")
@@ -148,12 +190,12 @@ class _Design:
         value = figures.displacement_amplitude if self.goal.damping else -figures.harvested_power
         return not candidate.converged, not candidate.feasible, value if np.isfinite(value) else np.inf
 
-    def _candidates(self, drafts: Iterable[Draft]) -> list[Candidate]:
+    def _candidates(self, drafts: Iterable[Draft], candidate: Callable[[Draft], Candidate]) -> list[Candidate]:
         """Tune and check the drafts; those that exceed the budget are left out, unless no other is left."""
         found, refused = [], None
         for draft in drafts:
             try:
-                found.append(self.maker.candidate(draft))
+                found.append(candidate(draft))
             except ParameterError as error:
                 refused = error
                 self.notes.append(f"left out: {draft.kind}: {error.message}")

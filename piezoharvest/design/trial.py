@@ -31,7 +31,7 @@ _MIN_POINTS = 9  # in search of the worst peak of circuits without switches: the
 _TUNING_POINTS, _FINAL_POINTS = 17, 41  # of switched circuits
 _PEAK_STEPS = 8
 # Of all simulations of a design together, in units of `engine.work_limit`: about 10 s, twice the largest of designs/.
-_MAX_WORK = MAX_WORK * 5 // 4
+DESIGN_WORK = MAX_WORK * 5 // 4
 _NOISE_SHARE = 0.08  # of that for the expectation of one candidate: most of twelve, with their tuning, are within it
 _TUNING_SAMPLES = 16  # waveforms are not used while tuning; amplitudes do not depend on their number
 
@@ -55,7 +55,7 @@ class Trial:
 
     view: LinearView
     simulations: int = 0
-    left: int = _MAX_WORK
+    left: int = DESIGN_WORK
     _known: dict[tuple[Shunt, bool], Figures] = field(default_factory=dict)
     _tangents: dict[tuple, Tangent] = field(default_factory=dict)
 
@@ -71,14 +71,14 @@ class Trial:
             self._known[key] = judge(shunt, complete)
         return self._known[key]
 
-    def many(self, shunt: Shunt, frequencies: np.ndarray) -> Mapping[str, np.ndarray]:
+    def many(self, shunt: Shunt, frequencies: np.ndarray, *, thorough: bool = True) -> Mapping[str, np.ndarray]:
         """Results of `simulate_many` for shunts with columns of values, each with a sine of its own frequency, Hz."""
         count, operation = len(frequencies), self.view.operation
         self.simulations += count
         budget = Budget(self.left)
         sines = operation.at(frequencies[:, None])
         system = System(self.view.transducer, shunt)
-        found = simulate_many(system, sines, count, attenuation=False, budget=budget)
+        found = simulate_many(system, sines, count, attenuation=False, budget=budget, thorough=thorough)
         self.left = budget.left
         self._check_left()
         return found
@@ -179,7 +179,7 @@ class Trial:
     def _expected(self, shunt: Shunt, found: Figures) -> Figures:
         """Figures of a realisation with the expectations under noise in their place, as far as there are any."""
         noise = NoiseExpectation(self.view)
-        allowed = max(min(self.left, int(_MAX_WORK * _NOISE_SHARE)), 0)
+        allowed = max(min(self.left, int(DESIGN_WORK * _NOISE_SHARE)), 0)
         budget = Budget(allowed)
         power, square = noise.of(shunt, budget)
         self.left -= allowed - budget.left

@@ -83,6 +83,8 @@ def scores(
 ) -> list[ScoredEffect]:
     """Score tests of all effects that are not in the model, the highest score first.
 
+    Effects of circuits that no record has are left out.
+
     Parameters
     ----------
     problem : Problem
@@ -92,7 +94,8 @@ def scores(
     library : sequence of Effect classes, optional
         Default: all that are registered.
     """
-    classes = list(registered().values()) if library is None else list(library)
+    library = list(registered().values()) if library is None else library
+    classes = [cls for cls in library if any(map(cls.acts_on, scales.shunts or (None,)))]
     starts = [start for cls in classes for start in cls.starts(scales) if _is_new(start, found)]
     smooth = [start for start in starts if not np.isinf(_strength(start)) and type(start).span is Effect.span]
     jumpy = [start for start in starts if start not in smooth]

@@ -31,7 +31,13 @@ NAMES = (
 
 
 def simulate_many(
-    system: System, excitation: Excitation, designs: int, *, attenuation: bool = True, budget: Budget | None = None
+    system: System,
+    excitation: Excitation,
+    designs: int,
+    *,
+    attenuation: bool = True,
+    budget: Budget | None = None,
+    thorough: bool = True,
 ) -> Mapping[str, np.ndarray]:
     """Periodic steady states of many designs.
 
@@ -47,6 +53,9 @@ def simulate_many(
     budget : Budget, optional
         Work limit of all designs together, from which the work done is subtracted; default that of one simulation for
         each. Designs that it does not suffice for are without a solution.
+    thorough : bool
+        Simulate each design for which the quick search finds no steady state by itself; without, it is left without a
+        solution.
 
     Returns
     -------
@@ -73,7 +82,7 @@ def simulate_many(
     lowered = lower(system, excitation)._replace(budget=budget)
     kept = _steady_states(lowered, symmetric(lowered, excitation), designs)
     found = _columns(lowered, kept, designs, bounds(system.transducer, excitation, lowered))
-    left = np.flatnonzero(~found["converged"])
+    left = np.flatnonzero(~found["converged"] & thorough)
     slow = _one_by_one(system, excitation, left, designs, budget)
     for name, column in slow.items():
         found.setdefault(name, np.full(designs, np.nan))[left] = column[left]

@@ -81,6 +81,11 @@ class Response:
         Changes of the circuit's configuration and of the hysteresis operators.
     periods_evaluated : int
         Periods simulated to find the result.
+    displacement_rms : float or None
+        Root mean square of the displacement about its mean, m; None but for noise and recorded signals.
+    standard_error : dict or None
+        Standard errors of "harvested_power" (W) and "displacement_rms" (m), as averages of a piece of a stationary
+        signal, by batch means; NaN where the run is shorter than nine decays of the motion. None for other excitations.
     exhausted : bool
         The simulation was stopped because it exceeded the work limit (`engine.work_limit`).
     """
@@ -100,6 +105,8 @@ class Response:
     periods_evaluated: int
     waveforms: Waveforms | None = field(default=None, repr=False)
     exhausted: bool = False
+    displacement_rms: float | None = None
+    standard_error: dict[str, float] | None = None
 
     @property
     def efficiency(self) -> float:

@@ -7,10 +7,13 @@ from functools import lru_cache
 
 import numpy as np
 
+from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.excitation import Excitation, Ramps
 from piezoharvest.description.limits import check_length
+from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.system import System
+from piezoharvest.engine.batch_means import batch_edges, rms_error, standard_error
 from piezoharvest.engine.lowering.lower import Lowered, lower, symmetric
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
@@ -91,13 +94,16 @@ def simulate(
             most = bounds(system.transducer, excitation, lowered)
             response = _steady(lowered, excitation, samples, system.shunt.kind, most)
         else:
-            response = _transient(lowered, excitation, length, samples, system.shunt.kind)
+            response = _transient(lowered, system, excitation, length, samples)
     except EngineError as error:
         return _replaced(_failed(system.shunt.kind, str(error)), exhausted=lowered.budget.left <= 0)
     if lowered.unfelt:
         response = _with_remark(
             response, f"{', '.join(lowered.unfelt)}: no part of this simulation, only of measured records"
         )
+    idle = [effect.name for effect in system.transducer.effects if _is_idle(effect, system.shunt)]
+    if idle:
+        response = _with_remark(response, f"{', '.join(idle)}: {system.shunt.kind} has no part that it changes")
     if isinstance(system.shunt, Short):
         return response
     if not attenuation:
@@ -108,6 +114,11 @@ def simulate(
     if reason:
         return _with_remark(_replaced(response, attenuation_db=np.nan), f"no attenuation: {reason}")
     return _replaced(response, attenuation_db=20 * np.log10(response.displacement_amplitude / reference))
+
+
+def _is_idle(effect: Effect, shunt: Shunt) -> bool:
+    """True if an effect is only one of the circuit, and not of this one."""
+    return type(effect).act is Effect.act and not effect.acts_on(shunt)
 
 
 @lru_cache(maxsize=64)
@@ -218,7 +229,7 @@ def _length(system: System, excitation: Excitation, transient: float | None) -> 
     return length
 
 
-def _transient(lowered, excitation: Excitation, t_end: float, samples: int, kind: str) -> Response:
+def _transient(lowered: Lowered, system: System, excitation: Excitation, t_end: float, samples: int) -> Response:
     if excitation.period is not None:
         step = max(excitation.period / samples, t_end / MAX_SAMPLES)
         times = np.arange(int(np.floor(t_end / step * (1 + 1e-12))) + 1) * step
@@ -231,9 +242,25 @@ def _transient(lowered, excitation: Excitation, t_end: float, samples: int, kind
     machine = Machine(lowered, ledger=True)
     state = machine.state(track=True, log=MAX_LOG, sample_time=times)
     before = _stored(machine, state)
-    check(machine.run(state, t_end))
+    # Of noise and of recorded signals averages are samples of what a longer run would give.
+    edges = batch_edges(system, t_end) if excitation.samples else np.empty(0)
+    harvested, place = [], lowered.categories.index("harvested")
+    for edge in (*edges, t_end):
+        check(machine.run(state, float(edge)))
+        harvested.append(float(state.energy[place]))
     change = _stored(machine, state) - before
-    return _finish(_response(lowered, state, kind, t_end, 0.0, change, before), "", np.nan)
+    response = _finish(_response(lowered, state, system.shunt.kind, t_end, 0.0, change, before), "", np.nan)
+    return _with_errors(response, np.array(harvested[:-1]), edges) if len(edges) else response
+
+
+def _with_errors(response: Response, harvested: np.ndarray, edges: np.ndarray) -> Response:
+    """The response with standard errors, from the energy (n,) in J harvested up to each edge (n,) of batches."""
+    w = response.waveforms
+    assert w is not None
+    rms, error = rms_error(w.time, w.displacement, edges)
+    power = standard_error(np.diff(harvested) / np.diff(edges))
+    errors = {"harvested_power": power, "displacement_rms": error}
+    return _replaced(response, displacement_rms=rms, standard_error=errors)
 
 
 def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evaluations: float) -> Response:

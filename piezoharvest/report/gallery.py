@@ -10,7 +10,7 @@ import numpy as np
 from piezoharvest.description.shunts import Open, Short
 from piezoharvest.design.result import DesignResult
 from piezoharvest.engine.response import Waveforms
-from piezoharvest.report.figures import bode, curves, front, hysteresis, ledger, restrictions, waveforms
+from piezoharvest.report.figures import bode, curves, front, hysteresis, ledger, restrictions, schedule, waveforms
 from piezoharvest.report.figures.bound_lines import BoundLines
 from piezoharvest.report.figures.pictures import Picture
 from piezoharvest.report.limits import Limit, hysteretic
@@ -55,7 +55,9 @@ class Gallery:
         self._bench = CurveTracer(self.study)
         self._ready: dict[Subject, Waveforms] = {}
         self._drawn = [s for s in self.subjects if not isinstance(s.shunt, Open | Short)][:MAX_CURVES]
-        self._marks = {"drive": drive_frequency(self.study), "band": design_band(self.study)}
+        self._free = any(s.candidate.frequency for s in self.subjects)
+        drive = None if self._free else drive_frequency(self.study)
+        self._marks = {"drive": drive, "band": design_band(self.study)}
         left_out = len([s for s in self.subjects if not isinstance(s.shunt, Open | Short)]) - len(self._drawn)
         if left_out:
             self.remarks.append(f"curves are drawn for the {MAX_CURVES} best candidates, not for the other {left_out}")
@@ -67,6 +69,7 @@ class Gallery:
         yield from self._restrictions()
         yield from self._loads()
         yield from self._frequencies()
+        yield from self._schedule()
         yield from self._damping()
         yield from self._waveforms()
         yield from self._loops()
@@ -109,6 +112,7 @@ class Gallery:
         if not found:
             return
         caption = f"Mean over {frequency_range(band)}. " if band else ""
+        caption += "Each at the frequency that is best for it. " if self._free else ""
         caption += f"Everything but the load as tuned. {_origin(found)}{self._dropped(found)}"
         bound = self.bound.power if self.bound else None
         figure = curves.power_along_loads(found, level, self.limit.power if self.limit else None, bound)
@@ -130,6 +134,16 @@ class Gallery:
         limit, bound = self.limit.power if self.limit else None, self.bound and self.bound.most_power(fine)
         figure = curves.power_along_frequencies(powered, span, limit, bound, self._marks)
         yield Picture("power-frequency", "power", "Power and efficiency against the frequency", caption, figure)
+
+    def _schedule(self) -> Iterator[Picture]:
+        drawn, band = [s for s in self._drawn if s.candidate.schedule], design_band(self.study)
+        if not drawn or band is None:
+            return
+        gains = [f"{s.label} {engineering(s.candidate.scheduled_power, 'W')}" for s in drawn]
+        caption = "What is best at each frequency, for a controller that knows it, by simulation; dotted: the best "
+        caption += f"that is the same everywhere. Mean power with the schedule: {', '.join(gains)}."
+        figure = schedule.schedule(drawn, band)
+        yield Picture("schedule", "power", "Lag and load as a schedule over the frequency", caption, figure)
 
     def _damping(self) -> Iterator[Picture]:
         swept, span, per = self._swept, sweep_span(self.study), ""

@@ -21,7 +21,7 @@ from piezoharvest.report.figures.bound_lines import BoundLines
 from piezoharvest.report.figures.pictures import place_pictures
 from piezoharvest.report.gallery import Gallery
 from piezoharvest.report.limits import power_limit
-from piezoharvest.report.spans import design_band, frequency_range
+from piezoharvest.report.spans import at_best_frequency, design_band, frequency_range
 from piezoharvest.report.subjects import subjects_of
 from piezoharvest.report.tolerance.worst_cases import worst_case_text, worst_cases
 from piezoharvest.report.units import decibel, engineering
@@ -55,7 +55,8 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
     OutputError
         The directory or a file in it cannot be written.
     """
-    directory = check_directory(directory, create=True)
+    directory, asked = check_directory(directory, create=True), study
+    study = at_best_frequency(study, design_result)
     subjects = subjects_of(design_result.candidates)
     limit = power_limit(study.transducer, study.excitation)
     bound = BoundLines(study, design_result.bound, best_linear(subjects))
@@ -82,7 +83,8 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
         energies=tables.energies(subjects),
         two_port=tables.two_port(study, limit),
         transducer=list(tables.transducer_tables(study.transducer)),
-        conditions=[tables.excitation_table(study), ("Asked of the design", tables.goal_table(study))],
+        conditions=[tables.excitation_table(asked), ("Asked of the design", tables.goal_table(asked))],
+        sought=asked.free_frequency and asked.design and asked.design.band and frequency_range(asked.design.band),
         notes=[*design_result.notes, *gallery.remarks],
         colours=len(style.PALETTE),
         file=study.path.name,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.design.result import DesignResult
 from piezoharvest.linear import resonances
 from piezoharvest.report.limits import ModeFigures, mode_figures
 from piezoharvest.report.subjects import Subject
@@ -29,6 +31,15 @@ class Span(NamedTuple):
     def points(self, count: int) -> np.ndarray:
         """Frequencies that are evenly spaced on the axis, Hz."""
         return np.geomspace(self.low, self.high, count) if self.logarithmic else np.linspace(self.low, self.high, count)
+
+
+def at_best_frequency(study: Study, result: DesignResult) -> Study:
+    """The study at the frequency that was found for its best candidate, where it was free."""
+    if not study.free_frequency or study.design is None:
+        return study
+    found: dict[str, Any] = {"frequency": result.best.frequency}
+    excitation, design = dataclasses.replace(study.excitation, **found), dataclasses.replace(study.design, band=None)
+    return dataclasses.replace(study, excitation=excitation, design=design, free_frequency=False)
 
 
 def design_band(study: Study) -> tuple[float, float] | None:

@@ -146,7 +146,7 @@ class CurveTracer:
                 tuned = getattr(s.shunt, s.load_field)
                 values = loads if s.load_field != "dc_voltage" else tuned * np.geomspace(0.05, 20, len(loads))
                 jobs[s] = np.unique(np.append(values, tuned))
-        for s, values, points in self._timed(jobs, lambda s, value: self._operated(s.with_load(value)), self._tuned):
+        for s, values, points in self._timed(jobs, lambda s, value: self._operated(s, s.with_load(value)), self._tuned):
             if s.load_field == "dc_voltage":
                 with np.errstate(all="ignore"):
                     values = np.where(points[:, 0] > 0, values**2 / points[:, 0], np.nan)
@@ -178,7 +178,7 @@ class CurveTracer:
         assert subject.load_field is not None
         place = int(np.flatnonzero(values == getattr(subject.shunt, subject.load_field))[0])
         if r is None or not r.converged or design_band(self.study) is not None:
-            return {place: self._operated(subject.shunt)}
+            return {place: self._operated(subject, subject.shunt)}
         return {place: Swept(r.harvested_power, r.mechanical_power, r.displacement_amplitude, float(r.attenuation_db))}
 
     def against_short(
@@ -198,23 +198,23 @@ class CurveTracer:
 
     def _load_curve(self, subject: Subject, loads: np.ndarray) -> Curve:
         assert subject.load_field is not None
-        frequencies, weights = self._nodes()
+        frequencies, weights = self._nodes(subject)
         fine = np.geomspace(loads[0], loads[-1], _FINE_POINTS)
         values = np.unique(np.append(fine, getattr(subject.shunt, subject.load_field)))
         rows = [[x @ weights for x in self.two_port(subject.with_load(value), frequencies)] for value in values]
         return Curve(subject, values, *np.array(rows).T, exact=True)
 
-    def _operated(self, shunt: Shunt) -> Swept:
-        """One circuit in the operation: under the excitation itself, or averaged over the band."""
-        if design_band(self.study) is None:
+    def _operated(self, subject: Subject, shunt: Shunt) -> Swept:
+        """A candidate's circuit in its operation: under the excitation itself, or averaged over the band."""
+        if drive_frequency(self.study) is None:
             return self.simulated(shunt, self.study.excitation)
-        frequencies, weights = self._nodes()
+        frequencies, weights = self._nodes(subject)
         points = np.array([self.simulated(shunt, self._sine(f)) for f in frequencies])
         return Swept(*(weights @ points))
 
-    def _nodes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Frequencies in Hz and weights of the operation's mean."""
-        band, drive = design_band(self.study), drive_frequency(self.study)
+    def _nodes(self, subject: Subject) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies in Hz and weights of the mean in a candidate's operation; one that was free is its own."""
+        band, drive = design_band(self.study), subject.candidate.frequency or drive_frequency(self.study)
         if band is None:
             return np.array([drive]), np.ones(1)
         return mean_nodes(band, self.study.transducer, _MEAN_ERROR, _MAX_NODES)

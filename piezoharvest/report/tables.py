@@ -103,7 +103,8 @@ def ranking(subjects: Sequence[Subject], limit: Limit | None) -> list[Row]:
             engineering(r.dc_voltage, "V") if r and r.dc_voltage else engineering(None),
         ]
         violates = [_LIMITS.get(name, name) for name in c.violates]
-        rows.append(Row(s.rank + 1, s.label, s.shunt.kind, list(values_of(s.shunt)), cells,
+        own = [] if c.frequency is None else [("frequency", engineering(c.frequency, "Hz", 5))]
+        rows.append(Row(s.rank + 1, s.label, s.shunt.kind, own + list(values_of(s.shunt)), cells,
                         number(closure, 1) if closure is not None else engineering(None), c.converged, violates,
                         s.rank))  # fmt: skip
     return rows
@@ -202,7 +203,11 @@ def transducer_tables(transducer: Transducer) -> Iterator[tuple[str, list[Quanti
 
 def excitation_table(study: Study) -> tuple[str, list[QuantityRow]]:
     """Heading and entries of the excitation."""
-    return f"Excitation: {kind_name(study.excitation.kind)}", list(entries(study.excitation))
+    rows = list(entries(study.excitation))
+    if study.free_frequency:
+        free = QuantityRow("frequency", "free", "for each candidate the one of the band at which it harvests most")
+        rows = [free if row.name == "frequency" else row for row in rows]
+    return f"Excitation: {kind_name(study.excitation.kind)}", rows
 
 
 def goal_table(study: Study) -> list[QuantityRow]:

@@ -22,6 +22,9 @@ class SynchronisedShunt(Shunt):
     )
     time_lag: float = quantity("s", "time from the extremum to the action; negative is early", default=0.0)
     hold_off: float | None = quantity("s", "no action sooner than this after the last", default=None, at_least=0)
+    detector_threshold: float = quantity(
+        "V", "electrode voltage at an extremum below which the switch does not act", default=0.0, at_least=0
+    )
 
     def on_time(self, capacitance: float) -> float:
         """Seconds that the switch stays closed; 0 where it acts at once."""
@@ -46,14 +49,18 @@ class SynchronisedShunt(Shunt):
         if period is not None:
             lag = lag + self.phase_lag * period / (2 * np.pi)
         hold_off = self.hold_off if self.hold_off is not None else (0.25 * period if period is not None else 0.0)
-        early: Any = np.asarray(lag) < 0
+        real: Any = np.real(lag)
+        early: Any = real < 0
         if np.any(early):
-            if period is None or np.any(lag <= -0.5 * period):
+            if period is None or np.any(real <= -0.5 * period):
                 allowed = "early (below 0) only for a periodic excitation, and by less than half its period"
-                raise ParameterError("time_lag", f"found {np.min(lag):g} s, allowed is {allowed}")
+                raise ParameterError("time_lag", f"found {np.min(real):g} s, allowed is {allowed}")
             # The next extremum is half a period after the last one, of the other kind.
             lag = cast(Any, np.where(early, 0.5 * period + lag, lag))
-        return Switch(lag, self.on_time(capacitance), hold_off, early, self.harvested_share(), self.extraction_drop())
+        return Switch(
+            lag, self.on_time(capacitance), hold_off, early, self.harvested_share(), self.extraction_drop(),
+            self.detector_threshold,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.design.bound.certificate import certify
@@ -14,6 +16,7 @@ from piezoharvest.design.bound.port import ElectrodePort
 from piezoharvest.design.bound.reached import reach
 from piezoharvest.design.bound.target import Kind, Target, least_displacement
 from piezoharvest.design.linear_view import LinearView
+from piezoharvest.design.operation import operation_of
 from piezoharvest.design.result import Bound
 
 # Meshes of the certificate and of what is reached: refined until the two agree. Displacements are differences of large
@@ -61,9 +64,7 @@ def bound_of(view: LinearView) -> Bound:
         value, reached, acausal = _figures(port, "power")
         computed.append((value, reached))
         found |= {"harvested_power": value, "reached": reached, "frequency_wise": acausal}
-        elastic = dataclasses.replace(view.transducer, hysteresis=None)
-        bare = dataclasses.replace(view, transducer=elastic, amplitude=None)
-        found["any_interface"] = _frequency_wise(ElectrodePort(bare), "power")
+        found["any_interface"] = _frequency_wise(ElectrodePort(_elastic(view)), "power")
     if objective in ("damping", "trade_off"):
         value, reached, acausal = _figures(port, "peak" if op.apart else "mean_square")
         computed.append((value, reached))
@@ -73,6 +74,37 @@ def bound_of(view: LinearView) -> Bound:
             found |= {"reached": _decibels(reached, shorted), "frequency_wise": _decibels(acausal, shorted)}
     notes += [_gap(*values) for values in computed if values[0] > 0 and not _agree(*values)]
     return Bound(**found, linearised=linearised, notes=tuple(notes))
+
+
+def bound_in_band(view: LinearView, frequencies: np.ndarray) -> Bound:
+    """Bound of the harvested power where the frequency of the sine is free: the largest of all in a band.
+
+    Parameters
+    ----------
+    view : LinearView
+        At any one frequency.
+    frequencies : (f,) array
+        Hz, over the band, close enough to see every maximum.
+    """
+
+    def most(view: LinearView) -> LinearView:
+        def less(frequency: float) -> float:
+            return -float(limits_along(view, np.array([frequency]))[0][0])
+
+        n = int(np.argmax(np.nan_to_num(limits_along(view, frequencies)[0], nan=0.0, posinf=0.0)))
+        near = frequencies[max(n - 1, 0)], frequencies[min(n + 1, len(frequencies) - 1)]
+        top: Any = minimize_scalar(less, bounds=near, method="bounded")
+        best = float(top.x) if top.fun < less(frequencies[n]) else float(frequencies[n])
+        operation = operation_of(view.operation.at(best), None, view.transducer)
+        return dataclasses.replace(view, operation=operation)
+
+    found, anything = bound_of(most(view)), most(_elastic(view))
+    return dataclasses.replace(found, any_interface=bound_of(anything).any_interface)
+
+
+def _elastic(view: LinearView) -> LinearView:
+    """The view without hysteresis."""
+    return dataclasses.replace(view, transducer=dataclasses.replace(view.transducer, hysteresis=None), amplitude=None)
 
 
 def limits_along(view: LinearView, frequencies: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -14,22 +14,16 @@ import numpy as np
 from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Shunt
-from piezoharvest.description.shunts.linear.open import Open
 from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.description.shunts.linear.series_rl import SeriesRL
-from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.system import System
 from piezoharvest.design.broadband.estimate import MeanEstimate, controlled_mean
 from piezoharvest.design.linear_view import LinearView
+from piezoharvest.engine.batch_means import batch_edges
 from piezoharvest.engine.windows import Windows, window_averages
 from piezoharvest.engine.work_limit import Budget
-from piezoharvest.linear import poles
 
 WANTED_ERROR = 0.01  # relative standard error of the objective at which no further realisation is simulated
-# A motion, or the voltage of the smoothing capacitor, has died out to exp(-5) = 0.7 % after so many time constants:
-# what is left before the first window is below the error, and windows of this length are independent of each other.
-_DECAYS = 5.0
-_SMOOTHING_DECAYS = 5.0
 _MOST_REALISATIONS = 32
 # Loads beside the switched shunt, over the impedance of the capacitance: a resistor that draws about the most, one that
 # leaves the motion as long as with open electrodes, and a resonant shunt that shortens it as switches do.
@@ -85,7 +79,9 @@ class NoiseExpectation:
         ParameterError
             Not one realisation could be simulated.
         """
-        edges, controls = self._edges(shunt), self._controls() if self.exact else []
+        length = float(self.view.operation.excitation.length or 0.0)
+        edges = batch_edges(System(self.view.transducer, shunt), length)
+        controls = self._controls() if self.exact else []
         expected = np.array([value for control in controls for value in self._linear(control)])
         rows: list[np.ndarray] = []
         found = None
@@ -127,22 +123,5 @@ class NoiseExpectation:
         seed: int = excitation.seed  # pyright: ignore[reportAttributeAccessIssue]
         return dataclasses.replace(excitation, seed=seed + number)
 
-    def _edges(self, shunt: Shunt) -> np.ndarray:
-        """Edges of the windows in s: after the motion from rest has died out, as long as it takes to."""
-        found = np.concatenate([poles(System(self.view.transducer, s)) for s in (Short(), Open())])
-        moving = found[np.imag(found) > 0]
-        span = _DECAYS / float(np.min(-np.real(moving), initial=np.inf, where=np.real(moving) < 0))
-        length = float(self.view.operation.excitation.length or 0.0)
-        span = max(span, _SMOOTHING_DECAYS * _smoothing(shunt))
-        # A realisation shorter than two such spans has half of it for the beginning.
-        span = min(span, length / 2) if np.isfinite(span) else length / 2
-        return np.linspace(span, length, max(int((length - span) / span), 1) + 1)
-
     def _run(self, shunt: Shunt, excitation: Excitation, edges: np.ndarray, budget: Budget) -> Windows:
         return window_averages(System(self.view.transducer, shunt), excitation, edges, budget)
-
-
-def _smoothing(shunt: Shunt) -> float:
-    """Time constant in s of a smoothing capacitor with its load; 0 without one."""
-    capacitance, load = (getattr(shunt, name, None) for name in ("smoothing_capacitance", "load_resistance"))
-    return float(capacitance * load) if capacitance and load else 0.0

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from piezoharvest.design.drafts import Draft
-from piezoharvest.design.goal import Figures
+from piezoharvest.design.goal import Figures, Goal
 from piezoharvest.design.operation import mean_nodes
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.minimax import Tuned
@@ -116,17 +116,14 @@ class PhaseTuning:
     @cached_property
     def _coarse(self) -> tuple[np.ndarray, np.ndarray]:
         """Points (n, d) of the coarse grid, and their figures at the judged frequencies (n, m, 4)."""
-        centre = self.start.values
-        axes = [_LAGS if name == "phase_lag" else np.log(centre[name] * _LOADS) for name in self.draft.free]
-        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+        points = coarse_points(self.draft, self.start)
         frequencies, _ = self._judged(*self._coarse_nodes)
         return points, self._simulate(points, np.tile(frequencies, (len(points), 1)))
 
     @property
     def _widths(self) -> np.ndarray:
         """Half the steps of the coarse grid."""
-        lag, load = _LAGS[1] - _LAGS[0], np.log(_LOADS[1] / _LOADS[0])
-        return 0.5 * np.array([lag if name == "phase_lag" else load for name in self.draft.free])
+        return 0.5 * coarse_steps(self.draft)
 
     def _judged(self, nodes: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies and weights of the power's mean, then others with weight zero where levels count."""
@@ -137,21 +134,13 @@ class PhaseTuning:
 
     def _simulate(self, points: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
         """Power, displacement, voltage and whether it converged (n, m, 4), of points (n, d) at frequencies (n, m)."""
-        shunt = self.draft.with_values(values_at(self.draft.free, np.repeat(points, frequencies.shape[1], axis=0)))
-        found = self.trial.many(shunt, frequencies.ravel())
-        names = ("harvested_power", "displacement_amplitude", "voltage_amplitude", "converged")
-        return np.stack([found[name].reshape(frequencies.shape) for name in names], axis=-1)
+        return simulated(self.trial, self.draft, points, frequencies)
 
     def _merits(self, values: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Merits (n,) of points from their figures (n, m, 4) and the weights (m,) of their powers."""
-        goal, shorted = self.trial.view.goal, self.trial.shorted
-        power = values[..., 0] @ weights
-        displacement, voltage = np.max(values[..., 1], axis=1), np.max(values[..., 2], axis=1)
-        with np.errstate(all="ignore"):
-            attenuation = 20 * np.log10(displacement / shorted)
-        converged = np.all(values[..., 3] > 0, axis=1)
-        rows = zip(power, displacement, voltage, attenuation, converged, strict=True)
-        return np.array([goal.merit(Figures(*map(float, row[:4]), converged=bool(row[4]))) for row in rows])
+        largest = np.max(values[..., 1:3], axis=1)
+        each = np.column_stack((values[..., 0] @ weights, largest, np.min(values[..., 3], axis=1)))
+        return merits_of(self.trial.view.goal, each, self.trial.shorted)
 
     def _start_at(self, p: np.ndarray) -> Start:
         return Start(self.start.formula, self.region.values(p))
@@ -160,6 +149,37 @@ class PhaseTuning:
         """The region of the first fields."""
         r = self.region
         return Region(r.names[:count], r.lower[:count], r.upper[:count], r.coil[:count], r.offset)
+
+
+def coarse_points(draft: Draft, start: Start, loads: np.ndarray = _LOADS) -> np.ndarray:
+    """Coordinates (n, d) of a coarse grid: loads by factors of that of a start, and all lags that differ."""
+    axes = [_LAGS if name == "phase_lag" else np.log(start.values[name] * loads) for name in draft.free]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes)) if axes else np.empty((1, 0))
+
+
+def coarse_steps(draft: Draft) -> np.ndarray:
+    """Steps (d,) of the coarse grid."""
+    lag, load = _LAGS[1] - _LAGS[0], np.log(_LOADS[1] / _LOADS[0])
+    return np.array([lag if name == "phase_lag" else load for name in draft.free])
+
+
+def simulated(
+    trial: Trial, draft: Draft, points: np.ndarray, frequencies: np.ndarray, *, thorough: bool = True
+) -> np.ndarray:
+    """Power, displacement, voltage and whether it converged (n, m, 4), of points (n, d) at frequencies (n, m)."""
+    shunt = draft.with_values(values_at(draft.free, np.repeat(points, frequencies.shape[1], axis=0)))
+    found = trial.many(shunt, frequencies.ravel(), thorough=thorough)
+    names = ("harvested_power", "displacement_amplitude", "voltage_amplitude", "converged")
+    return np.stack([found[name].reshape(frequencies.shape) for name in names], axis=-1)
+
+
+def merits_of(goal: Goal, values: np.ndarray, shorted: float | np.ndarray) -> np.ndarray:
+    """Merits (n,) from figures (n, 4) as of `simulated`, and displacement with shorted electrodes in m."""
+    power, displacement, voltage, converged = values.T
+    with np.errstate(all="ignore"):
+        attenuation = 20 * np.log10(displacement / shorted)
+    rows = zip(power, displacement, voltage, attenuation, converged > 0, strict=True)
+    return np.array([goal.merit(Figures(*map(float, row[:4]), converged=bool(row[4]))) for row in rows])
 
 
 def phase_start(draft: Draft, found: list[Start]) -> Start:

@@ -48,7 +48,7 @@ def refine(trial: Trial, draft: Draft, start: Start, region: Region | None = Non
         p, method = _line(lambda x: merit(np.array([x])), float(p[0]), width), "line search on the engine"
     else:
         found = _EngineProgram(trial, draft, region).solve(p)
-        p, method = found if found is not None else (_simplex(merit, p), "simplex search on the engine")
+        p, method = found if found is not None else (simplex(merit, p), "simplex search on the engine")
     return Tuned(shunt_at(p), merit(p), start.formula, method, trial.simulations - before)
 
 
@@ -135,11 +135,11 @@ def _line(merit: Callable[[float], float], start: float, width: float) -> np.nda
     return np.array([best])
 
 
-def _simplex(merit: Callable[[np.ndarray], float], start: np.ndarray) -> np.ndarray:
-    """Minimum near a good start, by a simplex search."""
+def simplex(merit: Callable[[np.ndarray], float], start: np.ndarray, steps: int = _MAX_STEPS) -> np.ndarray:
+    """Minimum near a good start, by a simplex search in so many steps at most."""
     corners = np.vstack((start, start + _SIMPLEX * np.eye(len(start))))
     options = {
-        "initial_simplex": corners, "xatol": _SIMPLEX_ACCURACY, "fatol": _SIMPLEX_MERIT, "maxfev": _MAX_STEPS,
+        "initial_simplex": corners, "xatol": _SIMPLEX_ACCURACY, "fatol": _SIMPLEX_MERIT, "maxfev": steps,
     }  # fmt: skip
     found: Any = minimize(merit, start, method="Nelder-Mead", options=options)
     return found.x

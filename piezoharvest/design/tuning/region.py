@@ -15,12 +15,13 @@ SPAN = np.log(1e4)  # e-folds about a part's typical size
 COIL_QUALITY = 100.0  # w L/R that coils and gyrators hardly exceed; without it a tuning ends in lossless resonances
 _AT_BOUND = 0.01  # e-folds
 MOST_LAG = 3.1  # rad: a switch acts later than the last extremum, and earlier than the one after the next
+_SPANS = {"phase_lag": MOST_LAG, "on_time_error": 0.5}  # relative: later, the current has gone back and forth
 _AT_BORDER = 1e-9  # e-folds: rounding errors of a point that is clipped to the region
 _SERIES = {"series_rl": 1.0, "series_rlc": 1.0, "parallel_rl": -1.0, "parallel_rlc": -1.0}
 
 
 def coordinates(values: Mapping[str, float]) -> np.ndarray:
-    """Coordinates in which fields are tuned: logarithms, and angles as they are."""
+    """Coordinates in which fields are tuned: logarithms, and what may be negative as it is."""
     return np.array([value if name in ANGLES else np.log(value) for name, value in values.items()])
 
 
@@ -55,7 +56,7 @@ class Region:
     def of(cls, draft: Draft, host: Host, max_inductance: float | None) -> Region:
         """Region of a draft across a host."""
         middle = coordinates(scales(draft, host))
-        span = np.array([MOST_LAG if name in ANGLES else SPAN for name in draft.free])
+        span = np.array([_SPANS.get(name, SPAN) for name in draft.free])
         lower, upper, coil = middle - span, middle + span, np.zeros(len(middle))
         names = list(draft.free)
         largest = np.inf if max_inductance is None else max_inductance

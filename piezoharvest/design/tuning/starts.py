@@ -89,7 +89,7 @@ def scales(draft: Draft, host: Host) -> dict[str, float]:
     """Typical value of every free part, by its unit: from the impedance of the capacitance at the frequency."""
     c, w = host.capacitance, host.omega
     # A dc voltage is anything: from one volt the search region reaches from 0.1 mV to 10 kV.
-    scale = {"ohm": 1 / (w * c), "H": 1 / (w**2 * c), "F": c, "V": 1.0, "rad": 0.0}
+    scale = {"ohm": 1 / (w * c), "H": 1 / (w**2 * c), "F": c, "V": 1.0, "rad": 0.0, "": 0.0}
     return {name: scale[unit_at(draft.shunt, name)] for name in draft.free}
 
 
