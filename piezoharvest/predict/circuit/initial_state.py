@@ -74,19 +74,25 @@ def _discharge(program: pg.Program, state: EngineState, d: np.ndarray, count: in
     """
     n, charge = len(d), program.charge
     z = np.concatenate([state.z[:n], _resting_signal(program)])
-    _set_elements(program, z)
     for g in np.flatnonzero((program.guard_code[0] == pg.CONDUCT) & (program.guard_target[0] >= 0)):
         form = dual(program.guard_z[..., 0, g, :], 1)
-        excess, slope = float(form.value @ z), form.value[charge]
-        excess += margin * abs(slope)
-        if excess <= 0.0 or slope == 0.0:
+        slope, moved = form.value[charge], 0.0
+        for _ in range(ITERATIONS if slope != 0.0 else 0):
+            _set_elements(program, z)
+            excess = float(form.value @ z) + margin * abs(slope)
+            if excess <= 0.0 and not moved:
+                break
+            z[charge] -= excess / slope
+            moved += excess / slope
+        if not moved:
             continue
         change = form.value[:n] @ d
         change[:count] += np.broadcast_to(form.change @ z, count)
-        state.z[charge] -= excess / slope
-        z[charge] = state.z[charge]
         d[charge] -= change / slope
-        d[charge, :count] += np.broadcast_to(form.change[:, charge], count) * excess / slope**2
+    # Events that are due are looked for before the engine sets the outputs of smooth elements.
+    _set_elements(program, z)
+    elements = slice(n, n + pg.DERIVATIVES * len(program.element_power))
+    state.z[charge], state.z[elements] = z[charge], z[elements]
 
 
 def _set_elements(program: pg.Program, z: np.ndarray) -> None:
