@@ -43,6 +43,9 @@ from piezoharvest.records.record import FrequencyRecord, Record
 
 Progress = Callable[[str], None]
 INITIAL_SAMPLES = 1 << 19  # samples of a record that are fitted first
+# Behind circuits: periods of the nominal resonance in the first fit, over which one that is 5 % off loses less than
+# half a turn, and the factor by which the records then grow, as the resonance is known that much better.
+FIRST_PERIODS, MIN_FIRST_SAMPLES, GROWTH, MAX_STAGES = 8, 200, 4, 6
 WEIGHT_TOLERANCE = 1e-3  # relative difference below which weights count as equal
 MIN_CONTRADICTION = 25.0  # change of -2 ln L, five standard errors, by which records contradict a nominal value
 
@@ -265,19 +268,50 @@ def _identify_quasi_static(campaign: Campaign, progress: Progress, offsets: Sequ
 
 
 def _first_fit(problem: Problem, model: Model, progress: Progress) -> Fit:
-    """Fit of all parameters; the beginning of long records is fitted first, to save time."""
+    """Fit of all parameters, first to the beginnings of records: of long ones, to save time.
+
+    Of records behind circuits with events to a few periods, then to more and more: over a whole record a resonance that
+    is a per cent off loses the phase, and the cost has many minima.
+    """
+    lengths = [INITIAL_SAMPLES]
+    if problem.has_events:
+        longest = max(len(each) for each in problem.data if isinstance(each, Data))
+        lengths = [n for n in _growing(problem) if n < longest] + lengths
+    found, part = None, problem
+    for length in lengths:
+        before, part = part, _beginning(problem, length)
+        if found is None:
+            found = fit_multistart(part, model, progress)
+            continue
+        nuisance = nuisance_for_problem(before, found.nuisance, part, found.model)
+        found = fit(part, found.model, nuisance, found.noise, progress=progress, rounds=2)
+    assert found is not None
+    if part is problem:
+        return found
+    nuisance = nuisance_for_problem(part, found.nuisance, problem, found.model)
+    return fit(problem, found.model, nuisance, found.noise, progress=progress, rounds=2)
+
+
+def _growing(problem: Problem) -> list[int]:
+    """Numbers of samples of the first fits behind circuits: a few periods of the nominal resonance, then more."""
+    device = problem.nominal
+    period = 2.0 * np.pi * np.sqrt(device.mass / device.stiffness)
+    step = min(each.setting.sample_time for each in problem.data if isinstance(each, Data))
+    first = max(int(FIRST_PERIODS * period / step), MIN_FIRST_SAMPLES)
+    return [first * GROWTH**k for k in range(MAX_STAGES) if first * GROWTH**k < INITIAL_SAMPLES]
+
+
+def _beginning(problem: Problem, count: int) -> Problem:
+    """The problem with the first samples of its records; the problem itself if none is longer."""
+    if not any(isinstance(each, Data) and len(each) > count for each in problem.data):
+        return problem
     data = [
-        data_of(each.record.beginning(INITIAL_SAMPLES), problem.nominal)
-        if isinstance(each, Data) and len(each) > INITIAL_SAMPLES
+        data_of(each.record.beginning(count), problem.nominal)
+        if isinstance(each, Data) and len(each) > count
         else each
         for each in problem.data
     ]
-    if all(each is whole for each, whole in zip(data, problem.data, strict=True)):
-        return fit_multistart(problem, model, progress)
-    part = Problem(data, problem.nominal, problem.offset_channels)
-    near = fit_multistart(part, model, progress)
-    nuisance = nuisance_for_problem(part, near.nuisance, problem, near.model)
-    return fit(problem, near.model, nuisance, near.noise, progress=progress, rounds=2)
+    return Problem(data, problem.nominal, problem.offset_channels)
 
 
 def _fit_near(problem: Problem, model: Model, near: Identification, progress: Progress) -> Fit:
