@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 MAX_TEST_ROWS = 10  # number of failed residual tests printed
 
 
-def diagnose(path: Path, *, as_json: bool, report: Path | None) -> int:
-    """Diagnose a campaign, print the verdict, and write the report."""
+def diagnose(path: Path, *, as_json: bool, report: Path | None, save: Path | None) -> int:
+    """Diagnose a campaign, print the verdict, write the report and the specimen."""
     from piezoharvest.diagnose import diagnose as run
 
-    found = on_campaign(path, report, run)
+    found = on_campaign(path, report, save, run)
     if found is None:
         return 1
     if not found.search.final.converged:
@@ -31,6 +31,9 @@ def diagnose(path: Path, *, as_json: bool, report: Path | None) -> int:
         tables.print_json(diagnosis_json(found))
     else:
         _print(found)
+    if save is not None:
+        found.save(save)
+        note(f"specimen: {save}")
     if report is not None:
         from piezoharvest.report import write_diagnosis
 

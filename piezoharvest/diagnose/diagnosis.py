@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -41,6 +42,7 @@ from piezoharvest.identify.identification import (
     judged,
     prepared,
 )
+from piezoharvest.identify.saving import save
 from piezoharvest.identify.start_values.quasi_static import as_quasi_static
 from piezoharvest.identify.threads import single_threaded
 from piezoharvest.predict.parameters import value_at
@@ -128,6 +130,11 @@ class Diagnosis:
     cut: tuple[str, ...] = ()
     deviating: tuple[Estimate, ...] = ()
     unpredicted: tuple[str, ...] = ()
+
+    def save(self, path: str | Path) -> None:
+        """Write the specimen file, which a study takes by `transducer = "FILE"`; raises `OutputError`."""
+        final, source = self.search.final, {"command": "diagnose", "verdict": self.verdict}
+        save(final, self.estimates, self.campaign, path, **source, trusted=final.converged)
 
     @property
     def left(self) -> tuple[ResidualTest, ...]:
