@@ -40,7 +40,7 @@ LAYERS = [
     {"spice"},
     {"study", "output"},
     {"specimen"},
-    {"records.expectation", "records.finding", "records.record", "records.weights"},
+    {"records.bench_limits", "records.expectation", "records.finding", "records.record", "records.weights"},
     {"records.campaign", "records.power", "records.spectra"},
     {"records.errors"},
     {"records.reading"},

@@ -1,4 +1,4 @@
-"""The command line: `piezoharvest simulate | design | sweep | measure | identify | diagnose | export | demo`.
+"""The command line: `piezoharvest simulate | design | sweep | measure | identify | diagnose | plan | export | demo`.
 
 typer only parses the arguments; each command returns the work to be done, which `main` runs. Exit status: 0 done;
 1 done, but the result is unreliable; 2 bad input; 130 interrupted, 143 terminated.
@@ -29,7 +29,7 @@ _FULL = (
 )  # errors of a write to stdout: a full disk, or too large a file
 
 app = typer.Typer(
-    help="Piezoelectric shunt damping and harvesting: simulate, design, sweep, measure, identify, diagnose (TOML).",
+    help="Piezoelectric damping and harvesting: simulate, design, sweep, measure, identify, diagnose, plan (TOML).",
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -189,6 +189,26 @@ def diagnose(
     from piezoharvest.cli import diagnose_command
 
     return partial(diagnose_command.diagnose, campaign, as_json=json, report=report, save=save)
+
+
+@app.command()
+def plan(
+    campaign: CampaignFile,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Study to write (TOML); default: print it.")] = None,
+    parameter: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Shrink the standard error of this parameter.")
+    ] = None,
+    json: AsJson = False,
+) -> Work:
+    """Plan the measurement that would tell most.
+
+    The campaign is diagnosed. Of the sines and steps, loads and durations that its records (or its table [experiment])
+    show to be possible, the record is planned that separates the two likeliest sets of effects best, or that shrinks
+    the standard error of a parameter most. The result is a study that piezoharvest measure runs.
+    """
+    from piezoharvest.cli import plan_command
+
+    return partial(plan_command.plan, campaign, out=out, parameter=parameter, as_json=json)
 
 
 @app.command()

@@ -1,5 +1,6 @@
 """The command, its JSON as the interface has it, its report, and what it says of bad input."""
 
+import dataclasses
 import hashlib
 import json
 import re
@@ -9,11 +10,9 @@ import pytest
 from diagnose_runs import campaign
 
 from piezoharvest.cli import main
+from piezoharvest.cli.diagnose_command import diagnosis_json
 from piezoharvest.description.effects import BiasCurrent, registered
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.residual_regression import hints
-from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.identify.identification import prepared
 from piezoharvest.report import write_diagnosis
 from piezoharvest.specimen import load_specimen
 
@@ -58,7 +57,7 @@ def test_json_and_report(files, capsys):
         assert set(result["validation"][key]) == {"displacement", "voltage", "current"}
     assert result["validation"]["rms_after"]["voltage"] < result["validation"]["rms_before"]["voltage"]
     assert 0 <= result["unexplained"] < 0.1
-    assert result["experiment"] is None
+    assert result["experiment"] is None and result["plan"] is None and result["hints"] == []
     assert {row["name"] for row in result["scores"]} == set(registered())
     assert "scoring the effects" in err
     check_report(folder / "report")
@@ -124,6 +123,6 @@ def test_report_of_what_has_no_name(tmp_path, present, library, wanted):
     assert ("Nothing is missing" in page) == (wanted == "adequate")
     assert ("Hint, not a cause" in page) == (wanted == "unexplained")
     if wanted == "unexplained":
-        problem = Problem(prepared(found.campaign, "fit"), found.campaign.transducer, found.before.offsets)
-        first = hints(problem, found.search.final)[0]
+        first = found.hints[0]
+        assert diagnosis_json(found)["hints"][0] == dataclasses.asdict(first)
         assert any(sign in first.term for sign in "²³|√")  # a stiffening is no linear function
