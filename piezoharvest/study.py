@@ -375,10 +375,10 @@ def _transducer(value: Any, folder: Path) -> tuple[Transducer, Path | None]:
         table = read_specimen(path)
         if "parameters" in table:
             raise ParameterError("parameters", "found only a list, a study needs what `identify --save` writes")
-        transducer = build_transducer(table["transducer"])
-        if transducer.quasi_static:
+        if _typed(dict, table["transducer"], "transducer").get("quasi_static") is True:
             lacks = "found a quasi-static specimen, whose mass and damping no record tells"
             raise ParameterError("transducer.quasi_static", f"{lacks}: give both there and take quasi_static out")
+        transducer = build_transducer(table["transducer"])
     except (ParameterError, StudyError) as error:
         inner = f"{error.key}: {error.message}" if error.key else error.message
         raise ParameterError("transducer", f"{value}: {inner}") from None

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from piezoharvest.description.effects import Effect
+from piezoharvest.description.effects import Effect, registered
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.paths import component_table, found_at
 from piezoharvest.description.transducer import INERT, Transducer
 from piezoharvest.input import InputError, check_readable
 from piezoharvest.output import write_text
-from piezoharvest.study import MAX_TOML_BYTES, StudyError, build_transducer, read_specimen
+from piezoharvest.study import MAX_TOML_BYTES, StudyError, build, build_transducer, read_specimen
+from piezoharvest.study import unknown as unknown_name
 
 SCALINGS = ("linear", "log", "reciprocal")  # what of a value is normally distributed: itself, its logarithm, 1/value
 # Relative size of a negative eigenvalue, and of an asymmetry, that is rounding of the 17 digits in a file.
@@ -119,7 +120,7 @@ def load_specimen(path: str | Path) -> Specimen:
 
 
 def _specimen(table: Mapping[str, Any]) -> Specimen:
-    transducer = build_transducer(table["transducer"])
+    transducer, unknown = _transducer(table["transducer"])
     errors = _numbers(table.get("standard_errors", {}), "standard_errors", least=0.0)
     values = {}
     for name in errors:
@@ -130,9 +131,29 @@ def _specimen(table: Mapping[str, Any]) -> Specimen:
     covariance, scaling = np.diag(np.square(list(errors.values()))), ("linear",) * len(errors)
     if "covariance" in table:
         covariance, scaling = _covariance(table["covariance"], errors)
-    lacking = _lacking(table.get("not_identifiable", {}))
-    unknown = INERT if transducer.quasi_static else ()
-    return Specimen(values, covariance, scaling, transducer, lacking, unknown=unknown, source=table.get("source", {}))
+    lacking, measurement = _lacking(table.get("not_identifiable", {})), _measurement(table.get("measurement", []))
+    return Specimen(values, covariance, scaling, transducer, lacking, measurement, unknown, table.get("source", {}))
+
+
+def _transducer(table: Any) -> tuple[Transducer, tuple[str, ...]]:
+    """Transducer, and which of mass and damping a quasi-static one has no value of: any number stands in for them."""
+    if not isinstance(table, Mapping) or table.get("quasi_static") is not True:
+        return build_transducer(table), ()
+    unknown = tuple(name for name in INERT if name not in table)
+    return build_transducer({**table, **dict.fromkeys(unknown, 1.0)}), unknown
+
+
+def _measurement(tables: Any) -> tuple[Effect, ...]:
+    """Effects of sensors and labels from their tables."""
+    if not isinstance(tables, list) or not all(isinstance(table, Mapping) for table in tables):
+        raise ParameterError("measurement", f"found {tables!r:.60}, allowed is a list of tables")
+    known, found = registered(), []
+    for n, table in enumerate(tables):
+        where, name = f"measurement.{n}", table.get("name")
+        if name not in known:
+            raise unknown_name(f"{where}.name", name, known)
+        found.append(build(known[name], {key: value for key, value in table.items() if key != "name"}, where))
+    return tuple(found)
 
 
 def _lacking(table: Any) -> dict[str, str]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from piezoharvest.cli import main
-from piezoharvest.description.effects import Leakage
+from piezoharvest.description.effects import Clipping, Leakage
 from piezoharvest.description.excitation import SineForce, StepForce
 from piezoharvest.description.hysteresis import Hysteresis
 from piezoharvest.description.shunts import ParallelSSHI, Resistor
@@ -57,6 +57,29 @@ def test_round_trip(tmp_path):
     assert found.covariance == pytest.approx(rich().covariance, rel=1e-15)
     assert found.source == {"campaign": "c.toml"}
     assert found.errors["modes.0.coupling"] == pytest.approx(1e-5)
+
+
+def test_a_film_has_neither_mass_nor_damping(tmp_path):
+    path = tmp_path / "film.toml"
+    device = Transducer(**{**VALUES, "mass": 1.0, "damping": 1.0})
+    write_specimen(Specimen({}, np.empty((0, 0)), (), device, unknown=("mass", "damping")), path)
+    assert "mass" not in path.read_text()
+    assert load_specimen(path).unknown == ("mass", "damping")
+    study = tmp_path / "study.toml"
+    study.write_text(STUDY.format(file="film.toml"))
+    with pytest.raises(StudyError, match=r"film.toml: transducer.quasi_static: .*give both there"):
+        load_study(study)
+
+
+def test_errors_of_sensors_are_kept_apart(tmp_path):
+    path = tmp_path / "specimen.toml"
+    faults = (Clipping(limit=2.0, channel="voltage"), Clipping(limit=1e-6, channel="displacement"))
+    write_specimen(specimen(measurement=faults), path)
+    found = load_specimen(path)
+    assert found.measurement == faults and found.transducer is not None and found.transducer.effects == ()
+    path.write_text(path.read_text().replace('name = "clipping"', 'name = "cliping"', 1))
+    with pytest.raises(StudyError, match=r"measurement.0.name: .*did you mean 'clipping'"):
+        load_specimen(path)
 
 
 def text_of(tmp_path, **more):
