@@ -30,8 +30,11 @@ def gain_of(prediction: Prediction, channels: Sequence[str], frequencies: np.nda
     -------
     (f, channels) complex array
     """
-    gain = specimen_gain(prediction, channels, frequencies)
-    return gain * _delay_factors(prediction, channels, frequencies) if prediction.transducer.effects else gain
+    def made() -> np.ndarray:
+        gain = specimen_gain(prediction, channels, frequencies)
+        return gain * _delay_factors(prediction, channels, frequencies) if prediction.transducer.effects else gain
+
+    return prediction.shared(("gain", tuple(channels), frequencies.tobytes()), made)
 
 
 def _delay_factors(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> np.ndarray:
