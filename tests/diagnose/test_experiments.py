@@ -15,6 +15,7 @@ from piezoharvest.bench import measure, write_campaign
 from piezoharvest.cli import main
 from piezoharvest.description.effects import DielectricRelaxation, Leakage
 from piezoharvest.description.excitation import SineForce
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import Resistor
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import diagnose
@@ -249,3 +250,7 @@ def test_from_doubt_to_name(tmp_path, capsys, effects, seed):
     assert found.verdict == "effect" and [named.effect.name for named in found.effects] == [name]
     for key, (value, std, _) in found.effects[0].values.items():
         assert abs(value - table[key]) < 5 * std
+    with pytest.raises(ParameterError, match=r"--parameter: .*did you mean 'stiffness'"):
+        found.plan_for("stifness")
+    weaker = found.plan_for("coupling")
+    assert weaker is not None and weaker.after < weaker.before
