@@ -45,6 +45,7 @@ _HOMES = {
     ),
     "study": ("DesignOptions", "Study", "StudyError", "load_study"),
     "design": ("DesignResult", "design"),
+    "specimen": ("Specimen", "load_specimen"),
     "sweep": ("sweep",),
     "bench": ("measure",),
     "records": ("Campaign", "CampaignError", "load_campaign"),

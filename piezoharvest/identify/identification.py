@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, n
 from piezoharvest.identify.identifiability import assumed, combination, experiment, uncertain, undetermined
 from piezoharvest.identify.noise.noise_gain import gain_of
 from piezoharvest.identify.noise.noise_model import Noise
+from piezoharvest.identify.saving import save
 from piezoharvest.identify.start_values.initial_hysteresis_state import (
     fit_nuisance,
     has_initial_states,
@@ -150,6 +152,10 @@ class Identification:
     message: str
     found: Fit
     offsets: tuple[str, ...]
+
+    def save(self, path: str | Path) -> None:
+        """Write the specimen file, which a study takes by `transducer = "FILE"`; raises `OutputError`."""
+        save(self.found, self.estimates, self.campaign, path, command="identify", trusted=not self.doubts)
 
     @property
     def doubts(self) -> tuple[str, ...]:

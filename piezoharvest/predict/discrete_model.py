@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -117,6 +118,7 @@ class DiscreteModel:
         self.transducer, self.setting, self.parameters = transducer, setting, tuple(parameters)
         self.matrices = self._matrices(transducer)
         self.share = 1.0 / max(setting.count - 1, 1)
+        self.shared: dict[Hashable, Any] = {}  # results that depend on the equations alone
         self._steps: dict[int, SampleStep] = {}
         self._tangent_steps: dict[int, list[SampleStep]] = {}
         self.step = self.step_by(1)

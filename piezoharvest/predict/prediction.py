@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from piezoharvest.predict.record_model import STOP, Matrices
 from piezoharvest.predict.sample_step import SampleStep, equilibria
 from piezoharvest.predict.segments import NO_RISE, Propagation
 
+_T = TypeVar("_T")
+MAX_SHARED = 4  # results of the equations alone that are kept: for whole blocks and the last one of a record
 BLOCK = 1 << 16  # samples at a time: the derivatives of a record of millions of samples do not fit into memory
 
 
@@ -169,6 +171,22 @@ class Prediction:
         follow = np.array([each.follow for each in several])
         z = equilibria(several, self._lowered.inverse, first, w) + (follow @ off[:, :, None])[:, :, 0]
         return np.hstack([z, w])
+
+    def shared(self, key: Hashable, made: Callable[[], _T]) -> _T:
+        """A result that depends on the equations alone, made once for all records that have these.
+
+        With elements it is made for each record, as their mean slopes differ. Of several keys the last few are kept.
+        """
+        if len(self.matrices.kinds):
+            return made()
+        known = self._lowered.shared
+        if key not in known:
+            found = made()
+            for old in list(known)[: max(len(known) - MAX_SHARED + 1, 0)]:
+                known.pop(old, None)  # another thread may have been faster
+            known[key] = found
+            return found
+        return known[key]
 
     def settle(self) -> None:
         """Propagate through the record unless already done, so that `local` holds the mean slopes of its elements."""

@@ -24,6 +24,8 @@ Channel: TypeAlias = Literal[
 class Effect(Component):
     """A physical effect in the specimen, its sensors or its wiring.
 
+    `of_specimen` is False for an error of sensors or labels, which no other set-up has.
+
     Subclasses define `name`, `source`, `looks` (appearance in the data) and `told_by` (the experiment that
     distinguishes it from similar effects), and override the places where they act: `act` in the equations, `connect` in
     the load, `late`, `span` and `line` in a channel. Records are predicted with all of them. `simulate` uses `act` and
@@ -35,6 +37,7 @@ class Effect(Component):
     source: ClassVar[str]
     looks: ClassVar[str] = ""
     told_by: ClassVar[str] = ""
+    of_specimen: ClassVar[bool] = True
 
     def act(self, specimen: EquationBuilder) -> None:
         """Add terms to the equations of the specimen."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import numpy as np
 
@@ -101,6 +101,13 @@ class InductiveSwitch(SynchronisedShunt):
     def on_time(self, capacitance: float) -> float:
         """Seconds that the switch stays closed."""
         return (1 + self.on_time_error) * self.nominal_flip_time(capacitance)
+
+    def beside(self, capacitance: Any, actual: Any) -> Self:
+        """The same loop beside another capacitance (F): coil, resistance and on time stay those for `capacitance`."""
+        inductance, resistance = self.loop(capacitance)
+        values = {"inductance": inductance, "flip_time": None, "quality": np.sqrt(inductance / actual) / resistance}
+        moved = replace(self, **values, on_time_error=0.0)
+        return replace(moved, on_time_error=self.on_time(capacitance) / moved.nominal_flip_time(actual) - 1)
 
     def loop_current(self, closed: bool, port: Port, z: SimpleNamespace):
         """Current in the loop: the state while closed, zero while open."""

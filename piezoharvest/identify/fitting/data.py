@@ -127,9 +127,7 @@ def data_of(record: Record, transducer: Transducer) -> Data:
         return Data(record.name, record.role, record, behind, drive - clean, channels, sigma, scatter, start)
     abrupt = any(begins_abruptly(record[c], noise[c]) for c in channels) and not begins_abruptly(clean, 0.0, (1,))
     setting = setting_of(record.drive, record.shunt, step, clean, transducer, abrupt=abrupt)
-    bends = (curvature_of(record[c], noise[c], setting.jumps) for c in channels)
-    fine = int(np.clip(np.ceil(np.sqrt(max(bends) / (12.0 * MAX_INTERPOLATION_ERROR))), 1, MAX_SUBSTEPS))
-    setting = replace(setting, fine=fine)
+    setting = replace(setting, fine=steps_for([curvature_of(record[c], noise[c], setting.jumps) for c in channels]))
     return Data(record.name, record.role, record, setting, drive - clean, channels, sigma, scatter)
 
 
@@ -200,6 +198,11 @@ def curvature_of(values: np.ndarray, sigma: float, jumps: np.ndarray) -> float:
     bends[beside[(beside >= 0) & (beside < len(bends))]] = 0.0
     above = np.mean(bends**2) - NOISE_MARGIN * 6.0 * sigma**2 if len(bends) else 0.0
     return float(np.sqrt(above) / max(sigma, MIN_RELATIVE_NOISE * values.std())) if above > 0.0 else 0.0
+
+
+def steps_for(bends: Sequence[float]) -> int:
+    """Steps within a sample for the curvatures of a record's channels (`curvature_of`)."""
+    return int(np.clip(np.ceil(np.sqrt(max(bends) / (12.0 * MAX_INTERPOLATION_ERROR))), 1, MAX_SUBSTEPS))
 
 
 def begins_abruptly(values: np.ndarray, sigma: float, orders: Sequence[int] = (1, 3)) -> bool:

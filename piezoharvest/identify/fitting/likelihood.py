@@ -90,12 +90,17 @@ class Whitener:
     def _of(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """The matrices of `of`, and the same with the frequencies last, lower triangular."""
         if count not in self._matrices:
-            data = self._data
-            self._settle()
-            gain = gain_of(self._prediction, data.channels, np.fft.rfftfreq(count, data.setting.sample_time))
-            white = np.linalg.inv(np.linalg.cholesky(self._noise.covariance(data.channels, data.drive, gain)))
-            self._matrices = {count: (white, np.ascontiguousarray(white.transpose(1, 2, 0)))}
+            sigma = tuple(self._noise.sigma.get(name) for name in (*self._data.channels, self._data.drive))
+            key = "whitening", self._data.channels, sigma, count
+            self._matrices = {count: self._prediction.shared(key, lambda: self._made(count))}
         return self._matrices[count]
+
+    def _made(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        data = self._data
+        self._settle()
+        gain = gain_of(self._prediction, data.channels, np.fft.rfftfreq(count, data.setting.sample_time))
+        white = np.linalg.inv(np.linalg.cholesky(self._noise.covariance(data.channels, data.drive, gain)))
+        return white, np.ascontiguousarray(white.transpose(1, 2, 0))
 
     def passed(self, begin: int, end: int) -> np.ndarray:
         """Response to the noise of the drive in some samples, (samples, channels)."""

@@ -31,8 +31,11 @@ def gain_of(prediction: AnyPrediction, channels: Sequence[str], frequencies: np.
     -------
     (f, channels) complex array
     """
-    gain = specimen_gain(prediction, channels, frequencies)
-    return gain * _delay_factors(prediction, channels, frequencies) if prediction.transducer.effects else gain
+    def made() -> np.ndarray:
+        gain = specimen_gain(prediction, channels, frequencies)
+        return gain * _delay_factors(prediction, channels, frequencies) if prediction.transducer.effects else gain
+
+    return prediction.shared(("gain", tuple(channels), frequencies.tobytes()), made)
 
 
 def _delay_factors(prediction: AnyPrediction, channels: Sequence[str], frequencies: np.ndarray) -> np.ndarray:

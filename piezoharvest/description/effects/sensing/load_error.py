@@ -18,6 +18,7 @@ class LoadError(Effect):
     """The load resistor is R (1 + e): every one, or those whose label is `resistance`; absent at e = 0."""
 
     name: ClassVar[str] = "load_error"
+    of_specimen: ClassVar[bool] = False
     source: ClassVar[str] = "IEC 60062"
     looks: ClassVar[str] = (
         "voltage over current is not the load that is written on it, in the records of one load or in all"
