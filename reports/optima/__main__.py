@@ -1,4 +1,4 @@
-"""`python -m reports.optima [--designs N] [--simulated N] [--workers N]`: tuned designs beside random ones of the same kinds.
+"""`python -m reports.optima [--designs N] [--simulated N] [--workers N]`: random designs beside tuned ones.
 
 What is done stands in cases.jsonl beside this file, a line for each study: the same command goes on from there.
 """

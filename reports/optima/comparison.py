@@ -111,8 +111,9 @@ class Comparison:
         order = np.argsort(np.where(np.isfinite(scores), scores, np.inf))[:_KEPT]
         exact = [self._score(draft.with_values(region.values(points[n]))) for n in order]
         first = int(np.argmin(exact))
+        gain = float(np.expm1(self._score(tuned) - exact[first]))
         return Compared(
-            draft.kind, len(points), int(np.sum(np.isfinite(scores))), float(np.expm1(self._score(tuned) - exact[first])),
+            draft.kind, len(points), int(np.sum(np.isfinite(scores))), gain,
             draft.values_of(tuned), region.values(points[order[first]]),
         )  # fmt: skip
 
