@@ -16,7 +16,7 @@ from piezoharvest.design import DesignResult, design
 from piezoharvest.design.drafts import Draft, Drafting
 from piezoharvest.design.goal import Goal
 from piezoharvest.design.linear_view import LinearView
-from piezoharvest.design.operation import operation_of
+from piezoharvest.design.operation import mean_nodes, operation_of
 from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.region import Region, values_at
 from piezoharvest.design.tuning.starts import Host
@@ -27,8 +27,9 @@ from piezoharvest.study import DesignOptions, Study
 PROMISE = 1e-4  # of the objective: no random design may be better by more
 _NEAR = (1e-4, 0.5)  # e-folds, or rad: distances from the optimum of half of the designs
 _AT_ONCE = 2000  # designs in a batch
-_LINES, _FEW = 241, 9  # frequencies over a band at which linear and switched designs are looked at first
-_KEPT = 40  # best ones of all that are judged as the tuned design is
+_LINES, _FEW = 241, 9  # frequencies over a band at which linear and switched designs are looked at first, at most
+_ROUGH = 1e-2  # error of the mean over the band at these: below 1 % the best ones are among those that are kept
+_KEPT, _KEPT_SIMULATED = 40, 12  # best ones of all that are judged as the tuned design is
 _EVERYTHING = 10**15  # work that is allowed for what is judged
 # Of `engine.work_limit`, for each design of a batch on average: ten times what one takes. Designs without a periodic
 # motion, which would take a thousand times as long, are then given up.
@@ -105,10 +106,12 @@ class Comparison:
     def _compare(self, draft: Draft, tuned: Shunt) -> Compared:
         region = Region.of(draft, Host.of(self._view.working()), self._view.goal.options.max_inductance)
         best = region.logs(draft.values_of(tuned))
-        count = self.simulated if self._by_simulation(draft.shunt) else self.designs
+        count, kept = self.designs, _KEPT
+        if self._by_simulation(draft.shunt):
+            count, kept = self.simulated, _KEPT_SIMULATED
         points = self._points(region, best, count)
         scores = np.concatenate([self._scores(draft, part) for part in np.array_split(points, self._batches(points))])
-        order = np.argsort(np.where(np.isfinite(scores), scores, np.inf))[:_KEPT]
+        order = np.argsort(np.where(np.isfinite(scores), scores, np.inf))[:kept]
         exact = [self._score(draft.with_values(region.values(points[n]))) for n in order]
         first = int(np.argmin(exact))
         gain = float(np.expm1(self._score(tuned) - exact[first]))
@@ -140,7 +143,11 @@ class Comparison:
             grid = view.operation.frequencies[:1] if band is None else np.linspace(*band, _LINES)
             found = view.levels(draft.with_values(values), grid)
             return self._objective(found.power, found.displacement.max(axis=-1))
-        lines = view.operation.frequencies if band is None else np.linspace(*band, _FEW)
+        lines, weights = view.operation.frequencies, np.ones(1)
+        if band is not None:
+            lines, weights = mean_nodes(band, view.transducer, _ROUGH, _FEW)
+            if view.goal.damping:
+                lines, weights = np.linspace(*band, _FEW), np.full(_FEW, 1 / _FEW)
         columns = draft.with_values(values_at(draft.free, np.repeat(points, len(lines), axis=0)))
         count, sines = len(points) * len(lines), view.operation.at(np.tile(lines, len(points))[:, None])
         system = System(view.transducer, columns)
@@ -148,7 +155,7 @@ class Comparison:
         power, level, trusted = (
             found[name].reshape(len(points), -1) for name in ("harvested_power", "displacement_amplitude", "converged")
         )
-        scores = self._objective(power.mean(axis=1), level.max(axis=1))
+        scores = self._objective(power @ weights, level.max(axis=1))
         return np.where(np.all(trusted > 0, axis=1), scores, np.inf)
 
     def _objective(self, power: np.ndarray, level: np.ndarray) -> np.ndarray:

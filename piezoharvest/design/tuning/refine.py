@@ -146,7 +146,8 @@ def simplex(merit: Callable[[np.ndarray], float], start: np.ndarray, steps: int 
     for _ in range(_RESTARTS if steps is None else 1):
         corners = np.vstack((p, p + size * np.eye(len(p))))
         options = {
-            "initial_simplex": corners, "xatol": _SIMPLEX_ACCURACY, "fatol": _SIMPLEX_MERIT, "maxfev": steps or _MAX_STEPS,
+            "initial_simplex": corners, "xatol": _SIMPLEX_ACCURACY, "fatol": _SIMPLEX_MERIT,
+            "maxfev": steps or _MAX_STEPS,
         }  # fmt: skip
         found: Any = minimize(merit, p, method="Nelder-Mead", options=options)
         gain = lowest - found.fun
