@@ -19,7 +19,8 @@ def write(rows: Sequence[dict[str, Any]], path: Path) -> None:
     lines = [
         "# Tuned designs beside random ones\n",
         f"{len(last)} studies with random plants, {len(found)} tuned designs, {drawn:,} random ones of their kinds, of "
-        f"which {counted:,} were found to move periodically (ten times the usual work is allowed). Half of them are spread over all of the region of the tuning "
+        f"which {counted:,} were found to move periodically (ten times the usual work is allowed). "
+        "Half of them are spread over all of the region of the tuning "
         "in logarithms, half lie 1e-4 to 0.5 e-folds from the optimum. The best 40 of each (12 where they "
         "have to be simulated) are judged as the tuned design is. `python -m reports.optima` makes this page.\n",
         f"Better than the tuned design by more than {PROMISE:g}: {len(beaten)}.\n",
