@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -84,6 +84,7 @@ class _Design:
         unused = [name for name in ("order", "coil_quality") if getattr(options, name) is not None]
         if unused and SYNTHESISED not in (options.candidates or ()):
             self.notes.append(f"design.{unused[0]} is not used: no candidate is {SYNTHESISED!r}")
+        self.notes += _about_parts(options)
         operation = operation_of(study.excitation, options.band, study.transducer)
         if study.free_frequency:  # from here on the band is where it is sought, and not what counts
             self.options = options = replace(options, band=None)
@@ -202,6 +203,19 @@ class _Design:
         if refused and not found:
             raise refused
         return found
+
+
+def _about_parts(options: DesignOptions) -> Iterator[str]:
+    """Remarks on what parts of a series are not chosen for."""
+    if options.parts is None:
+        return
+    if options.objective == "trade_off":
+        yield f"the front is that of parts as tuned, not of parts of {options.parts}"
+    if options.worst_case:
+        yield (
+            f"parts of {options.parts} are those of the best nominal figure beside what was tuned for the worst case; "
+            "the worst case is that of these parts"
+        )
 
 
 def _beyond(candidate: Candidate, bound: Bound) -> str:

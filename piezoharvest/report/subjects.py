@@ -108,10 +108,11 @@ def values_of(shunt: Shunt) -> Iterator[tuple[str, str]]:
     fields = {field.name: field for field in dataclasses.fields(shunt)}
     for key, value in shunt_table(shunt).items():
         if key == "netlist":
-            parts = (f"{part['kind']} {quantity_text(part['value'], _PART_UNITS[part['kind']])}" for part in value)
-            yield "netlist", ", ".join(parts)
+            texts = ((part["kind"], quantity_text(part["value"], _PART_UNITS[part["kind"]])) for part in value)
+            yield "netlist", ", ".join(f"{kind}{NO_BREAK}{text}" for kind, text in texts)
         elif key != "kind":
             yield symbol(key), quantity_text(value, fields[key].metadata.get("unit"))
 
 
+NO_BREAK = "\N{NO-BREAK SPACE}"  # between a part and its value, in narrow columns
 _PART_UNITS = {"R": "ohm", "L": "H", "C": "F"}

@@ -16,6 +16,7 @@ from piezoharvest.description.hysteresis import Hysteresis
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import ParallelSSHI, Rectifier, SeriesRL
 from piezoharvest.description.system import System
+from piezoharvest.description.tolerance import Tolerance
 from piezoharvest.design import design
 from piezoharvest.design.parts.series import series_of
 from piezoharvest.engine import simulate
@@ -315,3 +316,10 @@ def test_table_and_report(host, tmp_path, capsys, objective, words):
     printed = capsys.readouterr().out
     assert f"inductance = {parts.values['inductance']:g} H (ideal {parts.ideal['inductance']:.1f} H)" in printed
     assert "E6" in printed and "within" in printed
+
+
+def test_what_parts_are_not_chosen_for_is_said(host, run):
+    options = {"candidates": ("resistor",), "tolerance": Tolerance(stiffness=0.01), "worst_case": True}
+    notes = run(host(0.1, 40), objective="trade_off", parts="E12", **options).notes
+    assert any("front" in note and "E12" in note for note in notes)
+    assert any("nominal figure" in note for note in notes)

@@ -132,7 +132,8 @@ def _solve(port: ElectrodePort, target: Target, empty: LoopAdmittance, omega: np
     scale = np.concatenate((hats, _TAILS * branches))
     parts = cp.Variable(len(scale))
     basis = empty.basis(omega) * scale / natural[:, None]
-    real, imaginary = basis.real @ parts, basis.imag @ parts
+    # As variables of their own: their dense rows are then in the solver's matrix once, not in each use.
+    real, imaginary = cp.Variable(len(omega)), cp.Variable(len(omega))
     loss = np.sqrt(at.resistance * natural)
     # R |Q|^2 <= t <= Re Q, all over the natural size of Q; outside of a band of power, t is Re Q.
     counted = inside if target.kind == "power" else np.zeros(len(omega), bool)
@@ -140,7 +141,8 @@ def _solve(port: ElectrodePort, target: Target, empty: LoopAdmittance, omega: np
     spent = real[~counted] - MARGIN if t is None else cp.hstack([t, real[~counted] - MARGIN])
     order = np.concatenate((np.flatnonzero(counted), np.flatnonzero(~counted)))
     lost = [cp.multiply(2 * loss[order], real[order]), cp.multiply(2 * loss[order], imaginary[order])]
-    constraints: list[Any] = [parts >= 0, cp.SOC(1 + spent, cp.vstack([*lost, 1 - spent]), axis=0)]
+    constraints: list[Any] = [parts >= 0, real == basis.real @ parts, imaginary == basis.imag @ parts]
+    constraints.append(cp.SOC(1 + spent, cp.vstack([*lost, 1 - spent]), axis=0))
     if t is not None:
         constraints.append(t <= real[counted])
     if np.isfinite(port.free_capacitance):

@@ -70,7 +70,8 @@ class SurfaceFront:
         fine = len(self.draft.free) == 1 or self.trial.view.operation.band is None
         chosen = points[_spread(values.power, self._peaks(values.displacement), _POINTS if fine else _BAND_POINTS)]
         if len(self.draft.free) == 2:
-            chosen = self._across(chosen)
+            # The best for harvest too: without it the slope next to this end is that further away.
+            chosen = self._across(np.vstack((self._best_point, chosen)))
         return self._judged(np.vstack((self._best_point, chosen)))
 
     def _through(self, axes: list[np.ndarray]) -> tuple[np.ndarray, Sampled]:

@@ -31,6 +31,7 @@ _TRUST_RADIUS, _ROUNDS = 3.0, 3  # e-folds about the start of a round
 _DESCENT = {"maxiter": 40, "ftol": 1e-8}
 _SIMPLEX, _SIMPLEX_ACCURACY, _SIMPLEX_MERIT = 0.1, 5e-3, 1e-5
 _MAX_STEPS = 60
+_RESTARTS, _SIMPLEX_GAIN = 6, 5e-5  # of a simplex search: at most, and the merit that one more has to bring
 
 
 def refine(trial: Trial, draft: Draft, start: Start, region: Region | None = None) -> Tuned:
@@ -135,11 +136,22 @@ def _line(merit: Callable[[float], float], start: float, width: float) -> np.nda
     return np.array([best])
 
 
-def simplex(merit: Callable[[np.ndarray], float], start: np.ndarray, steps: int = _MAX_STEPS) -> np.ndarray:
-    """Minimum near a good start, by a simplex search in so many steps at most."""
-    corners = np.vstack((start, start + _SIMPLEX * np.eye(len(start))))
-    options = {
-        "initial_simplex": corners, "xatol": _SIMPLEX_ACCURACY, "fatol": _SIMPLEX_MERIT, "maxfev": steps,
-    }  # fmt: skip
-    found: Any = minimize(merit, start, method="Nelder-Mead", options=options)
-    return found.x
+def simplex(merit: Callable[[np.ndarray], float], start: np.ndarray, steps: int | None = None) -> np.ndarray:
+    """Minimum near a good start, by simplex searches that begin anew where the last one ended.
+
+    One alone collapses before the optimum where the merit has an edge, as where the periodic motion ends. With
+    `steps` there is one search, of so many at most.
+    """
+    p, lowest, size = start, merit(start), _SIMPLEX
+    for _ in range(_RESTARTS if steps is None else 1):
+        corners = np.vstack((p, p + size * np.eye(len(p))))
+        options = {
+            "initial_simplex": corners, "xatol": _SIMPLEX_ACCURACY, "fatol": _SIMPLEX_MERIT,
+            "maxfev": steps or _MAX_STEPS,
+        }  # fmt: skip
+        found: Any = minimize(merit, p, method="Nelder-Mead", options=options)
+        gain = lowest - found.fun
+        p, lowest, size = found.x, found.fun, -0.5 * size
+        if gain < _SIMPLEX_GAIN:
+            break
+    return p

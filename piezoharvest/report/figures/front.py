@@ -38,8 +38,9 @@ def front(drawn: Sequence[tuple[Subject, Front]], best: Sequence[FrontPoint], bo
         handles.append(Line2D([], [], label=subject.label, **look))
     axes.set_xlabel("displacement against shorted electrodes in dB (to the left: more damping)")
     axes.set_ylabel(f"harvested power in {unit}")
-    axes.set_ylim(bottom=-0.02 * factor * top)
-    style.legend_above(figure, handles + _bounds(axes, bound, factor))
+    handles += _bounds(axes, bound, factor)
+    axes.set_ylim(bottom=-0.02 * factor * top)  # after the bounds: it ends the automatic choice of the upper end
+    style.legend_above(figure, handles)
     return figure
 
 
