@@ -312,9 +312,7 @@ def _beginning(problem: Problem, count: int) -> Problem:
     if not any(isinstance(each, Data) and len(each) > count for each in problem.data):
         return problem
     data = [
-        data_of(each.record.beginning(count), problem.nominal)
-        if isinstance(each, Data) and len(each) > count
-        else each
+        data_of(each.record.beginning(count), problem.nominal) if isinstance(each, Data) and len(each) > count else each
         for each in problem.data
     ]
     return Problem(data, problem.nominal, problem.offset_channels)

@@ -163,9 +163,7 @@ def _series(steps, mode, own, left, moving, terms):
         for s in range(lanes):
             d_term[i, s] = moving.d[i, s]
     for k in range(1, TERMS + 1):
-        _grow(
-            steps.rate[mode], steps.d_rate[mode], left / k, own, z_term, d_term, moving.z_next, moving.d_next
-        )
+        _grow(steps.rate[mode], steps.d_rate[mode], left / k, own, z_term, d_term, moving.z_next, moving.d_next)
         for i in range(a):
             z_term[i] = moving.z_next[i]
         for i in range(own):

@@ -67,22 +67,23 @@ def mode_steps(
     """
     found = [_Mode(program, count, *each, h, rows) for each in modes]
     deepest = max(len(each.growth) for each in found)
-    padded = [
-        tuple(np.concatenate([part, np.zeros((deepest - len(part), *part.shape[1:]))]) for part in (m.growth, m.d_growth))
-        for m in found
-    ]
+
+    def filled(part: np.ndarray) -> np.ndarray:
+        return np.concatenate([part, np.zeros((deepest - len(part), *part.shape[1:]))])
+
     own = program.guard_target.shape[1]
     limits = np.zeros((own + 1 + 2 * len(program.stop_state), count))
     for j in range(len(program.stop_state)):
         change = _spread(dual(program.stop_limit[..., j], 0).change, count)
         limits[own + 1 + 2 * j], limits[own + 2 + 2 * j] = -change, change
+    stacked = {
+        name: np.array([getattr(mode, name) for mode in found])
+        for name in ("rate", "outputs", "guards", "d_rate", "d_outputs", "d_guards")
+    }
     return ModeSteps(
-        *(np.array([getattr(m, name) for m in found]) for name in ("rate",)),
-        np.array([growth for growth, _ in padded]),
-        *(np.array([getattr(m, name) for m in found]) for name in ("outputs", "guards", "d_rate")),
-        np.array([growth for _, growth in padded]),
-        *(np.array([getattr(m, name) for m in found]) for name in ("d_outputs", "d_guards")),
-        limits, np.array([len(m.growth) for m in found]),
+        **stacked, growth=np.array([filled(mode.growth) for mode in found]),
+        d_growth=np.array([filled(mode.d_growth) for mode in found]), d_limits=limits,
+        levels=np.array([len(mode.growth) for mode in found]),
     )  # fmt: skip
 
 
@@ -111,7 +112,7 @@ def _guard(program: pg.Program, mode: DualMode, what: int, slip: np.ndarray) -> 
         return mode.guard(what)
     if what == own:
         return dual(program.trigger_row, 1)
-    j, side = (what - own - 1) // 2, (what - own - 1) % 2
+    j = (what - own - 1) // 2
     if slip[j] != 0:
         return mode.stop_rate(j)
     # The output of a stop minus its limit, at the upper side; plus its limit at the lower one.

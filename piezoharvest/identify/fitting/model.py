@@ -53,9 +53,7 @@ class Model:
     def prediction(self, data: Data, nuisance: np.ndarray | None = None) -> AnyPrediction:
         """Prediction of a record with its nuisance parameters, in the order of its `nuisance_names`."""
         if has_events(data.drive, data.setting.shunt):
-            return CircuitPrediction(
-                self.transducer, data.setting, self.parameters, nuisance, relaxed=self.relaxed
-            )
+            return CircuitPrediction(self.transducer, data.setting, self.parameters, nuisance, relaxed=self.relaxed)
         lowered = self.lowered(data)
         return Prediction(self.transducer, data.setting, self.parameters, nuisance, lowered, relaxed=self.relaxed)
 
@@ -220,7 +218,9 @@ def drive_noise_response(prediction: AnyPrediction, data: Data, begin: int, end:
     return small_response(prediction, data.channels, data.rest[begin:end])
 
 
-def unexplained_blocks(model: Model, data: Data, nuisance: np.ndarray) -> Iterator[tuple[AnyPrediction, int, np.ndarray]]:
+def unexplained_blocks(
+    model: Model, data: Data, nuisance: np.ndarray
+) -> Iterator[tuple[AnyPrediction, int, np.ndarray]]:
     """Blocks (prediction, begin, residuals) of a record, minus the noise of the drive as filtered by the model."""
     for prediction, begin, residual, _ in residual_blocks(replace(model, parameters=()), data, nuisance, False):
         yield prediction, begin, residual - drive_noise_response(prediction, data, begin, begin + len(residual))

@@ -50,9 +50,7 @@ def sample_weights(
     base, squares, count = _values(prediction, channels), np.zeros((len(drive), len(channels))), 0
     for noisy in noisy_drives(signal, drive, noise, REALISATIONS):
         setting = replace(prediction.setting, first=float(noisy[0]), motion=straight_drive(noisy))
-        again = CircuitPrediction(
-            prediction.transducer, setting, (), prediction.nuisance, relaxed=prediction.relaxed
-        )
+        again = CircuitPrediction(prediction.transducer, setting, (), prediction.nuisance, relaxed=prediction.relaxed)
         try:
             off = _values(again, channels) - base - small_response(prediction, channels, noisy - drive)
         except PredictionError:

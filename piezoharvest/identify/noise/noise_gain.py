@@ -31,6 +31,7 @@ def gain_of(prediction: AnyPrediction, channels: Sequence[str], frequencies: np.
     -------
     (f, channels) complex array
     """
+
     def made() -> np.ndarray:
         gain = specimen_gain(prediction, channels, frequencies)
         return gain * _delay_factors(prediction, channels, frequencies) if prediction.transducer.effects else gain

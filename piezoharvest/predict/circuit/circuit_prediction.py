@@ -8,11 +8,11 @@ of the present sequence of events, and the fit, which takes a step only if the c
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -36,6 +36,7 @@ from piezoharvest.predict.drive import drive_of
 from piezoharvest.predict.parameters import STEP, Parameter, put, stepped, value_at
 from piezoharvest.predict.prediction import BLOCK, Block, Prediction, PredictionError
 
+T = TypeVar("T")
 CHANNELS = ("displacement", "velocity", "acceleration", "voltage", "current", "dc_voltage", "dc_current")
 MAX_CONDUCTANCE, MIN_CONDUCTANCE = 1e3, 1e-3  # times w C: a load that is all but a short, or none, for small noise
 
@@ -193,9 +194,7 @@ class CircuitPrediction:
         if not self.transducer.effects:
             return
         lanes, device = slopes.shape[2], self._device
-        tangents = [
-            stepped(device, p, p.inner(value_at(self.transducer, p.path))) for p in self.parameters[:lanes]
-        ]
+        tangents = [stepped(device, p, p.inner(value_at(self.transducer, p.path))) for p in self.parameters[:lanes]]
         devices = [device, *tangents, *[device] * (lanes - len(tangents))]
         drive = self._drive[begin : begin + len(values)]
         read_displacement(devices, self.setting.drive, drive, values, slopes, self.setting.sample_time)
@@ -230,6 +229,10 @@ class CircuitPrediction:
         conductance = np.clip(power / square if square > 0 else 0.0, MIN_CONDUCTANCE * unit, MAX_CONDUCTANCE * unit)
         shunt = Resistor(resistance=float(1.0 / conductance))
         return Prediction(device, replace(setting, shunt=shunt, motion=drive_of(self._drive), free=(), sizes=()))
+
+    def shared(self, key: Hashable, make: Callable[[], T]) -> T:
+        """What is made once for all predictions with the same equations; those of circuits depend on the record."""
+        return make()
 
     def settle(self) -> None:
         """Propagate through the record unless already done, so that `linear` is known."""

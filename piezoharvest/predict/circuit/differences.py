@@ -77,7 +77,8 @@ def _lane(of: CircuitPrediction, k: int, base: np.ndarray, channels: Sequence[st
         return upper / step
     lower = base - _values(_moved(of, k, -step), channels)
     smaller = np.where(np.abs(upper) < np.abs(lower), upper, lower)
-    return np.where(np.abs(upper - lower) > 0.5 * (np.abs(upper) + np.abs(lower)), smaller, 0.5 * (upper + lower)) / step
+    unlike = np.abs(upper - lower) > 0.5 * (np.abs(upper) + np.abs(lower))
+    return np.where(unlike, smaller, 0.5 * (upper + lower)) / step
 
 
 def _has_none(of: CircuitPrediction, k: int) -> bool:

@@ -12,7 +12,6 @@ from piezoharvest.engine.sensitivity.dual_modes import Dual, dual, nominal
 from piezoharvest.equations.terms import PRODUCT, TIMED
 from piezoharvest.predict.discrete_model import Setting
 
-
 ITERATIONS = 30  # of elements that depend on each other: they are small beside what is linear
 MARGIN = 1e-9  # of the largest charge: far below what a sensor resolves
 
@@ -30,7 +29,8 @@ def initial_state(
     count : int
         Number of parameters.
     nuisance : (n,) array
-        Deviations of `setting.free` in units of `setting.sizes`, then outputs of the stops as fractions of their limits.
+        Deviations of `setting.free` in units of `setting.sizes`, then outputs of the stops as fractions of their
+        limits.
 
     Returns
     -------

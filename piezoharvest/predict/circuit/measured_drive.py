@@ -23,17 +23,21 @@ class MeasuredDrive(Excitation):
 
     @property
     def length(self):
+        """Length of the record, s."""
         return (len(self.values) - 1) * self.sample_time
 
     @property
     def samples(self):
+        """Number of samples."""
         return len(self.values)
 
     @property
     def rest(self):
+        """First value, under which the structure is at rest before."""
         return float(self.values[0])
 
     def signal(self):
+        """Straight pieces through the samples."""
         return ramps_through(np.arange(len(self.values)) * self.sample_time, self.values)
 
 

@@ -75,7 +75,8 @@ class _EntryWithShunt(_Entry):
             return ()
         keys = self.shunt["fit"]
         if not isinstance(keys, list | tuple) or not all(isinstance(key, str) for key in keys):
-            raise ParameterError(f"{where}.shunt.fit", f"found {repr(keys)[:80]}, allowed is a list of the shunt's keys")
+            message = f"found {repr(keys)[:80]}, allowed is a list of the shunt's keys"
+            raise ParameterError(f"{where}.shunt.fit", message)
         return circuit_values(shunt, keys, f"{where}.shunt")
 
     def across(self, where: str, voltage_imposed: bool) -> Shunt | None:
