@@ -129,7 +129,7 @@ def _linearised_scores(problem: Problem, found: Fit, starts: Sequence[Effect]) -
     for n, start in enumerate(starts, first):
         field = type(start).strength()
         strengths.append(None if is_line(start) else parameter_of(start, field, ("effects", n, field.name)))
-    model = extended(found.model, starts, [p for p in strengths if p is not None])
+    model = replace(extended(found.model, starts, [p for p in strengths if p is not None]), felt=first)
     nuisance = nuisance_for_model(problem, found.model, found.nuisance, model)
     information, gradient, _ = linearised(problem, model, nuisance, found)
     columns = _columns(problem, model, starts, strengths, base, first)

@@ -452,7 +452,7 @@ def _validation_qualities(
 def judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuality]:
     """Residuals of each record."""
     each_record = []
-    for each, nuisance in zip(data, found.nuisance, strict=True):
+    for each, nuisance, white in zip(data, found.nuisance, found.white, strict=True):
         if isinstance(each, FrequencyData):
             value, _ = each.response(replace(found.model, parameters=()))
             rms = float(np.sqrt(np.mean(np.abs(each.record.response - value) ** 2)))
@@ -463,8 +463,8 @@ def judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuali
             each_record.append(RecordQuality(each.name, each.role, quality, {}, _warning(each, judgement), missed))
             continue
         squares, count = np.zeros(len(each.channels)), 0
-        for _, _, residual in unexplained_blocks(found.model, each, nuisance):
-            squares += (residual**2).sum(axis=0)
+        for _, begin, residual in unexplained_blocks(found.model, each, nuisance):
+            squares += (white.weighted(begin, residual) ** 2).sum(axis=0)
             count += len(residual)
         rms = dict(zip(each.channels, np.sqrt(squares / count).tolist(), strict=True))
         names = Problem([each], found.model.transducer, found.model.offset_channels).nuisance_names(found.model, each)

@@ -42,18 +42,23 @@ class Model:
         Channels whose offset is free in every record.
     relaxed : bool
         True if every record begins with stops at zero.
+    felt : int or None
+        Number of effects that have an influence by themselves; of those behind them only the derivatives count.
     """
 
     transducer: Transducer
     parameters: tuple[Parameter, ...]
     offset_channels: tuple[str, ...]
     relaxed: bool = False
+    felt: int | None = None
     _lowered: dict = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def prediction(self, data: Data, nuisance: np.ndarray | None = None) -> AnyPrediction:
         """Prediction of a record with its nuisance parameters, in the order of its `nuisance_names`."""
         if has_events(data.drive, data.setting.shunt):
-            return CircuitPrediction(self.transducer, data.setting, self.parameters, nuisance, relaxed=self.relaxed)
+            return CircuitPrediction(
+                self.transducer, data.setting, self.parameters, nuisance, relaxed=self.relaxed, felt=self.felt
+            )
         lowered = self.lowered(data)
         return Prediction(self.transducer, data.setting, self.parameters, nuisance, lowered, relaxed=self.relaxed)
 
@@ -196,7 +201,7 @@ def evaluated(model: Model, data: Data, nuisance: np.ndarray) -> Iterator[tuple[
     Those of the last two models are cached if they are small: the next descent begins where the last one has ended,
     and a failed step may have been tried in between.
     """
-    what = model.transducer, model.parameters, model.offset_channels, model.relaxed, nuisance.tobytes()
+    what = model.transducer, model.parameters, model.offset_channels, model.relaxed, model.felt, nuisance.tobytes()
     for known, blocks in _CACHE.get(data, ()):
         if known == what:
             yield from blocks

@@ -28,6 +28,7 @@ from piezoharvest.engine.transient.variation import PlainRun, SampledRun
 from piezoharvest.equations.rows import connected
 from piezoharvest.equations.terms import Terms
 from piezoharvest.predict.circuit.differences import differences
+from piezoharvest.predict.circuit.effect_groups import by_groups
 from piezoharvest.predict.circuit.initial_state import initial_state
 from piezoharvest.predict.circuit.measured_drive import MeasuredDrive
 from piezoharvest.predict.circuit.readings import NEEDED, read_displacement
@@ -56,6 +57,9 @@ class CircuitPrediction:
         output of every stop as fraction of its threshold. `nuisance_limits` are bounds of their magnitudes.
     relaxed : bool
         Stops begin at zero.
+    felt : int, optional
+        Number of effects that have an influence by themselves; those behind them are at or next to their null values, so
+        that only derivatives with respect to their parameters count. Default: all.
     """
 
     channels = CHANNELS
@@ -64,9 +68,10 @@ class CircuitPrediction:
 
     def __init__(
         self, transducer: Transducer, setting: Setting, parameters: Sequence[Parameter] = (),
-        nuisance: np.ndarray | None = None, *, relaxed: bool = False,
+        nuisance: np.ndarray | None = None, *, relaxed: bool = False, felt: int | None = None,
     ) -> None:  # fmt: skip
         self.transducer, self.setting, self.parameters, self.relaxed = transducer, setting, tuple(parameters), relaxed
+        self.felt = len(transducer.effects) if felt is None else felt
         hysteresis = transducer.hysteresis
         stops = 0 if relaxed or hysteresis is None else len(hysteresis.thresholds)
         memories = tuple(f"history q{k}" for k in range(stops))
@@ -125,7 +130,8 @@ class CircuitPrediction:
         excitation = MeasuredDrive(
             values=self._drive, sample_time=setting.sample_time, base=setting.drive == "base_acceleration"
         )
-        found = lower(System(self._stepped, self._shunt), excitation, float(excitation.length))
+        with np.errstate(all="ignore"):  # the energy of an effect at its null value, which no motion depends on
+            found = lower(System(self._stepped, self._shunt), excitation, float(excitation.length))
         return found._replace(program=_magnified(found.program))
 
     @cached_property
@@ -155,6 +161,9 @@ class CircuitPrediction:
             The circuit cannot be simulated with these values.
         """
         wanted = list(self.channels if channels is None else channels)
+        if self.felt < len(self.transducer.effects):
+            yield from by_groups(self, wanted, size, derivatives)
+            return
         smooth = self._smooth if derivatives else ()
         if smooth:
             yield from differences(self, smooth, wanted, size)
