@@ -20,6 +20,7 @@ from piezoharvest.predict.segments import NO_RISE, Propagation
 
 _T = TypeVar("_T")
 MAX_SHARED = 4  # results of the equations alone that are kept: for whole blocks and the last one of a record
+RATES = ("velocity", "acceleration")
 BLOCK = 1 << 16  # samples at a time: the derivatives of a record of millions of samples do not fit into memory
 
 
@@ -99,7 +100,8 @@ class Prediction:
         self.nuisance_limits = np.concatenate(
             [np.full(len(self.free) + len(before), np.inf), np.ones(len(self.stops)), limits]
         )
-        self.channels = matrices.channels
+        # What is predicted by default.
+        self.channels = tuple(channel for channel in matrices.channels if channel not in RATES)
         # Mean slopes of the elements with respect to their inputs, (elements, 2): those of relaxed operators that slip,
         # until they are measured in a run.
         self.local = np.zeros((len(matrices.kinds), 2))
@@ -206,7 +208,7 @@ class Prediction:
         size : int
             Samples in a block.
         channels : sequence of str, optional
-            Channels to predict; default all.
+            Channels to predict; default `channels`, all but velocity and acceleration.
         parts : int
             Parts of a sample at whose ends values are computed.
 
@@ -216,8 +218,8 @@ class Prediction:
             The model's equations have no solution at a sample.
         """
         wanted = self.channels if channels is None else channels
-        setting, inputs = self.setting, len(self.matrices.O) - len(self.channels)
-        rows = [*range(inputs), *(inputs + self.channels.index(channel) for channel in wanted)]
+        setting, inputs = self.setting, len(self.matrices.O) - len(self.matrices.channels)
+        rows = [*range(inputs), *(inputs + self.matrices.channels.index(channel) for channel in wanted)]
         count = len(self.parameters) + len(self.nuisance_names) if derivatives else 0
         z, dz, w, dw = self._start(derivatives)
         run = _Propagation(self, Propagation(self.matrices, z, padded(dz), w, padded(dw)), derivatives, rows)
