@@ -97,11 +97,16 @@ def scores(
     library = list(registered().values()) if library is None else library
     classes = [cls for cls in library if any(map(cls.acts_on, scales.shunts or (None,)))]
     starts = [start for cls in classes for start in cls.starts(scales) if _is_new(start, found)]
-    smooth = [start for start in starts if not np.isinf(_strength(start)) and type(start).span is Effect.span]
+    smooth = [start for start in starts if _grows(start)]
     jumpy = [start for start in starts if start not in smooth]
     return sorted(
         [*_linearised_scores(problem, found, smooth), *_one_step_scores(problem, found, jumpy)], key=lambda c: -c.score
     )
+
+
+def _grows(start: Effect) -> bool:
+    """True if an effect grows smoothly from its null value."""
+    return not (np.isinf(_strength(start)) or type(start).span is not Effect.span or start.sets_in)
 
 
 def _is_new(start: Effect, found: Fit) -> bool:

@@ -37,6 +37,7 @@ class Effect(Component):
     source: ClassVar[str]
     looks: ClassVar[str] = ""
     told_by: ClassVar[str] = ""
+    sets_in: ClassVar[bool] = False  # with a jump: no derivative at its null value shows it
     of_specimen: ClassVar[bool] = True
 
     def act(self, specimen: EquationBuilder) -> None:

@@ -27,6 +27,8 @@ class MissedSwitching(Effect):
     looks: ClassVar[str] = "some extrema pass without an inversion, those at small voltages"
     told_by: ClassVar[str] = "record the gate, or raise the amplitude until every extremum is switched"
 
+    sets_in: ClassVar[bool] = True
+
     threshold: float = quantity("V", "voltage below which the switch does not act", at_least=0, null=0.0)
 
     def connect(self, shunt: Shunt) -> Shunt:
