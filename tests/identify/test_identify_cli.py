@@ -113,7 +113,8 @@ def _edited(campaign, tmp_path, old, new):
         ('drive = "force"', 'drive = "temperature"', r"campaign\.toml: records\.0\.drive: "),
         ("stiffness = ", "stiffness = -", r"campaign\.toml: transducer\.stiffness: found -"),
         (
-            "load_resistance = 51430.0", 'shunt = { kind = "sece", fit = ["quality"] }',
+            "load_resistance = 51430.0",
+            'shunt = { kind = "sece", fit = ["quality"] }',
             r"records\.1\.shunt\.fit: found 'quality'",
         ),
         ('unit = "V"', 'unit = "kg"', r"campaign\.toml: channels\.voltage\.unit: found 'kg'"),

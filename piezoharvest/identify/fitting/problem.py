@@ -29,6 +29,12 @@ NUISANCE_PRIORS = {"rise": 2.0, "history": 1.0, "start": 3.0}
 FAST = ("voltage", "current", "acceleration")  # channels that change fast where a switch acts
 
 
+# The same of initial states that first samples show, about what these show. Samples determine them some forty times
+# better, so that it does not matter how far the nominal coupling and capacitance are off, from which the charge is taken;
+# but charge beyond what diodes let flow off shows in no sample, and has to find back.
+STARTS_SHOWN = 0.03
+
+
 class Problem:
     """Records to be fitted with a model.
 
@@ -198,9 +204,13 @@ def prior_of(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
         means.append(nominal)
         size = PRIOR_DEVIATION if parameter.scaling == "log" else LINEAR_PRIOR_DEVIATION * (abs(nominal) or 1.0)
         precision.append(size**-2)
-    known = [
-        next((size**-2 for start, size in NUISANCE_PRIORS.items() if name.startswith(start)), 0.0)
-        for data in problem.data
-        for name in problem.nuisance_names(model, data)
-    ]
-    return np.concatenate([means, np.zeros(len(known))]), np.concatenate([precision, known])
+    known = [_nuisance_prior(data, name) for data in problem.data for name in problem.nuisance_names(model, data)]
+    more = np.array(known).reshape(-1, 2)
+    return np.concatenate([means, more[:, 0]]), np.concatenate([precision, more[:, 1]])
+
+
+def _nuisance_prior(data: Data | FrequencyData, name: str) -> tuple[float, float]:
+    """Mean and inverse variance of a nuisance parameter; the latter is zero where nothing is known."""
+    if isinstance(data, Data) and name in data.start:
+        return data.start[name], STARTS_SHOWN**-2
+    return 0.0, next((size**-2 for start, size in NUISANCE_PRIORS.items() if name.startswith(start)), 0.0)

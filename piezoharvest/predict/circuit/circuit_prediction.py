@@ -58,8 +58,8 @@ class CircuitPrediction:
     relaxed : bool
         Stops begin at zero.
     felt : int, optional
-        Number of effects that have an influence by themselves; those behind them are at or next to their null values, so
-        that only derivatives with respect to their parameters count. Default: all.
+        Number of effects that have an influence by themselves; those behind them are at or next to their null values,
+        so that only derivatives with respect to their parameters count. Default: all.
     """
 
     channels = CHANNELS

@@ -10,6 +10,8 @@ from piezoharvest.description.protocol import CampaignSizes
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.switching import InductiveSwitch
 
+TRIED = (-0.3, -0.1, 0.1, 0.3)  # start values
+
 
 @dataclass(frozen=True, kw_only=True)
 class OnTimeOffset(Effect):
@@ -21,6 +23,9 @@ class OnTimeOffset(Effect):
     told_by: ClassVar[str] = (
         "record the gate, or sample an inversion: a loop of low quality ends at its peak, at the commanded time"
     )
+
+    # A switch that opens on time cuts no current: to first order nothing changes.
+    sets_in: ClassVar[bool] = True
 
     on_time_error: float = quantity("", "relative error beside that of the label", above=-1, null=0.0)
 
@@ -35,4 +40,5 @@ class OnTimeOffset(Effect):
 
     @classmethod
     def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
-        yield cls(on_time_error=0.0)
+        for error in TRIED:
+            yield cls(on_time_error=error)
