@@ -29,10 +29,9 @@ NUISANCE_PRIORS = {"rise": 2.0, "history": 1.0, "start": 3.0}
 FAST = ("voltage", "current", "acceleration")  # channels that change fast where a switch acts
 
 
-# The same of initial states that first samples show, about what these show. Samples determine them some forty times
-# better, so that it does not matter how far the nominal coupling and capacitance are off, from which the charge is taken;
-# but charge beyond what diodes let flow off shows in no sample, and has to find back.
-STARTS_SHOWN = 0.03
+# The same of initial states that first samples show, about what these show: the nominal coupling and capacitance, from
+# which the charge is taken, may be some per cent off.
+STARTS_SHOWN = 0.1
 
 
 class Problem:

@@ -56,7 +56,7 @@ def initial_state(
     state = Machine(lowered._replace(program=nominal(program))).state()
     state.z[: len(z)] = z
     charge = next((size for name, size in zip(setting.free, setting.sizes, strict=True) if name == "q"), 0.0)
-    _discharge(program, state, d, count, MARGIN * charge / scale.value[program.charge])
+    _discharge(program, state, len(z), MARGIN * charge / scale.value[program.charge])
     return state, d
 
 
@@ -66,13 +66,16 @@ def _of(program: pg.Program, name: str, count: int) -> Dual:
     return Dual(found.value, np.broadcast_to(found.change, (count, len(found.value))))
 
 
-def _discharge(program: pg.Program, state: EngineState, d: np.ndarray, count: int, margin: float) -> None:
+def _discharge(program: pg.Program, state: EngineState, n: int, margin: float) -> None:
     """Take from the electrodes the charge by which their voltage would exceed what the diodes allow, and a bit more.
 
     Noise and start values may put it there; diodes have conducted until it was gone. Without the margin, a scaled
     charge, diodes at rest would be neither conducting nor blocking.
+
+    Derivatives stay those of the given charge: with those of what is left of it, which are zero, a fit that once has too
+    much charge would never find back.
     """
-    n, charge = len(d), program.charge
+    charge = program.charge
     z = np.concatenate([state.z[:n], _resting_signal(program)])
     for g in np.flatnonzero((program.guard_code[0] == pg.CONDUCT) & (program.guard_target[0] >= 0)):
         form = dual(program.guard_z[..., 0, g, :], 1)
@@ -84,11 +87,6 @@ def _discharge(program: pg.Program, state: EngineState, d: np.ndarray, count: in
                 break
             z[charge] -= excess / slope
             moved += excess / slope
-        if not moved:
-            continue
-        change = form.value[:n] @ d
-        change[:count] += np.broadcast_to(form.change @ z, count)
-        d[charge] -= change / slope
     # Events that are due are looked for before the engine sets the outputs of smooth elements.
     _set_elements(program, z)
     elements = slice(n, n + pg.DERIVATIVES * len(program.element_power))
