@@ -13,9 +13,9 @@ from piezoharvest.predict.prediction import Block
 if TYPE_CHECKING:
     from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
 
-# Largest change of a channel, relative to its size, by a difference: truncation is then about 1e-10, and the engine's
-# rounding error of 1e-13 gives 1e-8.
-CHANGE = 1e-5
+# Change of a channel, relative to its size, by a difference: truncation is then about 1e-7, and the engine's error with
+# smooth elements, 1e-8, gives 3e-5.
+CHANGE = 3e-4
 MIN_STEP = 1e-8  # first step of a variable, in its unit, enlarged until the change is large enough
 MAX_GROWTH = 1e12
 

@@ -72,7 +72,7 @@ def _discharge(program: pg.Program, state: EngineState, n: int, margin: float) -
     Noise and start values may put it there; diodes have conducted until it was gone. Without the margin, a scaled
     charge, diodes at rest would be neither conducting nor blocking.
 
-    Derivatives stay those of the given charge: with those of what is left of it, which are zero, a fit that once has too
+    Derivatives stay those of the given charge: with those of what is left, which are zero, a fit that once has too
     much charge would never find back.
     """
     charge = program.charge
