@@ -16,8 +16,9 @@ RECTIFIER = {"kind": "rectifier", **DC}
 SSHI = {"kind": "parallel_sshi", "inductance": 0.5, "quality": 8.0, **DC}
 SENSORS = {
     "load_cell": {"sensitivity": 100.0, "noise": 2e-5},
-    "laser": {"sensitivity": 1e4, "resolution": 0.0, "noise": 3e-7},
+    "laser": {"sensitivity": 5e3, "resolution": 0.0, "noise": 3e-7},
     "buffer": {"gain": 0.2, "noise": 0.02},
+    "dc_meter": {"gain": 0.2, "noise": 0.02},
 }
 RECORDS = [
     {},
@@ -55,7 +56,7 @@ def check_values(found, true):
 
 
 def test_a_rectifier(tmp_path):
-    """With the voltage of the smoothing capacitor, and a load that is not what the label says."""
+    """With the voltage of its smoothing capacitor, whose capacitance is fitted."""
     channels = ("displacement", "voltage", "dc_voltage")
     found = identify(campaign(tmp_path, RECTIFIER, 1, fit=["smoothing_capacitance"], duration=0.25, channels=channels))
     assert found.converged and not found.warnings

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 # smooth elements, 1e-8, gives 3e-5.
 CHANGE = 3e-4
 MIN_STEP = 1e-8  # first step of a variable, in its unit, enlarged until the change is large enough
-MAX_GROWTH = 1e12
+MAX_TRIALS = 8  # of steps up to 1e3 times as large as the one before
 
 
 def differences(of: CircuitPrediction, which: Sequence[int], channels: Sequence[str], size: int) -> Iterator[Block]:
@@ -64,14 +64,13 @@ def _lane(of: CircuitPrediction, k: int, base: np.ndarray, channels: Sequence[st
         return np.zeros_like(base)
     largest = np.max(np.abs(base), axis=0) + 1e-300
     step = _step(of, k)
-    upper = None
-    while step <= MAX_GROWTH * MIN_STEP:
+    for _ in range(MAX_TRIALS):
         upper = _values(_moved(of, k, step), channels) - base
         change = float(np.max(np.median(np.abs(upper), axis=0) / largest))
         if change >= 0.1 * CHANGE:
             break
-        step *= 10.0 if change == 0.0 else float(np.clip(CHANGE / change, 2.0, 1e3))
-    if upper is None:
+        step *= 1e3 if change == 0.0 else float(np.clip(CHANGE / change, 2.0, 1e3))
+    else:
         return np.zeros_like(base)
     if _bounded_below(of, k, step):
         return upper / step
