@@ -16,6 +16,7 @@ from piezoharvest.identify.fitting.coupling_signs import with_known_signs
 from piezoharvest.identify.fitting.data import Data, data_of
 from piezoharvest.identify.fitting.evaluation import map_records
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.likelihood import Whitener
 from piezoharvest.identify.fitting.measured_responses import FrequencyData, ResponseQuality
 from piezoharvest.identify.fitting.model import Model, unexplained_blocks
 from piezoharvest.identify.fitting.output_error import fit, noise_of_responses, standard_errors
@@ -464,6 +465,7 @@ def judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuali
             continue
         squares, count = np.zeros(len(each.channels)), 0
         for _, begin, residual in unexplained_blocks(found.model, each, nuisance):
+            assert isinstance(white, Whitener)
             squares += (white.weighted(begin, residual) ** 2).sum(axis=0)
             count += len(residual)
         rms = dict(zip(each.channels, np.sqrt(squares / count).tolist(), strict=True))

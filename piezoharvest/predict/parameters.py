@@ -57,8 +57,8 @@ class Parameter:
             return np.log(self.sign * value)
         return float(value) if self.scaling == "linear" else 1.0 / value
 
-    def outer(self, inner: complex) -> Any:
-        """Value from the variable."""
+    def outer(self, inner: Any) -> Any:
+        """Value from the variable, a number, real or with a complex step, or an array of these."""
         if self.scaling == "linear":
             return inner
         if self.scaling == "log":

@@ -176,5 +176,8 @@ def _read_entry(table: Any, key: str, sources: Mapping, folder: Path) -> tuple[R
         sources = {**sources, **build_sources(own, "record", f"{key}.channels")}
         return read_record(entry, key, sources, shunt, folder)
     shunt = entry.across(key, entry.input == "voltage") if isinstance(entry, FrfEntry) else None
+    if isinstance(entry, FrfEntry) and entry.fitted(shunt, key):
+        message = "found fit for a frequency response, allowed is fit in records over time"
+        raise ParameterError(f"{key}.shunt.fit", message)
     sources = build_sources(own, "record", f"{key}.channels", response_units(entry))
     return read_frequency_record(entry, key, sources, shunt, folder)

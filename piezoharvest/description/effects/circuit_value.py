@@ -64,7 +64,7 @@ def circuit_values(shunt: Shunt, keys: Sequence[str], where: str) -> tuple[Circu
     """
     numbers = [field.name for field in dataclasses.fields(shunt) if "unit" in field.metadata]
     given = [name for name in numbers if isinstance(getattr(shunt, name), int | float)]
-    found = []
+    found: list[CircuitValue] = []
     for key in keys:
         if key not in given:
             allowed = f"allowed are the numbers of this {shunt.kind}: {', '.join(given) or 'it has none'}"

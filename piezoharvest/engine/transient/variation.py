@@ -157,15 +157,15 @@ def _moving(n: int, a: int, lanes: int) -> Moving:
 def _switching(program: pg.Program, count: int) -> Switching:
     """Tables of the events."""
 
-    def change(value: np.ndarray, rank: int) -> np.ndarray:
+    def change(value: np.ndarray | float, rank: int) -> np.ndarray:
         """Derivatives with respect to the quantities, these as last axis."""
-        found = dual(value, rank).change
+        found = dual(np.asarray(value), rank).change
         return np.ascontiguousarray(np.moveaxis(np.broadcast_to(found, (count, *found.shape[1:])), 0, -1))
 
     stops = np.asarray(program.stop_state, np.int64)
     return Switching(
         program.rate.shape[-2], program.guard_target.shape[1], int(program.switched), int(program.cut),
-        int(program.charge), float(dual(program.lag, 0).value), np.asarray(program.opened, np.int64),
+        int(program.charge), float(dual(np.asarray(program.lag), 0).value), np.asarray(program.opened, np.int64),
         np.asarray(program.guard_cut, np.int64), stops, np.ascontiguousarray(dual(program.voltage_row, 1).value),
         change(program.lag, 0), change(program.on_time, 0), change(program.voltage_row, 1),
         change(program.stop_limit, 1),

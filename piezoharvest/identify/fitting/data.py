@@ -121,9 +121,10 @@ def data_of(record: Record, transducer: Transducer) -> Data:
     drive, clean = record[record.drive], clean_drive(record.signals[record.drive])
     noise = {c: sigma.get(c, unclipped_noise(record[c])) for c in channels}
     scatter = {c: noise[c] if is_clipped(record[c]) else 0.0 for c in channels}
-    if has_events(record.drive, record.shunt):
-        behind = circuit_setting(record.drive, record.shunt, step, clean, transducer, _range_of(record, "displacement"))
-        start = circuit_start(record, behind, record.shunt, transducer)
+    shunt = record.shunt
+    if has_events(shunt, record.drive):
+        behind = circuit_setting(record.drive, shunt, step, clean, transducer, _range_of(record, "displacement"))
+        start = circuit_start(record, behind, shunt, transducer)
         return Data(record.name, record.role, record, behind, drive - clean, channels, sigma, scatter, start)
     abrupt = any(begins_abruptly(record[c], noise[c]) for c in channels) and not begins_abruptly(clean, 0.0, (1,))
     setting = setting_of(record.drive, record.shunt, step, clean, transducer, abrupt=abrupt)

@@ -49,7 +49,7 @@ def sums_of(
     if len(white) == 1:  # a thread's memory is kept for the next one, which adds up for a long record
         return (white[0].sums(model, nuisance[0], scatter),)
     for data in problem.data:
-        if isinstance(data, Data) and not has_events(data.drive, data.setting.shunt):
+        if isinstance(data, Data) and not has_events(data.setting.shunt, data.drive):
             model.lowered(data)
     return map_records(lambda each, mine: each.sums(model, mine, scatter), white, nuisance)
 

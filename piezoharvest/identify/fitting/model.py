@@ -55,7 +55,7 @@ class Model:
 
     def prediction(self, data: Data, nuisance: np.ndarray | None = None) -> AnyPrediction:
         """Prediction of a record with its nuisance parameters, in the order of its `nuisance_names`."""
-        if has_events(data.drive, data.setting.shunt):
+        if has_events(data.setting.shunt, data.drive):
             return CircuitPrediction(
                 self.transducer, data.setting, self.parameters, nuisance, relaxed=self.relaxed, felt=self.felt
             )

@@ -53,7 +53,7 @@ class Problem:
     @cached_property
     def has_events(self) -> bool:
         """True if a record is one behind a circuit with diodes or switches."""
-        return any(isinstance(data, Data) and has_events(data.drive, data.setting.shunt) for data in self.data)
+        return any(isinstance(data, Data) and has_events(data.setting.shunt, data.drive) for data in self.data)
 
     def noise(self) -> Noise:
         """Guess of the noise from the records themselves."""
@@ -104,7 +104,7 @@ class Problem:
         for data in self.data:
             if isinstance(data, FrequencyData):
                 continue
-            events = has_events(data.drive, data.setting.shunt)
+            events = has_events(data.setting.shunt, data.drive)
             for channel in data.channels:
                 # What a switch does fast would be taken for noise.
                 floor = None if events and channel in FAST else high_frequency_noise(data.record[channel])

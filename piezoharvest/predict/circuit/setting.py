@@ -21,14 +21,14 @@ DRIVES = ("force", "base_acceleration")
 MIN_SHARE = 1e-6  # of the largest possible value: least size of an initial state
 
 
-def has_events(drive: str, shunt: Shunt | None) -> TypeGuard[Shunt]:
+def has_events(shunt: Shunt | None, drive: str) -> TypeGuard[Shunt]:
     """True if a record is one behind diodes or switches; with an imposed voltage they have no influence."""
     return drive != "voltage" and shunt is not None and not isinstance(shunt, LinearShunt)
 
 
 def motion_of(drive: str, shunt: Shunt | None, values: np.ndarray) -> Drive:
     """Course of a drive between its samples, as it is predicted with."""
-    return straight_drive(values) if has_events(drive, shunt) else drive_of(values)
+    return straight_drive(values) if has_events(shunt, drive) else drive_of(values)
 
 
 def circuit_setting(
