@@ -89,7 +89,8 @@ def simulate(
     Finds the periodic steady state of a periodic excitation, and a transient otherwise or with --transient.
 
     A waveform file is one long table with the columns shunt (from 0), kind, time_s, drive (N or m/s^2), displacement_m,
-    velocity_m_per_s, voltage_V, current_A, charge_C, hysteresis_voltage_V and dc_voltage_V.
+    velocity_m_per_s, voltage_V, current_A, charge_C, hysteresis_voltage_V, dc_voltage_V and
+    acceleration_m_per_s2.
 
     --uncertainty needs a study whose transducer is a specimen file (transducer = "FILE", as identify --save writes):
     every figure gets its 5, 50 and 95 % quantiles over the covariance of the identified values.
