@@ -64,6 +64,7 @@ def bench_of(problem):
     return Bench(reach, problem.nominal, Noise({**SIGMA, "force": 1e-3}), problem.offset_channels)
 
 
+@pytest.mark.slow
 def test_separation_is_what_a_fit_of_all_records_shows(doubt):
     """The wrong model, fitted to the records so far and to one more of the true model without noise, costs as much."""
     problem, leak, relaxation = doubt
