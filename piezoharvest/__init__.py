@@ -33,8 +33,9 @@ _HOMES = {
     ),
     "description.effects": (
         "BiasCurrent", "ChannelSkew", "Clipping", "ContactCompliance", "CouplingDrift", "Creep",
-        "DielectricRelaxation", "DisplacementLag", "Effect", "Friction", "Leakage", "LoadError", "MainsHum",
-        "NonlinearCoupling", "Stiffening", "VoltageDependentCapacitance",
+        "DielectricRelaxation", "DiodeDropError", "DisplacementLag", "Effect", "Friction", "InversionLoss", "Leakage",
+        "LoadError", "MainsHum", "MissedSwitching", "NonlinearCoupling", "OnTimeOffset", "ProbeLoading",
+        "ReverseLeakage", "Stiffening", "SwitchDelay", "VoltageDependentCapacitance", "VoltageReversion",
     ),
     "engine": (
         "Gradient", "NoGradientError", "Response", "Waveforms", "gradient", "simulate", "simulate_many",
@@ -44,6 +45,7 @@ _HOMES = {
     ),
     "study": ("DesignOptions", "Study", "StudyError", "load_study"),
     "design": ("DesignResult", "design"),
+    "specimen": ("Specimen", "load_specimen"),
     "sweep": ("sweep",),
     "bench": ("measure",),
     "records": ("Campaign", "CampaignError", "load_campaign"),

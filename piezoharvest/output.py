@@ -24,6 +24,7 @@ WAVEFORM_COLUMNS = {
     "charge_C": "charge",
     "hysteresis_voltage_V": "hysteresis_voltage",
     "dc_voltage_V": "dc_voltage",
+    "acceleration_m_per_s2": "acceleration",
 }
 
 

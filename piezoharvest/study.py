@@ -39,6 +39,9 @@ _NEEDED = {
 FREE = "free"  # in place of the excitation's frequency: the design finds it
 SYNTHESISED = "synthesised"  # candidate that is not a kind of shunt: a network that the design makes
 _TABLES = ("title", *_NEEDED, "design", "sweep", "bench")
+_SPECIMEN_TABLES = (
+    "title", "transducer", "standard_errors", "covariance", "not_identifiable", "measurement", "source", "parameters",
+)  # fmt: skip
 MAX_DESIGNS = 2**30  # of a sweep: the length of a Sobol sequence
 MAX_TOML_BYTES = 1 << 22  # bytes: tomllib takes about a second for 2 MB; a study of a thousand lines has 40 kB
 # tomllib takes time in proportion to the square of a key's parts: 16 s for 20,000 of them; our tables need few.
@@ -185,6 +188,8 @@ class Study:
     free_frequency : bool
         True if the design finds the frequency of the excitation, a sine, in the band of [design]; what the excitation
         has is then of no account. In a file: frequency = "free".
+    specimen : Path or None
+        The specimen file that the transducer was read from.
 
     Raises
     ------
@@ -201,6 +206,7 @@ class Study:
     sweep: SweepOptions | None = None
     bench: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     free_frequency: bool = False
+    specimen: Path | None = None
 
     def __post_init__(self) -> None:
         if self.free_frequency:
@@ -287,7 +293,9 @@ def read_toml(path: Path) -> dict[str, Any]:
         found = f"byte {error.object[error.start]:#04x} at offset {error.start}"
         raise StudyError(path, "", f"found {found}, but a TOML file must be text in UTF-8") from None
     except (ValueError, RecursionError) as error:  # ValueError: a syntax error, or a number of thousands of digits
-        what = "tables nested too deep" if isinstance(error, RecursionError) else error
+        what = "tables nested too deep" if isinstance(error, RecursionError) else str(error)
+        if what.startswith(("Cannot overwrite", "Cannot declare")):  # as where a study has a file and a table, too
+            what = f"a key or table is given a second time, but only one of the two may be ({what})"
         raise StudyError(path, "", f"not a valid TOML file: {what}") from None
 
 
@@ -309,9 +317,10 @@ def study_from(table: Mapping[str, Any], path: Path) -> Study:
         raise ParameterError("shunts", "found an empty list, at least one table [[shunts]] is needed")
     design = _build_design(table["design"], path.parent) if "design" in table else None
     driven, free = _with_frequency(table["excitation"], design)
+    transducer, specimen = _transducer(table["transducer"], path.parent)
     study = Study(
         title=_typed(str, table.get("title", path.stem), "title"),
-        transducer=build_transducer(table["transducer"]),
+        transducer=transducer,
         excitation=build_excitation(driven, path.parent),
         shunts=_build_list(table["shunts"], "shunts", build_shunt) if "shunts" in table else (),
         path=path,
@@ -319,6 +328,7 @@ def study_from(table: Mapping[str, Any], path: Path) -> Study:
         free_frequency=free,
         sweep=build(SweepOptions, table["sweep"], "sweep") if "sweep" in table else None,
         bench=_typed(dict, table.get("bench", {}), "bench"),
+        specimen=specimen,
     )
     if study.transducer.quasi_static:
         raise ParameterError("transducer.quasi_static", "found true, which only a campaign of measured records may say")
@@ -354,6 +364,43 @@ def build_transducer(table: Any, where: str = "transducer") -> Transducer:
             raise unknown(f"{where}.catalogue", name, catalogue.names())
         table = catalogue.transducer_table(name, table)
     return build(Transducer, table, where)
+
+
+def _transducer(value: Any, folder: Path) -> tuple[Transducer, Path | None]:
+    """Transducer from its table, or from the specimen file (relative to `folder`) that stands in its place."""
+    if not isinstance(value, str):
+        return build_transducer(value), None
+    path = folder / value
+    try:
+        table = read_specimen(path)
+        if "parameters" in table:
+            raise ParameterError("parameters", "found only a list, a study needs what `identify --save` writes")
+        if _typed(dict, table["transducer"], "transducer").get("quasi_static") is True:
+            lacks = "found a quasi-static specimen, whose mass and damping no record tells"
+            raise ParameterError("transducer.quasi_static", f"{lacks}: give both there and take quasi_static out")
+        transducer = build_transducer(table["transducer"])
+    except (ParameterError, StudyError) as error:
+        inner = f"{error.key}: {error.message}" if error.key else error.message
+        raise ParameterError("transducer", f"{value}: {inner}") from None
+    return transducer, path
+
+
+def read_specimen(path: Path) -> dict[str, Any]:
+    """Tables of a specimen file, whose contents are not checked.
+
+    Raises
+    ------
+    StudyError
+        The file cannot be read, has a table that is unknown, or neither [transducer] nor [parameters].
+    """
+    table = read_toml(path)
+    for key in table:
+        if key not in _SPECIMEN_TABLES:
+            wrong = unknown(key, key, _SPECIMEN_TABLES, "key")
+            raise StudyError(path, wrong.key, wrong.message)
+    if "transducer" not in table and "parameters" not in table:
+        raise StudyError(path, "transducer", "missing table [transducer], which a specimen file needs")
+    return table
 
 
 def build_excitation(table: Any, folder: Path, where: str = "excitation") -> Excitation:

@@ -38,6 +38,12 @@ EFFECTS = {
     "bias_current": {"current": 2e-6},
     "load_error": {"relative_error": 0.3},
 }
+# Effects of circuits, all of them at once.
+OF_CIRCUITS = {
+    "switch_delay": {"time_lag": 2e-4}, "inversion_loss": {"quality": 3.0}, "on_time_offset": {"on_time_error": 0.1},
+    "voltage_reversion": {"share": 0.1, "time_constant": 2e-3}, "diode_drop_error": {"diode_drop": 0.05},
+    "reverse_leakage": {"conductance": 1e-6}, "probe_loading": {"resistance": 1e6, "capacitance": 1e-8, "place": "dc"},
+}  # fmt: skip
 
 # All effects at once in every circuit, and each by itself in one of them: the first shows that something is wrong in a
 # circuit, the second which effect it is.
@@ -253,6 +259,13 @@ class TestAgainstEngine:
         assert found["harvested_power"] == pytest.approx(response.harvested_power, rel=3e-3)
         assert found["displacement_pp"] == pytest.approx(2 * response.displacement_amplitude, rel=1e-3)
 
+    @pytest.mark.parametrize("kind", ["rectifier", pytest.param("parallel_sshi", marks=pytest.mark.slow)])
+    def test_effects_of_circuits(self, kind):
+        study = bench(SWITCHED[kind], DRIVE, **DAMPED, effects=OF_CIRCUITS)
+        plain = solve(bench(SWITCHED[kind], DRIVE, **DAMPED))
+        assert abs(solve(study).harvested_power / plain.harvested_power - 1) > 0.1
+        compare_with_engine(study, 5e-3)
+
     @pytest.mark.parametrize("kind", ["rectifier", pytest.param("sece", marks=pytest.mark.slow)])
     def test_step(self, kind):
         drive = {"kind": "step_force", "amplitude": 0.5, "duration": 0.2, "rise_time": 0.01, "offset": 0.1}
@@ -264,6 +277,13 @@ class TestAgainstEngine:
 
 
 class TestText:
+    def test_a_detector_that_misses_extrema_is_refused(self):
+        study = bench(SWITCHED["ssds"], DRIVE, effects={"missed_switching": {"threshold": 1.5}})
+        with pytest.raises(
+            ParameterError, match=r"detector_threshold: found 1\.5 V, of which a netlist has no element"
+        ):
+            netlist(study)
+
     def test_every_kind_of_the_package_is_known(self):
         own = {k for k, cls in registered().items() if cls.__module__.startswith("piezoharvest.")}
         missing = own - set(WRITERS)

@@ -64,6 +64,22 @@ class Accelerometer(Component):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Vibrometer(Component):
+    """Laser vibrometer for the velocity: 10 V at 0.5 m/s, 1 um/s in the band of the converter."""
+
+    sensitivity: float = quantity("V/(m/s)", "converter voltage for 1 m/s", default=20.0, above=0)
+    noise: float = quantity("m/s", "standard deviation", default=1e-6, at_least=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DcMeter(Component):
+    """Buffers at the dc side of a bridge, which load it as little as those at the electrodes; `probe_loading` does."""
+
+    gain: float = quantity("", "converter voltage for a volt", default=1.0, above=0)
+    noise: float = quantity("V", "standard deviation", default=1.5e-3, at_least=0)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Converter(Component):
     """Analogue-to-digital converter. Without anti-alias filter: frequencies above half the sample rate are folded."""
 

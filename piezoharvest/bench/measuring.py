@@ -12,14 +12,13 @@ import numpy as np
 from piezoharvest.bench.effects import BenchEffect
 from piezoharvest.bench.effects.electrical import Leakage
 from piezoharvest.bench.effects.sensing import DisplacementLag
-from piezoharvest.bench.sensors import channels, sample
+from piezoharvest.bench.sensors import COLUMNS, channels, sample
 from piezoharvest.bench.settings import Bench, Setup, build_bench
 from piezoharvest.bench.solver import CIRCUITS, Model, SolverError, Waves, integrate
 from piezoharvest.bench.solver.drive import merged
 from piezoharvest.description.hysteresis import Hysteresis
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.records.reading.channels import COLUMNS
 from piezoharvest.study import Study, StudyError
 
 Effects = tuple[BenchEffect, ...]
@@ -114,6 +113,8 @@ def _record(transducer: Transducer, bench: Bench, effects: Effects, setup: Setup
     columns, warnings = {COLUMNS["time"]: time}, []
     for place, (name, channel) in enumerate(line.items()):
         true = waves.at(time - late[name]).sensed(name)
+        if np.isnan(true).all():  # the circuit has no such part
+            continue
         # Each channel of each record has its own random stream: another channel's settings do not change it.
         rng = np.random.default_rng([bench.seed, n + 1, place])
         columns[COLUMNS[name]], warning = sample(name, channel, time, true, bench.converter, effects, rng)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,16 @@ import numpy as np
 from piezoharvest.bench.devices import Converter
 from piezoharvest.bench.effects import BenchEffect
 from piezoharvest.bench.settings import Bench
+from piezoharvest.records.reading import channels as reading
 
+# Columns and units of the channels that a record of the bench may have.
+COLUMNS = MappingProxyType({
+    "velocity": "velocity_m_s", "acceleration": "acceleration_m_s2", "dc_voltage": "dc_voltage_V",
+    "dc_current": "dc_current_A", "gate": "gate", **reading.COLUMNS,
+})  # fmt: skip
+UNITS = MappingProxyType({
+    "velocity": "m/s", "acceleration": "m/s^2", "dc_voltage": "V", "dc_current": "A", "gate": "", **reading.UNITS,
+})  # fmt: skip
 # A channel that moves by fewer steps of the converter gets a warning.
 FEW_STEPS = 20
 
@@ -42,18 +52,28 @@ class Channel(NamedTuple):
 
 
 def channels(bench: Bench, *, base: bool) -> dict[str, Channel]:
-    """Channels of a record, the drive first: base acceleration where the base is driven, force otherwise."""
+    """Channels of a record, the drive first: base acceleration where the base is driven, force otherwise.
+
+    A gate is a logic input: it has no noise, and one step of the converter or none.
+    """
     cell, meter, laser = bench.load_cell, bench.accelerometer, bench.laser
     buffer, sense = bench.buffer, bench.current_sense
     if base:
         drive = {"base_acceleration": Channel("accelerometer.sensitivity", meter.sensitivity, meter.noise)}
     else:
         drive = {"force": Channel("load_cell.sensitivity", cell.sensitivity, cell.noise)}
-    return drive | {
+    speed, shaken, dc, through = bench.vibrometer, bench.moving_accelerometer, bench.dc_meter, bench.dc_sense
+    known = {
         "displacement": Channel("laser.sensitivity", laser.sensitivity, laser.noise, laser.resolution),
         "voltage": Channel("buffer.gain", buffer.gain, buffer.noise),
         "current": Channel("current_sense.gain", sense.sensitivity, sense.noise),
+        "velocity": Channel("vibrometer.sensitivity", speed.sensitivity, speed.noise),
+        "acceleration": Channel("moving_accelerometer.sensitivity", shaken.sensitivity, shaken.noise),
+        "dc_voltage": Channel("dc_meter.gain", dc.gain, dc.noise),
+        "dc_current": Channel("dc_sense.gain", through.sensitivity, through.noise),
+        "gate": Channel("", bench.converter.step, 0.0),
     }
+    return drive | {name: channel for name, channel in known.items() if name in bench.channels}
 
 
 def sample(
@@ -102,6 +122,6 @@ def sample(
 def _warning(name: str, channel: Channel, codes: np.ndarray, lost: int, moves: bool) -> str:
     if lost:
         return f"{name}: {lost} of {len(codes)} samples are beyond the converter's range: lower bench.{channel.key}"
-    if moves and np.ptp(codes) < FEW_STEPS:
+    if moves and channel.key and np.ptp(codes) < FEW_STEPS:
         return f"{name}: moves by {np.ptp(codes):.0f} steps of the converter only: raise bench.{channel.key}"
     return ""

@@ -6,9 +6,18 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
-from piezoharvest.bench.devices import Accelerometer, Buffer, Converter, CurrentSense, Laser, LoadCell
+from piezoharvest.bench.devices import (
+    Accelerometer,
+    Buffer,
+    Converter,
+    CurrentSense,
+    DcMeter,
+    Laser,
+    LoadCell,
+    Vibrometer,
+)
 from piezoharvest.bench.effects import BenchEffect, registered
 from piezoharvest.bench.solver import CIRCUITS
 from piezoharvest.description.excitation import Excitation
@@ -20,6 +29,15 @@ from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.study import Study, build, build_excitation, build_shunt
 
 MAX_SAMPLES = 1_000_000  # of a record: at some 0.2 ms for each, a few minutes
+
+
+# Responses that the bench can measure; those of the first line unless [bench] names them.
+Response = Literal[
+    "displacement", "voltage", "current",
+    "velocity", "acceleration", "dc_voltage", "dc_current", "gate",
+]  # fmt: skip
+RESPONSES: tuple[Response, ...] = get_args(Response)
+USUAL = RESPONSES[:3]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +65,9 @@ class Bench(Component):
 
     Attributes
     ----------
+    channels : tuple of str
+        Responses that are measured beside the drive; a record has those of the dc side and of the switch's gate
+        where its circuit has such a part. `acceleration` is that of the displacement.
     duration : float
         Default: the excitation's own length, or 10 s where it has none.
     seed : int
@@ -64,11 +85,16 @@ class Bench(Component):
     seed: int = quantity("", "seed of all that is random", default=0, at_least=0)
     nominal_error: float = quantity("", "relative scatter of the nominal values", default=0.0, at_least=0, below=1)
     truth: bool = False
+    channels: tuple[Response, ...] = USUAL
     load_cell: LoadCell = field(default_factory=LoadCell)
     laser: Laser = field(default_factory=Laser)
     buffer: Buffer = field(default_factory=Buffer)
     current_sense: CurrentSense = field(default_factory=CurrentSense)
     accelerometer: Accelerometer = field(default_factory=Accelerometer)
+    vibrometer: Vibrometer = field(default_factory=Vibrometer)
+    moving_accelerometer: Accelerometer = field(default_factory=Accelerometer)
+    dc_meter: DcMeter = field(default_factory=DcMeter)
+    dc_sense: CurrentSense = field(default_factory=CurrentSense)
     converter: Converter = field(default_factory=Converter)
     records: tuple[RecordOptions, ...] = ()
 
@@ -94,6 +120,8 @@ def build_bench(study: Study) -> tuple[Bench, tuple[BenchEffect, ...], tuple[Set
     table = dict(study.bench)
     effects = _effects(study, table.pop("effects", {}))
     bench = build(Bench, table, "bench")
+    if not bench.channels:
+        raise ParameterError("bench.channels", f"found none, allowed are some of {', '.join(RESPONSES)}")
     options = bench.records or tuple(RecordOptions() for _ in study.shunts)
     setups = []
     for n, option in enumerate(options):

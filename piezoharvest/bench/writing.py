@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import shutil
@@ -12,12 +11,11 @@ from typing import Any
 import tomli_w
 
 from piezoharvest.bench.measuring import BenchCampaign, BenchRecord
-from piezoharvest.bench.sensors import channels
-from piezoharvest.description.parameters import Component
+from piezoharvest.bench.sensors import COLUMNS, UNITS, channels
+from piezoharvest.description.paths import component_table
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.output import OutputError, check_directory, check_new_directory, write_table, write_text, writing
-from piezoharvest.records.reading.channels import COLUMNS, UNITS
 
 FILE, TRUTH = "campaign.toml", "truth.json"
 _MARK = "# Written by piezoharvest measure"
@@ -102,7 +100,10 @@ def table(campaign: BenchCampaign) -> dict[str, Any]:
     for record in campaign.records:
         base = record.setup.excitation.base
         for name, channel in channels(bench, base=base).items():
-            found[name] = {"column": COLUMNS[name], "unit": UNITS[name], "sigma": channel.sigma(bench.converter)}
+            if COLUMNS[name] not in record.columns:
+                continue
+            scale = {"unit": UNITS[name], "sigma": channel.sigma(bench.converter)} if name != "gate" else {}
+            found[name] = {"column": COLUMNS[name], **scale}
         entries.append(_entry(record, "base_acceleration" if base else "force", start))
         start += record.setup.duration
     return {
@@ -124,22 +125,6 @@ def _entry(record: BenchRecord, drive: str, start: float) -> dict[str, Any]:
 
 def _shunt_table(shunt: Shunt) -> dict[str, Any]:
     return {"kind": shunt.kind, **component_table(shunt)}
-
-
-def component_table(component: Component) -> dict[str, Any]:
-    """Table of a component in the format of a study file: effects by name, without fields that are None."""
-    found: dict[str, Any] = {}
-    for field in (field for field in dataclasses.fields(component) if field.init):
-        value = getattr(component, field.name)
-        if field.name == "effects":
-            value = {effect.name: component_table(effect) for effect in value}
-        elif isinstance(value, Component):
-            value = component_table(value)
-        elif isinstance(value, tuple):
-            value = [component_table(part) if isinstance(part, Component) else part for part in value]
-        if value is not None and value not in ("", [], {}):
-            found[field.name] = value
-    return found
 
 
 def truth(campaign: BenchCampaign) -> dict[str, Any]:

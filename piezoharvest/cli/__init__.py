@@ -1,4 +1,4 @@
-"""The command line: `piezoharvest simulate | design | sweep | measure | identify | diagnose | export | demo`.
+"""The command line: `piezoharvest simulate | design | sweep | measure | identify | diagnose | plan | export | demo`.
 
 typer only parses the arguments; each command returns the work to be done, which `main` runs. Exit status: 0 done;
 1 done, but the result is unreliable; 2 bad input; 130 interrupted, 143 terminated.
@@ -29,7 +29,7 @@ _FULL = (
 )  # errors of a write to stdout: a full disk, or too large a file
 
 app = typer.Typer(
-    help="Piezoelectric shunt damping and harvesting: simulate, design, sweep, measure, identify, diagnose (TOML).",
+    help="Piezoelectric damping and harvesting: simulate, design, sweep, measure, identify, diagnose, plan (TOML).",
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -39,6 +39,9 @@ app = typer.Typer(
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="Study file (TOML).", show_default=False)]
 CampaignFile = Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Campaign file (TOML).", show_default=False)]
 ReportFolder = Annotated[Path | None, typer.Option(metavar="DIR", help="Write a report (HTML) into this directory.")]
+SpecimenFile = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Write the identified specimen (TOML) for studies.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 
 
@@ -76,17 +79,25 @@ def simulate(
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Keep the waveforms: .csv, .npz, .h5 or .parquet.")
     ] = None,
+    uncertainty: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=2, max=100_000, help="Intervals from N draws of an identified specimen."),
+    ] = None,
 ) -> Work:
     """Simulate every shunt of a study.
 
     Finds the periodic steady state of a periodic excitation, and a transient otherwise or with --transient.
 
     A waveform file is one long table with the columns shunt (from 0), kind, time_s, drive (N or m/s^2), displacement_m,
-    velocity_m_per_s, voltage_V, current_A, charge_C, hysteresis_voltage_V and dc_voltage_V.
+    velocity_m_per_s, voltage_V, current_A, charge_C, hysteresis_voltage_V, dc_voltage_V and
+    acceleration_m_per_s2.
+
+    --uncertainty needs a study whose transducer is a specimen file (transducer = "FILE", as identify --save writes):
+    every figure gets its 5, 50 and 95 % quantiles over the covariance of the identified values.
     """
     from piezoharvest.cli import commands
 
-    return partial(commands.simulate, study, as_json=json, transient=transient, out=out)
+    return partial(commands.simulate, study, as_json=json, transient=transient, out=out, uncertainty=uncertainty)
 
 
 @app.command()
@@ -152,6 +163,7 @@ def identify(
     campaign: CampaignFile,
     json: AsJson = False,
     report: ReportFolder = None,
+    save: SpecimenFile = None,
 ) -> Work:
     """Identify a transducer's parameters from measured records.
 
@@ -160,7 +172,7 @@ def identify(
     """
     from piezoharvest.cli import identify_command
 
-    return partial(identify_command.identify, campaign, as_json=json, report=report)
+    return partial(identify_command.identify, campaign, as_json=json, report=report, save=save)
 
 
 @app.command()
@@ -168,6 +180,7 @@ def diagnose(
     campaign: CampaignFile,
     json: AsJson = False,
     report: ReportFolder = None,
+    save: SpecimenFile = None,
 ) -> Work:
     """Find what the model of measured records lacks.
 
@@ -176,7 +189,27 @@ def diagnose(
     """
     from piezoharvest.cli import diagnose_command
 
-    return partial(diagnose_command.diagnose, campaign, as_json=json, report=report)
+    return partial(diagnose_command.diagnose, campaign, as_json=json, report=report, save=save)
+
+
+@app.command()
+def plan(
+    campaign: CampaignFile,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Study to write (TOML); default: print it.")] = None,
+    parameter: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Shrink the standard error of this parameter.")
+    ] = None,
+    json: AsJson = False,
+) -> Work:
+    """Plan the measurement that would tell most.
+
+    The campaign is diagnosed. Of the sines and steps, loads and durations that its records (or its table [experiment])
+    show to be possible, the record is planned that separates the two likeliest sets of effects best, or that shrinks
+    the standard error of a parameter most. The result is a study that piezoharvest measure runs.
+    """
+    from piezoharvest.cli import plan_command
+
+    return partial(plan_command.plan, campaign, out=out, parameter=parameter, as_json=json)
 
 
 @app.command()

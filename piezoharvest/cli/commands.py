@@ -6,7 +6,7 @@ import sys
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from piezoharvest.cli import tables
 from piezoharvest.description.parameters import ParameterError
@@ -23,6 +23,7 @@ from piezoharvest.study import DesignOptions, Study, StudyError, load_driven_stu
 
 if TYPE_CHECKING:
     from piezoharvest.engine.response import Response
+    from piezoharvest.specimen import Specimen
 
 BAD_INPUT = (StudyError, ParameterError, OutputError)
 
@@ -32,20 +33,57 @@ def note(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def simulate(path: Path, *, as_json: bool, transient: float | None, out: Path | None) -> int:
+def simulate(
+    path: Path, *, as_json: bool, transient: float | None, out: Path | None, uncertainty: int | None = None
+) -> int:
     """Simulate every shunt of a study, print the results and write the waveforms."""
     if out is not None:
         check_file(out, TABLE_SUFFIXES)
     study = _with_shunts(load_driven_study(path))
+    specimen = None if uncertainty is None else _specimen(study)
     responses = [_respond(study, n, transient, waveforms=out is not None) for n in range(len(study.shunts))]
+    spread: list[dict[str, Any] | None] = [None] * len(responses)
+    if specimen is not None and uncertainty is not None:
+        spread = [_spread(study, n, specimen, uncertainty, transient) for n in range(len(responses))]
     if as_json:
-        tables.print_json({"title": study.title, "results": [tables.response_json(response) for response in responses]})
+        results = [
+            tables.response_json(response) | ({} if found is None else {"uncertainty": found})
+            for response, found in zip(responses, spread, strict=True)
+        ]
+        tables.print_json({"title": study.title, "results": results})
     else:
         tables.print_responses(study.title, responses)
+        if specimen is not None:
+            tables.print_intervals([response.shunt for response in responses], spread)
     if out is not None:
         write_table(waveform_table(responses), out)
         note(f"waveforms: {out}")
-    return 0 if all(response.converged for response in responses) else 1
+    every = all(found is None or found["converged"] == found["samples"] for found in spread)
+    return 0 if every and all(response.converged for response in responses) else 1
+
+
+def _specimen(study: Study) -> Specimen:
+    """The identified specimen of a study."""
+    from piezoharvest.specimen import load_specimen
+
+    if study.specimen is None:
+        wanted = "allowed is the name of a specimen file, which identify --save writes, to take --uncertainty from"
+        raise StudyError(study.path, "transducer", f"found a table, {wanted}")
+    return load_specimen(study.specimen)
+
+
+def _spread(study: Study, n: int, specimen: Specimen, samples: int, transient: float | None) -> dict[str, Any]:
+    """Distribution of the figures of one shunt over draws of the specimen."""
+    from piezoharvest.specimen import intervals
+
+    where = f"shunts.{n} ({study.shunts[n].kind})"
+    try:
+        found = intervals(specimen, study.shunts[n], study.excitation, samples, transient)
+    except ParameterError as error:
+        raise StudyError(study.path, where, f"--uncertainty: {error}") from None
+    if found["converged"] < samples:
+        note(f"warning: {where}: {samples - found['converged']} of {samples} draws have no result that can be trusted")
+    return found
 
 
 def _respond(study: Study, n: int, transient: float | None, *, waveforms: bool) -> Response:

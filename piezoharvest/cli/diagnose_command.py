@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,16 +14,17 @@ from piezoharvest.cli.identify_command import on_campaign
 
 if TYPE_CHECKING:
     from piezoharvest.diagnose import Diagnosis, Named
+    from piezoharvest.diagnose.experiments.planning import Plan
     from piezoharvest.diagnose.residual_tests import ResidualTest
 
 MAX_TEST_ROWS = 10  # number of failed residual tests printed
 
 
-def diagnose(path: Path, *, as_json: bool, report: Path | None) -> int:
-    """Diagnose a campaign, print the verdict, and write the report."""
+def diagnose(path: Path, *, as_json: bool, report: Path | None, save: Path | None) -> int:
+    """Diagnose a campaign, print the verdict, write the report and the specimen."""
     from piezoharvest.diagnose import diagnose as run
 
-    found = on_campaign(path, report, run)
+    found = on_campaign(path, report, save, run)
     if found is None:
         return 1
     if not found.search.final.converged:
@@ -31,6 +33,9 @@ def diagnose(path: Path, *, as_json: bool, report: Path | None) -> int:
         tables.print_json(diagnosis_json(found))
     else:
         _print(found)
+    if save is not None:
+        found.save(save)
+        note(f"specimen: {save}")
     if report is not None:
         from piezoharvest.report import write_diagnosis
 
@@ -73,6 +78,8 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         },
         "unexplained": found.unexplained,
         "experiment": found.experiment,
+        "plan": plan_json(found.plan),
+        "hints": [asdict(hint) for hint in found.hints],
         "scores": [
             {
                 "name": row.name, "label": row.label or None, "score": row.candidate and row.candidate.score,
@@ -83,6 +90,22 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         ],
         "structure": {"before": [_test_json(p) for p in found.shown], "after": [_test_json(p) for p in found.left]},
     }  # fmt: skip
+
+
+def plan_json(plan: Plan | None) -> dict[str, Any] | None:
+    """A planned record as a table of the JSON output: what it is for, what it is expected to tell, and the study."""
+    if plan is None:
+        return None
+    from piezoharvest.diagnose.experiments.planning import described
+
+    return {
+        "record": described(plan.planned),
+        "sets": [list(names) for names in plan.sets],
+        "standard_deviations": math.sqrt(plan.separation) if plan.sets else None,
+        "parameter": plan.parameter or None,
+        "relative_error": {"before": plan.before, "after": plan.after} if plan.parameter else None,
+        "study": plan.tables,
+    }
 
 
 def _effect(named: Named) -> dict[str, Any]:
@@ -113,6 +136,9 @@ def _print(found: Diagnosis) -> None:
     print(f"{found.verdict}: {sentence(found)}")
     if found.experiment:
         print(f"What would tell: {found.experiment}.")
+    if found.plan is not None:
+        elsewhere = f" On another bench: {found.told_by}." if found.told_by else ""
+        print(f"piezoharvest plan writes this record as a study.{elsewhere}")
     rows = [
         [named.effect.name if not k else "", name, value if isinstance(value, str) else with_error(value, std, unit),
          "" if k else f"{named.p_value:.2g}", "" if k else percent(named.gain)]
@@ -135,3 +161,8 @@ def _print(found: Diagnosis) -> None:
     if found.left:
         rows = [[p.where, p.record, p.channel, f"{p.squares / p.count:.2f}", f"{p.p_value:.1g}"] for p in found.left]
         tables.print_rows("", ["structure left", "record", "channel", "times the noise", "p"], rows[:MAX_TEST_ROWS])
+    if found.hints:
+        rows = [
+            [h.channel, h.term, engineering(h.size, response_unit(h.channel)), f"{h.gain:.3g}"] for h in found.hints
+        ]
+        tables.print_rows("", ["hint: residual of", "goes with", "size", "gain in -2 ln L"], rows)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from piezoharvest.cli import tables
 from piezoharvest.cli.commands import note
-from piezoharvest.output import check_new_directory
+from piezoharvest.output import check_file, check_new_directory
 from piezoharvest.study import StudyError
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ _T = TypeVar("_T")
 MAX_NOISE_RATIO = 1.2  # times the noise, above which residuals give a warning
 
 
-def on_campaign(path: Path, report: Path | None, run: Callable[..., _T]) -> _T | None:
+def on_campaign(path: Path, report: Path | None, save: Path | None, run: Callable[..., _T]) -> _T | None:
     """Run on a campaign after printing the warnings of its checks; None where no model can follow it.
 
     Parameters
@@ -29,6 +29,8 @@ def on_campaign(path: Path, report: Path | None, run: Callable[..., _T]) -> _T |
         Campaign file.
     report : Path or None
         Directory for the report, checked first.
+    save : Path or None
+        Specimen file, checked first.
     run : callable
         Called with the campaign and a function for progress messages.
     """
@@ -39,6 +41,8 @@ def on_campaign(path: Path, report: Path | None, run: Callable[..., _T]) -> _T |
 
     if report is not None:
         check_new_directory(report)
+    if save is not None:
+        check_file(save, (".toml",))
     campaign = load_campaign(path)
     for finding in campaign.warnings:
         note(f"warning: {finding}")
@@ -52,11 +56,11 @@ def on_campaign(path: Path, report: Path | None, run: Callable[..., _T]) -> _T |
         raise StudyError(path, "transducer", message) from None
 
 
-def identify(path: Path, *, as_json: bool, report: Path | None) -> int:
-    """Identify the parameters of a campaign, print them, and write the report."""
+def identify(path: Path, *, as_json: bool, report: Path | None, save: Path | None) -> int:
+    """Identify the parameters of a campaign, print them, write the report and the specimen."""
     from piezoharvest.identify import identify as run
 
-    found = on_campaign(path, report, run)
+    found = on_campaign(path, report, save, run)
     if found is None:
         return 1
     for text in remarks(found):
@@ -65,6 +69,9 @@ def identify(path: Path, *, as_json: bool, report: Path | None) -> int:
         tables.print_json(identification_json(found))
     else:
         _print(found)
+    if save is not None:
+        found.save(save)
+        note(f"specimen: {save}")
     if report is not None:
         from piezoharvest.report import write_identification
 

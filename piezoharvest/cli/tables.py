@@ -25,6 +25,15 @@ _RESULT = (
     "displacement_rms", "standard_error",
 )  # fmt: skip
 
+_QUANTILES = {"p5": "5 %", "p50": "50 %", "p95": "95 %"}
+# Columns of intervals: header, unit, key of the figure, factor.
+_SPREAD = (
+    ("harvested power", "W", "harvested_power", 1.0), ("mech. power", "W", "mechanical_power", 1.0),
+    ("effi- ciency", "%", "efficiency", 100.0), ("displace- ment", "m", "displacement_amplitude", 1.0),
+    ("voltage", "V", "voltage_amplitude", 1.0), ("dc voltage", "V", "dc_voltage", 1.0),
+    ("attenu- ation", "dB", "attenuation_db", 1.0),
+)  # fmt: skip
+
 
 def print_json(data: Any) -> None:
     """Print one JSON object; numbers that are not finite become null."""
@@ -71,6 +80,18 @@ def _error_column(responses: Sequence[Response], name: str, unit: str) -> list[C
     """Standard error of a figure under noise; none for other excitations."""
     errors = [(r.standard_error or {}).get(name) for r in responses]
     return [Column("standard error", unit, errors)] if any(error is not None for error in errors) else []
+
+
+def print_intervals(shunts: Sequence[str], spread: Sequence[Mapping[str, Any] | None]) -> None:
+    """Print three rows for each shunt: the 5, 50 and 95 % quantiles over draws of the specimen."""
+    rows = [(shunt, found, key) for shunt, found in zip(shunts, spread, strict=True) if found for key in _QUANTILES]
+    columns = [
+        Column(name, unit, [scale * figure[key] if (figure := found[label]) else None for _, found, key in rows])
+        for name, unit, label, scale in _SPREAD
+    ]
+    names = [f"{shunt} {_QUANTILES[key]}" for shunt, _, key in rows]
+    trusted = [found["converged"] == found["samples"] for _, found, _ in rows]
+    _print_table(f"over {rows[0][1]['samples']} draws of the specimen", "quantile", names, columns, trusted)
 
 
 def print_design(title: str, result: Mapping[str, Any]) -> None:

@@ -88,6 +88,8 @@ class Switch(NamedTuple):
         Share of the extracted energy that is harvested when the voltage is set to zero at once.
     drop : float
         Voltage (V) that diodes take in the path of this charge; its energy is lost before that share is taken.
+    threshold : float
+        Electrode voltage (V, of either sign) at an extremum, below which nothing follows from it.
     """
 
     lag: float
@@ -96,3 +98,4 @@ class Switch(NamedTuple):
     early: bool = False
     efficiency: float = 0.0
     drop: float = 0.0
+    threshold: float = 0.0

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from dataclasses import MISSING, dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+
+C = TypeVar("C", bound="Component")
+
+# Null value of a quantity that stands in the place of another one, that of a label, and is absent where it equals it.
+AS_LABELLED = "label"
 
 
 class ParameterError(ValueError):
@@ -37,7 +43,7 @@ def quantity(
     at_least: float | None = None,
     below: float | None = None,
     at_most: float | None = None,
-    null: float | None = None,
+    null: float | str | None = None,
 ) -> Any:
     """Declare a dataclass field that holds a quantity in SI units.
 
@@ -51,7 +57,7 @@ def quantity(
         Default value; the field is required without it.
     above, at_least, below, at_most : float, optional
         Open and closed bounds.
-    null : float, optional
+    null : float or `AS_LABELLED`, optional
         Value at which the described effect is absent.
     """
     bounds = {"above": above, "at_least": at_least, "below": below, "at_most": at_most}
@@ -147,6 +153,15 @@ class Component:
         for field in dataclasses.fields(self):
             if "unit" in field.metadata:
                 check_quantity(field, getattr(self, field.name))
+
+
+def altered(component: C, **values: Any) -> C:
+    """Copy of a component with other values, checked unless one of them has a complex step, whose size may be any."""
+    if not any(np.iscomplexobj(value) for value in values.values()):
+        return dataclasses.replace(component, **values)
+    new = copy.copy(component)
+    new.__dict__.update(values)
+    return new
 
 
 def subclasses_by(attribute: str, base: type) -> dict[str, type]:

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from piezoharvest.description.circuit import Row
+from piezoharvest.description.shunts.base import Shunt
 
 
 class LumpedMode(Protocol):
@@ -178,6 +179,12 @@ class CampaignSizes(Protocol):
 
     @property
     def loads(self) -> tuple[float, ...]: ...  # noqa: D102
+
+    @property
+    def shunts(self) -> tuple[Shunt | None, ...]: ...  # noqa: D102
+
+    @property
+    def voltages(self) -> tuple[float, ...]: ...  # noqa: D102
 
     @property
     def longest(self) -> float: ...  # noqa: D102

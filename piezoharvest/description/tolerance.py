@@ -24,8 +24,8 @@ class Tolerance(Component):
     """Half-widths of the intervals about the values of a study; a quantity without one is exact.
 
     Stiffness, mass, damping and coupling are those of all modes together. `load` and `load_resistance` are two names of
-    one key: the resistance that is harvested in. `from_` is a specimen file: two standard errors each, where no key of
-    this table says otherwise.
+    one key: the resistance that is harvested in. `from_` is a specimen file: the confidence region of its values at
+    `level`, correlations included, without those that a key of this table says otherwise of.
 
     Raises
     ------
@@ -35,6 +35,9 @@ class Tolerance(Component):
     """
 
     from_: str | None = None
+    level: float | None = quantity(
+        "", "probability of the specimen's confidence region", default=None, at_least=0.5, at_most=0.9999
+    )
     stiffness: float | None = _width("the stiffness of all modes")
     mass: float | None = _width("the mass of all modes")
     damping: float | None = _width("the damping of all modes")
@@ -51,9 +54,11 @@ class Tolerance(Component):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        given = [f.name for f in dataclasses.fields(self) if getattr(self, f.name) is not None]
+        given = [f.name for f in dataclasses.fields(self) if getattr(self, f.name) is not None and f.name != "level"]
         if not given:
             raise ParameterError("stiffness", "missing key, a tolerance needs at least one half-width or from = a file")
+        if self.level is not None and self.from_ is None:
+            raise ParameterError("level", f"found {self.level:g} without from = a specimen file, which it needs")
         if self.load is not None and self.load_resistance is not None:
             raise ParameterError("load_resistance", "found beside load, which is the same, but only one is allowed")
         if self.temperature is None and self.coefficients:

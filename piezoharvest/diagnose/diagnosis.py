@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
 from piezoharvest.description.effects import Clipping, Effect
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.candidate_fits import CandidateFits, EffectChange, line_amplitude
+from piezoharvest.diagnose.experiments.planning import Plan, Planner, parameter_named
 from piezoharvest.diagnose.preparation.drive_saturation import SaturatedDrive, find_saturated_drive
 from piezoharvest.diagnose.preparation.voltage_offset import voltage_is_off
+from piezoharvest.diagnose.residual_regression import Hint, hints
 from piezoharvest.diagnose.residual_tests import ResidualTest, whitened_squares
 from piezoharvest.diagnose.score_tests import is_line
 from piezoharvest.diagnose.stepwise_selection import (
@@ -41,6 +45,7 @@ from piezoharvest.identify.identification import (
     judged,
     prepared,
 )
+from piezoharvest.identify.saving import save
 from piezoharvest.identify.start_values.quasi_static import as_quasi_static
 from piezoharvest.identify.threads import single_threaded
 from piezoharvest.predict.parameters import value_at
@@ -94,8 +99,8 @@ class Diagnosis:
         For the records that were not fitted (or all, where there are none).
     unexplained : float
         Share of the residual variance, after the extension, above the noise.
-    experiment : str or None
-        The measurement that would decide between alternatives.
+    told_by : str or None
+        Measurements that distinguish the alternatives on any bench.
     shown : tuple of ResidualTest
         Residual tests that the model without effects fails.
     search : Search
@@ -120,7 +125,7 @@ class Diagnosis:
     validation_before: Quality
     validation_after: Quality
     unexplained: float
-    experiment: str | None
+    told_by: str | None
     shown: tuple[ResidualTest, ...]
     search: Search
     unseen: tuple[ResidualTest, ...] = ()
@@ -128,6 +133,64 @@ class Diagnosis:
     cut: tuple[str, ...] = ()
     deviating: tuple[Estimate, ...] = ()
     unpredicted: tuple[str, ...] = ()
+
+    @property
+    def experiment(self) -> str | None:
+        """The measurement that would tell most, in words; None where nothing is open that one could tell."""
+        return self.plan.sentence if self.plan is not None else self.told_by
+
+    @cached_property
+    def plan(self) -> Plan | None:
+        """The planned record that would tell most, within the limits of the bench that the campaign shows or states.
+
+        Between alternatives; where something is left unexplained between the last effect and none, or the two that
+        score highest; else for a parameter that is not identifiable. None where no record would tell.
+        """
+        search, planner = self.search, self.planner
+        if self.verdict == "ambiguous" and search.alternatives:
+            return planner.for_sets(search.final, search.alternatives[0][0].found)
+        if self.verdict == "unexplained" and search.nested:
+            return planner.for_sets(search.final, search.before_last)
+        if self.verdict == "unexplained":
+            return planner.for_suspects(search.first)
+        open_ = [e.parameter for e in self.estimates if not e.identifiable and e.std is None]
+        plans = (planner.for_parameter(parameter) for parameter in open_)
+        return next((plan for plan in plans if plan and plan.after < thresholds.MAX_RELATIVE_ERROR), None)
+
+    def plan_for(self, name: str | None = None) -> Plan | None:
+        """The planned record for a parameter, or without a name `plan`, or else that for the least certain parameter.
+
+        Raises
+        ------
+        ParameterError
+            There is no such parameter.
+        """
+        known = [estimate.parameter for estimate in self.estimates]
+        if name is not None:
+            return self.planner.for_parameter(parameter_named(self.search.final, known, name))
+        told = [e for e in self.estimates if e.std is not None]
+        weakest = max(told, key=lambda e: relative_error(e.value, e.std or 0.0), default=None)
+        return self.plan or (weakest and self.planner.for_parameter(weakest.parameter))
+
+    @cached_property
+    def problem(self) -> Problem:
+        """The records that were fitted."""
+        return Problem(prepared(self.campaign, "fit"), self.before.campaign.transducer, self.before.offsets)
+
+    @cached_property
+    def planner(self) -> Planner:
+        """Planner of further records."""
+        return Planner(self.campaign, self.problem, self.search.final)
+
+    @cached_property
+    def hints(self) -> list[Hint]:
+        """Functions of the signals that describe what no effect explains; none for any other verdict."""
+        return hints(self.problem, self.search.final) if self.verdict == "unexplained" else []
+
+    def save(self, path: str | Path) -> None:
+        """Write the specimen file, which a study takes by `transducer = "FILE"`; raises `OutputError`."""
+        final, source = self.search.final, {"command": "diagnose", "verdict": self.verdict}
+        save(final, self.estimates, self.campaign, path, **source, trusted=final.converged)
 
     @property
     def left(self) -> tuple[ResidualTest, ...]:
@@ -252,7 +315,7 @@ def _diagnose_roles(
         estimates, before,
         combined_quality(judged(unseen.data, checks[0])), combined_quality(judged(unseen.data, checks[-1])),
         max(0.0, (after[0] - after[1]) / after[0]),
-        _experiment(search) if verdict == "ambiguous" else None,
+        _told_by(search) if verdict == "ambiguous" else None,
         trials.failed_tests(before.found, drive_noise=not named), search, failed_on(unseen, checks[-1]),
         deviating=deviating, unpredicted=not_followed(campaign, unseen),
     )  # fmt: skip
@@ -378,7 +441,7 @@ def _estimates(before: Identification, final: Fit):
         )  # fmt: skip
 
 
-def _experiment(search: Search) -> str | None:
+def _told_by(search: Search) -> str | None:
     """The measurement that distinguishes the likeliest set from the next."""
     if not search.alternatives:
         return None

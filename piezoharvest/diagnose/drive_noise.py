@@ -9,21 +9,18 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.likelihood import Whitener, spectra_of
 from piezoharvest.identify.fitting.model import Model, residual_blocks
-from piezoharvest.identify.noise.drive_denoising import denoised
+from piezoharvest.identify.noise.noisy_drives import noisy_drives
 from piezoharvest.identify.noise.spectra import first_lines
-from piezoharvest.predict.drive import drive_of
+from piezoharvest.predict.circuit.setting import motion_of
 from piezoharvest.predict.prediction import PredictionError
 
 REALISATIONS = 2  # realisations of the noise
-
-_NOISY_DRIVES: WeakKeyDictionary[Data, tuple[float, list[np.ndarray]]] = WeakKeyDictionary()
 
 
 def drive_noise_variance(
@@ -35,13 +32,13 @@ def drive_noise_variance(
     that the model cannot follow, are left out.
     """
     found, model = np.zeros((len(edges) - 1, len(data.channels))), replace(model, parameters=())
-    if not len(model.prediction(data).matrices.kinds):
+    if not model.prediction(data).nonlinear:
         return found
     true = _denoised_drive(data)
     plain = {begin: residual for _, begin, residual, _ in residual_blocks(model, data, nuisance, False)}
     counts = np.zeros(len(edges) - 1)
-    for noisy in _noisy_drives(data, sigma):
-        motion = drive_of(noisy)
+    for noisy in noisy_drives(data.record.signals[data.drive], true, sigma, REALISATIONS):
+        motion = motion_of(data.drive, data.setting.shunt, noisy)
         if not np.array_equal(motion.jumps, data.setting.motion.jumps):
             continue
         again = replace(data, setting=replace(data.setting, first=float(noisy[0]), motion=motion))
@@ -49,6 +46,7 @@ def drive_noise_variance(
             for _, begin, residual, _ in residual_blocks(model, again, nuisance, False):
                 count = len(residual)
                 off = residual - plain[begin] + white.passes((noisy - true)[begin : begin + count])
+                off = white.weighted(begin, off)
                 squares = 0.5 * np.abs((white.of(count) @ spectra_of(off)[:, :, None])[:, :, 0]) ** 2
                 for band, (low, high) in enumerate(pairwise(first_lines(edges, count))):
                     found[band] += squares[low:high].sum(axis=0)
@@ -59,14 +57,3 @@ def drive_noise_variance(
 def _denoised_drive(data: Data) -> np.ndarray:
     """Drive without noise."""
     return data.record[data.drive] - data.rest
-
-
-def _noisy_drives(data: Data, sigma: float) -> list[np.ndarray]:
-    """Drives with noise added and removed again, for several realisations; cached, since many models use them."""
-    known, drawn = _NOISY_DRIVES.get(data, (np.nan, []))
-    if known != sigma:
-        true = _denoised_drive(data)
-        draws = (np.random.default_rng([len(data), seed]).standard_normal(len(data)) for seed in range(REALISATIONS))
-        drawn = [denoised(true + sigma * draw, sigma) for draw in draws]
-        _NOISY_DRIVES[data] = sigma, drawn
-    return drawn

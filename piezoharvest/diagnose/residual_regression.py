@@ -128,6 +128,7 @@ def _record_sums(record: tuple[Data, np.ndarray, Whitener], final: Fit, terms: T
         signals = _signals(data, begin, residual)
         residual -= white.passed(begin, begin + len(residual))
         evaluated = list(terms(signals, data.setting.sample_time, scales))
+        residual, slopes = white.weighted(begin, residual), white.weighted(begin, slopes)
         spectra = spectra_of(np.column_stack([values for _, values in evaluated]))
         # A term added to a channel, whitened: that column of the whitening matrix.
         placed = (W[:, :, :, None] * spectra[:, None, None, :]).reshape(len(W), W.shape[1], -1)

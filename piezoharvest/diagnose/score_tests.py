@@ -83,6 +83,8 @@ def scores(
 ) -> list[ScoredEffect]:
     """Score tests of all effects that are not in the model, the highest score first.
 
+    Effects of circuits that no record has are left out.
+
     Parameters
     ----------
     problem : Problem
@@ -92,13 +94,19 @@ def scores(
     library : sequence of Effect classes, optional
         Default: all that are registered.
     """
-    classes = list(registered().values()) if library is None else list(library)
+    library = list(registered().values()) if library is None else library
+    classes = [cls for cls in library if any(map(cls.acts_on, scales.shunts or (None,)))]
     starts = [start for cls in classes for start in cls.starts(scales) if _is_new(start, found)]
-    smooth = [start for start in starts if not np.isinf(_strength(start)) and type(start).span is Effect.span]
+    smooth = [start for start in starts if _grows(start)]
     jumpy = [start for start in starts if start not in smooth]
     return sorted(
         [*_linearised_scores(problem, found, smooth), *_one_step_scores(problem, found, jumpy)], key=lambda c: -c.score
     )
+
+
+def _grows(start: Effect) -> bool:
+    """True if an effect grows smoothly from its null value."""
+    return not (np.isinf(_strength(start)) or type(start).span is not Effect.span or start.sets_in)
 
 
 def _is_new(start: Effect, found: Fit) -> bool:
@@ -126,7 +134,7 @@ def _linearised_scores(problem: Problem, found: Fit, starts: Sequence[Effect]) -
     for n, start in enumerate(starts, first):
         field = type(start).strength()
         strengths.append(None if is_line(start) else parameter_of(start, field, ("effects", n, field.name)))
-    model = extended(found.model, starts, [p for p in strengths if p is not None])
+    model = replace(extended(found.model, starts, [p for p in strengths if p is not None]), felt=first)
     nuisance = nuisance_for_model(problem, found.model, found.nuisance, model)
     information, gradient, _ = linearised(problem, model, nuisance, found)
     columns = _columns(problem, model, starts, strengths, base, first)

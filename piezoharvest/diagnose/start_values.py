@@ -12,6 +12,7 @@ import numpy as np
 from scipy.signal import zoom_fft
 
 from piezoharvest.description.effects.sensing.mains_hum import NETWORKS
+from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import thresholds
@@ -58,6 +59,10 @@ class CampaignScales:
         Duration of the longest record, s.
     ends : mapping of str to (float, float)
         Lowest and highest possible saturation limit of each channel, from its largest readings.
+    shunts : tuple of Shunt or None
+        Circuits of the records by their labels, None under an imposed voltage.
+    voltages : tuple of float
+        Largest voltage of each record that has one, V.
     harmonics : mapping of str to tuple of (float, float)
         For each channel and drive: drive frequency of every record with the channel (zero where the drive is not one
         sine), and the frequency resolution of the record; Hz.
@@ -78,6 +83,8 @@ class CampaignScales:
     jitter: float = 0.0
     ends: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     harmonics: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
+    shunts: tuple[Shunt | None, ...] = ()
+    voltages: tuple[float, ...] = ()
 
     def resolves_time(self, time_constant: float) -> bool:
         """True if the records resolve a relaxation with this time constant: its curvature, and its samples."""
@@ -135,6 +142,8 @@ def campaign_scales(data: Sequence[Data | FrequencyData], found: Fit) -> Campaig
         ),
         ends={channel: _range_of_limit(records, found.noise.sigma[channel], channel) for channel in channels},
         harmonics=_drive_frequencies(records),
+        shunts=tuple(each.setting.shunt for each in records),
+        voltages=tuple(float(np.abs(each.record["voltage"]).max()) for each in records if "voltage" in each.channels),
     )
 
 

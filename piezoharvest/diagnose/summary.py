@@ -7,11 +7,13 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from piezoharvest.description.effects import Effect
+from piezoharvest.description.effects import Effect, registered
 from piezoharvest.diagnose.diagnosis import Diagnosis, Named
 from piezoharvest.diagnose.score_tests import ScoredEffect, cosine
 from piezoharvest.records.reading.channels import UNITS
+from piezoharvest.records.record import Record
 
+NOT_HERE = "no record has such a circuit"
 Value = tuple[float | str, float | None, str]
 
 
@@ -23,7 +25,8 @@ class Scored:
     ----------
     name : str
     label : str
-        Channel or load at which it scores highest, if it has one.
+        Channel or load at which it scores highest, if it has one; or that it is an effect of a circuit which no record
+        has.
     candidate : ScoredEffect or None
         The start with the highest score; None where the records cannot show it, or it would have the wrong sign.
     p_value : float
@@ -71,13 +74,15 @@ def label_of(effect: Effect) -> str:
 def scored(diagnosis: Diagnosis, names: Sequence[str]) -> list[Scored]:
     """Effects of a library against the model without any, the highest score first."""
     search = diagnosis.search
+    circuits = [record.shunt for record in diagnosis.campaign.records if isinstance(record, Record)] or [None]
+    elsewhere = [name for name, cls in registered().items() if not any(map(cls.acts_on, circuits))]
     rows = []
     for name in names:
         candidates = [candidate for candidate in search.first if candidate.name == name]
         best = min(candidates, key=lambda c: (c.p_value, -c.score), default=None)
         p_value = 1.0 if best is None else min(1.0, best.p_value * len(search.first))
         gains = [-change for text, change, _ in search.fits if text == name]
-        label = "" if best is None else label_of(best.effect)
+        label = label_of(best.effect) if best else NOT_HERE if name in elsewhere else ""
         rows.append(Scored(name, label, best, p_value, max(gains, default=None)))
     return sorted(rows, key=lambda row: -(row.candidate.score if row.candidate else -1.0))
 

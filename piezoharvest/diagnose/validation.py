@@ -103,8 +103,13 @@ def _identified_nuisance(problem: Problem, before: Identification, model: Model)
     """Nuisance parameters of the records as they were identified."""
     known = {record.name: record.own for record in before.records}
     return tuple(
-        np.array([known.get(data.name, {}).get(name, 0.0) for name in problem.nuisance_names(model, data)])
-        for data in problem.data
+        np.array(
+            [
+                known.get(data.name, {}).get(name, start)
+                for name, start in zip(problem.nuisance_names(model, data), starts, strict=True)
+            ]
+        )
+        for data, starts in zip(problem.data, problem.start(model), strict=True)
     )
 
 

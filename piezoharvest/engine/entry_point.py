@@ -24,6 +24,7 @@ PIECES_BETWEEN_CHECKS = 10_000  # samples between two checks of the work limit
 def _nothing_pending(L, D):
     """True if nothing is scheduled, no event is incomplete, and the mode of the last step is still the present one."""
     unfinished = D[st.WAITING] or D[st.CLOSED] or D[st.INCOMPLETE] or (L[pg.SWITCHED] and D[st.DIRECTION] == 0)
+    unfinished = unfinished or D[st.TAPE_ROOM]  # every motion is recorded
     if unfinished or L[pg.ELEMENTS] or D[st.MODE] == NONE:
         return False
     return find_mode(L, D, D[st.CONFIGURATION], D[st.SLIP]) == D[st.MODE]

@@ -27,6 +27,8 @@ class Waveforms:
         v_h in V.
     dc_voltage : (n,) array
         Behind the bridge, V; zero without a bridge.
+    acceleration : (n,) array
+        Second derivative of the displacement, m/s^2.
     event_times : (e,) array
         s, increasing.
     event_names : tuple of str
@@ -43,6 +45,7 @@ class Waveforms:
     charge: np.ndarray
     hysteresis_voltage: np.ndarray
     dc_voltage: np.ndarray
+    acceleration: np.ndarray
     event_times: np.ndarray
     event_names: tuple[str, ...]
 

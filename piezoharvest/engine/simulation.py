@@ -7,8 +7,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.excitation import Excitation, Ramps
 from piezoharvest.description.limits import check_length
+from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.system import System
 from piezoharvest.engine.batch_means import batch_edges, rms_error, standard_error
@@ -99,6 +101,9 @@ def simulate(
         response = _with_remark(
             response, f"{', '.join(lowered.unfelt)}: no part of this simulation, only of measured records"
         )
+    idle = [effect.name for effect in system.transducer.effects if _is_idle(effect, system.shunt)]
+    if idle:
+        response = _with_remark(response, f"{', '.join(idle)}: {system.shunt.kind} has no part that it changes")
     if isinstance(system.shunt, Short):
         return response
     if not attenuation:
@@ -109,6 +114,11 @@ def simulate(
     if reason:
         return _with_remark(_replaced(response, attenuation_db=np.nan), f"no attenuation: {reason}")
     return _replaced(response, attenuation_db=20 * np.log10(response.displacement_amplitude / reference))
+
+
+def _is_idle(effect: Effect, shunt: Shunt) -> bool:
+    """True if an effect is only one of the circuit, and not of this one."""
+    return type(effect).act is Effect.act and not effect.acts_on(shunt)
 
 
 @lru_cache(maxsize=64)

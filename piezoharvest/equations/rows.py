@@ -78,8 +78,8 @@ class Mechanics(NamedTuple):
     ----------
     equations : list of Row
         Two for each mode, zero along every motion.
-    displacement, velocity : Row
-        Participation-weighted sums of the modes, m and m/s.
+    displacement, velocity, acceleration : Row
+        Participation-weighted sums of the modes, m, m/s and m/s^2.
     drive_velocity : Row
         Conjugate of the drive, whose product with it is its power: W per N, or per m/s^2.
     strain_current : Row
@@ -89,6 +89,7 @@ class Mechanics(NamedTuple):
     equations: list[Row]
     displacement: Row
     velocity: Row
+    acceleration: Row
     drive_velocity: Row
     strain_current: Row
 
@@ -112,6 +113,7 @@ def mechanics(placing: Placing, z: Rows, dz: Rows, drive: Row, base: bool) -> Me
         equations,
         displacement=participating(modes, x, none),
         velocity=participating(modes, u, none),
+        acceleration=participating(modes, du, none),
         drive_velocity=sum((gain * row for gain, row in zip(by, u, strict=True)), none),
         strain_current=strain_charge(modes, u, none),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from piezoharvest.identify.fitting.coupling_signs import with_known_signs
 from piezoharvest.identify.fitting.data import Data, data_of
 from piezoharvest.identify.fitting.evaluation import map_records
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.likelihood import Whitener
 from piezoharvest.identify.fitting.measured_responses import FrequencyData, ResponseQuality
 from piezoharvest.identify.fitting.model import Model, unexplained_blocks
 from piezoharvest.identify.fitting.output_error import fit, noise_of_responses, standard_errors
@@ -22,6 +24,7 @@ from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, n
 from piezoharvest.identify.identifiability import assumed, combination, experiment, uncertain, undetermined
 from piezoharvest.identify.noise.noise_gain import gain_of
 from piezoharvest.identify.noise.noise_model import Noise
+from piezoharvest.identify.saving import save
 from piezoharvest.identify.start_values.initial_hysteresis_state import (
     fit_nuisance,
     has_initial_states,
@@ -37,13 +40,15 @@ from piezoharvest.identify.start_values.quasi_static import (
 )
 from piezoharvest.identify.threads import single_threaded
 from piezoharvest.predict.parameters import Parameter, parameters_of, value_at
-from piezoharvest.predict.prediction import Prediction
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.record import FrequencyRecord, Record
 
 Progress = Callable[[str], None]
 INITIAL_SAMPLES = 1 << 19  # samples of a record that are fitted first
+# Behind circuits: periods of the nominal resonance in the first fit, over which one that is 5 % off loses less than
+# half a turn, and the factor by which the records then grow, as the resonance is known that much better.
+FIRST_PERIODS, MIN_FIRST_SAMPLES, GROWTH, MAX_STAGES = 8, 200, 4, 6
 WEIGHT_TOLERANCE = 1e-3  # relative difference below which weights count as equal
 MIN_CONTRADICTION = 25.0  # change of -2 ln L, five standard errors, by which records contradict a nominal value
 
@@ -148,6 +153,10 @@ class Identification:
     message: str
     found: Fit
     offsets: tuple[str, ...]
+
+    def save(self, path: str | Path) -> None:
+        """Write the specimen file, which a study takes by `transducer = "FILE"`; raises `OutputError`."""
+        save(self.found, self.estimates, self.campaign, path, command="identify", trusted=not self.doubts)
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -266,19 +275,48 @@ def _identify_quasi_static(campaign: Campaign, progress: Progress, offsets: Sequ
 
 
 def _first_fit(problem: Problem, model: Model, progress: Progress) -> Fit:
-    """Fit of all parameters; the beginning of long records is fitted first, to save time."""
+    """Fit of all parameters, first to the beginnings of records: of long ones, to save time.
+
+    Of records behind circuits with events to a few periods, then to more and more: over a whole record a resonance that
+    is a per cent off loses the phase, and the cost has many minima.
+    """
+    lengths = [INITIAL_SAMPLES]
+    if problem.has_events:
+        longest = max(len(each) for each in problem.data if isinstance(each, Data))
+        lengths = [n for n in _growing(problem) if n < longest] + lengths
+    found, part = None, problem
+    for length in lengths:
+        before, part = part, _beginning(problem, length)
+        if found is None:
+            found = fit_multistart(part, model, progress)
+            continue
+        nuisance = nuisance_for_problem(before, found.nuisance, part, found.model)
+        found = fit(part, found.model, nuisance, found.noise, progress=progress, rounds=2)
+    assert found is not None
+    if part is problem:
+        return found
+    nuisance = nuisance_for_problem(part, found.nuisance, problem, found.model)
+    return fit(problem, found.model, nuisance, found.noise, progress=progress, rounds=2)
+
+
+def _growing(problem: Problem) -> list[int]:
+    """Numbers of samples of the first fits behind circuits: a few periods of the nominal resonance, then more."""
+    device = problem.nominal
+    period = 2.0 * np.pi * np.sqrt(device.mass / device.stiffness)
+    step = min(each.setting.sample_time for each in problem.data if isinstance(each, Data))
+    first = max(int(FIRST_PERIODS * period / step), MIN_FIRST_SAMPLES)
+    return [first * GROWTH**k for k in range(MAX_STAGES) if first * GROWTH**k < INITIAL_SAMPLES]
+
+
+def _beginning(problem: Problem, count: int) -> Problem:
+    """The problem with the first samples of its records; the problem itself if none is longer."""
+    if not any(isinstance(each, Data) and len(each) > count for each in problem.data):
+        return problem
     data = [
-        data_of(each.record.beginning(INITIAL_SAMPLES), problem.nominal)
-        if isinstance(each, Data) and len(each) > INITIAL_SAMPLES
-        else each
+        data_of(each.record.beginning(count), problem.nominal) if isinstance(each, Data) and len(each) > count else each
         for each in problem.data
     ]
-    if all(each is whole for each, whole in zip(data, problem.data, strict=True)):
-        return fit_multistart(problem, model, progress)
-    part = Problem(data, problem.nominal, problem.offset_channels)
-    near = fit_multistart(part, model, progress)
-    nuisance = nuisance_for_problem(part, near.nuisance, problem, near.model)
-    return fit(problem, near.model, nuisance, near.noise, progress=progress, rounds=2)
+    return Problem(data, problem.nominal, problem.offset_channels)
 
 
 def _fit_near(problem: Problem, model: Model, near: Identification, progress: Progress) -> Fit:
@@ -415,7 +453,7 @@ def _validation_qualities(
 def judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuality]:
     """Residuals of each record."""
     each_record = []
-    for each, nuisance in zip(data, found.nuisance, strict=True):
+    for each, nuisance, white in zip(data, found.nuisance, found.white, strict=True):
         if isinstance(each, FrequencyData):
             value, _ = each.response(replace(found.model, parameters=()))
             rms = float(np.sqrt(np.mean(np.abs(each.record.response - value) ** 2)))
@@ -426,8 +464,9 @@ def judged(data: Sequence[Data | FrequencyData], found: Fit) -> list[RecordQuali
             each_record.append(RecordQuality(each.name, each.role, quality, {}, _warning(each, judgement), missed))
             continue
         squares, count = np.zeros(len(each.channels)), 0
-        for _, _, residual in unexplained_blocks(found.model, each, nuisance):
-            squares += (residual**2).sum(axis=0)
+        for _, begin, residual in unexplained_blocks(found.model, each, nuisance):
+            assert isinstance(white, Whitener)
+            squares += (white.weighted(begin, residual) ** 2).sum(axis=0)
             count += len(residual)
         rms = dict(zip(each.channels, np.sqrt(squares / count).tolist(), strict=True))
         names = Problem([each], found.model.transducer, found.model.offset_channels).nuisance_names(found.model, each)
@@ -458,7 +497,7 @@ def _warning(data: FrequencyData, judged: ResponseQuality) -> str:
 def _expected_rms(data: Data, found: Fit) -> dict[str, float]:
     """Standard deviation of residuals from noise alone, that of the drive included."""
     frequencies = np.fft.rfftfreq(min(len(data), 4096), data.setting.sample_time)
-    gain = gain_of(Prediction(found.model.transducer, data.setting), data.channels, frequencies)
+    gain = gain_of(replace(found.model, parameters=()).prediction(data), data.channels, frequencies)
     passed = (np.abs(gain) ** 2).mean(axis=0) * found.noise.sigma.get(data.drive, 0.0) ** 2
     own = [found.noise.sigma[channel] ** 2 for channel in data.channels]
     return dict(zip(data.channels, np.sqrt(passed + own).tolist(), strict=True))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -39,6 +40,8 @@ class Setting:
         Samples.
     free : tuple of str
         States with a free initial value.
+    sizes : tuple of float
+        Behind a circuit with events: units of these values, SI.
     swift : tuple of str
         Fast states, which have come to rest relative to the free ones before the record.
     abrupt : bool
@@ -57,6 +60,7 @@ class Setting:
     swift: tuple[str, ...] = ()
     abrupt: bool = False
     fine: int = 1
+    sizes: tuple[float, ...] = ()
 
     @property
     def jumps(self) -> np.ndarray:
@@ -114,6 +118,7 @@ class DiscreteModel:
         self.transducer, self.setting, self.parameters = transducer, setting, tuple(parameters)
         self.matrices = self._matrices(transducer)
         self.share = 1.0 / max(setting.count - 1, 1)
+        self.shared: dict[Hashable, Any] = {}  # results that depend on the equations alone
         self._steps: dict[int, SampleStep] = {}
         self._tangent_steps: dict[int, list[SampleStep]] = {}
         self.step = self.step_by(1)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import copy
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from piezoharvest.description import shunts
+from piezoharvest.description.effects.circuit_value import CircuitValue
 from piezoharvest.description.transducer import INERT, Transducer
 
 # Small enough to be accepted by components (parameters.COMPLEX_STEP) after multiplications.
@@ -32,6 +34,8 @@ class Parameter:
         Bounds of the variable.
     sign : float
         Sign of a value whose logarithm is varied: 1 or -1.
+    title : str
+        Name in results, if it is not the path.
     """
 
     path: Path
@@ -40,11 +44,12 @@ class Parameter:
     lower: float
     upper: float
     sign: float = 1.0
+    title: str = ""
 
     @property
     def name(self) -> str:
         """Name in results: "stiffness", "modes.0.mass", "hysteresis.weights.1", "leakage.resistance"."""
-        return ".".join(str(part) for part in self.path)
+        return self.title or ".".join(str(part) for part in self.path)
 
     def inner(self, value: float) -> float:
         """Variable from a value."""
@@ -52,8 +57,8 @@ class Parameter:
             return np.log(self.sign * value)
         return float(value) if self.scaling == "linear" else 1.0 / value
 
-    def outer(self, inner: complex) -> Any:
-        """Value from the variable."""
+    def outer(self, inner: Any) -> Any:
+        """Value from the variable, a number, real or with a complex step, or an array of these."""
         if self.scaling == "linear":
             return inner
         if self.scaling == "log":
@@ -93,7 +98,20 @@ def parameters_of(transducer: Transducer, drive_kinds: set[str]) -> list[Paramet
             found.append(Parameter(("hysteresis", "weights", j), "V/C", "linear", 0.0, np.inf))
         for j in range(len(transducer.hysteresis.weights)):
             found.append(Parameter(("hysteresis", "thresholds", j), "C", "log", -np.inf, np.inf))
+    for n, effect in enumerate(transducer.effects):
+        if isinstance(effect, CircuitValue):
+            found.append(_circuit_parameter(effect, n))
     return found
+
+
+def _circuit_parameter(value: CircuitValue, n: int) -> Parameter:
+    """Parameter for a fitted value of a circuit: bounds and unit are those of the circuit's own field."""
+    cls = shunts.registered()[value.kind]
+    field = next(f for f in dataclasses.fields(cls) if f.name == value.key)
+    found = parameter_of(cls, field, ("effects", n, "value"))
+    if value.label == 0.0 and found.scaling == "log":  # a drop of zero has no logarithm
+        found = replace(found, scaling="linear", lower=0.0)
+    return replace(found, title=value.title)
 
 
 def value_at(transducer: Transducer, path: Path) -> Any:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from piezoharvest.predict.record_model import STOP, Matrices
 from piezoharvest.predict.sample_step import SampleStep, equilibria
 from piezoharvest.predict.segments import NO_RISE, Propagation
 
+_T = TypeVar("_T")
+MAX_SHARED = 4  # results of the equations alone that are kept: for whole blocks and the last one of a record
+RATES = ("velocity", "acceleration")
 BLOCK = 1 << 16  # samples at a time: the derivatives of a record of millions of samples do not fit into memory
 
 
@@ -97,10 +100,26 @@ class Prediction:
         self.nuisance_limits = np.concatenate(
             [np.full(len(self.free) + len(before), np.inf), np.ones(len(self.stops)), limits]
         )
-        self.channels = matrices.channels
+        # What is predicted by default.
+        self.channels = tuple(channel for channel in matrices.channels if channel not in RATES)
         # Mean slopes of the elements with respect to their inputs, (elements, 2): those of relaxed operators that slip,
         # until they are measured in a run.
         self.local = np.zeros((len(matrices.kinds), 2))
+
+    @property
+    def nonlinear(self) -> bool:
+        """True if the model has elements."""
+        return len(self.matrices.kinds) > 0
+
+    @property
+    def bends(self) -> bool:
+        """True if channels have corners between samples."""
+        return self.nonlinear
+
+    @property
+    def linear(self) -> Prediction:
+        """Prediction for small noise of the drive: this one, with its elements at their mean slopes."""
+        return self
 
     @cached_property
     def slopes(self) -> SampleStep:
@@ -155,6 +174,22 @@ class Prediction:
         z = equilibria(several, self._lowered.inverse, first, w) + (follow @ off[:, :, None])[:, :, 0]
         return np.hstack([z, w])
 
+    def shared(self, key: Hashable, made: Callable[[], _T]) -> _T:
+        """A result that depends on the equations alone, made once for all records that have these.
+
+        With elements it is made for each record, as their mean slopes differ. Of several keys the last few are kept.
+        """
+        if len(self.matrices.kinds):
+            return made()
+        known = self._lowered.shared
+        if key not in known:
+            found = made()
+            for old in list(known)[: max(len(known) - MAX_SHARED + 1, 0)]:
+                known.pop(old, None)  # another thread may have been faster
+            known[key] = found
+            return found
+        return known[key]
+
     def settle(self) -> None:
         """Propagate through the record unless already done, so that `local` holds the mean slopes of its elements."""
         if not self.local.any():
@@ -173,7 +208,7 @@ class Prediction:
         size : int
             Samples in a block.
         channels : sequence of str, optional
-            Channels to predict; default all.
+            Channels to predict; default `channels`, all but velocity and acceleration.
         parts : int
             Parts of a sample at whose ends values are computed.
 
@@ -183,8 +218,8 @@ class Prediction:
             The model's equations have no solution at a sample.
         """
         wanted = self.channels if channels is None else channels
-        setting, inputs = self.setting, len(self.matrices.O) - len(self.channels)
-        rows = [*range(inputs), *(inputs + self.channels.index(channel) for channel in wanted)]
+        setting, inputs = self.setting, len(self.matrices.O) - len(self.matrices.channels)
+        rows = [*range(inputs), *(inputs + self.matrices.channels.index(channel) for channel in wanted)]
         count = len(self.parameters) + len(self.nuisance_names) if derivatives else 0
         z, dz, w, dw = self._start(derivatives)
         run = _Propagation(self, Propagation(self.matrices, z, padded(dz), w, padded(dw)), derivatives, rows)

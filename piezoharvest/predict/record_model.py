@@ -28,7 +28,9 @@ from piezoharvest.equations.laws import (
     strain_charge,
 )
 
-MAX_COLUMNS = 96  # columns at most: a transducer of six modes with ten operators and five effects
+COLUMNS = (
+    96  # at first: a transducer of six modes with ten operators and five effects; doubled as long as more are needed
+)
 STOP, PRODUCT, POWER, POSITIVE_POWER = range(4)
 INPUTS = ("drive", "drive_rate", "one", "time")
 # An imposed voltage, zero for a short, reaches the electrodes through leads whose time constant is this fraction of a
@@ -88,6 +90,10 @@ class Matrices:
     follow: np.ndarray
 
 
+class _TooNarrowError(Exception):
+    """More columns are needed than rows have."""
+
+
 class RecordModel:
     """Specimen on the test bench, as equations to which effects may add terms.
 
@@ -119,6 +125,17 @@ class RecordModel:
     def __init__(self, transducer: Transducer, shunt: Shunt | None, drive: str, sample_time: float) -> None:
         transducer = transducer.settled(sample_time) if transducer.quasi_static else transducer
         self.transducer, self.sample_time, self.drive_name = transducer, sample_time, drive
+        self._width = COLUMNS
+        while True:
+            try:
+                self._write(shunt)
+                return
+            except _TooNarrowError:  # a score test has the effects of a whole library at many start values at once
+                self._width *= 2
+
+    def _write(self, shunt: Shunt | None) -> None:
+        """Write all equations, in rows of the present width."""
+        transducer = self.transducer
         self._used = 0
         self.drive, self.drive_rate, self.one, self.time = (self._column() for _ in INPUTS)
         self._states: list[tuple[str, Row, Row, complex]] = []
@@ -192,11 +209,9 @@ class RecordModel:
     # Internal methods.
 
     def _column(self) -> Row:
-        if self._used == MAX_COLUMNS:
-            raise ParameterError(
-                "transducer", f"found more than {MAX_COLUMNS} equations, take fewer modes or operators"
-            )
-        row = np.zeros(MAX_COLUMNS)
+        if self._used == self._width:
+            raise _TooNarrowError
+        row = np.zeros(self._width)
         row[self._used] = 1.0
         self._used += 1
         return row
@@ -257,6 +272,10 @@ class RecordModel:
         specimen = participating(modes, [x for x, _, _ in self._motion], none)
         velocity = participating(modes, [u for _, u, _ in self._motion], none)
         self._reading = specimen + sum(self._read)
+        self._moving = {"velocity": velocity}
+        rates = [du for _, _, du in self._motion if du is not None]
+        if rates:
+            self._moving["acceleration"] = participating(modes, rates, none)
         behind = 0.0
         for n, time_constant in enumerate(self._lags):
             behind = behind + time_constant
@@ -297,7 +316,9 @@ class RecordModel:
         n, elements = len(z), [element for element, _ in self._elements]
         rates = explicit(dz) / scale[:, None]
         inputs, places = _distinct(elements)
-        outputs = {"displacement": self._reading, "voltage": self.v, "current": self.i, "force": self._force}
+        outputs = {
+            "displacement": self._reading, **self._moving, "voltage": self.v, "current": self.i, "force": self._force,
+        }  # fmt: skip
         if self.drive_name != "displacement":
             del outputs["force"]
         rate_of = {_content(row): rate for _, row, rate, _ in self._states}

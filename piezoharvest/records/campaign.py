@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.records.bench_limits import BenchLimits
 from piezoharvest.records.finding import Finding
 from piezoharvest.records.record import FrequencyRecord, Record
 
@@ -27,6 +28,8 @@ class Campaign:
         Findings of the checks, for each record; warnings only, unless the campaign belongs to an error.
     unknown : tuple of str
         Parameters of the transducer without a value in the file: mass and damping of a quasi-static specimen.
+    limits : BenchLimits
+        Of records that are planned.
     """
 
     title: str
@@ -35,6 +38,7 @@ class Campaign:
     records: tuple[Record | FrequencyRecord, ...]
     findings: tuple[tuple[Finding, ...], ...]
     unknown: tuple[str, ...] = ()
+    limits: BenchLimits = field(default_factory=BenchLimits)
 
     @property
     def warnings(self) -> tuple[Finding, ...]:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import lru_cache
+from itertools import islice
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from piezoharvest.linear.assembly import LinearModel, angular, connect
 
 _MASSES = (1.0, 0.5, 0.7, 1.4, 2.0)
 _DAMPINGS = (1.0, 0.3, 3.0)
+MODELS = 16  # sets of models that are kept: loads of a campaign
 
 # Transfer functions (variants, f) by response and input; the first variant is the nominal one.
 Transfers = Mapping[str, Mapping[str, np.ndarray]]
@@ -61,15 +64,13 @@ def transfers(
         By response and input, arrays (variants, f) in SI units. A channel without a prediction is missing.
     """
     linear = drive == "voltage" or isinstance(shunt, LinearShunt)
-    shunts = [shunt] if linear else [Open(), Short()]
+    shunts = (shunt,) if linear else (Open(), Short())
     found: dict[str, dict[str, list[np.ndarray]]] = {}
-    for variant, point in variants(transducer):
-        for across in shunts:
-            for (response, cause), values in _responses(variant, across, drive, frequencies, point).items():
-                if linear or response == "displacement":
-                    found.setdefault(response, {}).setdefault(cause, []).append(values)
-        if nominal:
-            break
+    omega = angular(frequencies)
+    for model in _models(transducer, shunts, drive, nominal):
+        for (response, cause), values in _responses(model, drive, omega).items():
+            if linear or response == "displacement":
+                found.setdefault(response, {}).setdefault(cause, []).append(values)
     # The predictions of these would be rounding errors only.
     silent = {"voltage"} if isinstance(shunt, Short) else {"current"} if isinstance(shunt, Open) else set()
     return {
@@ -79,16 +80,27 @@ def transfers(
     }
 
 
-def _responses(
-    transducer: Transducer, shunt: Shunt | None, drive: str, frequencies: np.ndarray, point: str
-) -> dict[tuple[str, str], np.ndarray]:
-    """Transfer functions (f,) by (response, input) of one variant."""
-    slope, omega = hysteresis_slope(transducer, point), angular(frequencies)
+@lru_cache(maxsize=MODELS)
+def _models(
+    transducer: Transducer, shunts: tuple[Shunt | None, ...], drive: str, nominal: bool
+) -> tuple[LinearModel, ...]:
+    """Models of all variants, or of the nominal one, with each of the shunts; many records of a campaign share them."""
+    some = islice(variants(transducer), 1 if nominal else None)
+    return tuple(_model(variant, shunt, drive, point) for variant, point in some for shunt in shunts)
+
+
+def _model(transducer: Transducer, shunt: Shunt | None, drive: str, point: str) -> LinearModel:
+    slope = hysteresis_slope(transducer, point)
     if drive == "voltage":
-        model = connect(transducer, lambda port, z, dz, w: [port.v - w["voltage"]], slope=slope, electrical="voltage")
-        return _of(model, omega, ("displacement", "current"), ("force", "voltage"))
+        return connect(transducer, lambda port, z, dz, w: [port.v - w["voltage"]], slope=slope, electrical="voltage")
     assert shunt is not None
-    model = assemble(transducer, shunt, slope=slope, base=drive == "base_acceleration")
+    return assemble(transducer, shunt, slope=slope, base=drive == "base_acceleration")
+
+
+def _responses(model: LinearModel, drive: str, omega: np.ndarray) -> dict[tuple[str, str], np.ndarray]:
+    """Transfer functions (f,) by (response, input) of one variant."""
+    if drive == "voltage":
+        return _of(model, omega, ("displacement", "current"), ("force", "voltage"))
     found = _of(model, omega, ("displacement", "voltage", "current"), (drive,))
     if drive != "displacement":
         return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import INERT, Transducer
 from piezoharvest.readers.base import MAX_NUMBERS
+from piezoharvest.records.bench_limits import BenchLimits
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.checks import check
 from piezoharvest.records.errors import CampaignError
@@ -26,9 +28,9 @@ from piezoharvest.records.reading.entries import (
 from piezoharvest.records.reading.frequency_record import read_frequency_record
 from piezoharvest.records.reading.time_record import read_record
 from piezoharvest.records.record import FrequencyRecord, Record
-from piezoharvest.study import StudyError, build_transducer, read_toml
+from piezoharvest.study import StudyError, build, build_transducer, read_toml
 
-_TABLES = ("title", "transducer", "channels", "records")
+_TABLES = ("title", "transducer", "channels", "records", "experiment")
 UNKNOWN = "unknown"  # mass or damping of a specimen whose inertia and damping are negligible
 PLACEHOLDER = 1.0  # placeholder for the mass and damping of a quasi-static specimen; it has no effect
 
@@ -73,6 +75,7 @@ def load_campaign(path: str | Path) -> Campaign:
       magnitude and phase_rad or phase_deg, or a complex response, and coherence; or others by `[records.channels]`.
     - `quasi_static = true` in `[transducer]`, or `mass = "unknown"` or `damping = "unknown"`: for a specimen that
       follows its drive without delay, whose mass and damping may be left out.
+    - `[experiment]`: what the bench can do in a planned record (`BenchLimits`).
     - `kind = "impedance"`: `mechanical` ("free" or "blocked"); columns frequency_Hz, resistance_ohm and reactance_ohm,
       or impedance_ohm and phase_rad or phase_deg. Sweeps may go up or down and overlap; a line at 0 Hz is left out.
     """
@@ -118,11 +121,14 @@ def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
         raise ParameterError("records", f"{found}, at least one table [[records]] is needed")
     read = list(_entries(entries, sources, path))
     records = tuple(record for record, _ in read)
+    fitted = dict.fromkeys(value for record in records if isinstance(record, Record) for value in record.fitted)
+    transducer = replace(transducer, effects=(*transducer.effects, *fitted))
     # A channel may be missing in some records; one that [channels] names and no record has may be misspelt.
     measured = {channel for record in records if isinstance(record, Record) for channel in record.signals}
     absent = [[f for f in some if f.check != "missing column" or f.channel not in measured] for _, some in read]
     found = (tuple((*some, *_checked(record, transducer))) for record, some in zip(records, absent, strict=True))
-    campaign = Campaign(title, path, transducer, records, tuple(found), unknown)
+    limits = build(BenchLimits, table.get("experiment", {}), "experiment")
+    campaign = Campaign(title, path, transducer, records, tuple(found), unknown, limits)
     if "mass" in unknown and campaign.drives_base:
         raise ParameterError("transducer.mass", "missing key, records driven by a base acceleration need a number (kg)")
     return campaign
@@ -170,5 +176,8 @@ def _read_entry(table: Any, key: str, sources: Mapping, folder: Path) -> tuple[R
         sources = {**sources, **build_sources(own, "record", f"{key}.channels")}
         return read_record(entry, key, sources, shunt, folder)
     shunt = entry.across(key, entry.input == "voltage") if isinstance(entry, FrfEntry) else None
+    if isinstance(entry, FrfEntry) and entry.fitted(shunt, key):
+        message = "found fit for a frequency response, allowed is fit in records over time"
+        raise ParameterError(f"{key}.shunt.fit", message)
     sources = build_sources(own, "record", f"{key}.channels", response_units(entry))
     return read_frequency_record(entry, key, sources, shunt, folder)

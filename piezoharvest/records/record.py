@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from piezoharvest.description.effects.circuit_value import CircuitValue
 from piezoharvest.description.shunts import Shunt
 
 Role = Literal["fit", "validate"]
@@ -58,6 +59,8 @@ class Record:
         s; raw time stamps if the file has them.
     signals : mapping of str to Signal
         By channel; the drive is one of them, and any other may be missing.
+    fitted : tuple of CircuitValue
+        Values of the shunt that are fitted.
     """
 
     name: str
@@ -68,6 +71,7 @@ class Record:
     start_time: float
     time: Signal
     signals: Mapping[str, Signal]
+    fitted: tuple[CircuitValue, ...] = ()
 
     def __getitem__(self, channel: str) -> np.ndarray:
         """Values of a channel, or of "time", in its SI unit, (n,)."""

@@ -10,12 +10,9 @@ from typing import Any
 import piezoharvest
 from piezoharvest.description.effects import registered
 from piezoharvest.diagnose import Diagnosis
-from piezoharvest.diagnose.residual_regression import hints
 from piezoharvest.diagnose.residual_tests import ResidualTest, run_tests
 from piezoharvest.diagnose.residuals import Residuals, residuals
 from piezoharvest.diagnose.summary import Scored, cosines, scored, sentence, values
-from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.identify.identification import prepared
 from piezoharvest.output import check_directory, write_text
 from piezoharvest.report.figures import diagnosed
 from piezoharvest.report.figures.pictures import Picture, place_pictures
@@ -55,6 +52,7 @@ def write_diagnosis(found: Diagnosis, directory: str | Path) -> Path:
         sentence=sentence(found),
         warning="" if found.search.final.converged else f"Not to be trusted: {found.search.final.message}.",
         experiment=found.experiment,
+        told_by=found.told_by if found.plan is not None else None,
         named=list(_named(found)),
         residuals=list(_residuals(found)),
         unexplained=percent(found.unexplained),
@@ -63,7 +61,7 @@ def write_diagnosis(found: Diagnosis, directory: str | Path) -> Path:
         alike=list(_similar_effects(rows)),
         alternatives=list(_alternatives(found)),
         left=[_test_row(place) for place in found.left[:MAX_TEST_ROWS]],
-        hints=list(_hints(found)) if found.verdict == "unexplained" else [],
+        hints=list(_hints(found)),
         warnings=[str(finding) for finding in found.campaign.warnings],
         figures=figures,
         file=found.campaign.path.name,
@@ -126,13 +124,8 @@ def _causes(records: Sequence[Residuals], changed: bool) -> Iterator[Picture]:
     yield Picture("cause", "cause", heading, caption, diagnosed.cause_figure(each, c, changed))
 
 
-def _fitted(found: Diagnosis) -> Problem:
-    """The records that were fitted."""
-    return Problem(prepared(found.campaign, "fit"), found.campaign.transducer, found.before.offsets)
-
-
 def _structure(found: Diagnosis) -> Picture:
-    problem = _fitted(found)
+    problem = found.problem
     sides = [("without effects", run_tests(problem, found.before.found))]
     if found.effects:
         sides.append(("with them", run_tests(problem, found.search.final)))
@@ -224,7 +217,7 @@ def _test_row(place: ResidualTest) -> dict[str, str]:
 
 
 def _hints(found: Diagnosis) -> Iterator[dict[str, str]]:
-    for hint in hints(_fitted(found), found.search.final):
+    for hint in found.hints:
         yield {
             "channel": hint.channel, "term": hint.term, "size": engineering(hint.size, response_unit(hint.channel)),
             "gain": number(hint.gain, 3),

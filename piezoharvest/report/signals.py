@@ -20,7 +20,8 @@ _SAMPLES_PER_RESONANCE = 200  # samples in a period of the first resonance, to r
 _MAX_SAMPLES = 200_000
 _LAST_PERIODS = 4  # shown of a steady state that was not reached
 _ZOOM_PERIODS = 8.0
-_SIGNALS = ("drive", "displacement", "velocity", "voltage", "current", "charge", "hysteresis_voltage", "dc_voltage")
+_SIGNALS = ("drive", "displacement", "velocity", "voltage", "current", "charge", "hysteresis_voltage", "dc_voltage",
+            "acceleration")  # fmt: skip
 
 
 class Window(NamedTuple):

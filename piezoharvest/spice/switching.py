@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from piezoharvest.description.circuit import Switch
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.description.shunts.switching import InductiveSwitch, SynchronisedShunt
 from piezoharvest.spice.deck import Deck, number
@@ -29,7 +30,16 @@ DISCHARGE, DECAY = 1 / 200, 14.0
 
 
 def write_timing(deck: Deck, switch: Switch, on_time: float, point: OperatingPoint) -> None:
-    """Node `pulse`: +1 (after a maximum) or -1 (after a minimum of sum T_i x_i) while the switch is closed."""
+    """Node `pulse`: +1 (after a maximum) or -1 (after a minimum of sum T_i x_i) while the switch is closed.
+
+    Raises
+    ------
+    ParameterError
+        The switch leaves out extrema at small voltages: the lines that delay the pulse cannot tell one from another.
+    """
+    if switch.threshold > 0:
+        found = f"found {switch.threshold:g} V, of which a netlist has no element"
+        raise ParameterError("detector_threshold", f"{found}, allowed is 0: a switch that acts at every extremum")
     deck.section("timing of the switch: V(pulse) is 1 after a maximum and -1 after a minimum of sum T_i x_i, else 0")
     deck.comment(
         f"V(extremum) is the sign of sum T_i x_i', rounded over {number(EDGE * on_time)} s to each side of a crossing, "
@@ -110,6 +120,9 @@ def write_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCir
         pairs.append(f"{conductance}*({excess} + sqrt({excess}*{excess}+{corner}))")
     deck.add(f"Bin p 0 I={pairs[0]} - {pairs[1]}")
     deck.add(f"Bout 0 dc I={pairs[0]} + {pairs[1]}")
+    if shunt.diode_leakage:
+        deck.comment("What all four diodes conduct backwards: Rback between the leads, and Rleak of the dc side.")
+        deck.add("Rback p 0", 1 / shunt.diode_leakage)
     return _write_dc_side(deck, shunt, point)
 
 
@@ -132,7 +145,9 @@ def write_series_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint, node: 
 
 
 def _write_dc_side(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCircuit:
-    """Smoothing capacitor and load, or constant voltage, at the node `dc`."""
+    """Smoothing capacitor and load, or constant voltage, at the node `dc`, and what leaks there."""
+    if shunt.dc_conductance:
+        deck.add("Rleak dc 0", 1 / shunt.dc_conductance)
     if shunt.dc_voltage is not None:
         deck.add("Vdc dc 0", float(shunt.dc_voltage))
         return NetlistCircuit("V(dc)*I(Vdc)", "V(dc)")

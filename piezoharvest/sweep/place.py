@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, get_args, get_origin, get_type_hints
 
-import numpy as np
-
-from piezoharvest.description.effects import Effect
 from piezoharvest.description.excitation import Excitation
-from piezoharvest.description.parameters import Component, ParameterError
+from piezoharvest.description.parameters import Component
+from piezoharvest.description.paths import named, placed, tree_of
 from piezoharvest.description.system import System
 from piezoharvest.study import Study
 
@@ -27,7 +25,7 @@ def parameters(study: Study) -> dict[str, dataclasses.Field]:
 
 def _paths(part: Any, path: str) -> Iterator[tuple[str, dataclasses.Field]]:
     if isinstance(part, tuple):
-        for word, inner in _named(part):
+        for word, inner in named(part):
             yield from _paths(inner, f"{path}.{word}")
     elif isinstance(part, Component):
         hints = get_type_hints(type(part))
@@ -39,11 +37,6 @@ def _paths(part: Any, path: str) -> Iterator[tuple[str, dataclasses.Field]]:
                 yield here, field
             elif isinstance(value, tuple):
                 yield from ((f"{here}.{n}", field) for n in range(len(value)))
-
-
-def _named(parts: tuple) -> list[tuple[str, Any]]:
-    """Members of a tuple with their keys in a path: effects by name, all others by position."""
-    return [(part.name if isinstance(part, Effect) else str(n), part) for n, part in enumerate(parts)]
 
 
 def place(study: Study, shunt: int, paths: Sequence[str], values: Sequence[Any]) -> tuple[System, Excitation]:
@@ -64,31 +57,8 @@ def place(study: Study, shunt: int, paths: Sequence[str], values: Sequence[Any])
     ParameterError
         A component rejects its values; the key is the path.
     """
-    tree: dict[str, Any] = {}
-    for path, value in zip(paths, values, strict=True):
-        *branches, leaf = path.split(".")
-        node = tree
-        for word in branches:
-            node = node.setdefault(word, {})
-        node[leaf] = value
-    transducer = _placed(study.transducer, tree.get("transducer", {}), "transducer")
-    excitation = _placed(study.excitation, tree.get("excitation", {}), "excitation")
+    tree = tree_of(paths, values)
+    transducer = placed(study.transducer, tree.get("transducer", {}), "transducer")
+    excitation = placed(study.excitation, tree.get("excitation", {}), "excitation")
     own = tree.get("shunts", {}).get(str(shunt), {})
-    return System(transducer, _placed(study.shunts[shunt], own, f"shunts.{shunt}")), excitation
-
-
-def _placed(part: Any, tree: Any, path: str) -> Any:
-    """The part with the values of the tree in it, set together for each component, as they may depend on each other."""
-    if not isinstance(tree, Mapping):
-        return tree
-    if not tree:
-        return part
-    if isinstance(part, tuple):
-        new = [_placed(inner, tree.get(word, {}), f"{path}.{word}") for word, inner in _named(part)]
-        # Numbers beside an array become arrays of its shape, so that the tuple is one batch.
-        return tuple(np.broadcast_arrays(*new)) if any(isinstance(inner, np.ndarray) for inner in new) else tuple(new)
-    changes = {name: _placed(getattr(part, name), inner, f"{path}.{name}") for name, inner in tree.items()}
-    try:
-        return dataclasses.replace(part, **changes)
-    except ParameterError as error:
-        raise error.within(path) from None
+    return System(transducer, placed(study.shunts[shunt], own, f"shunts.{shunt}")), excitation

@@ -29,24 +29,27 @@ TYPICAL = {
     "m/N^(2/3)": 1e-6,
     "1/V^2": 1e-2,
     "C/m^2": 1.0,
+    "S": 0.1 / IMPEDANCE,
 }
 RELATIVE = 0.1  # a pure number of an effect
 SWITCHED_INDUCTANCE = 0.01
 # Fields that have no unit.
 BRANCHES = {"inductances": (300.0, 40.0), "resistances": (3e4, 2e4)}
 GIVEN = {
+    "probe_loading": {"capacitance": 4e-9},
     "network": {"netlist": "L1 1 2 150\nC1 2 0 30n\nR1 2 0 100k load"},
     "current_flowing": {**BRANCHES, "capacitances": (5e-8, 4e-8)},
     "parallel_branches": {**BRANCHES, "capacitances": (4e-8,)},
     "current_blocking": {**BRANCHES, "blocking_inductances": (25.0, 3.0), "blocking_capacitances": (4e-7, 5e-7)},
 }
+LEAKING = {"diode_leakage": 1e-6, "dc_leakage": 1e-6}
 # Combinations beside the plainest ones that are worth a run.
 VARIANTS = {
-    "rectifier": [{"dc_voltage": 1.0, "diode_drop": 0.2}],
-    "parallel_sshi": [{"phase_lag": 0.2, "on_time_error": 0.2}, {"phase_lag": -0.2, "on_time_error": -0.2}],
-    "series_sshi": [{"phase_lag": 0.2, "on_time_error": 0.4}, {"phase_lag": -0.2, "on_time_error": -0.2}],
+    "rectifier": [{"dc_voltage": 1.0, "diode_drop": 0.2, **LEAKING}],
+    "parallel_sshi": [{"phase_lag": 0.2, "on_time_error": 0.2}, {"phase_lag": -0.2, "on_time_error": -0.2, **LEAKING}],
+    "series_sshi": [{"phase_lag": 0.2, "on_time_error": 0.4, **LEAKING}, {"phase_lag": -0.2, "on_time_error": -0.2}],
     "sece": [{"efficiency": 0.7, "phase_lag": -0.2}, {"diode_drop": 0.3}],
-    "ssds": [{"phase_lag": 0.2}],
+    "ssds": [{"phase_lag": 0.2, "detector_threshold": 1.0}],
     "ssdi": [{"phase_lag": 0.2, "on_time_error": 0.4}],
     "ssdv": [{"phase_lag": -0.1, "on_time_error": -0.2}],
     "current_blocking": [{"coil_quality": 20.0}],
@@ -58,7 +61,8 @@ def typical(cls, field):
     """Value of a quantity field, within its bounds."""
     value = TYPICAL[field.metadata["unit"]]
     if field.metadata["unit"] == "" and issubclass(cls, Effect):
-        value = RELATIVE
+        # A quality has a bound above zero, half of what loses half of an inversion.
+        value = max(RELATIVE, 6.0 * (field.metadata.get("above") or 0.0))
     if field.metadata["unit"] == "H" and not issubclass(cls, LinearShunt):
         value = SWITCHED_INDUCTANCE
     if field.metadata.get("at_most") is not None:

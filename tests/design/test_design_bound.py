@@ -163,6 +163,11 @@ class TestBand:
         assert certified <= reached <= 1.06 * certified  # 1 % on the meshes of `bound_of`
 
     @pytest.mark.slow
+    def test_damping_within_one_per_cent(self):
+        found = bound_of(view_of(objective="damping", band=(48.0, 53.0)))
+        assert found.attenuation_db <= found.reached <= found.attenuation_db + 20.0 * np.log10(1.01)
+
+    @pytest.mark.slow
     def test_several_modes_a_leak_and_a_moving_base(self):
         modes = (Mode(mass=0.004, stiffness=900.0, damping=0.02, coupling=-5e-4),)
         host = replace(BENCH, modes=modes, effects=(Leakage(resistance=5e6),))

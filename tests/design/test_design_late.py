@@ -58,6 +58,7 @@ def test_keys_that_are_held_or_absent(host, run):
     assert sece.converged
 
 
+@pytest.mark.slow
 def test_time_lag_under_noise(host, run):
     """Strong coupling wants a late switch: the best of a scan, in other realisations too."""
     transducer, noise = host(0.3, 100), RandomForce(psd=1e-6, band=(20.0, 100.0), duration=8.0, seed=1)

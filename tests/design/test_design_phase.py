@@ -131,7 +131,7 @@ def test_no_lag_without_a_frequency(run):
 
     tones = Multisine(amplitudes=(0.02, 0.01), frequencies=(50.0, 52.0), phases=(0.0, 0.0), duration=0.5)
     best = run(BENCH, excitation=tones, shunts=[SECE(hold_off=5e-3)], candidates=("sece",)).best
-    assert best.shunt.phase_lag == 0.0 and best.method == "nothing to tune"
+    assert best.shunt.phase_lag == 0.0 and best.shunt.time_lag > 0.0
 
 
 def test_zoom_follows_a_curved_valley():

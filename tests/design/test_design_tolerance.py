@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from piezoharvest.cli.tables import print_design
 from piezoharvest.description.excitation import SineBase, SineForce
@@ -37,13 +38,14 @@ from piezoharvest.design.robust.certificate.enclosure import Enclosure
 from piezoharvest.design.robust.certificate.forms import Form
 from piezoharvest.design.robust.certificate.search import GAP, certify
 from piezoharvest.design.robust.space import ToleranceSpace
-from piezoharvest.design.robust.specimen import widened
+from piezoharvest.design.robust.specimen import region_of
 from piezoharvest.engine import simulate
 from piezoharvest.engine.work_limit import Budget
 from piezoharvest.linear import frequency_response
 from piezoharvest.report import write_report
 from piezoharvest.report.subjects import subjects_of
 from piezoharvest.report.tolerance.worst_cases import worst_case_text, worst_cases
+from piezoharvest.specimen import Specimen, write_specimen
 from piezoharvest.study import DesignOptions, Study, study_from
 
 FORCE, FREQUENCY, BAND = 0.02, 50.6, (46.0, 57.0)
@@ -142,43 +144,82 @@ class TestSpecimen:
         return Tolerance(from_=str(path))
 
     @pytest.mark.parametrize("name", ["specimen.toml", "specimen.json"])
-    def test_two_standard_errors(self, tmp_path, name):
+    def test_region_without_correlations(self, tmp_path, name):
+        """Semi-axes of 95 % for two quantities: sqrt(-2 ln 0.05) standard errors."""
         rows = {n: {"value": v, "std": s} for n, (v, s) in ESTIMATES.items()}
         tolerance = self.file(tmp_path, name, {**rows, "hysteresis threshold 1": {"value": 1e-7, "std": 1e-9}})
-        assert widened(tolerance).widths == pytest.approx({"stiffness": 0.02, "capacitance": 0.05})
-        assert widened(dataclasses.replace(tolerance, stiffness=0.3)).widths["stiffness"] == 0.3
+        region = region_of(tolerance)
+        assert region.names == ("stiffness", "capacitance")
+        wanted = -2 * np.log(0.05) * np.diag([0.01**2, 0.025**2])
+        assert region.spread @ region.spread.T == pytest.approx(wanted, rel=1e-12)
+        assert region_of(dataclasses.replace(tolerance, stiffness=0.3)).names == ("capacitance",)
+        wider = region_of(dataclasses.replace(tolerance, level=0.99))
+        assert wider.radius == pytest.approx(np.sqrt(-2 * np.log(0.01)))
 
-    def test_transducer_with_its_standard_errors(self, tmp_path):
-        path = tmp_path / "saved.toml"
-        path.write_text("[transducer]\nstiffness = 1000.0\n[standard_errors]\nstiffness = 25.0\n")
-        assert widened(Tolerance(from_=str(path))).widths == {"stiffness": 0.05}
+    def test_draws_are_those_of_the_gaussian_within_it(self, tmp_path):
+        rows = {n: {"value": v, "std": s} for n, (v, s) in ESTIMATES.items()}
+        region = region_of(self.file(tmp_path, "specimen.toml", rows))
+        points = region.drawn(np.random.default_rng(3), 20000)
+        assert np.all(np.sum(points**2, axis=1) <= 1)
+        # Share of the inner half: P(r^2 < radius^2/4) / 0.95 of chi-square with two degrees of freedom.
+        inner = -np.expm1(-(region.radius**2) / 8) / 0.95
+        assert np.mean(np.sum(points**2, axis=1) < 0.25) == pytest.approx(inner, abs=0.015)
 
     @pytest.mark.parametrize(
         ("row", "words"),
         [
             ({"value": 1000.0}, "specimen.toml has no standard error of stiffness"),
-            ({"value": 1000.0, "std": -1.0}, "the standard error -1.0 of stiffness"),
+            ({"value": 1000.0, "std": -1.0}, r"parameters.stiffness: found -1.0"),
             ({"value": 1000.0, "std": 600.0}, "leaves stiffness open"),
             ({"value": 0.0, "std": 1.0}, "has 0.0 as stiffness"),
         ],
     )
     def test_files_that_lack_something(self, tmp_path, row, words):
         with pytest.raises(ParameterError, match=f"design.tolerance.from: .*{words}"):
-            widened(self.file(tmp_path, "specimen.toml", {"stiffness": row}))
+            region_of(self.file(tmp_path, "specimen.toml", {"stiffness": row}))
 
     def test_files_that_are_none(self, tmp_path):
         with pytest.raises(ParameterError, match=r"absent.toml: .*cannot be read"):
-            widened(Tolerance(from_=str(tmp_path / "absent.toml")))
+            region_of(Tolerance(from_=str(tmp_path / "absent.toml")))
         with pytest.raises(ParameterError, match=r"holds none of stiffness"):
-            widened(self.file(tmp_path, "specimen.json", {}))
+            region_of(self.file(tmp_path, "specimen.json", {}))
+        with pytest.raises(ParameterError, match=r"level: found 0.9 without from"):
+            Tolerance(stiffness=0.1, level=0.9)
 
-    def test_design_with_it(self, tmp_path, host, run):
-        rows = {n: {"value": v, "std": s} for n, (v, s) in ESTIMATES.items()}
-        options = {"candidates": ("resistor",), "tolerance": self.file(tmp_path, "specimen.toml", rows)}
-        case = run(host(0.05, 60), FREQUENCY, **options).best.worst_case
-        same = Tolerance(stiffness=0.02, capacitance=0.05)
-        assert case.worst == run(host(0.05, 60), FREQUENCY, **{**options, "tolerance": same}).best.worst_case.worst
-        assert set(case.corner) == {"stiffness", "capacitance"}
+    def test_design_with_correlations(self, tmp_path, host, run):
+        """The worst case is that of a million points on the ellipsoid, by the closed form; far from that of a box."""
+        transducer = host(0.05, 60)
+        names, errors = ("stiffness", "mass", "capacitance"), np.array([0.02, 0.02, 0.05])
+        values = np.array([getattr(transducer, name) for name in names])
+        # The resonance is known ten times as well as stiffness and mass.
+        correlation = np.array([[1.0, 0.99, 0.0], [0.99, 1.0, 0.0], [0.0, 0.0, 1.0]])
+        covariance = correlation * np.outer(errors * values, errors * values)
+        path = tmp_path / "specimen.toml"
+        specimen = Specimen(dict(zip(names, values, strict=True)), covariance, ("linear",) * 3, transducer)
+        write_specimen(specimen, path)
+        options = {"candidates": ("resistor",), "tolerance": Tolerance(from_=str(path))}
+        candidate = run(transducer, FREQUENCY, **options).best
+        case, resistance = candidate.worst_case, candidate.shunt.resistance
+        directions = np.random.default_rng(1).standard_normal((1_000_000, 3))
+        directions /= np.linalg.norm(directions, axis=1)[:, None]
+        root = np.linalg.cholesky(correlation * np.outer(errors, errors))
+        k, m, c = (values * (1 + np.sqrt(chi2.ppf(0.95, 3)) * directions @ root.T)).T
+        power = _resistor_power(k, m, c, transducer, resistance)
+        assert case.worst == pytest.approx(power.min(), rel=2e-3) and case.worst <= power.min() * (1 + 1e-9)
+        assert case.certified <= case.worst and case.gap < 0.05
+        assert set(case.corner) == set(names)
+        deviations = np.array([case.corner[name] for name in names])
+        assert deviations @ np.linalg.solve(root @ root.T, deviations) <= chi2.ppf(0.95, 3) * (1 + 1e-9)
+        box = Tolerance(stiffness=0.04, mass=0.04, capacitance=0.1)
+        assert run(transducer, FREQUENCY, **{**options, "tolerance": box}).best.worst_case.worst < 0.7 * case.worst
+
+
+def _resistor_power(k, m, c, transducer, resistance):
+    """Mean power in a resistor: (F^2/2) |w T R / ((k - m w^2 + j w b)(1 + j w R C) + j w R T^2)|^2 / R."""
+    w, coupling = 2 * np.pi * FREQUENCY, transducer.coupling
+    moving = (k - m * w**2 + 1j * w * transducer.damping) * (1 + 1j * w * resistance * c)
+    voltage = w * coupling * resistance / np.abs(moving + 1j * w * resistance * coupling**2)
+    return 0.5 * FORCE**2 * voltage**2 / resistance
 
 
 class TestBox:

@@ -1,5 +1,7 @@
 """The command, its JSON as the interface has it, its report, and what it says of bad input."""
 
+import dataclasses
+import hashlib
 import json
 import re
 import shutil
@@ -8,12 +10,11 @@ import pytest
 from diagnose_runs import campaign
 
 from piezoharvest.cli import main
+from piezoharvest.cli.diagnose_command import diagnosis_json
 from piezoharvest.description.effects import BiasCurrent, registered
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.residual_regression import hints
-from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.identify.identification import prepared
 from piezoharvest.report import write_diagnosis
+from piezoharvest.specimen import load_specimen
 
 KEYS = {
     "verdict", "effects", "alternatives", "parameters", "validation", "unexplained", "experiment",
@@ -38,7 +39,7 @@ def run(capsys, *arguments):
 
 def test_json_and_report(files, capsys):
     path, folder = files
-    status, out, err = run(capsys, path, "--json", "--report", folder / "report")
+    status, out, err = run(capsys, path, "--json", "--report", folder / "report", "--save", folder / "specimen.toml")
     assert status == 0, err
     result = json.loads(out, parse_constant=refuse)
     assert set(result) >= KEYS
@@ -56,10 +57,25 @@ def test_json_and_report(files, capsys):
         assert set(result["validation"][key]) == {"displacement", "voltage", "current"}
     assert result["validation"]["rms_after"]["voltage"] < result["validation"]["rms_before"]["voltage"]
     assert 0 <= result["unexplained"] < 0.1
-    assert result["experiment"] is None
+    assert result["experiment"] is None and result["plan"] is None and result["hints"] == []
     assert {row["name"] for row in result["scores"]} == set(registered())
     assert "scoring the effects" in err
     check_report(folder / "report")
+    check_specimen(folder / "specimen.toml", path, result)
+
+
+def check_specimen(file, path, result):
+    """The saved specimen is what was printed, with errors and source."""
+    found = load_specimen(file)
+    named = result["effects"][0]["parameters"]["current"]
+    assert found.transducer.effects == (BiasCurrent(current=named["value"]),)
+    assert found.errors["effects.bias_current.current"] == pytest.approx(named["std"], rel=1e-9)
+    for name, row in result["parameters"].items():
+        assert found.errors.get(name, 0.0) == pytest.approx(row["std"] or 0.0, rel=1e-9)
+        assert (name in found.lacking) == (not row["identifiable"])
+    assert found.source["verdict"] == "effect" and found.source["trusted"]
+    data = path.parent / found.source["files"][0]["file"]
+    assert found.source["files"][0]["sha256"] == hashlib.sha256(data.read_bytes()).hexdigest()
 
 
 def check_report(folder):
@@ -107,6 +123,6 @@ def test_report_of_what_has_no_name(tmp_path, present, library, wanted):
     assert ("Nothing is missing" in page) == (wanted == "adequate")
     assert ("Hint, not a cause" in page) == (wanted == "unexplained")
     if wanted == "unexplained":
-        problem = Problem(prepared(found.campaign, "fit"), found.campaign.transducer, found.before.offsets)
-        first = hints(problem, found.search.final)[0]
+        first = found.hints[0]
+        assert diagnosis_json(found)["hints"][0] == dataclasses.asdict(first)
         assert any(sign in first.term for sign in "²³|√")  # a stiffening is no linear function

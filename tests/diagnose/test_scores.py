@@ -12,11 +12,15 @@ from piezoharvest.description.effects import (
     BiasCurrent,
     Clipping,
     DielectricRelaxation,
+    DiodeDropError,
+    InversionLoss,
     Leakage,
     LoadError,
     Stiffening,
     registered,
 )
+from piezoharvest.description.parameters import AS_LABELLED
+from piezoharvest.description.shunts import ParallelSSHI
 from piezoharvest.diagnose.residual_tests import ResidualBlock, _burst_tests, blocks_of, failed_tests, run_tests
 from piezoharvest.diagnose.score_tests import _one_step_scores, cosine, effect_parameters, extended, scores
 from piezoharvest.diagnose.validation import spoils
@@ -206,14 +210,39 @@ def test_what_an_effect_costs_unseen_records_is_weighed_against_its_gain():
     assert spoils(1000.0, 1041.0, 400.0)
 
 
+SWITCHED = ParallelSSHI(smoothing_capacitance=1e-6, load_resistance=1e6, diode_drop=0.3, inductance=0.1, quality=5.0)
+OF_CIRCUITS = {
+    "switch_delay", "inversion_loss", "voltage_reversion", "diode_drop_error", "on_time_offset", "missed_switching",
+    "reverse_leakage", "probe_loading",
+}  # fmt: skip
+
+
+def test_effects_of_circuits_are_sought_behind_such_only(records):
+    """Not even a start of them is scored behind resistors, and the rest are as before."""
+    problem, found, scales = fitted(*records, [BiasCurrent(current=2e-9)], seed=1)
+    assert {name for name, cls in registered().items() if not any(map(cls.acts_on, scales.shunts))} == OF_CIRCUITS
+    names = {candidate.name for candidate in scores(problem, found, scales)}
+    assert "bias_current" in names
+    assert names.isdisjoint(OF_CIRCUITS)
+
+
+def test_effects_that_stand_in_for_a_label_start_at_it(records):
+    _, _, scales = fitted(*records, seed=6)
+    scales = dataclasses.replace(scales, shunts=(*scales.shunts, SWITCHED, SWITCHED))
+    assert list(InversionLoss.starts(scales)) == [InversionLoss(quality=5.0)]
+    assert list(DiodeDropError.starts(scales)) == [DiodeDropError(diode_drop=0.3)]
+
+
 @pytest.mark.parametrize("name", registered())
 def test_every_effect_says_how_it_looks_and_where_to_start(name, records):
     cls = registered()[name]
     _, _, scales = fitted(*records, seed=6)
+    scales = dataclasses.replace(scales, shunts=(*scales.shunts, SWITCHED))
     assert len(cls.looks) > 20
     assert len(cls.told_by) > 10
     assert len(cls.source) > 5
     assert cls.strength().metadata["null"] is not None
+    assert any(map(cls.acts_on, scales.shunts))
     starts = list(cls.starts(dataclasses.replace(scales, peaks={c: (1.0,) for c in scales.channels})))
     assert starts
     assert all(isinstance(start, cls) for start in starts)
@@ -224,11 +253,15 @@ def test_an_effect_at_its_null_changes_nothing(name, records):
     data, transducer = records
     cls = registered()[name]
     _, _, scales = fitted(*records, seed=6)
-    scales = dataclasses.replace(scales, peaks={c: (1e9,) for c in scales.channels})
+    shunts = (*scales.shunts, SWITCHED)
+    scales = dataclasses.replace(scales, peaks={c: (1e9,) for c in scales.channels}, shunts=shunts)
     bare = values(transducer, data[0], ())
     for start in cls.starts(scales):
         strength = cls.strength()
         null = strength.metadata["null"]
+        if null == AS_LABELLED:
+            assert any(getattr(shunt, strength.name, None) == getattr(start, strength.name) for shunt in scales.shunts)
+            continue
         near = getattr(start, strength.name) * 1e-6 if null == 0 else max(getattr(start, strength.name), 1e15)
         effect = dataclasses.replace(start, **{strength.name: near})
         assert np.abs(values(transducer, data[0], (effect,)) / bare - 1.0).max() < 1e-5

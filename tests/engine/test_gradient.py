@@ -26,16 +26,16 @@ CIRCUITS = {
         "kind": "negative_capacitance", "capacitance": 20e-9, "resistance": 1e5, "topology": "parallel",
     },
     "rectifier": {"kind": "rectifier", **SMOOTH, "diode_drop": 0.3},
-    "rectifier without drop": {"kind": "rectifier", **SMOOTH},
+    "rectifier without drop": {"kind": "rectifier", **SMOOTH, "diode_leakage": 1e-7},
     "rectifier dc": {"kind": "rectifier", "dc_voltage": 3.0, "diode_drop": 0.3},
     "p-sshi": PARALLEL,
-    "p-sshi late": {**PARALLEL, "phase_lag": 0.1, "diode_drop": 0.2, "on_time_error": 0.1},
+    "p-sshi late": {**PARALLEL, "phase_lag": 0.1, "diode_drop": 0.2, "on_time_error": 0.1, "diode_leakage": 1e-7},
     "p-sshi early": {**PARALLEL, "phase_lag": -0.1, "on_time_error": -0.1},
     "p-sshi time lag": {**PARALLEL, "time_lag": 2e-4},
     "p-sshi dc": {"kind": "parallel_sshi", **COIL, "dc_voltage": 3.0, "diode_drop": 0.2},
     "p-sshi flip time": {"kind": "parallel_sshi", "flip_time": 2e-4, "quality": 5.0, **SMOOTH},
     "s-sshi": SERIES,
-    "s-sshi late": {**SERIES, "phase_lag": 0.1, "diode_drop": 0.1},
+    "s-sshi late": {**SERIES, "phase_lag": 0.1, "diode_drop": 0.1, "dc_leakage": 1e-7},
     "s-sshi early": {**SERIES, "phase_lag": -0.1, "on_time_error": -0.1},
     "sece": {"kind": "sece", "efficiency": 0.8, "diode_drop": 0.2},
     "sece late": {"kind": "sece", "phase_lag": 0.1},
@@ -113,7 +113,9 @@ def difference(system, excitation, path, value, wide=False):
     """
     home, _, rest = path.partition(".")
     bounds = metadata(excitation if home == "excitation" else getattr(system, home), rest)
-    h = 1e-5 * abs(value) if value else {"time_lag": 3e-8, "offset": 1e-6, "diode_drop": 1e-5}.get(rest, 1e-5)
+    # A conductance is felt beside that of a load, some 1e-5 S.
+    at_zero = {"time_lag": 3e-8, "offset": 1e-6, "diode_leakage": 1e-8, "dc_leakage": 1e-8}
+    h = 1e-5 * abs(value) if value else at_zero.get(rest, 1e-5)
     kinked = system.shunt.kind in ("sece", "ssds") and rest in ("phase_lag", "time_lag")
     lags = [getattr(system.shunt, name, 0.0) for name in ("phase_lag", "time_lag")]
     side = 0.0
@@ -137,6 +139,8 @@ def check_all(system, excitation, relative=2e-5):
     assert [getattr(found, name) for name in RESULTS] == pytest.approx(values, rel=1e-9, abs=1e-18)
     wrong = []
     for k, (path, value) in enumerate(zip(found.quantities, found.values, strict=True)):
+        if path == "shunt.diode_leakage" and value == 0.0 and system.transducer.hysteresis:
+            continue  # a corner: while the bridge blocks, stops rest at their thresholds, and the least leak turns them
         ours = np.array([found.by[name][k] for name in RESULTS])
         sizes = np.abs(values) / (abs(value) or {"shunt.time_lag": 3e-3}.get(path, 1.0))
         for wide in (False, True):
@@ -204,6 +208,7 @@ UNITS = {
     "thresholds": (0, 0, 1, 1), "weights": (1, 2, -4, -2), "frequency": (0, 0, -1, 0), "time_lag": (0, 0, 1, 0),
     "flip_time": (0, 0, 1, 0), "time_constant": (0, 0, 1, 0), "source_voltage": (1, 2, -3, -1),
     "dc_voltage": (1, 2, -3, -1), "diode_drop": (1, 2, -3, -1), "force_participation": (0, 0, 0, 0),
+    "diode_leakage": (-1, -2, 3, 2), "dc_leakage": (-1, -2, 3, 2), "detector_threshold": (1, 2, -3, -1),
     "phase_lag": (0, 0, 0, 0), "quality": (0, 0, 0, 0), "efficiency": (0, 0, 0, 0), "on_time_error": (0, 0, 0, 0),
 }  # fmt: skip
 RESULT_UNITS = {

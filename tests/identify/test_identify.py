@@ -165,11 +165,12 @@ def test_nothing_to_fit_is_an_error(tmp_path):
         identify(load_campaign(path))
 
 
-def test_a_shunt_that_is_no_linear_circuit_is_an_error(tmp_path):
+def test_an_imposed_displacement_behind_diodes_is_an_error(tmp_path):
     path, _ = campaign_file(tmp_path, 1)
-    text = path.read_text().replace("load_resistance = 51430.0", 'shunt = { kind = "rectifier", dc_voltage = 1.0 }')
-    path.write_text(text)
-    with pytest.raises(CampaignError, match=r"records\.1\.shunt: found 'rectifier', but a record"):
+    shunt = 'shunt = { kind = "rectifier", dc_voltage = 1.0 }'
+    text = path.read_text().replace("load_resistance = 51430.0", shunt)
+    path.write_text(text.replace('drive = "force"', 'drive = "displacement"'))
+    with pytest.raises(CampaignError, match=r"records\.1\.drive: found 'displacement' for a record behind rectifier"):
         identify(load_campaign(path))
 
 

@@ -9,6 +9,8 @@ import pytest
 from identify.identify_runs import STACK, campaign_file
 
 from piezoharvest.cli import main
+from piezoharvest.specimen import load_specimen
+from piezoharvest.specimen.draws import drawn
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +27,8 @@ def answer(campaign, tmp_path_factory):
     out, err = io.StringIO(), io.StringIO()
     report = tmp_path_factory.mktemp("report") / "page"
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        status = main(["identify", str(campaign), "--json", "--report", str(report)])
+        saved = str(report.parent / "specimen.toml")
+        status = main(["identify", str(campaign), "--json", "--report", str(report), "--save", saved])
     return status, json.loads(out.getvalue()), err.getvalue(), report
 
 
@@ -53,6 +56,26 @@ def test_json_is_as_the_interface_says(answer):
         assert quality["rms"].keys() == quality["noise"].keys() == {"displacement", "voltage", "current"}
     assert [record["role"] for record in found["records"]] == ["fit", "fit", "fit", "validate"]
     assert "iteration 1" in err
+
+
+def test_a_saved_specimen_is_what_was_printed(answer):
+    """With hysteresis; the JSON is read by the same reader, without correlations."""
+    _, found, _, report = answer
+    specimen = load_specimen(report.parent / "specimen.toml")
+    rows = {name: row for name, row in found["parameters"].items() if row["std"] is not None}
+    assert specimen.errors == pytest.approx({name: row["std"] for name, row in rows.items()}, rel=1e-9)
+    assert specimen.values == pytest.approx({name: row["value"] for name, row in rows.items()}, rel=1e-12)
+    assert set(specimen.lacking) == {name for name, row in found["parameters"].items() if not row["identifiable"]}
+    (report.parent / "printed.json").write_text(json.dumps(found))
+    printed = load_specimen(report.parent / "printed.json")
+    assert printed.errors == pytest.approx(specimen.errors, rel=1e-9)
+    batch = drawn(specimen, 200, seed=1)
+    assert batch.hysteresis is not None and len(batch.hysteresis.weights) == len(STACK["hysteresis"]["weights"])
+
+
+def test_a_specimen_that_cannot_be_written_is_told_before_the_work(campaign, tmp_path, capsys):
+    assert main(["identify", str(campaign), "--save", str(tmp_path / "specimen.json")]) == 2
+    assert "allowed are names ending in .toml" in capsys.readouterr().err
 
 
 def test_report_stands_alone(answer):
@@ -89,7 +112,11 @@ def _edited(campaign, tmp_path, old, new):
     [
         ('drive = "force"', 'drive = "temperature"', r"campaign\.toml: records\.0\.drive: "),
         ("stiffness = ", "stiffness = -", r"campaign\.toml: transducer\.stiffness: found -"),
-        ("load_resistance = 51430.0", 'shunt = { kind = "sece" }', r"records\.1\.shunt: found 'sece'"),
+        (
+            "load_resistance = 51430.0",
+            'shunt = { kind = "sece", fit = ["quality"] }',
+            r"records\.1\.shunt\.fit: found 'quality'",
+        ),
         ('unit = "V"', 'unit = "kg"', r"campaign\.toml: channels\.voltage\.unit: found 'kg'"),
         ('role = "fit"', 'role = "validate"', r"campaign\.toml: records: no record has role ="),
         ("02_", "92_", r"92_.*: "),

@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from piezoharvest.bench.effects import registered as bench_effects
 from piezoharvest.bench.solver import CIRCUITS, Model, integrate
 from piezoharvest.description.effects import registered
+from piezoharvest.description.effects.electrical.dielectric_relaxation import DielectricRelaxation
 from piezoharvest.description.effects.sensing.channel_skew import ChannelSkew
 from piezoharvest.description.effects.sensing.displacement_lag import DisplacementLag
 from piezoharvest.description.transducer import Transducer
@@ -60,6 +61,19 @@ def test_a_circuit_with_states_agrees_with_the_bench():
     truth = waves(STACK, SINE, shunt, np.arange(6001) / 2000.0)
     found, _ = predicted(build_transducer(STACK), "force", truth.sensed("force"), shunt, step=5e-4)
     _agree(found, truth, ("displacement", "voltage", "current"))
+
+
+def test_columns_grow_with_need():
+    """Sixty equal branches beside the capacitance are one that is sixty times as large."""
+    device, force = build_transducer(LINEAR), 400.0 * np.sin(2 * np.pi * 2.0 * np.arange(500) / 1000.0)
+
+    def seen(count):
+        branch = DielectricRelaxation(capacitance=5e-7 / count, time_constant=0.05)
+        return predicted(replace(device, effects=(branch,) * count), "force", force)[0]["voltage"]
+
+    one = seen(1)
+    assert np.abs(one).max() > 0.1
+    assert np.abs(seen(60) - one).max() < 1e-9 * np.abs(one).max()
 
 
 def _agree(found, truth, channels, tolerance=1e-4):

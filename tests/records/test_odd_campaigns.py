@@ -161,7 +161,7 @@ class TestSizes:
         with pytest.raises(
             StudyError, match=r"transducer: the records cannot be computed with these nominal values \(.*\), check"
         ):
-            on_campaign(tmp_path / "campaign.toml", None, run)
+            on_campaign(tmp_path / "campaign.toml", None, None, run)
 
     @pytest.mark.parametrize("key", ["gain", "offset", "sigma"])
     def test_channels(self, tmp_path, key):

@@ -14,6 +14,7 @@ import pytest
 import tomli_w
 from bench_runs import LOAD, SINE, STACK, study, tables
 from messages import is_sentence
+from studies import BENCH, DRIVE
 
 import piezoharvest.bench.writing as writing
 from piezoharvest.bench import measure, write_campaign
@@ -97,6 +98,44 @@ def test_the_truth_is_told_on_request_only(run, tmp_path):
         assert 0 < abs(getattr(nominal, key) / getattr(true, key) - 1) < 0.5
     assert run(tables(duration=0.5, effects=effects, nominal_error=0.1, truth=True))[0] == 0
     assert json.loads((tmp_path / "out" / "truth.json").read_text())["effects"] == effects
+
+
+def test_channels_of_a_circuit(run, tmp_path):
+    """Those that it has; the shunt's table is what its label says, whatever is wrong with it."""
+    bridge = {"kind": "parallel_sshi", "inductance": 0.1, "quality": 5.0, "smoothing_capacitance": 1e-6}
+    names = ["displacement", "velocity", "acceleration", "voltage", "dc_voltage", "dc_current", "gate"]
+    bench = {
+        "sample_rate": 20000.0, "duration": 0.12, "channels": names, "effects": {"inversion_loss": {"quality": 3.0}},
+        "converter": {"bits": 32, "range": 100.0}, "truth": True,
+        "records": [{"shunt": {**bridge, "load_resistance": 1e6}}, {"load_resistance": 8e4}],
+    }  # fmt: skip
+    for device in ("laser", "buffer", "vibrometer", "moving_accelerometer", "dc_meter", "dc_sense"):
+        bench[device] = {"noise": 0.0}
+    bench["laser"]["resolution"] = 0.0
+    assert run(tables(DRIVE, LOAD, BENCH, **bench))[0] == 0
+    table = tomllib.loads((tmp_path / "out" / "campaign.toml").read_text())
+    assert set(table["channels"]) == {"force", *names}
+    assert table["channels"]["gate"] == {"column": "gate"}
+    assert table["channels"]["acceleration"]["column"] == "acceleration_m_s2"
+    first, second = table["records"]
+    assert first["shunt"]["quality"] == 5.0
+    truth = json.loads((tmp_path / "out" / "truth.json").read_text())
+    assert truth["records"][0]["shunt"]["quality"] == 3.0
+    files = [tmp_path / "out" / record["file"] for record in (first, second)]
+    switched, resistor = (np.genfromtxt(path, delimiter=",", names=True) for path in files)
+    assert set(resistor.dtype.names) == {
+        "time_s", "force_N", "displacement_m", "voltage_V", "velocity_m_s", "acceleration_m_s2",
+    }  # fmt: skip
+    step = 1.0 / 20000.0
+    for rate, value in (("velocity_m_s", "displacement_m"), ("acceleration_m_s2", "velocity_m_s")):
+        central = (resistor[value][2:] - resistor[value][:-2]) / (2 * step)
+        assert central == pytest.approx(resistor[rate][1:-1], abs=1e-3 * np.abs(resistor[rate]).max())
+    assert switched["dc_current_A"] == pytest.approx(switched["dc_voltage_V"] / 1e6, abs=1e-9)
+    # The switch closes where the velocity crosses zero.
+    closing = np.flatnonzero(np.diff(switched["gate"]) > 0)
+    assert len(closing) > 8
+    assert np.all(switched["velocity_m_s"][closing] * switched["velocity_m_s"][closing + 1] <= 0)
+    assert set(switched["gate"]) == {0.0, 1.0}
 
 
 def test_nominal_errors_have_the_spread_that_was_asked_for():
@@ -191,9 +230,9 @@ WRONG = {
     "twice": ({"records": [{"load_resistance": 1e4, "shunt": LOAD}]}, f"{RECORD}.shunt: load_resistance is given too"),
     "role": ({"records": [{"role": "test"}]}, f"{RECORD}.role: found 'test', allowed is 'fit' or 'validate'"),
     "kind": ({"records": [{"excitation": {"kind": "sine"}}]}, f"{RECORD}.excitation.kind: found 'sine'"),
-    "sshi": (
-        {"records": [{"shunt": {"kind": "sece"}}]},
-        f"{RECORD}.kind: found 'sece', which the bench has no circuit for, allowed are open, short, resistor, ",
+    "network": (
+        {"records": [{"shunt": {"kind": "network", "netlist": "R1 1 0 1k"}}]},
+        f"{RECORD}.kind: found 'network', which the bench has no circuit for, allowed are open, short, resistor, ",
     ),
     "small": ({"records": [{"load_resistance": 50.0}]}, f"{RECORD}.resistance: found 50 ohm, allowed is at least "),
 }  # fmt: skip

@@ -1,5 +1,7 @@
 """Every effect of the bench: absent at its null value, and at a large one as its closed form says."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from bench_runs import HOLD, LINEAR, LOAD, OPEN, SHORT, SINE, C, K, T, error, study, waves
@@ -7,8 +9,9 @@ from selection import with_slow
 
 from piezoharvest.bench import measure
 from piezoharvest.bench.effects import registered
+from piezoharvest.bench.solver import CIRCUITS, Model, integrate
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.study import StudyError, build
+from piezoharvest.study import StudyError, build, build_excitation, build_shunt, build_transducer
 
 FORCE = HOLD["amplitude"]
 FREE = FORCE / K  # displacement of the shorted stack
@@ -16,6 +19,10 @@ SOFT = C + T * T / K  # capacitance of the free stack
 SETTLING = LINEAR["damping"] / K  # by which its displacement is later than the force, s
 QUIET = {"load_cell": {"noise": 0}, "laser": {"noise": 0, "resolution": 0}, "buffer": {"noise": 0}}
 QUIET |= {"current_sense": {"noise": 0}, "converter": {"bits": 32}}
+SWITCHED = {
+    "kind": "parallel_sshi", "inductance": 0.01, "quality": 5.0, "diode_drop": 0.3, "smoothing_capacitance": 1e-5,
+    "load_resistance": 1e5,
+}  # fmt: skip
 NULL = {
     "leakage": {"resistance": 1e18},
     "dielectric_relaxation": {"capacitance": 0.0, "time_constant": 0.1},
@@ -32,7 +39,23 @@ NULL = {
     "clipping": {"limit": 1e9, "channel": "force"},
     "mains_hum": {"amplitude": 0.0, "frequency": 50.0, "channel": "voltage"},
     "load_error": {"relative_error": 0.0},
+    "switch_delay": {"time_lag": 0.0},
+    "inversion_loss": {"quality": SWITCHED["quality"]},
+    "voltage_reversion": {"share": 0.0, "time_constant": 1e-3},
+    "diode_drop_error": {"diode_drop": SWITCHED["diode_drop"]},
+    "on_time_offset": {"on_time_error": 0.0},
+    "missed_switching": {"threshold": 0.0},
+    "reverse_leakage": {"conductance": 0.0},
+    "probe_loading": {"resistance": 1e18, "capacitance": 0.0, "place": "leads"},
 }
+OF_CIRCUITS = (
+    "switch_delay",
+    "inversion_loss",
+    "diode_drop_error",
+    "on_time_offset",
+    "missed_switching",
+    "reverse_leakage",
+)
 # The smallest values that still do something: near them the equations must not lose precision.
 TINY = {
     "voltage_dependent_capacitance": {"beta": 1e-15},
@@ -54,7 +77,9 @@ def test_the_vocabulary_is_complete():
     for name, cls in registered().items():
         assert cls.__doc__
         fields = {field: cls.__dataclass_fields__[field].metadata for field in NULL[name]}
-        assert all("unit" in meta and meta["doc"] for field, meta in fields.items() if field != "channel")
+        assert all(
+            "unit" in meta and meta["doc"] for field, meta in fields.items() if field not in ("channel", "place")
+        )
 
 
 @pytest.mark.parametrize("name", NULL)
@@ -67,6 +92,39 @@ def test_null_value_changes_nothing(name):
     plain, found = (measure(study(effects=effects, **quiet)).records[0].columns for effects in ({}, {name: NULL[name]}))
     for column, values in plain.items():
         assert error(found[column], values) < 1e-8
+
+
+@pytest.mark.parametrize("name", OF_CIRCUITS)
+def test_null_value_changes_no_circuit(name):
+    circuit = build_shunt(SWITCHED)
+    assert build(registered()[name], NULL[name], name).connect(circuit) == circuit
+
+
+def test_voltage_falls_back_after_a_sudden_change():
+    """By the share, with the time constant, at open electrodes that the stack hardly moves."""
+    stiff = {**LINEAR, "coupling": 1e-3}
+    effects = {"voltage_reversion": {"share": 0.2, "time_constant": 0.05}}
+    found = waves(HOLD, OPEN, stiff, effects=effects)
+    wanted = -1e-3 * FREE / C * (1.0 - 0.2 * (1.0 - np.exp(-found.time[5:] / 0.05)))
+    assert error(found.voltage[5:], wanted) < 1e-4
+
+
+def test_probe_at_the_leads_is_a_resistance_and_a_capacitance():
+    found = waves(HOLD, OPEN, LINEAR, effects={"probe_loading": {"resistance": 1e5, "capacitance": 1e-6}})
+    wanted = -T * FREE / (SOFT + 1e-6) * np.exp(-found.time[5:] / (1e5 * (SOFT + 1e-6)))
+    assert error(found.voltage[5:], wanted) < 1e-4
+
+
+def test_probe_at_the_dc_side_discharges_the_smoothing_capacitor():
+    """Held: the bridge has charged it once, and the load and the probe discharge it, until it conducts again."""
+    keys = {"resistance": 1e5, "capacitance": 1e-6, "place": "dc"}
+    probe = build(registered()["probe_loading"], keys, "probe_loading")
+    bridge = build_shunt({"kind": "rectifier", "smoothing_capacitance": 1e-6, "load_resistance": 1e5})
+    model = Model(build_transducer(LINEAR), CIRCUITS["rectifier"](probe.connect(bridge)), base=False)
+    time = np.arange(60) / 1000.0
+    dc = integrate(model, build_excitation(HOLD, Path()), time).dc_voltage
+    assert dc[0] == 0.0
+    assert error(dc[20:], dc[20] * np.exp(-(time[20:] - time[20]) / (0.5e5 * 2e-6))) < 1e-6
 
 
 @pytest.mark.parametrize("name", with_slow(TINY, slow=lambda name: name == "displacement_lag"))

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.reference import simulate as reference
 from scipy.integrate import simpson, solve_ivp
+from selection import with_slow
 from studies import BENCH, DRIVE, SECOND, STOPS
 
 import piezoharvest.bench
@@ -31,10 +32,20 @@ SHUNTS = {
     "rectifier": {"kind": "rectifier", "smoothing_capacitance": 1e-6, "load_resistance": 1e5, "diode_drop": 0.3},
     "rectifier dc": {"kind": "rectifier", "dc_voltage": 2.0},
 }
+LOOP = {"inductance": 0.1, "quality": 5.0}
+SMOOTHED = {"smoothing_capacitance": 1e-7, "load_resistance": 1e6}
+SWITCHED = {
+    "parallel_sshi": {"kind": "parallel_sshi", **SMOOTHED, **LOOP, "phase_lag": 0.2, "on_time_error": 0.2},
+    "series_sshi": {"kind": "series_sshi", **SMOOTHED, **LOOP, "on_time_error": 0.4, "phase_lag": 0.1},
+    "ssdi": {"kind": "ssdi", **LOOP, "on_time_error": 0.3},
+    "ssdv": {"kind": "ssdv", **LOOP, "source_voltage": 1.0, "phase_lag": -0.1},
+    "sece": {"kind": "sece", "phase_lag": 0.2},
+    "ssds": {"kind": "ssds", "hold_off": 0.015},
+}
 
 
-def check(excitation, shunt, transducer, length, tolerance=PROMISED, **oracle):
-    found = waves(excitation, shunt, transducer, length=length)
+def check(excitation, shunt, transducer, length, tolerance=PROMISED, rate=1000.0, **oracle):
+    found = waves(excitation, shunt, transducer, length=length, rate=rate)
     study = {"transducer": transducer, "excitation": excitation, "shunts": [shunt]}
     wanted = reference(study, 0, duration=length, times=found.time, **oracle)
     # What is zero by nature (the voltage of a short) is so to rounding.
@@ -43,7 +54,7 @@ def check(excitation, shunt, transducer, length, tolerance=PROMISED, **oracle):
     assert error(found.displacement, wanted.x) < tolerance
     assert error(found.velocity[1:], wanted.u[1:]) < 10 * tolerance
     assert error(found.voltage, wanted.v, floor) < tolerance
-    if shunt["kind"] == "open":
+    if shunt["kind"] in ("open", "sece", "ssds"):
         assert not found.current.any()
     else:
         assert error(found.current[1:], wanted.i[1:]) < 10 * tolerance
@@ -57,6 +68,24 @@ def check(excitation, shunt, transducer, length, tolerance=PROMISED, **oracle):
 @pytest.mark.parametrize("shunt", SHUNTS)
 def test_cantilever_against_the_oracle(shunt, hysteresis):
     check(DRIVE, SHUNTS[shunt], {**BENCH, **hysteresis}, 0.2)
+
+
+@pytest.mark.parametrize("kind", with_slow(SWITCHED, slow=lambda kind: kind not in ("parallel_sshi", "sece")))
+def test_switched_circuits_against_the_oracle(kind):
+    """Late, early, closed for too long, with extrema left out; from rest, with hysteresis, samples within flips."""
+    found, _ = check(DRIVE, SWITCHED[kind], {**BENCH, "hysteresis": STOPS}, 0.05, rate=10000.0)
+    assert len(found.pulses) == 3 if kind == "ssds" else len(found.pulses) >= 4
+
+
+def test_a_gate_misses_no_pulse_that_is_shorter_than_a_sample():
+    found = waves(DRIVE, SWITCHED["ssdi"], BENCH, length=0.1, rate=500.0)
+    edges = np.flatnonzero(np.diff(found.gate) > 0) + 1
+    assert len(edges) == len(found.pulses)
+    for edge, (closed, opened) in zip(edges, found.pulses, strict=True):
+        assert found.time[edge - 1] < closed <= found.time[edge]
+        assert opened - closed < 0.002
+    assert set(found.gate) == {0.0, 1.0}
+    assert np.isnan(waves(DRIVE, SHUNTS["resistor"], BENCH, length=0.01).gate).all()
 
 
 @pytest.mark.parametrize(

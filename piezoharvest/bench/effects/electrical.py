@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from piezoharvest.bench.effects.base import BenchEffect
-from piezoharvest.description.parameters import quantity
+from piezoharvest.description.parameters import ParameterError, quantity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +64,10 @@ class VoltageDependentCapacitance(BenchEffect):
     def act(self, model, duration):
         if not self.beta:
             return
+        if model.beside:
+            raise ParameterError(
+                "beta", "the capacitance of probe_loading is given too, but only one of the two may be"
+            )
         capacitance, half = model.transducer.capacitance, 1.0 / np.sqrt(3.0 * abs(self.beta))
         there, back = (np.arcsinh, np.sinh) if self.beta > 0 else (np.arcsin, np.sin)
 

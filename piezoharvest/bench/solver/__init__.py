@@ -7,8 +7,11 @@ what DOP853 at 1e-12 gives, velocity and current within 1e-6. `scipy.integrate.R
 record of the paper's stack, and more where it has to restart at events.
 """
 
-from piezoharvest.bench.solver.circuits import CIRCUITS
+from piezoharvest.bench.solver.circuits import UNSWITCHED
 from piezoharvest.bench.solver.model import Model, SolverError
 from piezoharvest.bench.solver.run import Waves, integrate
+from piezoharvest.bench.solver.switched import SWITCHED
+
+CIRCUITS = UNSWITCHED | SWITCHED
 
 __all__ = ["CIRCUITS", "Model", "SolverError", "Waves", "integrate"]

@@ -8,10 +8,14 @@ derivative, and held when it began.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from piezoharvest.description.shunts import Shunt
+
+if TYPE_CHECKING:
+    from piezoharvest.bench.solver.switched import Switch
 
 Flow = tuple[np.ndarray, Sequence[np.ndarray]]
 
@@ -26,16 +30,48 @@ class Circuit:
     guard_count : int
         Number of guards.
     branch : int
-        0, or the sign of the voltage at which a bridge conducts.
+        0, or the sign of the voltage at which a bridge conducts, and whether a switch is closed.
+    surge : float
+        Peak current of its switched loop per volt, A/V.
+    switch : Switch or None
+        Its timing, if it has one.
     """
 
     storage: tuple[float, ...] = ()
     guard_count = 0
     branch = 0
+    surge = 0.0
+    switch: Switch | None = None
 
     def __init__(self, shunt: Shunt) -> None:
         # Every key of the shunt's table as an attribute of that name.
         self.__dict__.update(vars(shunt))
+
+    def meet(self, capacitance: float) -> None:
+        """Set what depends on the transducer's clamped capacitance (F)."""
+
+    def driven(self, period: float | None) -> None:
+        """Set what depends on the period of the excitation (s), if it has one."""
+
+    def act(self, z: np.ndarray) -> bool:
+        """Carry out what is due of a switch; True if the electrodes are to be discharged at once."""
+        return False
+
+    def dc(self, z: np.ndarray) -> np.ndarray | None:
+        """Voltage behind a bridge, V; None where there is none."""
+        return None
+
+    def dc_current(self, z: np.ndarray, v: np.ndarray, i: np.ndarray) -> np.ndarray | None:
+        """Current into the load behind a bridge, A; None where there is none."""
+        return None
+
+    @property
+    def conducting(self) -> int:
+        """Sign of the voltage at which a bridge conducts, 0 where it blocks: its guards are a current, or voltages."""
+        return self.branch
+
+    def blocked(self, z: np.ndarray) -> None:
+        """Change the states after a guard has crossed zero."""
 
     def flow(self, z: np.ndarray, v: np.ndarray, free: np.ndarray, elastance: np.ndarray) -> Flow:
         """Load current (A) and the rates of the circuit's states."""
@@ -162,12 +198,17 @@ class CurrentBlocking(Circuit):
 
 
 class Rectifier(Circuit):
-    """Bridge into a smoothing capacitor (whose voltage is the state) with its load, or into a constant voltage."""
+    """Bridge into a smoothing capacitor (whose voltage is the last state) with its load, or into a constant voltage.
+
+    A conductance beside each diode is one across the leads and one across the dc side.
+    """
 
     smoothing_capacitance: float | None
     load_resistance: float | None
     dc_voltage: float | None
     diode_drop: float
+    diode_leakage: float
+    dc_leakage: float
     guard_count = 2
 
     def __init__(self, shunt):
@@ -176,28 +217,46 @@ class Rectifier(Circuit):
         self.charging = 0.0 if self.smoothing_capacitance is None else 1.0 / self.smoothing_capacitance
         self.conductance = 0.0 if self.load_resistance is None else 1.0 / self.load_resistance
 
-    def _dc(self, z: np.ndarray) -> np.ndarray:
-        return z[0] if self.dc_voltage is None else self.dc_voltage + 0.0 * z.sum(axis=0)
+    def dc(self, z):
+        return z[-1] if self.dc_voltage is None else self.dc_voltage + 0.0 * z.sum(axis=0)
+
+    def dc_current(self, z, v, i):
+        if self.load_resistance is not None:
+            return self.conductance * self.dc(z)
+        return self.conducting * (i - self.diode_leakage * v)
+
+    def dc_rates(self, z, rectified):
+        """Rate of the dc voltage, if it has one."""
+        if self.dc_voltage is not None:
+            return ()
+        leaks = self.conductance + self.diode_leakage + self.dc_leakage
+        return (self.charging * (rectified - leaks * self.dc(z)),)
 
     def flow(self, z, v, free, elastance):
-        fall = self.charging * self.conductance * self._dc(z)
-        i = (free + self.branch * fall) / (elastance + self.charging) if self.branch else 0.0 * v
-        return i, (self.charging * self.branch * i - fall,) if self.storage else ()
+        return self.bridge_flow(z, v, free, elastance, beside=0.0)
+
+    def bridge_flow(self, z, v, free, elastance, beside):
+        """Load current with a current `beside` the bridge: conducting, v changes as the dc voltage does."""
+        past, sign, through = beside + self.diode_leakage * v, self.conducting, 0.0 * v
+        if sign:
+            (rate,) = self.dc_rates(z, 0.0) or (0.0,)
+            through = (free - elastance * past - sign * rate) / (elastance + self.charging)
+        return past + through, self.dc_rates(z, sign * through)
 
     def guards(self, z, v, i):
-        if self.branch:
-            return [-self.branch * i, 0.0 * i - 1.0]
-        limit = self._dc(z) + 2.0 * self.diode_drop
+        if self.conducting:
+            return [-self.conducting * (i - self.diode_leakage * v), 0.0 * i - 1.0]
+        limit = self.dc(z) + 2.0 * self.diode_drop
         return [v - limit, -v - limit]
 
     def fire(self, guard):
         self.branch = 0 if self.branch else 1 - 2 * guard
 
     def tied(self, z):
-        return self.branch * (self._dc(z) + 2.0 * self.diode_drop) if self.branch else None
+        return self.conducting * (self.dc(z) + 2.0 * self.diode_drop) if self.conducting else None
 
 
-CIRCUITS: dict[str, type[Circuit]] = {
+UNSWITCHED: dict[str, type[Circuit]] = {
     "open": Circuit,
     "short": Short,
     "resistor": Resistor,

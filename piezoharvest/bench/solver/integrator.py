@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -68,13 +69,19 @@ class Integrator:
         self.t, self.y, self.h = float(nodes[0]), rest(model, drive.rest), float(lengths.max())
         typical = np.abs(self.drives).max() * float(np.abs(model.gain / model.stiffness**0.5).max())
         self.sizes = np.maximum(np.abs(self.y), MIN_SIZE * typical / model.scale + 1e-300)
-        # Largest values at changes of branch so far of voltage, current, and the rate of each stop's coordinate.
-        self.peaks: dict[str | int, float] = {"V": typical / math.sqrt(model.transducer.capacitance)}
+        # Largest values at changes of branch so far of voltage, current, what the switch watches, and the rate of each
+        # stop's coordinate. A current that begins at zero has its size from the voltage that drives it.
+        self.peaks: dict[str | int, float] = {
+            "V": typical / math.sqrt(model.transducer.capacitance),
+            "A": 0.01 * model.circuit.surge * typical / math.sqrt(model.transducer.capacitance),
+            "S": typical * float(np.abs(model.coupling / model.mass**0.5).max()),
+        }
         self.least, self.resolution = 1e-12 * float(lengths.min()), 1e-9 * float(lengths.min())
         self.stepper = Stepper(model, self.sizes, 1e-10 * float(lengths.min()))
         self.states = np.empty((len(nodes), len(self.y)))
         self.branches: list[tuple[int, tuple]] = []
         self.steps = self.events = 0
+        self.kept = False  # whether steps of the next one's length are likely to be repeated
         self.trials = MAX_TRIALS + TRIALS_PER_INTERVAL * len(self.drives)
 
     def run(self) -> None:
@@ -100,17 +107,44 @@ class Integrator:
             if self.trials <= 0:
                 most = MAX_TRIALS + TRIALS_PER_INTERVAL * len(self.drives)
                 raise SolverError(f"more than {most} steps, on the way to {end:.9g} s: too many events, or too fast")
-            self._advance(interval, end, self._length(interval, end - self.t))
+            switch = self.model.circuit.switch
+            until = min(end, switch.due) if switch else end
+            if until < end:
+                self.even = False
+            if until - self.t > self.least:
+                self._advance(interval, until, self._length(interval, until - self.t), ends=until == end)
+            else:
+                self._act(interval)
         self.t = end
 
     def _length(self, interval: int, left: float) -> float:
-        """Length of the next step: an integer fraction of the interval, or of its rest after an event."""
-        whole = float(self.drive.nodes[interval + 1] - self.drive.nodes[interval]) if self.even else left
+        """Length of the next step: a binary fraction of the interval, or of its rest after an event.
+
+        With a switch, which has many events, all that fits is a fraction of the interval, whose matrices are kept, and
+        the rest is one step.
+        """
+        if self.model.circuit.switch and not self.even and left <= self.h:
+            return left
+        binary = self.even or self.model.circuit.switch is not None
+        whole = float(self.drive.nodes[interval + 1] - self.drive.nodes[interval]) if binary else left
+        self.kept = binary
         fits = min(left, self.h) * (1.0 + 1e-6)
         return whole if whole <= fits else whole / 2 ** math.ceil(math.log2(whole / fits))
 
-    def _advance(self, interval: int, end: float, h: float) -> None:
-        """Try one step; accept it as a whole, up to its first event, or reject it."""
+    def _act(self, interval: int) -> None:
+        """Let the switch act at this instant."""
+        self.events += 1
+        model = self.model
+        if model.circuit.act(self.y[model.own_rows.stop :]):
+            model.discharge(self.t, self.y)
+        model.tie(self.t, self.y)
+        self._enter(interval + 1)
+
+    def _advance(self, interval: int, end: float, h: float, *, ends: bool) -> None:
+        """Try one step; accept it as a whole, up to its first event, or reject it.
+
+        The last step goes up to `end`, which `ends` the interval or is an instant within it.
+        """
         trial = self._try(interval, h)
         error = float((np.abs(trial[1]) / self.sizes).max()) / TOLERANCE
         if not error <= 1.0:
@@ -124,7 +158,7 @@ class Integrator:
             self.h = max(self.h, 2.0 * h)
         last = abs(end - self.t - h) <= self.least
         self.t, self.y = end if last else self.t + h, trial[0][2].copy()
-        self.force = float(self.drives[interval, 3] if last else self.drive.within(interval, self.t))
+        self.force = float(self.drives[interval, 3] if last and ends else self.drive.within(interval, self.t))
         self.stepper.accept()
         self.steps += 1
         np.maximum(self.sizes, np.abs(self.y), out=self.sizes)
@@ -136,9 +170,10 @@ class Integrator:
 
     def _try(self, interval: int, h: float) -> Trial:
         self.trials -= 1
+        keep, self.kept = self.kept, False
         whole = self.even and h == self.drive.nodes[interval + 1] - self.drive.nodes[interval]
         drives = self.drives[interval] if whole else self.drive.within(interval, self.t + h * _STAGES)
-        return self.stepper.step(self.t, h, self.y, drives, keep=self.even)
+        return self.stepper.step(self.t, h, self.y, drives, keep=keep)
 
     def _shorten(self, h: float, error: float) -> None:
         """Recompute an outdated tangent, or else shorten the step according to an error of fourth order."""
@@ -184,8 +219,14 @@ class Integrator:
         """Change the branch of the crossed guard; stops of the same coordinate reverse together."""
         self.events += 1
         own = self.model.circuit.guard_count
+        timing = own + 2 * len(self.model.all_stops)
+        if guard >= timing:
+            assert self.model.circuit.switch is not None
+            self.model.circuit.switch.turn(guard - timing, self.t, self._moment().v[0])
+            return
         if guard < own:
             self.model.circuit.fire(guard)
+            self.model.circuit.blocked(self.y[self.model.own_rows.stop :])
             self.model.tie(self.t, self.y)
             return
         stop = self.model.all_stops[(guard - own) // 2]
@@ -198,12 +239,27 @@ class Integrator:
         model = self.model
         self.branches.append((node, model.branches))
         self.stepper.enter(self.t, self.force, self.y)
-        m = model.moment(np.array([self.t]), np.array([self.force]), self.y[:, None], np.empty((len(self.y), 1)))
-        for key, value in [("V", m.v), ("A", m.i), *((stop.row, m.rates[stop.row]) for stop in model.all_stops)]:
+        m, switch = self._moment(), model.circuit.switch
+        for key, value in [
+            ("V", m.v),
+            ("A", m.i),
+            ("S", m.turning),
+            *((stop.row, m.rates[stop.row]) for stop in model.all_stops),
+        ]:
             self.peaks[key] = max(self.peaks.get(key, 1e-300), abs(float(value[0])))
-        of_circuit = self.peaks["A" if model.circuit.branch else "V"]
+        of_circuit = self.peaks["A" if model.circuit.conducting else "V"]
         of_stops = [self.peaks[stop.row] if stop.side else stop.threshold for stop in model.all_stops]
         self.guard_sizes = np.array(
-            [of_circuit] * model.circuit.guard_count + [size for size in of_stops for _ in "12"]
+            [of_circuit] * model.circuit.guard_count
+            + [size for size in of_stops for _ in "12"]
+            + ([self.peaks["S"]] * 2 if switch else [])
         )
-        self.stepper.allow(SLACK * self.guard_sizes)
+        slack = SLACK * self.guard_sizes
+        if switch:  # an extremum just passed, or not quite, is not the next one
+            slack[-2:] = np.maximum(slack[-2:], [float(np.squeeze(each)) for each in switch.guards(m.turning)])
+        self.stepper.allow(slack)
+
+    def _moment(self) -> SimpleNamespace:
+        """All quantities at this instant."""
+        y = self.y[:, None]
+        return self.model.moment(np.array([self.t]), np.array([self.force]), y, np.empty_like(y))

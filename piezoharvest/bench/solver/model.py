@@ -22,6 +22,11 @@ from piezoharvest.description.transducer import Transducer
 Term = Callable[[SimpleNamespace], np.ndarray]
 
 
+# Moves of charge in a discharge: one for each stop that sticks or slips, and a few of Newton's; share of the voltage
+# that counts as zero.
+MAX_MOVES, ZERO_VOLTAGE = 200, 1e-14
+
+
 class SolverError(RuntimeError):
     """The equations could not be solved; the message states when and why."""
 
@@ -55,6 +60,8 @@ class Model:
         States that are charges beside q_c, C.
     dielectric : callable
         v_t and dv_t/dq_c from q_c.
+    beside : float
+        Capacitance beside the clamped one, of a linear dielectric only, F.
     coupling_rate : float
         Relative change of T in 1/s.
     quadratic_coupling : float
@@ -70,6 +77,7 @@ class Model:
     def __init__(self, transducer: Transducer, circuit: Circuit, *, base: bool) -> None:
         modes = transducer.all_modes
         self.transducer, self.circuit, self.base = transducer, circuit, base
+        circuit.meet(transducer.capacitance)
         self.count = n = len(modes)
 
         def column(key: str) -> np.ndarray:
@@ -91,7 +99,8 @@ class Model:
         self.slow_charges: list[int] = []
         self.own_rates: list[Term] = []
         self.at_rest: list[Term] = []
-        self.dielectric = lambda charge: (charge / transducer.capacitance, 1.0 / transducer.capacitance + 0.0 * charge)
+        self.dielectric = self.linear_dielectric
+        self.beside = 0.0
         self.coupling_rate = self.quadratic_coupling = 0.0
         self.sensed: Term = self.displacement
         self.reading: int | None = None
@@ -153,6 +162,7 @@ class Model:
         m.v, m.elastance = m.v_t + slope * m.q + level, softness + slope
         for row, rate in enumerate(self.own_rates, own.start):
             rates[row] = rate(m)
+        m.turning = (self.coupling * m.u).sum(axis=0)  # what a switch watches
         m.drawn = sum(term(m) for term in self.drawn)
         free = -softness * (strain_current + sum(rates[row] for row in self.slow_charges)) - m.elastance * m.drawn
         m.i, circuit_rates = self.circuit.flow(y[own.stop :], m.v, free, m.elastance)
@@ -172,27 +182,66 @@ class Model:
         return (self.participation * m.x).sum(axis=0)
 
     def values(self, t: np.ndarray, drive: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Rates of the states, then guards that are below zero while the branches hold; (states + guards, instants)."""
-        n, stops = len(y), self.all_stops
-        out = np.empty((n + self.circuit.guard_count + 2 * len(stops), y.shape[1]))
+        """Rates of the states, then guards that are below zero while the branches hold; (states + guards, instants).
+
+        Guards are those of the circuit, two of each stop, and two of the switch.
+        """
+        n, stops, switch = len(y), self.all_stops, self.circuit.switch
+        out = np.empty((n + self.circuit.guard_count + 2 * len(stops) + (2 if switch else 0), y.shape[1]))
         m = self.moment(t, drive, y, out[:n])
         for row, guard in enumerate(self.circuit.guards(y[self.own_rows.stop :], m.v, m.i), n):
             out[row] = guard
         for row, stop in enumerate(stops):
             first = n + self.circuit.guard_count + 2 * row
             out[first], out[first + 1] = stop.guards(y[stop.row], out[stop.row])
+        if switch:
+            out[-2], out[-1] = switch.guards(m.turning)
         return out
 
     def signals(self, t: np.ndarray, drive: np.ndarray, y: np.ndarray) -> dict[str, np.ndarray]:
         """Measurable signals, by name, in SI units."""
-        m = self.moment(t, drive, y, np.empty_like(y))
+        m, z = self.moment(t, drive, y, np.empty_like(y)), y[self.own_rows.stop :]
+        dc, through = self.circuit.dc(z), self.circuit.dc_current(z, m.v, m.i)
         return {
+            "acceleration": (self.participation * m.rates[self.count : 2 * self.count]).sum(axis=0),
+            "dc_voltage": np.nan * t if dc is None else dc,
+            "dc_current": np.nan * t if through is None else through,
             "displacement": self.displacement(m),
             "velocity": (self.participation * m.u).sum(axis=0),
             "reading": self.sensed(m) if self.reading is None else y[self.reading],
             "voltage": m.v,
             "current": m.i,
         }
+
+    def linear_dielectric(self, charge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """v_t and dv_t/dq_c of the clamped capacitance and what stands beside it."""
+        capacitance = self.transducer.capacitance + self.beside
+        return charge / capacitance, 1.0 / capacitance + 0.0 * charge
+
+    def discharge(self, t: float, y: np.ndarray) -> None:
+        """Take the electrode voltage to zero by moving charge at once, and the stops with it.
+
+        v is a straight line of the charge until a stop slips, or nearly one with a bent dielectric (Newton's method).
+        """
+        before = None
+        for _ in range(MAX_MOVES):
+            m = self.moment(np.array([t]), np.zeros(1), y[:, None], np.empty((len(y), 1)))
+            v, elastance = float(m.v[0]), float(m.elastance[0])
+            before = before or abs(v)
+            if abs(v) <= ZERO_VOLTAGE * before:
+                return
+            direction, q = -int(np.sign(v)), float(y[self.q_row])
+            turned = [stop for stop in self.stops if stop.side == -direction]
+            for stop in turned:  # the charge reverses: they stick
+                stop.fire(0, y)
+            if turned:
+                continue
+            room = {stop: stop.threshold - direction * (q - stop.origin) for stop in self.stops if not stop.side}
+            first = min(room, key=lambda stop: room[stop], default=None)
+            move = abs(v) / elastance
+            if first is not None and room[first] < move:
+                move, first.side = max(room[first], 0.0), direction
+            y[self.q_row] += direction * move
 
     def tie(self, t: float, y: np.ndarray) -> None:
         """Set the charge of the state `y` so that a constraint that has just begun holds exactly."""

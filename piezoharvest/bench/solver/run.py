@@ -11,6 +11,11 @@ from piezoharvest.bench.solver.integrator import Integrator
 from piezoharvest.bench.solver.model import Model
 from piezoharvest.description.excitation import Excitation
 
+SIGNALS = (
+    "displacement", "velocity", "reading", "voltage", "current", "acceleration", "dc_voltage", "dc_current",
+)  # fmt: skip
+OF_THE_RUN = ("steps", "events", "pulses")  # attributes of waves that are not waveforms
+
 
 @dataclass(frozen=True, eq=False)
 class Waves:
@@ -23,9 +28,13 @@ class Waves:
     displacement, velocity : m and m/s, weighted by participation
     reading : m, of the displacement sensor
     voltage, current : V and A, of the load
+    acceleration : m/s^2, of the displacement
+    dc_voltage, dc_current : V and A, behind a bridge and into its load; NaN without one
     states : (instants, states), those of the model
     steps, events : int
         Numbers of the solver's steps and events.
+    pulses : tuple of (float, float), or None
+        When a switch has closed and opened, s; at once where it discharges.
     """
 
     time: np.ndarray
@@ -35,9 +44,28 @@ class Waves:
     reading: np.ndarray
     voltage: np.ndarray
     current: np.ndarray
+    acceleration: np.ndarray
+    dc_voltage: np.ndarray
+    dc_current: np.ndarray
     states: np.ndarray
     steps: int
     events: int
+    pulses: tuple[tuple[float, float], ...] | None = None
+
+    @property
+    def gate(self) -> np.ndarray:
+        """1 where the switch has been closed since the instant before, at any time, 0 elsewhere; NaN without one.
+
+        So latched by a logic input, no pulse is lost that is shorter than a sample: it was closed first within the
+        sample that ends at the first 1.
+        """
+        if self.pulses is None:
+            return np.full(len(self.time), np.nan)
+        gate = np.zeros(len(self.time))
+        for closed, opened in self.pulses:
+            first, last = np.searchsorted(self.time, (closed, opened))
+            gate[first : last + 1] = 1.0
+        return gate
 
     def sensed(self, channel: str) -> np.ndarray:
         """Signal at the input of a channel, by the channel's name."""
@@ -47,7 +75,7 @@ class Waves:
     def at(self, times: np.ndarray) -> Waves:
         """Waveforms at the instants nearest to the given ones."""
         index = np.searchsorted(0.5 * (self.time[:-1] + self.time[1:]), times)
-        arrays = {f.name: getattr(self, f.name)[index] for f in fields(self) if f.name not in ("steps", "events")}
+        arrays = {f.name: getattr(self, f.name)[index] for f in fields(self) if f.name not in OF_THE_RUN}
         return replace(self, **arrays)
 
 
@@ -68,10 +96,11 @@ def integrate(model: Model, excitation: Excitation, times: np.ndarray) -> Waves:
         The equations have no solution, or not within the limit of steps.
     """
     drive = Drive(excitation, times)
+    model.circuit.driven(excitation.period)
     run = Integrator(model, drive)
     run.run()
     nodes, values = drive.nodes, drive.at(drive.nodes)
-    columns = {name: np.empty(len(nodes)) for name in ("displacement", "velocity", "reading", "voltage", "current")}
+    columns = {name: np.empty(len(nodes)) for name in SIGNALS}
     ends = [start for start, _ in run.branches[1:]] + [len(nodes)]
     for (start, branches), end in zip(run.branches, ends, strict=True):
         if start < end:
@@ -79,5 +108,9 @@ def integrate(model: Model, excitation: Excitation, times: np.ndarray) -> Waves:
             model.branches = branches
             for name, part in model.signals(nodes[span], values[span], run.states[span].T).items():
                 columns[name][span] = part
-    waves = Waves(nodes, values, **columns, states=run.states, steps=run.steps, events=run.events)
+    switch = model.circuit.switch
+    waves = Waves(
+        nodes, values, **columns, states=run.states, steps=run.steps, events=run.events,
+        pulses=tuple(switch.pulses) if switch else None,
+    )  # fmt: skip
     return waves.at(times)

@@ -43,7 +43,9 @@ class Stepper:
 
     def enter(self, t: float, drive: float, y: np.ndarray) -> None:
         """Adopt new branches of the model, without slack on its guards."""
-        self.key = tuple(branch if isinstance(branch, int) else branch[0] for branch in self.model.branches)
+        switch = self.model.circuit.switch  # its guards depend on the direction of the motion
+        sides = (branch if isinstance(branch, int) else branch[0] for branch in self.model.branches)
+        self.key = (*sides, switch.side if switch else 0)
         self.slack = np.zeros(0)
         self.linearise(t, drive, y)
 

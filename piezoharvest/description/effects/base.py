@@ -10,16 +10,21 @@ from typing import Any, ClassVar, Literal, Self, TypeAlias
 import numpy as np
 
 from piezoharvest.description.circuit import Product
-from piezoharvest.description.parameters import Component
+from piezoharvest.description.parameters import AS_LABELLED, Component
 from piezoharvest.description.protocol import CampaignSizes, EnergyRows, EquationBuilder
 from piezoharvest.description.shunts.base import Shunt
 
-Channel: TypeAlias = Literal["force", "base_acceleration", "displacement", "voltage", "current"]
+Channel: TypeAlias = Literal[
+    "force", "base_acceleration", "displacement", "velocity", "acceleration", "voltage", "current", "dc_voltage",
+    "dc_current",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
 class Effect(Component):
     """A physical effect in the specimen, its sensors or its wiring.
+
+    `of_specimen` is False for an error of sensors or labels, which no other set-up has.
 
     Subclasses define `name`, `source`, `looks` (appearance in the data) and `told_by` (the experiment that
     distinguishes it from similar effects), and override the places where they act: `act` in the equations, `connect` in
@@ -32,6 +37,8 @@ class Effect(Component):
     source: ClassVar[str]
     looks: ClassVar[str] = ""
     told_by: ClassVar[str] = ""
+    sets_in: ClassVar[bool] = False  # with a jump: no derivative at its null value shows it
+    of_specimen: ClassVar[bool] = True
 
     def act(self, specimen: EquationBuilder) -> None:
         """Add terms to the equations of the specimen."""
@@ -47,6 +54,14 @@ class Effect(Component):
     def connect(self, shunt: Shunt) -> Shunt:
         """The circuit that is really connected where the label says `shunt`."""
         return shunt
+
+    @classmethod
+    def acts_on(cls, shunt: Shunt | None) -> bool:
+        """True if records behind this circuit (None under an imposed voltage) can show the effect.
+
+        Elsewhere it is no candidate of a diagnosis; one that acts by `connect` alone leaves such a circuit as it is.
+        """
+        return True
 
     def late(self, channel: str) -> float:
         """Delay of a channel in s."""
@@ -78,11 +93,12 @@ class Effect(Component):
 
     @property
     def absent(self) -> bool:
-        """True if it is at its null value, in every design of a batch."""
-        fields = (field for field in dataclasses.fields(self) if field.metadata.get("null") is not None)
-        return any(bool(np.all(np.equal(getattr(self, f.name), f.metadata["null"]))) for f in fields)
+        """True if it is at its null value, or at all of them, in every design of a batch."""
+        fields = (f for f in dataclasses.fields(self) if f.metadata.get("null") not in (None, AS_LABELLED))
+        at_null = [bool(np.all(np.equal(getattr(self, f.name), f.metadata["null"]))) for f in fields]
+        return bool(at_null) and all(at_null)
 
     @classmethod
     def strength(cls) -> dataclasses.Field[Any]:
-        """The field with a null value."""
+        """The field with a null value, the first of several."""
         return next(field for field in dataclasses.fields(cls) if field.metadata.get("null") is not None)

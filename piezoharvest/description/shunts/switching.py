@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import numpy as np
 
@@ -22,6 +22,9 @@ class SynchronisedShunt(Shunt):
     )
     time_lag: float = quantity("s", "time from the extremum to the action; negative is early", default=0.0)
     hold_off: float | None = quantity("s", "no action sooner than this after the last", default=None, at_least=0)
+    detector_threshold: float = quantity(
+        "V", "electrode voltage at an extremum below which the switch does not act", default=0.0, at_least=0
+    )
 
     def on_time(self, capacitance: float) -> float:
         """Seconds that the switch stays closed; 0 where it acts at once."""
@@ -38,7 +41,7 @@ class SynchronisedShunt(Shunt):
     def switch(self, capacitance: float, period: float | None) -> Switch:
         """Timing for an excitation of this period (s), or of none."""
         lag: Any = self.time_lag
-        if period is None and np.any(self.phase_lag != 0):
+        if period is None and np.any(np.real(self.phase_lag) != 0):
             raise ParameterError(
                 "phase_lag",
                 f"found {self.phase_lag} for an excitation without a frequency, which needs time_lag (s) instead",
@@ -46,14 +49,18 @@ class SynchronisedShunt(Shunt):
         if period is not None:
             lag = lag + self.phase_lag * period / (2 * np.pi)
         hold_off = self.hold_off if self.hold_off is not None else (0.25 * period if period is not None else 0.0)
-        early: Any = np.asarray(lag) < 0
+        real: Any = np.real(lag)
+        early: Any = real < 0
         if np.any(early):
-            if period is None or np.any(lag <= -0.5 * period):
+            if period is None or np.any(real <= -0.5 * period):
                 allowed = "early (below 0) only for a periodic excitation, and by less than half its period"
-                raise ParameterError("time_lag", f"found {np.min(lag):g} s, allowed is {allowed}")
+                raise ParameterError("time_lag", f"found {np.min(real):g} s, allowed is {allowed}")
             # The next extremum is half a period after the last one, of the other kind.
             lag = cast(Any, np.where(early, 0.5 * period + lag, lag))
-        return Switch(lag, self.on_time(capacitance), hold_off, early, self.harvested_share(), self.extraction_drop())
+        return Switch(
+            lag, self.on_time(capacitance), hold_off, early, self.harvested_share(), self.extraction_drop(),
+            self.detector_threshold,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +101,13 @@ class InductiveSwitch(SynchronisedShunt):
     def on_time(self, capacitance: float) -> float:
         """Seconds that the switch stays closed."""
         return (1 + self.on_time_error) * self.nominal_flip_time(capacitance)
+
+    def beside(self, capacitance: Any, actual: Any) -> Self:
+        """The same loop beside another capacitance (F): coil, resistance and on time stay those for `capacitance`."""
+        inductance, resistance = self.loop(capacitance)
+        values = {"inductance": inductance, "flip_time": None, "quality": np.sqrt(inductance / actual) / resistance}
+        moved = replace(self, **values, on_time_error=0.0)
+        return replace(moved, on_time_error=self.on_time(capacitance) / moved.nominal_flip_time(actual) - 1)
 
     def loop_current(self, closed: bool, port: Port, z: SimpleNamespace):
         """Current in the loop: the state while closed, zero while open."""

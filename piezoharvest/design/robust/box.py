@@ -1,14 +1,16 @@
 """The box of all values within a tolerance, and a transducer, a shunt and an excitation anywhere in it.
 
 A point of the box has one coordinate for each axis, in the units of the tolerance's keys: relative deviations from the
-study's values, and the temperature's in K. Deviations of one quantity multiply: k (1 + d_k) (1 + a_k dT).
+study's values, and the temperature's in K. Deviations of one quantity multiply: k (1 + d_k) (1 + a_k dT). The
+confidence region of a specimen has the first axes: a ball in the cube from -1 to 1, to whose surface points outside of
+it are moved.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,7 @@ from piezoharvest.description.shunts.switching import InductiveSwitch
 from piezoharvest.description.tolerance import HEATED, Tolerance
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.design.operation import Operation, is_sine
+from piezoharvest.design.robust.specimen import ConfidenceRegion
 
 OF_TRANSDUCER = ("mass", "damping", "stiffness", "coupling", "capacitance")
 _OF_MODES = OF_TRANSDUCER[:4]
@@ -38,15 +41,20 @@ class Box:
         Half-widths, relative or in K.
     coefficients : mapping of str to float
         Temperature coefficients in 1/K by quantity.
+    region : ConfidenceRegion
+        That of a specimen; its axes come first.
     """
 
     names: tuple[str, ...]
     widths: np.ndarray
     coefficients: Mapping[str, float]
+    region: ConfidenceRegion = field(default_factory=ConfidenceRegion)
 
     @classmethod
-    def of(cls, tolerance: Tolerance, shunt: Shunt, operation: Operation) -> Box:
-        """Box of a tolerance; a load that the shunt has not is left out.
+    def of(
+        cls, tolerance: Tolerance, shunt: Shunt, operation: Operation, region: ConfidenceRegion | None = None
+    ) -> Box:
+        """Box of a tolerance and the region of its specimen; a load that the shunt has not is left out.
 
         Raises
         ------
@@ -60,7 +68,9 @@ class Box:
             raise ParameterError(key, f"found {widths['frequency']:g} with {found}, allowed is a sine of one frequency")
         if load_field(shunt) is None:
             widths.pop("load", None)
-        return cls(tuple(widths), np.array(list(widths.values())), tolerance.coefficients)
+        region = region or ConfidenceRegion()
+        axes = {f"region {n}": 1.0 for n in range(len(region.names))} | widths
+        return cls(tuple(axes), np.array(list(axes.values())), tolerance.coefficients, region)
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
@@ -68,12 +78,32 @@ class Box:
         return [(-float(width), float(width)) for width in self.widths]
 
     def corner(self, point: np.ndarray) -> dict[str, float]:
-        """Coordinates of a point by axis."""
-        return dict(zip(self.names, map(float, point), strict=True))
+        """Relative deviations (that of the temperature in K) at a point."""
+        return {name: float(value) for name, value in self._along(point).items()}
+
+    def _along(self, points: np.ndarray) -> dict[str, np.ndarray]:
+        """Deviations at points (..., d) by quantity."""
+        size = len(self.region.names)
+        deviations = self.region.inside(points[..., :size]) @ self.region.spread.T
+        found = dict(zip(self.region.names, np.moveaxis(deviations, -1, 0), strict=True))
+        return found | dict(zip(self.names[size:], np.moveaxis(points[..., size:], -1, 0), strict=True))
+
+    def random(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Points (count, d): uniform within half-widths, of the Gaussian within the region of a specimen."""
+        size = len(self.region.names)
+        points = rng.uniform(-1, 1, (count, len(self.names))) * self.widths
+        points[:, :size] = self.region.drawn(rng, count)
+        return points
+
+    def beyond(self, centre: np.ndarray, radius: np.ndarray | float = 0.0) -> np.ndarray:
+        """True (n,) for boxes with centres and half-widths (n, d) all of which is outside of the region."""
+        size = len(self.region.names)
+        nearest = np.maximum(np.abs(centre) - radius, 0.0)[:, :size]
+        return np.sum(nearest**2, axis=1) > 1.0
 
     def factors(self, points: np.ndarray) -> dict[str, Any]:
         """Factor of each quantity at a point (d,), or at points (n, d) as columns (n, 1)."""
-        along = dict(zip(self.names, np.moveaxis(points, -1, 0), strict=True))
+        along = self._along(points)
         heat = along.get("temperature", 0.0)
         found = {}
         for name in (*OF_TRANSDUCER, "load", "frequency"):
@@ -84,12 +114,15 @@ class Box:
 
     def log_slopes(self, point: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives (d,) of the logarithm of each quantity's factor at a point."""
-        found = {}
+        size, found, along = len(self.region.names), {}, self._along(point)
+        pull = dict(zip(self.region.names, self.region.pull(point[:size]), strict=True))
         for name in (*OF_TRANSDUCER, "load", "frequency"):
             slope = np.zeros(len(self.names))
-            for n, axis in enumerate(self.names):
+            for n, axis in enumerate(self.names[size:], size):
                 change = self.coefficients.get(name, 0.0) if axis == "temperature" else float(axis == name)
                 slope[n] = change / (1 + change * point[n])
+            if name in pull:
+                slope[:size] = pull[name] / (1 + along[name])
             found[name] = slope
         return found
 
@@ -115,12 +148,7 @@ class Box:
         if field is not None:
             values[field] = getattr(nominal, field) * factors["load"]
         if isinstance(nominal, InductiveSwitch) and np.any(factors["capacitance"] != 1):
-            actual = capacitance * factors["capacitance"]
-            inductance, resistance = nominal.loop(capacitance)
-            quality = np.sqrt(inductance / actual) / resistance
-            values |= {"inductance": inductance, "flip_time": None, "quality": quality, "on_time_error": 0.0}
-            own = dataclasses.replace(nominal, **values).nominal_flip_time(actual)
-            values["on_time_error"] = nominal.on_time(capacitance) / own - 1
+            nominal = nominal.beside(capacitance, capacitance * factors["capacitance"])
         return dataclasses.replace(nominal, **values)
 
     def excitation(self, nominal: Excitation, points: np.ndarray) -> Excitation:

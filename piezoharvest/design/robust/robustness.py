@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -22,7 +22,7 @@ from piezoharvest.design.robust.certificate.enclosure import Enclosure
 from piezoharvest.design.robust.certificate.search import certify
 from piezoharvest.design.robust.hardening import Hardening
 from piezoharvest.design.robust.space import ToleranceSpace
-from piezoharvest.design.robust.specimen import widened
+from piezoharvest.design.robust.specimen import ConfidenceRegion, region_of
 from piezoharvest.design.robust.worst import LimitCase, RobustCase
 from piezoharvest.design.tuning.minimax import Tuned
 from piezoharvest.design.tuning.region import Region
@@ -50,6 +50,8 @@ class Robustness:
     reference : float
         Displacement in m with shorted electrodes that attenuations are counted from.
     tolerance : Tolerance
+    region : ConfidenceRegion
+        That of the specimen file which the tolerance names.
 
     Raises
     ------
@@ -60,9 +62,10 @@ class Robustness:
     view: LinearView
     reference: float
     tolerance: Tolerance
+    region: ConfidenceRegion = field(init=False)
 
     def __post_init__(self) -> None:
-        self.tolerance = widened(self.tolerance)
+        self.region = region_of(self.tolerance)
         self.view = replace(self.view, reference=self.reference)
         Box.of(self.tolerance, Short(), self.view.operation)
 
@@ -115,7 +118,7 @@ class Robustness:
         )  # fmt: skip
 
     def _space(self, shunt: Shunt, exact: bool) -> ToleranceSpace:
-        box = Box.of(self.tolerance, shunt, self.view.operation)
+        box = Box.of(self.tolerance, shunt, self.view.operation, self.region)
         return ToleranceSpace(box, self.view, shunt, exact, Budget(_WORK))
 
     @property
@@ -159,7 +162,7 @@ class Robustness:
         if not (space.batched and size):
             return 0, None
         most = min(_SAMPLES, _TWO_PORT_SAMPLES // space.cost) if space.exact else _SAMPLES // space.cost
-        points = np.random.default_rng(1).uniform(-1, 1, (most, size)) * space.box.widths
+        points = space.box.random(np.random.default_rng(1), most)
         step, scores = max(_AT_ONCE // space.cost, 1), np.empty(0)
         for first in range(0, most, step):
             if not affordable():

@@ -1,91 +1,110 @@
-"""Intervals from a specimen file: two standard errors of each identified parameter."""
+"""Confidence region of an identified specimen, from the covariance in its file.
+
+The region is the ellipsoid d' C^-1 d <= r^2 of relative deviations d of the transducer's quantities, C being their
+relative covariance and r^2 the quantile of chi-square with as many degrees of freedom (Seber & Wild, Nonlinear
+Regression, 1989, section 5.1).
+"""
 
 from __future__ import annotations
 
-import dataclasses
-import json
-from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.tolerance import Tolerance
-from piezoharvest.input import InputError, check_readable
-from piezoharvest.study import MAX_TOML_BYTES, StudyError, read_toml
+from piezoharvest.specimen import Specimen, load_specimen
+from piezoharvest.specimen.draws import root_of
+from piezoharvest.study import StudyError
 
-_ERRORS = 2.0  # standard errors: 95 % of a normal distribution
 NAMES = ("stiffness", "mass", "damping", "coupling", "capacitance")
+LEVEL = 0.95  # probability of the region, where the tolerance has none
 _KEY = "design.tolerance.from"
 
 
-def widened(tolerance: Tolerance) -> Tolerance:
-    """The tolerance with the half-widths of its specimen file, where it names one, in the place of absent ones.
+@dataclass(frozen=True, eq=False)
+class ConfidenceRegion:
+    """Ellipsoid of relative deviations: d = spread @ u for u in the unit ball.
 
-    The file is what `identify` gives: a table `parameters` with `value` and `std` of each (its JSON output, or the same
-    as TOML), or tables [transducer] and [standard_errors]. A half-width is two standard errors over the value.
+    Attributes
+    ----------
+    names : tuple of str
+        Quantities of the transducer, r of them.
+    spread : (r, r) array
+    radius : float
+        Semi-axes in standard deviations.
+    """
+
+    names: tuple[str, ...] = ()
+    spread: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    radius: float = 1.0
+
+    def inside(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., r) of the cube about the ball, those outside of it moved to its surface."""
+        length = np.sqrt(np.sum(np.square(points), axis=-1, keepdims=True))
+        return points / np.maximum(length, 1.0)
+
+    def pull(self, point: np.ndarray) -> np.ndarray:
+        """Derivatives (r, r) of the deviations by the coordinates of a point (r,) of the cube."""
+        length = float(np.linalg.norm(point))
+        if length <= 1.0:
+            return self.spread
+        along = point / length
+        return self.spread @ (np.eye(len(point)) - np.outer(along, along)) / length
+
+    def drawn(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Points (count, r) of the Gaussian within the region."""
+        found = np.empty((0, len(self.names)))
+        while len(found) < count:
+            more = rng.standard_normal((2 * count, len(self.names))) / self.radius
+            found = np.concatenate((found, more[np.sum(more**2, axis=1) <= 1.0]))
+        return found[:count]
+
+
+def region_of(tolerance: Tolerance) -> ConfidenceRegion:
+    """Confidence region from the specimen file of a tolerance; of no quantity that has a half-width of its own.
+
+    Effects and hysteresis are as identified: the region is that of the transducer's quantities, whatever these are.
 
     Raises
     ------
     ParameterError
-        The file cannot be read, has none of the parameters, or no standard error of one.
+        The file cannot be read, has none of the quantities, leaves one open, or is too uncertain.
     """
     if tolerance.from_ is None:
-        return tolerance
+        return ConfidenceRegion()
     path = Path(tolerance.from_)
-    own = {name for name in NAMES if getattr(tolerance, name) is not None}
-    found = {}
-    for name, (value, error) in _estimates(path).items():
-        if name not in own:
-            found[name] = _half_width(path, name, value, error)
-    if not found and not own:
-        raise ParameterError(_KEY, f"{path.name} holds none of {', '.join(NAMES)}, at least one is needed")
-    return dataclasses.replace(tolerance, **found)
-
-
-def _estimates(path: Path) -> dict[str, tuple[Any, Any]]:
-    """Value and standard error of each parameter in the file."""
-    table = _table(path)
-    listed = table.get("parameters")
-    if isinstance(listed, Mapping):
-        rows = {name: row for name, row in listed.items() if name in NAMES and isinstance(row, Mapping)}
-        return {name: (row.get("value"), row.get("std")) for name, row in rows.items()}
-    values, errors = table.get("transducer"), table.get("standard_errors")
-    if not isinstance(values, Mapping):
-        raise ParameterError(_KEY, f"{path.name} has neither a table parameters nor a table transducer, one is needed")
-    errors = errors if isinstance(errors, Mapping) else {}
-    return {name: (values[name], errors.get(name)) for name in NAMES if name in values}
-
-
-def _half_width(path: Path, name: str, value: Any, error: Any) -> float:
-    if not _number(value) or value == 0:
-        raise ParameterError(_KEY, f"{path.name} has {value!r} as {name}, allowed is a number other than 0")
-    if not _number(error) or error < 0:
-        lacks = "no standard error" if error is None else f"the standard error {error!r}"
-        remedy = f"allowed is a number of at least 0 there, or a half-width {name} in [design.tolerance]"
-        raise ParameterError(_KEY, f"{path.name} has {lacks} of {name}, {remedy}")
-    width = _ERRORS * float(error) / abs(float(value))
-    if not width < 1:
-        raise ParameterError(_KEY, f"{path.name} leaves {name} open: 2 standard errors are {width:.3g} of the value, "
-                                   f"allowed is less than 1, or a half-width {name} in [design.tolerance]")  # fmt: skip
-    return width
-
-
-def _number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < float("inf")
-
-
-def _table(path: Path) -> Mapping[str, Any]:
-    """Content of the file, TOML or JSON."""
     try:
-        if path.suffix.lower() != ".json":
-            return read_toml(path)
-        check_readable(path, MAX_TOML_BYTES)
-        table = json.loads(path.read_text(encoding="utf-8-sig"))
+        specimen = load_specimen(path)
     except StudyError as error:
-        raise ParameterError(_KEY, f"{path.name}: {error.message}") from None
-    except (InputError, OSError, ValueError, RecursionError) as error:
-        why = getattr(error, "strerror", None) or str(error)
-        raise ParameterError(_KEY, f"{path.name}: the file cannot be read ({why})") from None
-    if not isinstance(table, dict):
-        raise ParameterError(_KEY, f"{path.name} is not a table, allowed is what `identify --json` prints")
-    return table
+        text = f"{error.key}: {error.message}" if error.key else error.message
+        raise ParameterError(_KEY, f"{path.name}: {text}") from None
+    own = {name for name in NAMES if getattr(tolerance, name) is not None}
+    names = tuple(name for name in NAMES if name in specimen.values and name not in own)
+    lacking = [name for name in NAMES if name in specimen.lacking and name not in own and name not in names]
+    if lacking:
+        remedy = f"allowed is a half-width {lacking[0]} in [design.tolerance], 0 where it is known"
+        raise ParameterError(_KEY, f"{path.name} has no standard error of {lacking[0]}, {remedy}")
+    if not names and not own:
+        raise ParameterError(_KEY, f"{path.name} holds none of {', '.join(NAMES)}, at least one is needed")
+    return _region(specimen, names, LEVEL if tolerance.level is None else tolerance.level, path)
+
+
+def _region(specimen: Specimen, names: tuple[str, ...], level: float, path: Path) -> ConfidenceRegion:
+    values = np.array([specimen.values[name] for name in names])
+    for name, value in zip(names, values, strict=True):
+        if value == 0:
+            raise ParameterError(_KEY, f"{path.name} has {float(value)!r} as {name}, allowed is a number other than 0")
+    places = [list(specimen.values).index(name) for name in names]
+    relative = specimen.covariance[np.ix_(places, places)] / np.outer(values, values)
+    sure = [n for n, name in enumerate(names) if relative[n, n] > 0]
+    names, relative = tuple(names[n] for n in sure), relative[np.ix_(sure, sure)]
+    radius = float(np.sqrt(chi2.ppf(level, max(len(names), 1))))
+    for name, width in zip(names, radius * np.sqrt(np.diag(relative)), strict=True):
+        if not width < 1:
+            found = f"the region of {100 * level:g} % reaches {width:.3g} of the value"
+            raise ParameterError(_KEY, f"{path.name} leaves {name} open: {found}, allowed is less than 1, or a "
+                                       f"half-width {name} in [design.tolerance]")  # fmt: skip
+    return ConfidenceRegion(names, radius * root_of(relative), radius)

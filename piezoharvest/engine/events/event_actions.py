@@ -9,7 +9,7 @@ from piezoharvest.engine.events.charge_extraction import extract_charge
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory.program import NONE
-from piezoharvest.engine.memory.state import QUEUE_LENGTH, stored
+from piezoharvest.engine.memory.state import QUEUE_LENGTH, dot_column, stored
 
 
 @compiled
@@ -61,10 +61,16 @@ def open_switch(P, L, S, D):
 
 @compiled
 def schedule_action(P, L, S, D):
-    """Schedule an action after an extremum of sum T_i x_i, with the lag, unless the last one was too recent."""
+    """Schedule an action after an extremum of sum T_i x_i, with the lag, unless the last one was too recent.
+
+    Nothing is scheduled where the electrode voltage is below the detector's threshold.
+    """
     polarity = D[st.DIRECTION]
     D[st.DIRECTION] = -polarity
     if L[pg.SWITCHED] == 0:
+        return
+    threshold = P[L[pg.THRESHOLD]]
+    if threshold > 0.0 and abs(dot_column(P, L[pg.VOLTAGE_ROW], 1, S, 0, L[pg.A])) < threshold:
         return
     lag, clock = P[L[pg.LAG]], D[st.CLOCK]
     due = S[clock + st.NOW] + lag

@@ -74,7 +74,10 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
         own_powers = [(pg.CATEGORIES.index(key), product) for key in powers for product in powers[key]]
         tables.products.append([*physics.products(), *own_powers, mean_dc])
         motion, port = physics.motion, physics.port
-        outputs = (physics.drive, motion.displacement, motion.velocity, port.v, port.i, layout.z["q"], physics.v_h, dc)
+        outputs = (
+            physics.drive, motion.displacement, motion.velocity, port.v, port.i, layout.z["q"], physics.v_h, dc,
+            motion.acceleration,
+        )  # fmt: skip
         tables.outputs.append(rows_of(outputs, layout.width))
     switch = shunt.switch(capacitance, excitation.period)
     terms.check(shunt, switch)
@@ -240,13 +243,14 @@ def _switching(shunt: Shunt, switch: Switch | None, index: dict[str, int], layou
     """Tables of the synchronised switch: its timing, and the configuration it leads to from each."""
     timing = switch or Switch(0.0, 0.0, 0.0)
     return {
-        "switched": 0 if switch is None else 1 if np.all(timing.on_time > 0) else 2,
+        "switched": 0 if switch is None else 1 if np.all(np.real(timing.on_time) > 0) else 2,
         "lag": scalar(timing.lag),
         "on_time": scalar(timing.on_time),
         "hold_off": scalar(timing.hold_off),
         "early": scalar(np.asarray(timing.early, float)),
         "efficiency": scalar(timing.efficiency),
         "drop": scalar(timing.drop),
+        "threshold": scalar(timing.threshold),
         "closed": np.array([[index.get(shunt.closed(c, polarity), -1) for c in index] for polarity in (-1, 1)]),
         "opened": np.array([index[shunt.opened(c)] for c in index]),
         "cut": layout.names.index("current") if "current" in layout.names else -1,

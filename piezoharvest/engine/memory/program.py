@@ -36,6 +36,7 @@ EVENT_NAMES = (
 # Output rows of every configuration.
 OUTPUTS = (
     "drive", "displacement", "velocity", "voltage", "current", "charge", "hysteresis_voltage", "dc_voltage",
+    "acceleration",
 )  # fmt: skip
 DISPLACEMENT, VOLTAGE = 1, 3
 WATCHED = 2  # outputs whose extremes are recorded: their rates stand behind the guards, so that steps resolve them too
@@ -81,6 +82,7 @@ class Program(NamedTuple):
     hold_off: float
     efficiency: float
     drop: float  # V, in the path of the charge that is taken at once
+    threshold: float  # V, of the electrodes at an extremum: below it the switch does not act
     early: float  # 1 if the lag is counted from the previous extremum
     step: float  # largest step, s
     drift: float  # 1/s: time as share of a record is drift * t
@@ -111,7 +113,7 @@ _SIZES = 12
 (
     RATE, STOP_RESPONSE, EXOSYSTEM, OMEGA, PHASE, EXO_SCALE, SCALE, STORAGE, STOP_INPUT, STOP_LIMIT, STOP_WEIGHT,
     VOLTAGE_ROW, GUARD_Z, GUARD_D, TRIGGER_ROW, PRODUCT_COEFFICIENT, PRODUCT_Z, PRODUCT_D, OUTPUT_Z, OUTPUT_D,
-    EQUILIBRIUM, ELEMENT_Z, LAG, ON_TIME, HOLD_OFF, EFFICIENCY, DROP, EARLY, STEP, DRIFT, PERIOD,
+    EQUILIBRIUM, ELEMENT_Z, LAG, ON_TIME, HOLD_OFF, EFFICIENCY, DROP, THRESHOLD, EARLY, STEP, DRIFT, PERIOD,
     SIGNAL_KIND, CHARGE, SWITCHED, CUT, SHORTED, CATEGORY_COUNT,
     ODD, STOP_STATE, GUARD_TARGET, GUARD_CUT, GUARD_CODE, CLOSED, OPENED, MIRROR, PRODUCT_CATEGORY,
     ELEMENT_POWER,
@@ -179,6 +181,6 @@ def _shapes(program: Program) -> dict[str, tuple[int, ...]]:
     shapes = (
         (c, n, a), (c, n, h), (w, w), (k,), (k,), (w,), (n,), (m, m), (h, n), (h,), (h,), (a,), (c, g, a), (c, g, n),
         (a,), (c, p), (c, p, 2, a), (c, p, 2, n), (c, o, a), (c, o, n), (n,), (e, 2, a),
-        (), (), (), (), (), (), (), (), (),
+        (), (), (), (), (), (), (), (), (), (),
     )  # fmt: skip
     return dict(zip(NUMBERS, shapes, strict=True))

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import comb
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.identify.fitting.circuit_start import circuit_start
 from piezoharvest.identify.noise.drive_denoising import denoised
 from piezoharvest.identify.noise.noise_model import initial_noise
+from piezoharvest.predict.circuit.setting import circuit_setting, has_events
 from piezoharvest.predict.discrete_model import STEPS_AFTER_JUMP, Setting, setting_of
 from piezoharvest.predict.drive import MIN_JUMP_RATIO
 from piezoharvest.records.errors import CampaignError
@@ -30,7 +33,9 @@ NOISE_MARGIN = 1.2  # times the variance of noise: smaller second differences co
 MIN_CLIPPED_SAMPLES = 4
 EQUALITY_TOLERANCE = 1e-9
 COMPARED_STEPS = 4  # steps between samples with which the first one is compared
-RESPONSES = ("displacement", "voltage", "current", "force")
+RESPONSES = (
+    "displacement", "velocity", "acceleration", "voltage", "current", "force", "dc_voltage", "dc_current",
+)  # fmt: skip
 
 _CLEAN_DRIVES: WeakKeyDictionary[Signal, np.ndarray] = WeakKeyDictionary()
 
@@ -54,6 +59,8 @@ class Data:
     scatter : mapping of str to float
         Standard deviations of the noise before a sensor's range clips it, in the order of `channels`; zero if no range
         clips the noise.
+    start : mapping of str to float
+        Start values of nuisance parameters that do not start at zero, by name.
     """
 
     name: str
@@ -64,6 +71,7 @@ class Data:
     channels: tuple[str, ...]
     sigma: Mapping[str, float]
     scatter: Mapping[str, float]
+    start: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def drive(self) -> str:
@@ -108,16 +116,46 @@ def data_of(record: Record, transducer: Transducer) -> Data:
     channels = tuple(channel for channel in RESPONSES if channel in record.signals and channel != record.drive)
     if not channels:
         raise CampaignError(record.name, record.key, "the record has its drive alone, at least one response is needed")
+    check_channels(record)
     sigma = {c: s.sigma for c, s in record.signals.items() if s.sigma is not None}
     drive, clean = record[record.drive], clean_drive(record.signals[record.drive])
     noise = {c: sigma.get(c, unclipped_noise(record[c])) for c in channels}
+    scatter = {c: noise[c] if is_clipped(record[c]) else 0.0 for c in channels}
+    shunt = record.shunt
+    if has_events(shunt, record.drive):
+        behind = circuit_setting(record.drive, shunt, step, clean, transducer, _range_of(record, "displacement"))
+        start = circuit_start(record, behind, shunt, transducer)
+        return Data(record.name, record.role, record, behind, drive - clean, channels, sigma, scatter, start)
     abrupt = any(begins_abruptly(record[c], noise[c]) for c in channels) and not begins_abruptly(clean, 0.0, (1,))
     setting = setting_of(record.drive, record.shunt, step, clean, transducer, abrupt=abrupt)
-    bends = (curvature_of(record[c], noise[c], setting.jumps) for c in channels)
-    fine = int(np.clip(np.ceil(np.sqrt(max(bends) / (12.0 * MAX_INTERPOLATION_ERROR))), 1, MAX_SUBSTEPS))
-    setting = replace(setting, fine=fine)
-    scatter = {c: noise[c] if is_clipped(record[c]) else 0.0 for c in channels}
+    setting = replace(setting, fine=steps_for([curvature_of(record[c], noise[c], setting.jumps) for c in channels]))
     return Data(record.name, record.role, record, setting, drive - clean, channels, sigma, scatter)
+
+
+def check_channels(record: Record) -> None:
+    """Raise an error if a channel is one that the record's circuit has not.
+
+    Raises
+    ------
+    CampaignError
+    """
+    side = ("dc_voltage", "dc_current")
+    for channel in side:
+        if channel not in record.signals:
+            continue
+        shunt, signal = record.shunt, record.signals[channel]
+        kind = "no circuit" if shunt is None else shunt.kind
+        if not isinstance(shunt, Bridge):
+            message = f"found a channel {channel} behind {kind}, allowed is one behind a rectifier or an SSHI circuit"
+            raise CampaignError(signal.file, channel, message, channel=channel)
+        if channel == "dc_current" and shunt.load_resistance is None:
+            message = "found a channel dc_current at a constant dc_voltage, allowed is one through a load_resistance"
+            raise CampaignError(signal.file, channel, message, channel=channel)
+
+
+def _range_of(record: Record, channel: str) -> float:
+    """Half of the range of a channel; 0 if it was not measured."""
+    return 0.5 * float(np.ptp(record[channel])) if channel in record.signals else 0.0
 
 
 def clean_drive(signal: Signal) -> np.ndarray:
@@ -161,6 +199,11 @@ def curvature_of(values: np.ndarray, sigma: float, jumps: np.ndarray) -> float:
     bends[beside[(beside >= 0) & (beside < len(bends))]] = 0.0
     above = np.mean(bends**2) - NOISE_MARGIN * 6.0 * sigma**2 if len(bends) else 0.0
     return float(np.sqrt(above) / max(sigma, MIN_RELATIVE_NOISE * values.std())) if above > 0.0 else 0.0
+
+
+def steps_for(bends: Sequence[float]) -> int:
+    """Steps within a sample for the curvatures of a record's channels (`curvature_of`)."""
+    return int(np.clip(np.ceil(np.sqrt(max(bends) / (12.0 * MAX_INTERPOLATION_ERROR))), 1, MAX_SUBSTEPS))
 
 
 def begins_abruptly(values: np.ndarray, sigma: float, orders: Sequence[int] = (1, 3)) -> bool:

@@ -11,10 +11,12 @@ import numpy as np
 
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.model import Model, evaluated, residual_blocks
+from piezoharvest.identify.noise.event_noise import sample_weights
 from piezoharvest.identify.noise.noise_gain import gain_of, small_response
 from piezoharvest.identify.noise.noise_model import Noise, Rounding, rounding
 from piezoharvest.identify.noise.spectra import first_lines, gram, in_time, line_spectra, parts, whitened
-from piezoharvest.predict.prediction import Prediction
+from piezoharvest.predict.any_prediction import AnyPrediction
+from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
 
 # Cycles per sample: bands of the colour of residuals, from about an octave each down to a line of 10^4 samples.
 BAND_EDGES = np.array([0.0, 1e-4, 3e-4, 6e-4, 1.2e-3, 2.4e-3, 5e-3, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 1.0])
@@ -64,13 +66,13 @@ class Whitener:
 
     Parameters
     ----------
-    prediction : Prediction
+    prediction : Prediction or CircuitPrediction
         Prediction of the record, whose mean slopes filter the noise of the drive.
     noise : Noise
     data : Data
     """
 
-    def __init__(self, prediction: Prediction, noise: Noise, data: Data) -> None:
+    def __init__(self, prediction: AnyPrediction, noise: Noise, data: Data) -> None:
         self._prediction, self._noise, self._data = prediction, noise, data
         self._matrices: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self._passed: dict[tuple[int, int], np.ndarray] = {}
@@ -88,12 +90,17 @@ class Whitener:
     def _of(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """The matrices of `of`, and the same with the frequencies last, lower triangular."""
         if count not in self._matrices:
-            data = self._data
-            self._settle()
-            gain = gain_of(self._prediction, data.channels, np.fft.rfftfreq(count, data.setting.sample_time))
-            white = np.linalg.inv(np.linalg.cholesky(self._noise.covariance(data.channels, data.drive, gain)))
-            self._matrices = {count: (white, np.ascontiguousarray(white.transpose(1, 2, 0)))}
+            sigma = tuple(self._noise.sigma.get(name) for name in (*self._data.channels, self._data.drive))
+            key = "whitening", self._data.channels, sigma, count
+            self._matrices = {count: self._prediction.shared(key, lambda: self._made(count))}
         return self._matrices[count]
+
+    def _made(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        data = self._data
+        self._settle()
+        gain = gain_of(self._prediction, data.channels, np.fft.rfftfreq(count, data.setting.sample_time))
+        white = np.linalg.inv(np.linalg.cholesky(self._noise.covariance(data.channels, data.drive, gain)))
+        return white, np.ascontiguousarray(white.transpose(1, 2, 0))
 
     def passed(self, begin: int, end: int) -> np.ndarray:
         """Response to the noise of the drive in some samples, (samples, channels)."""
@@ -109,8 +116,26 @@ class Whitener:
     def _settle(self) -> None:
         """Compute mean slopes of the elements if the drive has noise."""
         noisy = self._data.drive in self._noise.sigma or np.any(self._data.rest)
-        if len(self._prediction.matrices.kinds) and noisy:
+        if self._prediction.nonlinear and noisy:
             self._prediction.settle()
+
+    @cached_property
+    def _weights(self) -> np.ndarray | None:
+        """Weights (samples, channels) of the residuals behind a circuit; None where all are one."""
+        prediction, data = self._prediction, self._data
+        if not isinstance(prediction, CircuitPrediction):
+            return None
+        drive, noise = data.record[data.drive] - data.rest, self._noise.sigma.get(data.drive, 0.0)
+        signal = data.record.signals[data.drive]
+        return sample_weights(prediction.plain, data.channels, signal, drive, self._noise.sigma, noise)
+
+    def weighted(self, begin: int, values: np.ndarray) -> np.ndarray:
+        """Residuals of consecutive samples, or their derivatives, (samples, channels, ...), each with its weight."""
+        weights = self._weights
+        if weights is None:
+            return values
+        part = weights[begin : begin + len(values)]
+        return values * part.reshape(*part.shape, *[1] * (values.ndim - 2))
 
     def sums(self, model: Model, nuisance: np.ndarray, scatter: bool = False) -> Sums:
         """Sums of the record for a model, with the scatter by rounded sensors if required.
@@ -124,8 +149,9 @@ class Whitener:
         for begin, found, slopes in evaluated(model, self._data, nuisance):
             end = begin + len(found)
             residual = found - self.passed(begin, end)
-            white, rows = self._of(len(residual))
             predicted = self._data.part(begin, end) - residual
+            residual, slopes = self.weighted(begin, residual), self.weighted(begin, slopes)
+            white, rows = self._of(len(residual))
             rounded = (lambda D, x=predicted, W=white: self.scatter(x, D, W)) if scatter else None
             parts.append(_whitened(residual, slopes, rows, rounded))
         return reduce(add, parts)
@@ -134,7 +160,8 @@ class Whitener:
         """Blocks (begin, residuals, their whitened spectra (f, channels)) of a record for a model."""
         for _, begin, residual, _ in residual_blocks(replace(model, parameters=()), self._data, nuisance, False):
             residual -= self.passed(begin, begin + len(residual))
-            yield begin, residual, (self.of(len(residual)) @ spectra_of(residual)[:, :, None])[:, :, 0]
+            spectra = spectra_of(self.weighted(begin, residual))
+            yield begin, residual, (self.of(len(residual)) @ spectra[:, :, None])[:, :, 0]
 
     def scatter(self, predicted: np.ndarray, whitened: np.ndarray, white: np.ndarray) -> np.ndarray:
         """Covariance of the gradient by errors of rounded sensors, (p, p), with random phase, due to a free offset.

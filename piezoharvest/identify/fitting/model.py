@@ -12,6 +12,9 @@ import numpy as np
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.noise.noise_gain import small_response, specimen_gain
+from piezoharvest.predict.any_prediction import AnyPrediction
+from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
+from piezoharvest.predict.circuit.setting import has_events
 from piezoharvest.predict.discrete_model import DiscreteModel
 from piezoharvest.predict.parameters import Parameter, put, value_at
 from piezoharvest.predict.prediction import Prediction
@@ -39,16 +42,23 @@ class Model:
         Channels whose offset is free in every record.
     relaxed : bool
         True if every record begins with stops at zero.
+    felt : int or None
+        Number of effects that have an influence by themselves; of those behind them only the derivatives count.
     """
 
     transducer: Transducer
     parameters: tuple[Parameter, ...]
     offset_channels: tuple[str, ...]
     relaxed: bool = False
+    felt: int | None = None
     _lowered: dict = field(init=False, repr=False, compare=False, default_factory=dict)
 
-    def prediction(self, data: Data, nuisance: np.ndarray | None = None) -> Prediction:
+    def prediction(self, data: Data, nuisance: np.ndarray | None = None) -> AnyPrediction:
         """Prediction of a record with its nuisance parameters, in the order of its `nuisance_names`."""
+        if has_events(data.setting.shunt, data.drive):
+            return CircuitPrediction(
+                self.transducer, data.setting, self.parameters, nuisance, relaxed=self.relaxed, felt=self.felt
+            )
         lowered = self.lowered(data)
         return Prediction(self.transducer, data.setting, self.parameters, nuisance, lowered, relaxed=self.relaxed)
 
@@ -101,7 +111,7 @@ class Extra(NamedTuple):
         return np.exp(2j * np.pi * self.frequency * time)[:, None] * self.gains
 
 
-def extras(model: Model, data: Data, prediction: Prediction) -> list[Extra]:
+def extras(model: Model, data: Data, prediction: AnyPrediction) -> list[Extra]:
     """Offsets and lines of a record; a line has two, for its two phases."""
     eye = np.eye(len(data.channels))
     free = [c for c in data.channels if c in model.offset_channels]
@@ -147,14 +157,14 @@ def nuisance_limits(model: Model, data: Data) -> np.ndarray:
     return np.pad(limits, (0, len(nuisance_names(model, data)) - len(limits)), constant_values=np.inf)
 
 
-def prediction_of(model: Model, data: Data, nuisance: np.ndarray) -> Prediction:
+def prediction_of(model: Model, data: Data, nuisance: np.ndarray) -> AnyPrediction:
     """Prediction of a record with initial states and jumps from its nuisance parameters."""
     return model.prediction(data, nuisance[: len(model.prediction(data).nuisance_names)])
 
 
 def residual_blocks(
     model: Model, data: Data, nuisance: np.ndarray, derivatives: bool
-) -> Iterator[tuple[Prediction, int, np.ndarray, Any]]:
+) -> Iterator[tuple[AnyPrediction, int, np.ndarray, Any]]:
     """Blocks (prediction, begin, residuals, derivatives) of a record; `nuisance` in the order of `nuisance_names`.
 
     The residuals are those of the response to the drive without its noise.
@@ -163,7 +173,7 @@ def residual_blocks(
     states, read, added = np.split(nuisance, [len(nuisance) - len(first) - len(more), len(nuisance) - len(more)])
     prediction = model.prediction(data, states)
     h, effects = data.setting.sample_time, model.transducer.effects
-    parts = SUBSAMPLES if any_delays(effects, data.channels) and len(prediction.matrices.kinds) else 1
+    parts = SUBSAMPLES if any_delays(effects, data.channels) and prediction.bends else 1
     for block in prediction.blocks(derivatives, channels=data.channels, parts=parts):
         end = block.begin + len(block.values)
         time = (np.arange(block.begin, end) - 0.5 * len(data)) * h
@@ -191,7 +201,7 @@ def evaluated(model: Model, data: Data, nuisance: np.ndarray) -> Iterator[tuple[
     Those of the last two models are cached if they are small: the next descent begins where the last one has ended,
     and a failed step may have been tried in between.
     """
-    what = model.transducer, model.parameters, model.offset_channels, model.relaxed, nuisance.tobytes()
+    what = model.transducer, model.parameters, model.offset_channels, model.relaxed, model.felt, nuisance.tobytes()
     for known, blocks in _CACHE.get(data, ()):
         if known == what:
             yield from blocks
@@ -205,7 +215,7 @@ def evaluated(model: Model, data: Data, nuisance: np.ndarray) -> Iterator[tuple[
         _CACHE[data] = [(what, blocks), *_CACHE.get(data, ())][:2]
 
 
-def drive_noise_response(prediction: Prediction, data: Data, begin: int, end: int) -> np.ndarray:
+def drive_noise_response(prediction: AnyPrediction, data: Data, begin: int, end: int) -> np.ndarray:
     """Response to the noise of the drive in some samples, (samples, channels), if it acted on the specimen.
 
     It is added after the sensors, not clipped by their range.
@@ -213,7 +223,9 @@ def drive_noise_response(prediction: Prediction, data: Data, begin: int, end: in
     return small_response(prediction, data.channels, data.rest[begin:end])
 
 
-def unexplained_blocks(model: Model, data: Data, nuisance: np.ndarray) -> Iterator[tuple[Prediction, int, np.ndarray]]:
+def unexplained_blocks(
+    model: Model, data: Data, nuisance: np.ndarray
+) -> Iterator[tuple[AnyPrediction, int, np.ndarray]]:
     """Blocks (prediction, begin, residuals) of a record, minus the noise of the drive as filtered by the model."""
     for prediction, begin, residual, _ in residual_blocks(replace(model, parameters=()), data, nuisance, False):
         yield prediction, begin, residual - drive_noise_response(prediction, data, begin, begin + len(residual))

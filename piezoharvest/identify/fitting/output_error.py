@@ -14,7 +14,7 @@ from piezoharvest.identify.fitting.cost_function import Whiteners
 from piezoharvest.identify.fitting.evaluation import sums_of, total_information
 from piezoharvest.identify.fitting.levenberg_marquardt import MAX_ITERATIONS, Fit, descend
 from piezoharvest.identify.fitting.likelihood import spectra_of
-from piezoharvest.identify.fitting.measured_responses import FrequencyData
+from piezoharvest.identify.fitting.measured_responses import FrequencyData, ResponseWeights
 from piezoharvest.identify.fitting.model import Model, unexplained_blocks
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.noise.noise_gain import gain_of
@@ -23,6 +23,9 @@ from piezoharvest.identify.noise.noise_model import Noise, estimate
 TOLERANCE = 1e-2  # predicted decrease of -2 ln L at convergence
 MIN_EIGENVALUE_RATIO = 1e-13  # relative eigenvalue of an information matrix, below which it is rounding error
 NOISE_ROUNDS = 3  # of fit and noise estimation
+# Behind a circuit with events a first fit may end far off, and the noise be estimated from what it left. The sum of
+# squares of residuals has a relative standard deviation of a few per cent at most.
+MORE_ROUNDS, MAX_SHARE = 3, 0.8
 
 
 def fit(
@@ -67,18 +70,23 @@ def fit(
     """
     noise = problem.noise() if noise is None else noise
     nuisance = problem.start(model) if nuisance is None else tuple(nuisance)
-    found: Fit | None = None
-    rounds = rounds if estimate_noise else 1
-    for n in range(rounds):
+    rounds, n = rounds if estimate_noise else 1, 0
+    more = MORE_ROUNDS if estimate_noise and white is None and problem.has_events else 0
+    while True:
         loose = n < rounds - 1
         found = descend(
             problem, model, nuisance, noise, progress, white=white, loose=loose, enough=enough, aim=aim, most=most
         )
-        model, nuisance = found.model, found.nuisance
-        if loose:
-            noise = reestimated(problem, found)
-    assert found is not None
-    return found
+        model, nuisance, n = found.model, found.nuisance, n + 1
+        if not loose and not (n < rounds + more and _far_below_noise(found)):
+            return found
+        noise = reestimated(problem, found)
+
+
+def _far_below_noise(found: Fit) -> bool:
+    """True if the noise was far overestimated: the residuals are well below it."""
+    squares, count = (sum(float(getattr(part, name).sum()) for part in found.sums) for name in ("squares", "count"))
+    return squares < MAX_SHARE * count
 
 
 def reestimated(problem: Problem, found: Fit) -> Noise:
@@ -107,12 +115,12 @@ def noise_of_responses(problem: Problem, found: Fit) -> dict[str, float]:
 
 def _residual_spectra(problem: Problem, found: Fit) -> Iterator[tuple[Sequence[str], str, np.ndarray, np.ndarray]]:
     """Input of `noise_model.estimate`, one block at a time: all spectra of a long record would not fit into memory."""
-    for data, nuisance in zip(problem.data, found.nuisance, strict=True):
-        if isinstance(data, FrequencyData):
+    for data, nuisance, white in zip(problem.data, found.nuisance, found.white, strict=True):
+        if isinstance(data, FrequencyData) or isinstance(white, ResponseWeights):
             continue
-        for prediction, _, residual in unexplained_blocks(found.model, data, nuisance):
+        for prediction, begin, residual in unexplained_blocks(found.model, data, nuisance):
             gain = gain_of(prediction, data.channels, np.fft.rfftfreq(len(residual), data.setting.sample_time))
-            yield data.channels, data.drive, spectra_of(residual) / np.sqrt(2.0), gain
+            yield data.channels, data.drive, spectra_of(white.weighted(begin, residual)) / np.sqrt(2.0), gain
 
 
 def linearised(

@@ -13,6 +13,7 @@ from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model, nuisance_limits, nuisance_names
 from piezoharvest.identify.noise.drive_denoising import high_frequency_noise
 from piezoharvest.identify.noise.noise_model import Noise, initial_noise, noise_upper_bound
+from piezoharvest.predict.circuit.setting import has_events
 from piezoharvest.predict.parameters import value_at
 
 PRIOR_DEVIATION = 1.0  # prior standard deviation of the logarithm of a parameter about its nominal value
@@ -20,8 +21,17 @@ LINEAR_PRIOR_DEVIATION = 10.0  # the same for a linear parameter, in units of it
 NOISE_STANDARD_ERRORS = 3.0  # standard errors by which a noise may be below that at the highest frequencies of records
 MIN_RELATIVE_NOISE = 1e-6  # of its range: least noise of a channel
 # Prior standard deviations of nuisance parameters that a record may not determine: the logarithm of the duration of a
-# jump, which shows only in overshoots, and the initial states of stops, relative to their thresholds.
-NUISANCE_PRIORS = {"rise": 2.0, "history": 1.0}
+# jump, which shows only in overshoots; the initial states of stops, relative to their thresholds; and initial states
+# behind a circuit, relative to the largest ones that the nominal model reaches from rest.
+NUISANCE_PRIORS = {"rise": 2.0, "history": 1.0, "start": 3.0}
+
+
+FAST = ("voltage", "current", "acceleration")  # channels that change fast where a switch acts
+
+
+# The same of initial states that first samples show, about what these show: the nominal coupling and capacitance, from
+# which the charge is taken, may be some per cent off.
+STARTS_SHOWN = 0.1
 
 
 class Problem:
@@ -39,6 +49,11 @@ class Problem:
         self, data: Sequence[Data | FrequencyData], nominal: Transducer, offset_channels: tuple[str, ...]
     ) -> None:
         self.data, self.nominal, self.offset_channels = tuple(data), nominal, offset_channels
+
+    @cached_property
+    def has_events(self) -> bool:
+        """True if a record is one behind a circuit with diodes or switches."""
+        return any(isinstance(data, Data) and has_events(data.setting.shunt, data.drive) for data in self.data)
 
     def noise(self) -> Noise:
         """Guess of the noise from the records themselves."""
@@ -89,8 +104,11 @@ class Problem:
         for data in self.data:
             if isinstance(data, FrequencyData):
                 continue
+            events = has_events(data.setting.shunt, data.drive)
             for channel in data.channels:
-                shown.setdefault(channel, []).append(high_frequency_noise(data.record[channel]))
+                # What a switch does fast would be taken for noise.
+                floor = None if events and channel in FAST else high_frequency_noise(data.record[channel])
+                shown.setdefault(channel, []).append(floor)
         found = {}
         for channel, each in shown.items():
             seen = [floor for floor in each if floor is not None]
@@ -101,8 +119,13 @@ class Problem:
         return found
 
     def start(self, model: Model) -> tuple[np.ndarray, ...]:
-        """Start values of the records' nuisance parameters: all zero."""
-        return tuple(np.zeros(len(self.nuisance_names(model, data))) for data in self.data)
+        """Start values of the records' nuisance parameters: zero, unless a record knows better."""
+        return tuple(
+            np.array([data.start.get(name, 0.0) for name in self.nuisance_names(model, data)])
+            if isinstance(data, Data)
+            else np.zeros(0)
+            for data in self.data
+        )
 
     def nuisance_names(self, model: Model, data: Data | FrequencyData) -> tuple[str, ...]:
         """Names of a record's nuisance parameters."""
@@ -172,7 +195,7 @@ def prior_of(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Prior means and inverse variances of all parameters."""
     means, precision = [], []
     for parameter in model.parameters:
-        if parameter.path[0] == "effects":
+        if parameter.path[0] == "effects" and int(parameter.path[1]) >= len(problem.nominal.effects):
             means.append(0.0)
             precision.append(0.0)
             continue
@@ -180,9 +203,13 @@ def prior_of(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
         means.append(nominal)
         size = PRIOR_DEVIATION if parameter.scaling == "log" else LINEAR_PRIOR_DEVIATION * (abs(nominal) or 1.0)
         precision.append(size**-2)
-    known = [
-        next((size**-2 for start, size in NUISANCE_PRIORS.items() if name.startswith(start)), 0.0)
-        for data in problem.data
-        for name in problem.nuisance_names(model, data)
-    ]
-    return np.concatenate([means, np.zeros(len(known))]), np.concatenate([precision, known])
+    known = [_nuisance_prior(data, name) for data in problem.data for name in problem.nuisance_names(model, data)]
+    more = np.array(known).reshape(-1, 2)
+    return np.concatenate([means, more[:, 0]]), np.concatenate([precision, more[:, 1]])
+
+
+def _nuisance_prior(data: Data | FrequencyData, name: str) -> tuple[float, float]:
+    """Mean and inverse variance of a nuisance parameter; the latter is zero where nothing is known."""
+    if isinstance(data, Data) and name in data.start:
+        return data.start[name], STARTS_SHOWN**-2
+    return 0.0, next((size**-2 for start, size in NUISANCE_PRIORS.items() if name.startswith(start)), 0.0)

@@ -9,12 +9,13 @@ import numpy as np
 from scipy import fft
 from scipy.linalg import schur
 
+from piezoharvest.predict.any_prediction import AnyPrediction
 from piezoharvest.predict.prediction import Prediction
 
 MIN_FREQUENCY = 1e-6  # of the sample rate: lowest frequency, because open electrodes have no response at zero
 
 
-def gain_of(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> np.ndarray:
+def gain_of(prediction: AnyPrediction, channels: Sequence[str], frequencies: np.ndarray) -> np.ndarray:
     """Response of channels to small noise of the drive, with every element linear at its mean slope in the record.
 
     It is that of the discrete model: between samples the noise is interpolated by a cubic spline.
@@ -30,11 +31,15 @@ def gain_of(prediction: Prediction, channels: Sequence[str], frequencies: np.nda
     -------
     (f, channels) complex array
     """
-    gain = specimen_gain(prediction, channels, frequencies)
-    return gain * _delay_factors(prediction, channels, frequencies) if prediction.transducer.effects else gain
+
+    def made() -> np.ndarray:
+        gain = specimen_gain(prediction, channels, frequencies)
+        return gain * _delay_factors(prediction, channels, frequencies) if prediction.transducer.effects else gain
+
+    return prediction.shared(("gain", tuple(channels), frequencies.tobytes()), made)
 
 
-def _delay_factors(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> np.ndarray:
+def _delay_factors(prediction: AnyPrediction, channels: Sequence[str], frequencies: np.ndarray) -> np.ndarray:
     """Factors of the channels' delays, (f, channels), by splines through the samples."""
     h, effects = prediction.setting.sample_time, prediction.transducer.effects
     angle = 2 * np.pi * np.maximum(frequencies * h, MIN_FREQUENCY)
@@ -59,7 +64,7 @@ def _spline(angle: np.ndarray) -> list[np.ndarray]:
     ]
 
 
-def small_response(prediction: Prediction, channels: Sequence[str], drive: np.ndarray) -> np.ndarray:
+def small_response(prediction: AnyPrediction, channels: Sequence[str], drive: np.ndarray) -> np.ndarray:
     """Response (n, channels) to a small addition (n,) to the drive, taken as periodic."""
     n = len(drive)
     if not np.any(drive):
@@ -69,18 +74,23 @@ def small_response(prediction: Prediction, channels: Sequence[str], drive: np.nd
     return np.asarray(fft.irfft(gain.T * fft.rfft(drive), n)).T
 
 
-def specimen_gain(prediction: Prediction, channels: Sequence[str], frequencies: np.ndarray) -> np.ndarray:
+def specimen_gain(prediction: AnyPrediction, channels: Sequence[str], frequencies: np.ndarray) -> np.ndarray:
     """Response (f, channels) of the specimen itself, without the delays of the channels."""
+    prediction = prediction.linear
     m, h = prediction.matrices, prediction.setting.sample_time
     angle = 2 * np.pi * np.maximum(frequencies * h, MIN_FREQUENCY)
     turn, cubic = np.exp(1j * angle), _spline(angle)
     drive = [cubic[0], cubic[1] / h]
     outputs = len(m.O) - len(m.channels)
-    line = _LinearStep.of(prediction, [outputs + m.channels.index(channel) for channel in channels])
+    known = [k for k, channel in enumerate(channels) if channel in m.channels]
+    line = _LinearStep.of(prediction, [outputs + m.channels.index(channels[k]) for k in known])
     # Frequencies are the last axis throughout. Factors of the drive's part of the equations, (8, f):
     driven = np.array([*cubic, *drive, *(turn * part for part in drive)])
     states = _solved(line.kept, line.A, turn, line.driven() @ driven)
-    return (line.C @ states + line.D @ np.array(drive)).T
+    # The dc side of a circuit averages small noise out.
+    gain = np.zeros((len(frequencies), len(channels)), complex)
+    gain[:, known] = (line.C @ states + line.D @ np.array(drive)).T
+    return gain
 
 
 def _solved(kept: np.ndarray, A: np.ndarray, turn: np.ndarray, forced: np.ndarray) -> np.ndarray:

@@ -18,10 +18,12 @@ from piezoharvest.readers.units import Unit
 # SI unit and default column of every channel; in files, time is one of them.
 UNITS: Mapping[str, str] = MappingProxyType({
     "time": "s", "force": "N", "displacement": "m", "voltage": "V", "current": "A", "base_acceleration": "m/s^2",
+    "velocity": "m/s", "acceleration": "m/s^2", "dc_voltage": "V", "dc_current": "A", "gate": "",
 })  # fmt: skip
 COLUMNS: Mapping[str, str] = MappingProxyType({
     "time": "time_s", "force": "force_N", "displacement": "displacement_m", "voltage": "voltage_V",
-    "current": "current_A", "base_acceleration": "base_acceleration_m_per_s2",
+    "current": "current_A", "base_acceleration": "base_acceleration_m_per_s2", "velocity": "velocity_m_s",
+    "acceleration": "acceleration_m_s2", "dc_voltage": "dc_voltage_V", "dc_current": "dc_current_A", "gate": "gate",
 })  # fmt: skip
 # Allowed magnitudes of non-zero samples in SI units: twelve decades beyond any measurement, and below the 9.9e37 and
 # 3.4e38 that instruments and single precision write for an overload.

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from piezoharvest.description.effects.circuit_value import CircuitValue, circuit_values
 from piezoharvest.description.parameters import Component, ParameterError, quantity
 from piezoharvest.description.shunts import Resistor, Shunt
 from piezoharvest.records.reading.channels import COLUMNS, UNITS, ChannelSource, unit_factor
@@ -53,6 +54,31 @@ class _EntryWithShunt(_Entry):
     load_resistance: float | None = quantity("ohm", "resistance across the electrodes", default=None, above=0)
     shunt: Any = None
 
+    @property
+    def _table(self) -> Any:
+        """Table of the shunt without the key of those that describe a record."""
+        return {key: value for key, value in self.shunt.items() if key != "fit"} if self._has_fit else self.shunt
+
+    @property
+    def _has_fit(self) -> bool:
+        return isinstance(self.shunt, dict) and "fit" in self.shunt
+
+    def fitted(self, shunt: Shunt | None, where: str) -> tuple[CircuitValue, ...]:
+        """Values of the shunt that are fitted: `fit = ["quality", ...]` in its table.
+
+        Raises
+        ------
+        ParameterError
+            It is no list of keys of the shunt.
+        """
+        if shunt is None or not self._has_fit:
+            return ()
+        keys = self.shunt["fit"]
+        if not isinstance(keys, list | tuple) or not all(isinstance(key, str) for key in keys):
+            message = f"found {repr(keys)[:80]}, allowed is a list of the shunt's keys"
+            raise ParameterError(f"{where}.shunt.fit", message)
+        return circuit_values(shunt, keys, f"{where}.shunt")
+
     def across(self, where: str, voltage_imposed: bool) -> Shunt | None:
         """Shunt across the electrodes.
 
@@ -64,7 +90,7 @@ class _EntryWithShunt(_Entry):
         if self.shunt is not None and self.load_resistance is not None:
             raise ParameterError(f"{where}.shunt", "load_resistance is given too, but only one of the two may be")
         if self.shunt is not None:
-            return build_shunt(self.shunt, f"{where}.shunt")
+            return build_shunt(self._table, f"{where}.shunt")
         if self.load_resistance is not None:
             return Resistor(resistance=self.load_resistance)
         if voltage_imposed:

@@ -200,6 +200,6 @@ def read_record(
         findings = [*reading.findings, *files.below()]
     record = Record(
         name=entry.file, key=key, role=entry.role, drive=entry.drive, shunt=shunt, start_time=entry.start_time,
-        time=signals.pop("time"), signals=MappingProxyType(signals),
+        time=signals.pop("time"), signals=MappingProxyType(signals), fitted=entry.fitted(shunt, key),
     )  # fmt: skip
     return record, findings

@@ -14,6 +14,7 @@ class ChannelSkew(Effect):
     """Voltage and current are those of `delay` ago; absent at zero."""
 
     name: ClassVar[str] = "channel_skew"
+    of_specimen: ClassVar[bool] = False
     source: ClassVar[str] = "Doebelin, Measurement Systems, 2003, section 3.3"
     looks: ClassVar[str] = "voltage and current are late by the same time at every frequency"
     told_by: ClassVar[str] = (

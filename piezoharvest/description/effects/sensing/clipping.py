@@ -14,6 +14,7 @@ class Clipping(Effect):
     """A channel ends at +-limit; absent at infinity."""
 
     name: ClassVar[str] = "clipping"
+    of_specimen: ClassVar[bool] = False
     source: ClassVar[str] = "Bendat & Piersol, Random Data, 2010, section 10.3"
     looks: ClassVar[str] = "the peaks of one channel are cut off flat, always at the same value"
     told_by: ClassVar[str] = "a record at a smaller amplitude, or with a larger range"

@@ -17,6 +17,7 @@ class ContactCompliance(Effect):
     """
 
     name: ClassVar[str] = "contact_compliance"
+    of_specimen: ClassVar[bool] = False
     source: ClassVar[str] = "Johnson, Contact Mechanics, 1985, section 4.2"
     looks: ClassVar[str] = "extra displacement, steep at small force, that the voltage knows nothing of"
     told_by: ClassVar[str] = "a second displacement sensor on the specimen itself, or a record under a larger preload"

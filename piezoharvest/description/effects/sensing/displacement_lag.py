@@ -14,6 +14,7 @@ class DisplacementLag(Effect):
     """First-order lag of the displacement sensor, settled before the record; absent at zero."""
 
     name: ClassVar[str] = "displacement_lag"
+    of_specimen: ClassVar[bool] = False
     source: ClassVar[str] = "Doebelin, Measurement Systems, 2003, section 3.3"
     looks: ClassVar[str] = (
         "the loop of force and displacement opens in proportion to the frequency, the voltage does not"

@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from piezoharvest.description.effects.base import Effect
-from piezoharvest.description.parameters import quantity
+from piezoharvest.description.parameters import altered, quantity
 from piezoharvest.description.protocol import CampaignSizes
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.linear.resistor import Resistor
@@ -18,6 +18,7 @@ class LoadError(Effect):
     """The load resistor is R (1 + e): every one, or those whose label is `resistance`; absent at e = 0."""
 
     name: ClassVar[str] = "load_error"
+    of_specimen: ClassVar[bool] = False
     source: ClassVar[str] = "IEC 60062"
     looks: ClassVar[str] = (
         "voltage over current is not the load that is written on it, in the records of one load or in all"
@@ -33,10 +34,7 @@ class LoadError(Effect):
         meant = self.resistance is None or np.equal(self.resistance, shunt.resistance)
         if not np.any(meant):
             return shunt
-        # Unchecked: the error may have a complex step.
-        wrong = object.__new__(type(shunt))
-        wrong.__dict__.update(vars(shunt), resistance=shunt.resistance * (1.0 + meant * self.relative_error))
-        return wrong
+        return altered(shunt, resistance=shunt.resistance * (1.0 + meant * self.relative_error))
 
     @classmethod
     def starts(cls, scales: CampaignSizes) -> Iterator[Self]:

@@ -17,6 +17,7 @@ class MainsHum(Effect):
     """A line on a channel, at a phase that is another one in each record; absent at zero."""
 
     name: ClassVar[str] = "mains_hum"
+    of_specimen: ClassVar[bool] = False
     source: ClassVar[str] = "Horowitz & Hill, The Art of Electronics, 2015, section 8.13"
     looks: ClassVar[str] = "a sharp line at 50 or 60 Hz in one channel, whatever the drive does"
     told_by: ClassVar[str] = "a record without drive"

@@ -28,14 +28,14 @@ class ParallelSSHI(InductiveSwitch, Bridge):
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         sign, rectified = self._bridge(configuration, port, z)
-        port_equation = self.clamp(sign, port, dz) if sign else port.i - self._loop(configuration, port, z)
+        port_equation = self.clamp(sign, port, dz) if sign else self.forward(port) - self._loop(configuration, port, z)
         loop = self.loop_equation(configuration.startswith("closed"), port.v, port, z, dz)
         return [port_equation, loop, *self.dc_equations(rectified, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         _, rectified = self._bridge(configuration, port, z)
         powers = self.bridge_powers(rectified, port, z)
-        powers["shunt_loss"].append(Product(self.loop(port.capacitance)[1], z.current, z.current))
+        powers["shunt_loss"] += [Product(self.loop(port.capacitance)[1], z.current, z.current), *self.leads_loss(port)]
         return powers
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
@@ -53,4 +53,4 @@ class ParallelSSHI(InductiveSwitch, Bridge):
     def _bridge(self, configuration: str, port: Port, z: SimpleNamespace) -> tuple[int, Row]:
         """Sign of the conducting diodes, and the current through them towards the dc side."""
         sign = sign_of(configuration)
-        return sign, sign * (port.i - self._loop(configuration, port, z))
+        return sign, sign * (self.forward(port) - self._loop(configuration, port, z))

@@ -24,11 +24,13 @@ class Rectifier(Bridge):
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         sign = sign_of(configuration)
-        port_equation = self.clamp(sign, port, dz) if sign else port.i
-        return [port_equation, *self.dc_equations(sign * port.i, z, dz)]
+        port_equation = self.clamp(sign, port, dz) if sign else self.forward(port)
+        return [port_equation, *self.dc_equations(sign * self.forward(port), z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        return self.bridge_powers(sign_of(configuration) * port.i, port, z)
+        powers = self.bridge_powers(sign_of(configuration) * self.forward(port), port, z)
+        powers["shunt_loss"] += self.leads_loss(port)
+        return powers
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
-        return diode_guards(self, configuration, sign_of(configuration) * port.i, port, z)
+        return diode_guards(self, configuration, sign_of(configuration) * self.forward(port), port, z)

@@ -14,7 +14,9 @@ from piezoharvest.description.shunts.switching import InductiveSwitch
 class SeriesSSHI(InductiveSwitch, Bridge):
     """Switch, inductance and rectifier in one loop: charge flows to the dc side only while the switch is closed.
 
-    If it is closed too long, the bridge blocks at zero current until |v| exceeds the dc voltage again.
+    The leads are open but while the switch is closed: what its diodes conduct backwards then is left out, as it is
+    small beside what they take from the dc side all the time. If it is closed too long, the bridge blocks at zero
+    current until |v| exceeds the dc voltage again.
     """
 
     kind: ClassVar[str] = "series_sshi"

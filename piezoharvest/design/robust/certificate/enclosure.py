@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import add
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -111,7 +112,10 @@ class Enclosure:
     def _factors(self, centre: np.ndarray, radius: np.ndarray) -> dict[str, Form]:
         """Factor of each quantity, as `Box.factors`, and "deviation" of the load."""
         names = self.box.names
-        along = {name: Form.coordinate(centre, radius, n) for n, name in enumerate(names)}
+        axes = [Form.coordinate(centre, radius, n) for n in range(len(names))]
+        region, along = self.box.region, dict(zip(names, axes, strict=True))
+        for name, row in zip(region.names, region.spread, strict=True):
+            along[name] = reduce(add, (axis * share for axis, share in zip(axes, row.tolist(), strict=False)))
         one = Form(np.ones(len(centre)), np.zeros_like(centre), np.zeros(len(centre)))
         found = {}
         for name in (*OF_TRANSDUCER, "load", "frequency"):

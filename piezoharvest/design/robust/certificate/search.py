@@ -43,7 +43,10 @@ class _Boxes(NamedTuple):
     def of(cls, enclosure: Enclosure, centre: np.ndarray, radius: np.ndarray, sign: float) -> _Boxes:
         """Boxes with what the enclosure says of them."""
         worst, middle, influence = enclosure.bounds(centre, radius)
-        return cls(centre, radius, _loss(worst, sign), _loss(middle, sign), influence)
+        # A box outside of a confidence region holds no specimen, and a middle outside is none.
+        losses = np.where(enclosure.box.beyond(centre, radius), -np.inf, _loss(worst, sign))
+        middles = np.where(enclosure.box.beyond(centre), -np.inf, _loss(middle, sign))
+        return cls(centre, radius, losses, middles, influence)
 
     def part(self, which: np.ndarray) -> _Boxes:
         """Boxes of a mask, or of indices."""

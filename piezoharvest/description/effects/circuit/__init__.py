@@ -1,0 +1,1 @@
+"""Effects in the circuit behind the electrodes: its switch, its loop, its diodes, and the meters on it."""

@@ -1,0 +1,42 @@
+"""Switched loop that is not as good as its label says."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.parameters import AS_LABELLED, altered, quantity
+from piezoharvest.description.protocol import CampaignSizes
+from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.switching import InductiveSwitch
+
+
+@dataclass(frozen=True, kw_only=True)
+class InversionLoss(Effect):
+    """The quality of the switched loop is `quality` instead of that of its label; absent where the two are equal.
+
+    An inversion of the voltage V leaves q V of the other sign, q = exp(-pi/(2 Q_i)). The switch stays closed for half a
+    damped period of the loop as it is: how long it is closed is told by `on_time_offset`.
+    """
+
+    name: ClassVar[str] = "inversion_loss"
+    source: ClassVar[str] = "Guyomar, Badel, Lefeuvre & Richard, IEEE Trans. UFFC 52(4), 584-595, 2005"
+    looks: ClassVar[str] = "every inversion leaves less voltage than it should, by the same share at every amplitude"
+    told_by: ClassVar[str] = (
+        "sample an inversion fast enough to see it: a voltage that falls back after it, or diodes that drop another "
+        "voltage, leave the inversion itself alone"
+    )
+
+    quality: float = quantity("", "quality of the switched loop, Q_i = sqrt(L/C)/R", above=0.5, null=AS_LABELLED)
+
+    def connect(self, shunt: Shunt) -> Shunt:
+        return altered(shunt, quality=self.quality) if isinstance(shunt, InductiveSwitch) else shunt
+
+    @classmethod
+    def acts_on(cls, shunt: Shunt | None) -> bool:
+        return isinstance(shunt, InductiveSwitch)
+
+    @classmethod
+    def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
+        for quality in dict.fromkeys(s.quality for s in scales.shunts if isinstance(s, InductiveSwitch)):
+            yield cls(quality=quality)

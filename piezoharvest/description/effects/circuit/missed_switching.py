@@ -1,0 +1,47 @@
+"""Switch that does not act at small voltages."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+import numpy as np
+
+from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.parameters import altered, quantity
+from piezoharvest.description.protocol import CampaignSizes
+from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.switching import SynchronisedShunt
+
+TRIED = (0.9, 0.5, 0.2)  # of the largest voltage: thresholds from which a fit starts
+
+
+@dataclass(frozen=True, kw_only=True)
+class MissedSwitching(Effect):
+    """The peak detector does not act at an extremum at which |v_p| is below `threshold`; absent at zero.
+
+    The voltage counts, not the displacement: it is what a detector sees. A larger threshold of the label's own holds.
+    """
+
+    name: ClassVar[str] = "missed_switching"
+    source: ClassVar[str] = "Lallart & Guyomar, Smart Mater. Struct. 17(3), 035030, 2008"
+    looks: ClassVar[str] = "some extrema pass without an inversion, those at small voltages"
+    told_by: ClassVar[str] = "record the gate, or raise the amplitude until every extremum is switched"
+
+    sets_in: ClassVar[bool] = True
+
+    threshold: float = quantity("V", "voltage below which the switch does not act", at_least=0, null=0.0)
+
+    def connect(self, shunt: Shunt) -> Shunt:
+        if not isinstance(shunt, SynchronisedShunt):
+            return shunt
+        larger = np.real(self.threshold) > np.real(shunt.detector_threshold)
+        return altered(shunt, detector_threshold=np.where(larger, self.threshold, shunt.detector_threshold)[()])
+
+    @classmethod
+    def acts_on(cls, shunt: Shunt | None) -> bool:
+        return isinstance(shunt, SynchronisedShunt)
+
+    @classmethod
+    def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
+        for share in TRIED:  # it sets in with a jump: no derivative shows it
+            yield cls(threshold=share * max(scales.voltages, default=1.0))

@@ -1,0 +1,44 @@
+"""Switch that stays closed for too long or too short."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.parameters import altered, quantity
+from piezoharvest.description.protocol import CampaignSizes
+from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.switching import InductiveSwitch
+
+TRIED = (-0.3, -0.1, 0.1, 0.3)  # start values
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnTimeOffset(Effect):
+    """The relative error of the time for which the switch is closed is larger by `on_time_error`; absent at zero."""
+
+    name: ClassVar[str] = "on_time_offset"
+    source: ClassVar[str] = "Lefeuvre, Badel, Richard, Petit & Guyomar, Sens. Actuators A 126(2), 405-416, 2006"
+    looks: ClassVar[str] = "an inversion ends before or after the voltage's peak, and takes that much longer or shorter"
+    told_by: ClassVar[str] = (
+        "record the gate, or sample an inversion: a loop of low quality ends at its peak, at the commanded time"
+    )
+
+    # A switch that opens on time cuts no current: to first order nothing changes.
+    sets_in: ClassVar[bool] = True
+
+    on_time_error: float = quantity("", "relative error beside that of the label", above=-1, null=0.0)
+
+    def connect(self, shunt: Shunt) -> Shunt:
+        if not isinstance(shunt, InductiveSwitch):
+            return shunt
+        return altered(shunt, on_time_error=shunt.on_time_error + self.on_time_error)
+
+    @classmethod
+    def acts_on(cls, shunt: Shunt | None) -> bool:
+        return isinstance(shunt, InductiveSwitch)
+
+    @classmethod
+    def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
+        for error in TRIED:
+            yield cls(on_time_error=error)

@@ -1,0 +1,172 @@
+"""Sampled outputs of a run through a signal, with derivatives with respect to quantities and initial states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from piezoharvest.engine.lowering.lower import Lowered
+from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.memory import state as st
+from piezoharvest.engine.memory.state import EngineState
+from piezoharvest.engine.run import Machine
+from piezoharvest.engine.sensitivity.dual_modes import dual, nominal
+from piezoharvest.engine.steady_search import EngineError, check
+from piezoharvest.engine.transient.along_tape import REMEMBERED, Motions, Moving, Switching, follow
+from piezoharvest.engine.transient.mode_steps import mode_steps
+
+MOTIONS_A_SAMPLE = 3  # room for motions, of which one ends at each sample, enlarged where it is too small
+
+
+class Sampled(NamedTuple):
+    """Outputs at samples.
+
+    Attributes
+    ----------
+    values : (samples, outputs) array
+    slopes : (samples, outputs, lanes) array
+        Derivatives with respect to the quantities, then to what the initial state depends on.
+    """
+
+    values: np.ndarray
+    slopes: np.ndarray
+
+
+class PlainRun:
+    """A run from a state, a block of samples at a time.
+
+    Parameters
+    ----------
+    lowered : Lowered
+    times : (samples,) array
+        s.
+    start : EngineState
+    outputs : sequence of str
+        Wanted ones of `pg.OUTPUTS`.
+    """
+
+    def __init__(self, lowered: Lowered, times: np.ndarray, start: EngineState, outputs: Sequence[str]) -> None:
+        self._machine, self._times, self._state = Machine(lowered), times, start
+        self._rows = [pg.OUTPUTS.index(name) for name in outputs]
+
+    def through(self, begin: int, end: int) -> np.ndarray:
+        """Outputs (samples, outputs) from one sample, at which the last block ended, to another one, both included.
+
+        Raises
+        ------
+        EngineError
+            The run cannot be simulated.
+        """
+        times = self._times[begin : end + 1]
+        state = self._machine.state(sample_time=times)
+        state.follow(self._state)
+        check(self._machine.run(state, float(times[-1])))
+        self._state = state
+        values = state.samples[:, self._rows]
+        if state.D[st.SAMPLED] < len(times) or not np.all(np.isfinite(values)):
+            raise EngineError(f"no solution after {times[0]:g} s")
+        return values
+
+
+class SampledRun:
+    """A run from a state, followed once more with derivatives, a block of samples at a time.
+
+    Parameters
+    ----------
+    lowered : Lowered
+        From complex steps of the quantities, under a signal of straight pieces between the samples, without smooth
+        elements.
+    count : int
+        Number of quantities.
+    times : (samples,) array
+        s, evenly spaced.
+    start : EngineState
+        State of the nominal system at the first sample.
+    changes : (n, lanes) array
+        Derivatives of its scaled states: with respect to the quantities, then to what it depends on.
+    outputs : sequence of str
+        Wanted ones of `pg.OUTPUTS`.
+    """
+
+    def __init__(
+        self, lowered: Lowered, count: int, times: np.ndarray, start: EngineState, changes: np.ndarray,
+        outputs: Sequence[str],
+    ) -> None:  # fmt: skip
+        self._program, self._count, self._times = lowered.program, count, times
+        self._rows = [pg.OUTPUTS.index(name) for name in outputs]
+        self._machine = Machine(lowered._replace(program=nominal(lowered.program)))
+        self._state = start
+        (n, lanes), a = changes.shape, lowered.program.rate.shape[-1]
+        self._moving = _moving(n, a, lanes)
+        self._moving.d[:] = changes
+        self._switching = _switching(lowered.program, count)
+
+    def through(self, begin: int, end: int) -> Sampled:
+        """Outputs from one sample, at which the last block ended, to another one, both included.
+
+        Raises
+        ------
+        EngineError
+            The run cannot be simulated.
+        """
+        times = self._times[begin : end + 1]
+        motions, modes = self._motions(float(times[-1]), len(times))
+        steps = mode_steps(self._program, self._count, modes, float(times[1] - times[0]), self._rows)
+        values = np.empty((len(times), len(self._rows)))
+        slopes = np.empty((*values.shape, len(self._moving.shift)))
+        memory = np.empty_like(self._moving.z), np.empty_like(self._moving.d)
+        written = follow(steps, self._switching, motions, self._moving, memory, times, values, slopes)
+        if written < len(times) or not np.all(np.isfinite(values)):
+            raise EngineError(f"no solution after {times[max(written - 1, 0)]:g} s")
+        return Sampled(values, slopes)
+
+    def _motions(self, t_end: float, samples: int) -> tuple[Motions, list[tuple[int, np.ndarray]]]:
+        """Motions between the events up to a time, to which the run moves on, and their modes."""
+        machine, room = self._machine, MOTIONS_A_SAMPLE * samples + 64
+        while True:
+            state = machine.state(tape=room)
+            state.follow(self._state)
+            check(machine.run(state, t_end))
+            count = int(state.D[st.TAPED])
+            if count < room:
+                break
+            room *= 2
+        self._state = state
+        a, h = int(machine.L[pg.A]), int(machine.L[pg.H])
+        numbers, kinds = state[st.TAPE].reshape(-1, 2 + a)[:count], state[st.TAPE_KIND].reshape(-1, 3 + h)[:count]
+        keys = np.column_stack([kinds[:, 0], kinds[:, 3:] != 0])
+        found, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+        modes = [(int(key[0]), kinds[k, 3:].copy()) for key, k in zip(found, first, strict=True)]
+        columns = (
+            numbers[:, 0], numbers[:, 1], numbers[:, 2:], which.ravel().astype(np.int64), kinds[:, 0], kinds[:, 1],
+            kinds[:, 3:],
+        )  # fmt: skip
+        return Motions(*map(np.ascontiguousarray, columns)), modes
+
+
+def _moving(n: int, a: int, lanes: int) -> Moving:
+    """Memory of a run, nothing having happened before."""
+    return Moving(
+        np.zeros(a), np.zeros((n, lanes)), np.zeros(a), np.zeros((n, lanes)), np.zeros(lanes), np.zeros(lanes),
+        np.zeros(lanes), np.full(REMEMBERED, -np.inf), np.zeros((REMEMBERED, lanes)),
+    )  # fmt: skip
+
+
+def _switching(program: pg.Program, count: int) -> Switching:
+    """Tables of the events."""
+
+    def change(value: np.ndarray | float, rank: int) -> np.ndarray:
+        """Derivatives with respect to the quantities, these as last axis."""
+        found = dual(np.asarray(value), rank).change
+        return np.ascontiguousarray(np.moveaxis(np.broadcast_to(found, (count, *found.shape[1:])), 0, -1))
+
+    stops = np.asarray(program.stop_state, np.int64)
+    return Switching(
+        program.rate.shape[-2], program.guard_target.shape[1], int(program.switched), int(program.cut),
+        int(program.charge), float(dual(np.asarray(program.lag), 0).value), np.asarray(program.opened, np.int64),
+        np.asarray(program.guard_cut, np.int64), stops, np.ascontiguousarray(dual(program.voltage_row, 1).value),
+        change(program.lag, 0), change(program.on_time, 0), change(program.voltage_row, 1),
+        change(program.stop_limit, 1),
+    )  # fmt: skip

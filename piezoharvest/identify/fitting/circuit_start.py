@@ -1,0 +1,61 @@
+"""Start values of the state in which a record behind a circuit begins, from its first samples."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezoharvest.description.shunts import Shunt
+from piezoharvest.description.transducer import Transducer
+from piezoharvest.predict.discrete_model import Setting
+from piezoharvest.records.record import Record
+
+SAMPLES = 5  # first samples, through which a parabola gives value and slope
+PERIODS = 1.5  # of the structure: in this time the voltage reaches what the diodes allow
+
+
+def circuit_start(record: Record, setting: Setting, shunt: Shunt, transducer: Transducer) -> dict[str, float]:
+    """Start values by name, in units of `setting.sizes`; what no channel shows begins at rest."""
+    x, u = _motion(record)
+    rest = setting.first * _gain(transducer, record.drive) / transducer.stiffness
+    found = {"x1": None if x is None else x - rest, "u1": u}
+    if "voltage" in record.signals:
+        voltage = float(record["voltage"][0])
+        moved = 0.0 if x is None else transducer.coupling * (x - rest)
+        found["q"] = transducer.capacitance * voltage + moved
+    found["dc"] = _dc(record, shunt, transducer)
+    return {
+        f"start {name}": value / size
+        for name, size in zip(setting.free, setting.sizes, strict=True)
+        if (value := found.get(name)) is not None
+    }
+
+
+def _gain(transducer: Transducer, drive: str) -> float:
+    """Force of the first mode for a unit of the drive."""
+    return 1.0 if drive == "force" else -transducer.all_modes[0].base_mass
+
+
+def _motion(record: Record) -> tuple[float | None, float | None]:
+    """Displacement and velocity at the first sample, None where no channel shows them."""
+    count, step = min(SAMPLES, len(record)), 1.0 / record.sample_rate
+    x = u = None
+    if "displacement" in record.signals:
+        fit = np.polynomial.Polynomial.fit(np.arange(count) * step, record["displacement"][:count], min(2, count - 1))
+        x, u = float(fit(0.0)), float(fit.deriv()(0.0))
+    if "velocity" in record.signals:
+        u = float(record["velocity"][0])
+    return x, u
+
+
+def _dc(record: Record, shunt: Shunt, transducer: Transducer) -> float | None:
+    """Voltage of the smoothing capacitor: as measured, or what the electrodes reach at first."""
+    if "dc_voltage" in record.signals:
+        return float(record["dc_voltage"][0])
+    load = getattr(shunt, "load_resistance", None)
+    if "dc_current" in record.signals and load is not None:
+        return float(record["dc_current"][0]) * load
+    if "voltage" not in record.signals:
+        return None
+    period = 2.0 * np.pi * np.sqrt(transducer.mass / transducer.stiffness)
+    first = record["voltage"][: max(int(PERIODS * period * record.sample_rate), SAMPLES)]
+    return max(float(np.max(np.abs(first))) - 2.0 * getattr(shunt, "diode_drop", 0.0), 0.0)

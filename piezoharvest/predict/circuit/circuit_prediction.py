@@ -1,0 +1,264 @@
+"""Predicted response of a transducer behind a circuit with diodes or switches, with derivatives to its parameters.
+
+The engine gives the events and, between them, exact motion; derivatives are exact through the events
+(`engine.transient`). With effects that are nonlinear between events they are central differences. Where a small change
+of a parameter lets the switch act at another extremum, the prediction jumps, and no derivative tells: it is then that
+of the present sequence of events, and the fit, which takes a step only if the cost falls, goes on from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, TypeVar
+
+import numpy as np
+
+from piezoharvest.description.parameters import COMPLEX_STEP
+from piezoharvest.description.shunts import Resistor, Shunt
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Transducer
+from piezoharvest.engine.lowering.lower import Lowered, lower
+from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.sensitivity.dual_modes import nominal
+from piezoharvest.engine.steady_search import EngineError
+from piezoharvest.engine.transient.variation import PlainRun, SampledRun
+from piezoharvest.equations.rows import connected
+from piezoharvest.equations.terms import Terms
+from piezoharvest.predict.circuit.differences import differences
+from piezoharvest.predict.circuit.effect_groups import by_groups
+from piezoharvest.predict.circuit.initial_state import initial_state
+from piezoharvest.predict.circuit.measured_drive import MeasuredDrive
+from piezoharvest.predict.circuit.readings import NEEDED, read_displacement
+from piezoharvest.predict.discrete_model import Setting
+from piezoharvest.predict.drive import drive_of
+from piezoharvest.predict.parameters import STEP, Parameter, put, stepped, value_at
+from piezoharvest.predict.prediction import BLOCK, Block, Prediction, PredictionError
+
+T = TypeVar("T")
+CHANNELS = ("displacement", "velocity", "acceleration", "voltage", "current", "dc_voltage", "dc_current")
+MAX_CONDUCTANCE, MIN_CONDUCTANCE = 1e3, 1e-3  # times w C: a load that is all but a short, or none, for small noise
+
+
+class CircuitPrediction:
+    """A transducer and its circuit in a setting.
+
+    Parameters
+    ----------
+    transducer : Transducer
+    setting : Setting
+        Its drive is a force or a base acceleration.
+    parameters : sequence of Parameter
+        Variables of the derivatives.
+    nuisance : (n,) array, optional
+        Named in `nuisance_names`: deviations of the initial states from rest, in units of `Setting.sizes`; the initial
+        output of every stop as fraction of its threshold. `nuisance_limits` are bounds of their magnitudes.
+    relaxed : bool
+        Stops begin at zero.
+    felt : int, optional
+        Number of effects that have an influence by themselves; those behind them are at or next to their null values,
+        so that only derivatives with respect to their parameters count. Default: all.
+    """
+
+    channels = CHANNELS
+    nonlinear = True
+    bends = False  # between samples outputs may jump, where no spline goes through
+
+    def __init__(
+        self, transducer: Transducer, setting: Setting, parameters: Sequence[Parameter] = (),
+        nuisance: np.ndarray | None = None, *, relaxed: bool = False, felt: int | None = None,
+    ) -> None:  # fmt: skip
+        self.transducer, self.setting, self.parameters, self.relaxed = transducer, setting, tuple(parameters), relaxed
+        self.felt = len(transducer.effects) if felt is None else felt
+        hysteresis = transducer.hysteresis
+        stops = 0 if relaxed or hysteresis is None else len(hysteresis.thresholds)
+        memories = tuple(f"history q{k}" for k in range(stops))
+        self.nuisance_names = (*(f"start {name}" for name in setting.free), *memories)
+        self.nuisance = np.zeros(len(self.nuisance_names)) if nuisance is None else nuisance
+        self.nuisance_limits = np.concatenate([np.full(len(setting.free), np.inf), np.ones(stops)])
+
+    # Description with complex steps.
+
+    @property
+    def _device(self) -> Transducer:
+        device = self.transducer
+        return device.settled(self.setting.sample_time) if device.quasi_static else device
+
+    @property
+    def _shunt(self) -> Shunt:
+        assert self.setting.shunt is not None  # it would be a record of a linear circuit
+        return self.setting.shunt
+
+    @cached_property
+    def _drive(self) -> np.ndarray:
+        lines = self.setting.motion.coefficients
+        return np.append(lines[:, 0], lines[-1, 0] + lines[-1, 1])
+
+    @cached_property
+    def _stepped(self) -> Transducer:
+        """Batch of transducers, each with a complex step of one parameter's variable."""
+        found, count = self._device, len(self.parameters)
+        for k, parameter in enumerate(self.parameters):
+            inner = parameter.inner(value_at(self.transducer, parameter.path))
+            step = np.zeros((count, 1), complex)
+            step[k] = 1j * STEP
+            found = put(found, parameter.path, _outer(parameter, inner + step))
+        return found
+
+    @cached_property
+    def _smooth(self) -> tuple[int, ...]:
+        """Parameters whose derivatives are differences: those of effects that are nonlinear between events.
+
+        Where such an effect is not at its null value, they are all.
+        """
+        base = "base_acceleration" if self.setting.drive == "base_acceleration" else "force"
+        device = replace(self._device, effects=())
+        smooth = [
+            n for n, effect in enumerate(self._stepped.effects)
+            if Terms(replace(device, effects=(effect,)), base, passes=True).elements
+        ]  # fmt: skip
+        if not all(self.transducer.effects[n].absent for n in smooth):
+            return tuple(range(len(self.parameters)))
+        return tuple(k for k, p in enumerate(self.parameters) if p.path[0] == "effects" and p.path[1] in smooth)
+
+    @cached_property
+    def lowered(self) -> Lowered:
+        """Matrices of all modes, with complex steps of the parameters."""
+        setting = self.setting
+        excitation = MeasuredDrive(
+            values=self._drive, sample_time=setting.sample_time, base=setting.drive == "base_acceleration"
+        )
+        with np.errstate(all="ignore"):  # the energy of an effect at its null value, which no motion depends on
+            found = lower(System(self._stepped, self._shunt), excitation, float(excitation.length))
+        return found._replace(program=_magnified(found.program))
+
+    @cached_property
+    def plain(self) -> CircuitPrediction:
+        """The same without parameters."""
+        if not self.parameters:
+            return self
+        return CircuitPrediction(self.transducer, self.setting, (), self.nuisance, relaxed=self.relaxed)
+
+    # Prediction.
+
+    def blocks(
+        self, derivatives: bool = True, size: int = BLOCK, channels: Sequence[str] | None = None, parts: int = 1
+    ) -> Iterator[Block]:
+        """Predict the record, a block of samples at a time, as `Prediction.blocks`.
+
+        Parameters
+        ----------
+        derivatives, size, channels
+            As there.
+        parts : int
+            Has to be 1: between samples the outputs may jump.
+
+        Raises
+        ------
+        PredictionError
+            The circuit cannot be simulated with these values.
+        """
+        wanted = list(self.channels if channels is None else channels)
+        if self.felt < len(self.transducer.effects):
+            yield from by_groups(self, wanted, size, derivatives)
+            return
+        smooth = self._smooth if derivatives else ()
+        if smooth:
+            yield from differences(self, smooth, wanted, size)
+            return
+        of = self if derivatives else self.plain
+        names = list(dict.fromkeys([*NEEDED, *("dc_voltage" if name == "dc_current" else name for name in wanted)]))
+        places = [names.index("dc_voltage" if name == "dc_current" else name) for name in wanted]
+        for begin, values, slopes in of._run(names, size, derivatives):
+            of._read(begin, values, slopes)
+            values, slopes = values[:, places], slopes[:, places]
+            of._through_load(wanted, values, slopes)
+            yield Block(begin, values, slopes, None)
+
+    def _run(self, names: Sequence[str], size: int, derivatives: bool) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+        """Blocks (first sample, outputs, derivatives) of the engine's outputs."""
+        count, last = len(self.parameters), self.setting.count - 1
+        times = np.arange(last + 1) * self.setting.sample_time
+        try:
+            state, changes = initial_state(self.lowered, self.setting, count, self.nuisance)
+            if derivatives:
+                run = SampledRun(self.lowered, count, times, state, changes, names)
+            else:
+                run = PlainRun(self.lowered._replace(program=nominal(self.lowered.program)), times, state, names)
+            for begin, end in pairwise([0, *range(size - 1, last, size), last]):
+                first = 0 if begin == 0 else 1  # the sample before a block is not written again
+                if isinstance(run, SampledRun):
+                    values, slopes = run.through(begin, end)
+                else:
+                    values = run.through(begin, end)
+                    slopes = np.zeros((*values.shape, 0))
+                yield begin + first, values[first:], slopes[first:]
+        except EngineError as error:
+            raise PredictionError(str(error)) from None
+
+    def _read(self, begin: int, values: np.ndarray, slopes: np.ndarray) -> None:
+        """Let the displacement sensor read."""
+        if not self.transducer.effects:
+            return
+        lanes, device = slopes.shape[2], self._device
+        tangents = [stepped(device, p, p.inner(value_at(self.transducer, p.path))) for p in self.parameters[:lanes]]
+        devices = [device, *tangents, *[device] * (lanes - len(tangents))]
+        drive = self._drive[begin : begin + len(values)]
+        read_displacement(devices, self.setting.drive, drive, values, slopes, self.setting.sample_time)
+
+    def _through_load(self, wanted: Sequence[str], values: np.ndarray, slopes: np.ndarray) -> None:
+        """Overwrite dc voltages by dc currents where these are wanted."""
+        if "dc_current" not in wanted:
+            return
+        circuit: Any = connected(System(self._stepped, self._shunt)).shunt
+        resistance = np.ravel(circuit.load_resistance)
+        value, change = float(np.real(resistance[0])), np.imag(resistance) / STEP
+        for k in (k for k, name in enumerate(wanted) if name == "dc_current"):
+            values[:, k] /= value
+            slopes[:, k] /= value
+            count = min(len(self.parameters), slopes.shape[2])
+            slopes[:, k, :count] -= values[:, k, None] * np.broadcast_to(change, count) / value
+
+    # Small noise of the drive.
+
+    @cached_property
+    def linear(self) -> Prediction:
+        """Prediction for small noise of the drive, in the mean: with the resistor that takes the same power.
+
+        Its conductance is that of the describing function, the mean of v i over that of v^2.
+        """
+        setting, device = self.setting, self._device
+        power = square = 0.0
+        for block in self.blocks(derivatives=False, channels=("voltage", "current")):
+            v, i = block.values.T
+            power, square = power + float(v @ i), square + float(v @ v)
+        unit = np.sqrt(device.stiffness / device.mass) * device.capacitance
+        conductance = np.clip(power / square if square > 0 else 0.0, MIN_CONDUCTANCE * unit, MAX_CONDUCTANCE * unit)
+        shunt = Resistor(resistance=float(1.0 / conductance))
+        return Prediction(device, replace(setting, shunt=shunt, motion=drive_of(self._drive), free=(), sizes=()))
+
+    def shared(self, key: Hashable, make: Callable[[], T]) -> T:
+        """What is made once for all predictions with the same equations; those of circuits depend on the record."""
+        return make()
+
+    def settle(self) -> None:
+        """Propagate through the record unless already done, so that `linear` is known."""
+        self.linear.settle()
+
+
+def _outer(parameter: Parameter, inner: np.ndarray) -> np.ndarray:
+    """Values (count, 1) from complex steps of the variable; an absent component has the infinite value."""
+    if parameter.scaling != "reciprocal":
+        return parameter.outer(inner)
+    return np.divide(1.0, inner, out=np.full(inner.shape, np.inf, complex), where=inner != 0)
+
+
+def _magnified(program: pg.Program) -> pg.Program:
+    """Program with the complex steps of the engine's sensitivities, from smaller ones."""
+
+    def grown(array: Any) -> Any:
+        return np.real(array) + 1j * (np.imag(array) * (COMPLEX_STEP / STEP)) if np.iscomplexobj(array) else array
+
+    return program._replace(**{name: grown(getattr(program, name)) for name in pg.NUMBERS})

@@ -1,0 +1,106 @@
+"""Derivatives of a prediction behind a circuit by differences, where effects are nonlinear between events."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from piezoharvest.predict.parameters import put, value_at
+from piezoharvest.predict.prediction import Block
+
+if TYPE_CHECKING:
+    from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
+
+# Change of a channel, relative to its size, by a difference: truncation is then about 1e-7, and the engine's error with
+# smooth elements, 1e-8, gives 3e-5.
+CHANGE = 3e-4
+MIN_STEP = 1e-8  # first step of a variable, in its unit, enlarged until the change is large enough
+MAX_TRIALS = 8  # of steps up to 1e3 times as large as the one before
+
+
+def differences(of: CircuitPrediction, which: Sequence[int], channels: Sequence[str], size: int) -> Iterator[Block]:
+    """Blocks of a prediction with central differences for some parameters, or for all and the nuisance parameters.
+
+    Where an event of one of the runs lies on the other side of a sample, the difference of the other side is taken.
+    """
+    base, count = _values(of, channels), len(of.parameters) + len(of.nuisance)
+    slopes = np.zeros((*base.shape, count))
+    rest = [k for k in range(count) if k not in which]
+    if len(which) < len(of.parameters):
+        others = type(of)(
+            of.transducer, of.setting, [of.parameters[k] for k in rest if k < len(of.parameters)], of.nuisance,
+            relaxed=of.relaxed,
+        )  # fmt: skip
+        slopes[..., rest] = np.concatenate([block.derivatives for block in others.blocks(channels=channels)])
+    else:
+        which = range(count)
+    for k in which:
+        slopes[..., k] = _lane(of, k, base, channels)
+    for begin in range(0, len(base), size):
+        yield Block(begin, base[begin : begin + size], slopes[begin : begin + size], None)
+
+
+def _values(of: CircuitPrediction, channels: Sequence[str]) -> np.ndarray:
+    return np.concatenate([block.values for block in of.blocks(derivatives=False, channels=channels)])
+
+
+def _moved(of: CircuitPrediction, k: int, step: float) -> CircuitPrediction:
+    """Prediction with another value of a parameter's variable, or of a nuisance parameter."""
+    device, nuisance = of.transducer, of.nuisance
+    if k < len(of.parameters):
+        parameter = of.parameters[k]
+        inner = float(np.real(parameter.inner(value_at(device, parameter.path)))) + step
+        device = put(device, parameter.path, float(np.real(parameter.outer(inner))))
+    else:
+        nuisance = nuisance + step * (np.arange(len(nuisance)) == k - len(of.parameters))
+    return type(of)(device, of.setting, (), nuisance, relaxed=of.relaxed)
+
+
+def _lane(of: CircuitPrediction, k: int, base: np.ndarray, channels: Sequence[str]) -> np.ndarray:
+    """Derivatives (samples, channels) with respect to one variable."""
+    if _has_none(of, k):
+        return np.zeros_like(base)
+    largest = np.max(np.abs(base), axis=0) + 1e-300
+    step = _step(of, k)
+    for _ in range(MAX_TRIALS):
+        upper = _values(_moved(of, k, step), channels) - base
+        change = float(np.max(np.median(np.abs(upper), axis=0) / largest))
+        if change >= 0.1 * CHANGE:
+            break
+        step *= 1e3 if change == 0.0 else float(np.clip(CHANGE / change, 2.0, 1e3))
+    else:
+        return np.zeros_like(base)
+    if _bounded_below(of, k, step):
+        return upper / step
+    lower = base - _values(_moved(of, k, -step), channels)
+    smaller = np.where(np.abs(upper) < np.abs(lower), upper, lower)
+    unlike = np.abs(upper - lower) > 0.5 * (np.abs(upper) + np.abs(lower))
+    return np.where(unlike, smaller, 0.5 * (upper + lower)) / step
+
+
+def _has_none(of: CircuitPrediction, k: int) -> bool:
+    """True for a parameter of an effect at its null value, other than the strength."""
+    if k >= len(of.parameters) or of.parameters[k].path[0] != "effects":
+        return False
+    _, n, name = of.parameters[k].path
+    effect = of.transducer.effects[int(n)]
+    return effect.absent and effect.strength().name != name
+
+
+def _step(of: CircuitPrediction, k: int) -> float:
+    """First step of a variable."""
+    if k >= len(of.parameters) or of.parameters[k].scaling == "log":
+        return 1e-6
+    parameter = of.parameters[k]
+    size = abs(float(np.real(parameter.inner(value_at(of.transducer, parameter.path)))))
+    return 1e-6 * size if size > 0 else MIN_STEP
+
+
+def _bounded_below(of: CircuitPrediction, k: int, step: float) -> bool:
+    """True if a variable may not be smaller by a step."""
+    if k >= len(of.parameters):
+        return False
+    parameter = of.parameters[k]
+    return float(np.real(parameter.inner(value_at(of.transducer, parameter.path)))) - step < parameter.lower

@@ -1,0 +1,115 @@
+"""Initial state of a record behind a circuit, and its derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezoharvest.engine.lowering.lower import Lowered
+from piezoharvest.engine.memory import program as pg
+from piezoharvest.engine.memory.state import EngineState
+from piezoharvest.engine.run import Machine
+from piezoharvest.engine.sensitivity.dual_modes import Dual, dual, nominal
+from piezoharvest.equations.terms import PRODUCT, TIMED
+from piezoharvest.predict.discrete_model import Setting
+
+ITERATIONS = 30  # of elements that depend on each other: they are small beside what is linear
+MARGIN = 1e-9  # of the largest charge: far below what a sensor resolves
+
+
+def initial_state(
+    lowered: Lowered, setting: Setting, count: int, nuisance: np.ndarray
+) -> tuple[EngineState, np.ndarray]:
+    """State at the first sample: rest under the first value of the drive, and deviations from it.
+
+    Parameters
+    ----------
+    lowered : Lowered
+        From complex steps of the parameters.
+    setting : Setting
+    count : int
+        Number of parameters.
+    nuisance : (n,) array
+        Deviations of `setting.free` in units of `setting.sizes`, then outputs of the stops as fractions of their
+        limits.
+
+    Returns
+    -------
+    EngineState
+    (states, count + n) array
+        Derivatives of its scaled states with respect to the parameters and these numbers.
+    """
+    program = lowered.program
+    scale, rest = (_of(program, name, count) for name in ("scale", "equilibrium"))
+    z, d = rest.value.copy(), np.zeros((len(rest.value), count + len(nuisance)))
+    d[:, :count] = rest.change.T
+    for k, (name, size) in enumerate(zip(setting.free, setting.sizes, strict=True)):
+        row = lowered.states.index(name)
+        slope = size / scale.value[row]
+        z[row] += slope * nuisance[k]
+        d[row, :count] -= slope * nuisance[k] / scale.value[row] * scale.change[:, row]
+        d[row, count + k] = slope
+    limits = _of(program, "stop_limit", count)
+    for j in range(len(nuisance) - len(setting.free)):
+        row, k = program.stop_state[j], len(setting.free) + j
+        z[row] = nuisance[k] * limits.value[j]
+        d[row, :count], d[row, count + k] = nuisance[k] * limits.change[:, j], limits.value[j]
+    state = Machine(lowered._replace(program=nominal(program))).state()
+    state.z[: len(z)] = z
+    charge = next((size for name, size in zip(setting.free, setting.sizes, strict=True) if name == "q"), 0.0)
+    _discharge(program, state, len(z), MARGIN * charge / scale.value[program.charge])
+    return state, d
+
+
+def _of(program: pg.Program, name: str, count: int) -> Dual:
+    """A vector of the program with its derivatives (count, n)."""
+    found = dual(getattr(program, name), 1)
+    return Dual(found.value, np.broadcast_to(found.change, (count, len(found.value))))
+
+
+def _discharge(program: pg.Program, state: EngineState, n: int, margin: float) -> None:
+    """Take from the electrodes the charge by which their voltage would exceed what the diodes allow, and a bit more.
+
+    Noise and start values may put it there; diodes have conducted until it was gone. Without the margin, a scaled
+    charge, diodes at rest would be neither conducting nor blocking.
+
+    Derivatives stay those of the given charge: with those of what is left, which are zero, a fit that once has too
+    much charge would never find back.
+    """
+    charge = program.charge
+    z = np.concatenate([state.z[:n], _resting_signal(program)])
+    for g in np.flatnonzero((program.guard_code[0] == pg.CONDUCT) & (program.guard_target[0] >= 0)):
+        form = dual(program.guard_z[..., 0, g, :], 1)
+        slope, moved = form.value[charge], 0.0
+        for _ in range(ITERATIONS if slope != 0.0 else 0):
+            _set_elements(program, z)
+            excess = float(form.value @ z) + margin * abs(slope)
+            if excess <= 0.0 and not moved:
+                break
+            z[charge] -= excess / slope
+            moved += excess / slope
+    # Events that are due are looked for before the engine sets the outputs of smooth elements.
+    _set_elements(program, z)
+    elements = slice(n, n + pg.DERIVATIVES * len(program.element_power))
+    state.z[charge], state.z[elements] = z[charge], z[elements]
+
+
+def _set_elements(program: pg.Program, z: np.ndarray) -> None:
+    """Set the outputs of smooth elements, which depend on the state and, by way of a voltage, on each other."""
+    n = program.rate.shape[-2]
+    if not len(program.element_power):
+        return
+    scale = np.real(np.reshape(program.exo_scale, (-1, len(z) - n))[0])
+    inputs = np.real(np.reshape(program.element_z, (-1, *program.element_z.shape[-3:]))[0])
+    for _ in range(ITERATIONS):
+        for k, power in enumerate(program.element_power):
+            first, second = inputs[k] @ z
+            output = 0.0 if power == TIMED else first * second if power == PRODUCT else first**power
+            z[n + pg.DERIVATIVES * k] = output / scale[pg.DERIVATIVES * k]
+
+
+def _resting_signal(program: pg.Program) -> np.ndarray:
+    """Exogenous states while the signal is zero: its value and slope, and the constant, if the program has one."""
+    found = np.zeros(program.rate.shape[-1] - program.rate.shape[-2])
+    if len(found) > 2 + pg.DERIVATIVES * len(program.element_power):
+        found[-1] = 1.0 / np.real(np.reshape(program.exo_scale, (-1, len(found)))[0, -1])
+    return found

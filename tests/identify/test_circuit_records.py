@@ -1,0 +1,122 @@
+"""Records behind diodes and switches, made by the virtual bench, whose solver shares nothing with the engine."""
+
+from pathlib import Path
+
+import pytest
+
+from piezoharvest.bench import measure, write_campaign
+from piezoharvest.diagnose import diagnose
+from piezoharvest.identify import identify
+from piezoharvest.records import CampaignError, load_campaign
+from piezoharvest.study import study_from
+
+BENCH = {"mass": 0.010, "damping": 0.0628, "stiffness": 986.96, "coupling": 1.0e-3, "capacitance": 40e-9}
+DC = {"smoothing_capacitance": 1e-6, "load_resistance": 3e5, "diode_drop": 0.3}
+RECTIFIER = {"kind": "rectifier", **DC}
+SSHI = {"kind": "parallel_sshi", "inductance": 0.5, "quality": 8.0, **DC}
+SENSORS = {
+    "load_cell": {"sensitivity": 100.0, "noise": 2e-5},
+    "laser": {"sensitivity": 5e3, "resolution": 0.0, "noise": 3e-7},
+    "buffer": {"gain": 0.2, "noise": 0.02},
+    "dc_meter": {"gain": 0.2, "noise": 0.02},
+}
+RECORDS = [
+    {},
+    {"excitation": {"frequency": 49.5, "amplitude": 0.04}},
+    {"excitation": {"frequency": 51.7}},
+    {"excitation": {"frequency": 50.1}, "role": "validate"},
+]
+
+
+def campaign(
+    folder, shunt, seed, effects=(), fit=(), duration=0.4, channels=("displacement", "voltage"), records=RECORDS
+):
+    """Campaign with a hidden effect, whose nominal values are three per cent off."""
+    bench = {
+        "sample_rate": 4000.0, "duration": duration, "seed": seed, "nominal_error": 0.03, "channels": list(channels),
+        **SENSORS, "records": records, "effects": dict(effects),
+    }  # fmt: skip
+    drive = {"kind": "sine_force", "amplitude": 0.03, "frequency": 50.6}
+    tables = {"transducer": BENCH, "excitation": drive, "shunts": [shunt], "bench": bench}
+    path = write_campaign(measure(study_from(tables, Path("study.toml"))), Path(folder) / "campaign")
+    if fit:
+        names = ", ".join(f'"{name}"' for name in fit)
+        kind = f'kind = "{shunt["kind"]}"'
+        path.write_text(path.read_text().replace(kind, f"{kind}\nfit = [{names}]"))
+    return load_campaign(path)
+
+
+def check_values(found, true):
+    """Identified values within four standard errors of the true ones, and standard errors that say something."""
+    for estimate in found.estimates:
+        if estimate.parameter.name in true:
+            value = true[estimate.parameter.name]
+            assert estimate.std is not None and estimate.std < 0.1 * abs(value), estimate
+            assert abs(estimate.value - value) < 4.0 * estimate.std, estimate
+
+
+def test_a_rectifier(tmp_path):
+    """With the voltage of its smoothing capacitor, whose capacitance is fitted."""
+    channels = ("displacement", "voltage", "dc_voltage")
+    found = identify(campaign(tmp_path, RECTIFIER, 1, fit=["smoothing_capacitance"], duration=0.25, channels=channels))
+    assert found.converged and not found.warnings
+    check_values(found, {**BENCH, "rectifier.smoothing_capacitance": 1e-6})
+
+
+def test_a_velocity_in_the_place_of_the_displacement(tmp_path):
+    records = RECORDS[:2]
+    sensors = ("velocity", "voltage")
+    found = identify(campaign(tmp_path, RECTIFIER, 2, duration=0.25, channels=sensors, records=records))
+    check_values(found, BENCH)
+
+
+def test_a_loop_that_is_worse_than_its_label(tmp_path):
+    hidden = {"inversion_loss": {"quality": 5.5}}
+    found = identify(campaign(tmp_path, SSHI, 3, hidden, fit=["quality"], duration=0.25, records=RECORDS[:2]))
+    check_values(found, {**BENCH, "parallel_sshi.quality": 5.5})
+
+
+HIDDEN = {
+    "inversion_loss": {"quality": 5.5}, "switch_delay": {"time_lag": 1e-4}, "diode_drop_error": {"diode_drop": 0.6},
+    "on_time_offset": {"on_time_error": 0.25}, "reverse_leakage": {"conductance": 3e-7},
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HIDDEN)
+def test_a_hidden_effect_of_the_circuit_is_named(tmp_path, name):
+    found = diagnose(campaign(tmp_path, SSHI, 10, {name: HIDDEN[name]}, duration=0.5))
+    assert [effect.effect.name for effect in found.effects] == [name]
+    ((field, true),) = HIDDEN[name].items()
+    assert getattr(found.effects[0].effect, field) == pytest.approx(true, rel=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_healthy_circuits_raise_no_alarm(tmp_path, seed):
+    assert diagnose(campaign(tmp_path, SSHI, 20 + seed, duration=0.5)).verdict == "adequate"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ('fit = ["quality"]', r"records\.0\.shunt\.fit: found 'quality', allowed are the numbers of this rectifier"),
+        ("fit = 3", r"records\.0\.shunt\.fit: found 3, allowed is a list"),
+    ],
+)
+def test_bad_keys_of_what_is_fitted(tmp_path, change, message):
+    found = campaign(tmp_path, RECTIFIER, 1, duration=0.01, records=RECORDS[:1])
+    text = found.path.read_text().replace('kind = "rectifier"', f'kind = "rectifier"\n{change}')
+    found.path.write_text(text)
+    with pytest.raises(CampaignError, match=message):
+        load_campaign(found.path)
+
+
+def test_a_channel_of_a_dc_side_that_is_not_there(tmp_path):
+    channels = ("displacement", "dc_voltage")
+    found = campaign(tmp_path, RECTIFIER, 1, duration=0.05, channels=channels, records=RECORDS[:1])
+    text = found.path.read_text()
+    head, _ = text.split("[records.shunt]")
+    found.path.write_text(head + '[records.shunt]\nkind = "resistor"\nresistance = 1e5\n')
+    with pytest.raises(CampaignError, match="found a channel dc_voltage behind resistor"):
+        identify(load_campaign(found.path))
