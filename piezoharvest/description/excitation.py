@@ -267,7 +267,38 @@ class RandomBase(_Random):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Record(Excitation):
+class Samples(Excitation):
+    """Samples joined by straight lines (first-order hold).
+
+    Attributes
+    ----------
+    sample_rate : float
+        Hz.
+    values : (n,) array
+        N or m/s^2.
+    """
+
+    sample_rate: float = quantity("Hz", "sample rate", above=0)
+    values: np.ndarray = field(init=False, repr=False, compare=False)
+
+    @property
+    def length(self):
+        return (len(self.values) - 1) / self.sample_rate
+
+    @property
+    def samples(self):
+        return len(self.values)
+
+    @property
+    def rest(self):
+        return float(self.values[0])
+
+    def signal(self):
+        return ramps_through(np.arange(len(self.values)) / self.sample_rate, self.values)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record(Samples):
     """A recorded force in N, joined by straight lines between its samples.
 
     Attributes
@@ -292,8 +323,6 @@ class Record(Excitation):
     column: Any
     skip_rows: int | None = quantity("", "lines above the table", default=None, at_least=0)
     header_row: int | None = quantity("", "line with the names", default=None, at_least=1)
-    sample_rate: float = quantity("Hz", "sample rate", above=0)
-    values: np.ndarray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -331,21 +360,6 @@ class Record(Excitation):
         if len(values) < 2:
             raise ParameterError("file", f"found {len(values)} samples in {self.file}, allowed are two or more")
         return values
-
-    @property
-    def length(self):
-        return (len(self.values) - 1) / self.sample_rate
-
-    @property
-    def samples(self):
-        return len(self.values)
-
-    @property
-    def rest(self):
-        return float(self.values[0])
-
-    def signal(self):
-        return ramps_through(np.arange(len(self.values)) / self.sample_rate, self.values)
 
 
 def registered() -> dict[str, type[Excitation]]:

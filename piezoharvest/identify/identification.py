@@ -19,7 +19,7 @@ from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.likelihood import Whitener
 from piezoharvest.identify.fitting.measured_responses import FrequencyData, ResponseQuality
 from piezoharvest.identify.fitting.model import Model, unexplained_blocks
-from piezoharvest.identify.fitting.output_error import fit, noise_of_responses, standard_errors
+from piezoharvest.identify.fitting.output_error import fit, linearised, mean_square, noise_of_responses, standard_errors
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, nuisance_for_problem
 from piezoharvest.identify.identifiability import assumed, combination, experiment, uncertain, undetermined
 from piezoharvest.identify.noise.noise_gain import gain_of
@@ -31,7 +31,12 @@ from piezoharvest.identify.start_values.initial_hysteresis_state import (
     may_have_initial_states,
     search_initial_states,
 )
-from piezoharvest.identify.start_values.multistart import ROUGH_TOLERANCE, fit_multistart, tune_to_responses
+from piezoharvest.identify.start_values.multistart import (
+    MAX_MEAN_SQUARE,
+    ROUGH_TOLERANCE,
+    fit_multistart,
+    tune_to_responses,
+)
 from piezoharvest.identify.start_values.quasi_static import (
     as_quasi_static,
     may_be_quasi_static,
@@ -39,7 +44,7 @@ from piezoharvest.identify.start_values.quasi_static import (
     resonance_above_nyquist,
 )
 from piezoharvest.identify.threads import single_threaded
-from piezoharvest.predict.parameters import Parameter, parameters_of, value_at
+from piezoharvest.predict.parameters import Parameter, is_of_circuit, parameters_of, value_at
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.record import FrequencyRecord, Record
@@ -275,6 +280,20 @@ def _identify_quasi_static(campaign: Campaign, progress: Progress, offsets: Sequ
 
 
 def _first_fit(problem: Problem, model: Model, progress: Progress) -> Fit:
+    """Fit of all parameters; where it is far off, also one that begins with the circuits as their labels say."""
+    found = _growing_fit(problem, model, progress)
+    own = tuple(parameter for parameter in model.parameters if not is_of_circuit(parameter))
+    if len(own) == len(model.parameters) or mean_square(found) < MAX_MEAN_SQUARE:
+        return found
+    progress("another start: circuits as their labels say")
+    held = _growing_fit(problem, replace(model, parameters=own), progress)
+    free = replace(held.model, parameters=model.parameters)
+    other = fit(problem, free, held.nuisance, held.noise, progress=progress, rounds=2)
+    squares = linearised(problem, other.model, other.nuisance, found)[2]
+    return other if squares < sum(float(sums.squares.sum()) for sums in found.sums) else found
+
+
+def _growing_fit(problem: Problem, model: Model, progress: Progress) -> Fit:
     """Fit of all parameters, first to the beginnings of records: of long ones, to save time.
 
     Of records behind circuits with events to a few periods, then to more and more: over a whole record a resonance that
@@ -283,23 +302,18 @@ def _first_fit(problem: Problem, model: Model, progress: Progress) -> Fit:
     lengths = [INITIAL_SAMPLES]
     if problem.has_events:
         longest = max(len(each) for each in problem.data if isinstance(each, Data))
-        lengths = [n for n in _growing(problem) if n < longest] + lengths
-    found, part = None, problem
-    for length in lengths:
+        lengths = [n for n in _lengths(problem) if n < longest] + lengths
+    part = _beginning(problem, lengths[0])
+    found = fit_multistart(part, model, progress)
+    for length in [*lengths[1:], max(len(each) for each in problem.data)]:
         before, part = part, _beginning(problem, length)
-        if found is None:
-            found = fit_multistart(part, model, progress)
-            continue
-        nuisance = nuisance_for_problem(before, found.nuisance, part, found.model)
-        found = fit(part, found.model, nuisance, found.noise, progress=progress, rounds=2)
-    assert found is not None
-    if part is problem:
-        return found
-    nuisance = nuisance_for_problem(part, found.nuisance, problem, found.model)
-    return fit(problem, found.model, nuisance, found.noise, progress=progress, rounds=2)
+        if part is not before:
+            nuisance = nuisance_for_problem(before, found.nuisance, part, found.model)
+            found = fit(part, found.model, nuisance, found.noise, progress=progress, rounds=2)
+    return found
 
 
-def _growing(problem: Problem) -> list[int]:
+def _lengths(problem: Problem) -> list[int]:
     """Numbers of samples of the first fits behind circuits: a few periods of the nominal resonance, then more."""
     device = problem.nominal
     period = 2.0 * np.pi * np.sqrt(device.mass / device.stiffness)

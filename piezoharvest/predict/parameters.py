@@ -104,6 +104,11 @@ def parameters_of(transducer: Transducer, drive_kinds: set[str]) -> list[Paramet
     return found
 
 
+def is_of_circuit(parameter: Parameter) -> bool:
+    """True for a value of a circuit, which the campaign frees by `fit` in a record's shunt."""
+    return bool(parameter.title)
+
+
 def _circuit_parameter(value: CircuitValue, n: int) -> Parameter:
     """Parameter for a fitted value of a circuit: bounds and unit are those of the circuit's own field."""
     cls = shunts.registered()[value.kind]

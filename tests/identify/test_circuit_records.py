@@ -76,6 +76,15 @@ def test_a_loop_that_is_worse_than_its_label(tmp_path):
     check_values(found, {**BENCH, "parallel_sshi.quality": 5.5})
 
 
+def test_a_second_start_with_the_circuit_as_its_label_says(tmp_path):
+    """The first fit, with the quality free from the beginning, ends in another minimum here."""
+    told = []
+    found = identify(campaign(tmp_path, SSHI, 4, fit=["quality"], records=RECORDS[:3]), progress=told.append)
+    assert "another start: circuits as their labels say" in told
+    assert not found.warnings
+    check_values(found, {**BENCH, "parallel_sshi.quality": 8.0})
+
+
 HIDDEN = {
     "inversion_loss": {"quality": 5.5}, "switch_delay": {"time_lag": 1e-4}, "diode_drop_error": {"diode_drop": 0.6},
     "on_time_offset": {"on_time_error": 0.25}, "reverse_leakage": {"conductance": 3e-7},
@@ -110,6 +119,38 @@ def test_bad_keys_of_what_is_fitted(tmp_path, change, message):
     found.path.write_text(text)
     with pytest.raises(CampaignError, match=message):
         load_campaign(found.path)
+
+
+@pytest.mark.parametrize(
+    ("timing", "message"),
+    [
+        ("phase_lag = 0.1", r"records\.0\.shunt\.phase_lag: found 0\.1 for an excitation without a frequency"),
+        ("time_lag = -1e-4", r"records\.0\.shunt\.time_lag: found -0\.0001 s, allowed is early"),
+    ],
+)
+def test_timing_that_needs_a_frequency(tmp_path, timing, message):
+    found = campaign(tmp_path, SSHI, 1, duration=0.05, records=RECORDS[:1])
+    key = timing.split()[0]
+    found.path.write_text(found.path.read_text().replace(f"{key} = 0.0", timing))
+    with pytest.raises(CampaignError, match=message):
+        identify(load_campaign(found.path))
+
+
+def test_a_gate_that_never_opens_is_read_and_not_used(tmp_path):
+    found = campaign(tmp_path, RECTIFIER, 1, duration=0.05, records=RECORDS[:1])
+    (file,) = found.path.parent.glob("*.csv")
+    head, *rows = file.read_text().splitlines()
+    file.write_text("\n".join([f"{head},gate", *(f"{row},0" for row in rows)]) + "\n")
+    (finding,) = load_campaign(found.path).findings[0]
+    assert (finding.severity, finding.check, finding.channel) == ("warning", "unused", "gate")
+
+
+def test_a_force_beside_an_imposed_voltage_is_not_used(tmp_path):
+    found = campaign(tmp_path, RECTIFIER, 1, duration=0.1, records=RECORDS[:1])
+    found.path.write_text(found.path.read_text().replace('drive = "force"', 'drive = "voltage"'))
+    read = load_campaign(found.path)
+    assert [finding.channel for finding in read.findings[0] if finding.check == "unused"] == ["force"]
+    assert set(identify(read).records[0].quality.rms) == {"displacement"}
 
 
 def test_a_channel_of_a_dc_side_that_is_not_there(tmp_path):

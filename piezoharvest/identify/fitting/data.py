@@ -18,6 +18,7 @@ from piezoharvest.identify.noise.noise_model import initial_noise
 from piezoharvest.predict.circuit.setting import circuit_setting, has_events
 from piezoharvest.predict.discrete_model import STEPS_AFTER_JUMP, Setting, setting_of
 from piezoharvest.predict.drive import MIN_JUMP_RATIO
+from piezoharvest.records.checks.unused import unused
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.finding import shifted
 from piezoharvest.records.record import Record, Signal
@@ -113,7 +114,8 @@ def data_of(record: Record, transducer: Transducer) -> Data:
         )
         rows = shifted([(worst, worst)], record.time.first_row)
         raise CampaignError(record.time.file, "", message, channel="time", rows=rows)
-    channels = tuple(channel for channel in RESPONSES if channel in record.signals and channel != record.drive)
+    left_out = {finding.channel for finding in unused(record)}
+    channels = tuple(c for c in RESPONSES if c in record.signals and c != record.drive and c not in left_out)
     if not channels:
         raise CampaignError(record.name, record.key, "the record has its drive alone, at least one response is needed")
     check_channels(record)

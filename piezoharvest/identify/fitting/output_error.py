@@ -78,15 +78,16 @@ def fit(
             problem, model, nuisance, noise, progress, white=white, loose=loose, enough=enough, aim=aim, most=most
         )
         model, nuisance, n = found.model, found.nuisance, n + 1
-        if not loose and not (n < rounds + more and _far_below_noise(found)):
+        # Residuals far below the noise: it was overestimated.
+        if not loose and not (n < rounds + more and mean_square(found) < MAX_SHARE):
             return found
         noise = reestimated(problem, found)
 
 
-def _far_below_noise(found: Fit) -> bool:
-    """True if the noise was far overestimated: the residuals are well below it."""
+def mean_square(found: Fit) -> float:
+    """Mean square of the whitened residuals."""
     squares, count = (sum(float(getattr(part, name).sum()) for part in found.sums) for name in ("squares", "count"))
-    return squares < MAX_SHARE * count
+    return squares / max(count, 1.0)
 
 
 def reestimated(problem: Problem, found: Fit) -> Noise:

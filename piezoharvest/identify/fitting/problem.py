@@ -182,9 +182,19 @@ def nuisance_for_problem(
     found = []
     for old, new, mine, other in zip(before.data, after.data, nuisance, rest or after.start(model), strict=True):
         values = dict(zip(_numbered(before.nuisance_names(model, old)), mine, strict=True))
+        units = {name: _unit(old, name) / _unit(new, name) for name in after.nuisance_names(model, new)}
         names = _numbered(after.nuisance_names(model, new))
-        found.append(np.array([values.get(name, value) for name, value in zip(names, other, strict=True)]))
+        kept = ((name, values.get(name), value) for name, value in zip(names, other, strict=True))
+        found.append(np.array([value if known is None else known * units[name] for (name, _), known, value in kept]))
     return tuple(found)
+
+
+def _unit(data: Data | FrequencyData, name: str) -> float:
+    """Unit of a nuisance parameter, SI: those of initial states behind circuits depend on the length of the record."""
+    if not isinstance(data, Data):
+        return 1.0
+    sizes = zip(data.setting.free, data.setting.sizes, strict=False)  # records of linear circuits have no sizes
+    return {f"start {state}": size for state, size in sizes}.get(name, 1.0)
 
 
 def _numbered(names: Sequence[str]) -> list[tuple[str, int]]:

@@ -12,7 +12,7 @@ from piezoharvest.identify.fitting.evaluation import sums_of, whiteners
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model
-from piezoharvest.identify.fitting.output_error import fit
+from piezoharvest.identify.fitting.output_error import fit, mean_square
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.start_values.initial_estimates import estimate_initial_values
 from piezoharvest.identify.start_values.initial_hysteresis_state import fit_nuisance, has_initial_states
@@ -61,7 +61,7 @@ def fit_multistart(problem: Problem, model: Model, progress: Callable[[str], Non
         rough = fit(problem, rough, nuisance, estimate_noise=False, enough=_rough_tolerance(problem), progress=progress)
         first, nuisance = replace(rough.model, parameters=model.parameters), rough.nuisance
     best = fit(problem, first, nuisance, progress=progress, rounds=2)
-    if _mean_square(best) < MAX_MEAN_SQUARE:
+    if mean_square(best) < MAX_MEAN_SQUARE:
         return best
     other = _fit_with_initial_states(problem, replace(first, parameters=model.parameters), nuisance, best, progress)
     if other is None:
@@ -163,13 +163,6 @@ def _residual_count(problem: Problem) -> int:
 
 def _rough_tolerance(problem: Problem) -> float:
     return ROUGH_TOLERANCE * _residual_count(problem)
-
-
-def _mean_square(found: Fit) -> float:
-    """Mean square of the whitened residuals."""
-    return sum(float(sums.squares.sum()) for sums in found.sums) / max(
-        sum(float(s.count.sum()) for s in found.sums), 1.0
-    )
 
 
 def _with_scaled_thresholds(model: Model, stretch: float) -> Model:

@@ -14,7 +14,7 @@ from piezoharvest.description.transducer import INERT, Transducer
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import Model
-from piezoharvest.identify.fitting.output_error import fit, inverse
+from piezoharvest.identify.fitting.output_error import fit, inverse, mean_square
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_problem
 from piezoharvest.identify.start_values.initial_estimates import drive_is_slow
 from piezoharvest.predict.prediction import PredictionError
@@ -88,8 +88,3 @@ def quasi_static_fits_as_well(problem: Problem, quasi_static: Problem, found: Fi
 def _squares(found: Fit) -> float:
     """Sum of squares of the whitened residuals."""
     return sum(float(sums.squares.sum()) for sums in found.sums)
-
-
-def mean_square(found: Fit) -> float:
-    """Mean square of the whitened residuals."""
-    return _squares(found) / max(sum(float(sums.count.sum()) for sums in found.sums), 1.0)

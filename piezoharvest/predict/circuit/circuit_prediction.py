@@ -128,7 +128,7 @@ class CircuitPrediction:
         """Matrices of all modes, with complex steps of the parameters."""
         setting = self.setting
         excitation = MeasuredDrive(
-            values=self._drive, sample_time=setting.sample_time, base=setting.drive == "base_acceleration"
+            values=self._drive, sample_rate=1.0 / setting.sample_time, base=setting.drive == "base_acceleration"
         )
         with np.errstate(all="ignore"):  # the energy of an effect at its null value, which no motion depends on
             found = lower(System(self._stepped, self._shunt), excitation, float(excitation.length))
@@ -180,7 +180,7 @@ class CircuitPrediction:
     def _run(self, names: Sequence[str], size: int, derivatives: bool) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """Blocks (first sample, outputs, derivatives) of the engine's outputs."""
         count, last = len(self.parameters), self.setting.count - 1
-        times = np.arange(last + 1) * self.setting.sample_time
+        times = self.lowered.signal.times  # one for each sample
         try:
             state, changes = initial_state(self.lowered, self.setting, count, self.nuisance)
             if derivatives:

@@ -6,39 +6,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from piezoharvest.description.excitation import Excitation, ramps_through
+from piezoharvest.description.excitation import Samples
 from piezoharvest.predict.drive import Drive, corners_of, jumps_of
 
 
 @dataclass(frozen=True, kw_only=True)
-class MeasuredDrive(Excitation):
-    """Samples of a force in N or of a base acceleration in m/s^2, joined by straight lines (first-order hold).
+class MeasuredDrive(Samples):
+    """Drive of a record: a force in N, or a base acceleration in m/s^2.
 
     It stands for no key of a study, so it has no kind.
     """
 
-    values: np.ndarray = field(repr=False)
-    sample_time: float
+    values: np.ndarray = field(repr=False, compare=False)
     base: bool = False  # type: ignore[misc]
-
-    @property
-    def length(self):
-        """Length of the record, s."""
-        return (len(self.values) - 1) * self.sample_time
-
-    @property
-    def samples(self):
-        """Number of samples."""
-        return len(self.values)
-
-    @property
-    def rest(self):
-        """First value, under which the structure is at rest before."""
-        return float(self.values[0])
-
-    def signal(self):
-        """Straight pieces through the samples."""
-        return ramps_through(np.arange(len(self.values)) * self.sample_time, self.values)
 
 
 def straight_drive(values: np.ndarray) -> Drive:

@@ -52,12 +52,16 @@ def circuit_setting(
     Raises
     ------
     ParameterError
-        The drive is no force or base acceleration.
+        The drive is no force or base acceleration, or the switch's timing is that of a drive with a frequency.
     """
     if drive not in DRIVES:
         raise ParameterError(
             "drive", f"found {drive!r} for a record behind {shunt.kind}, allowed are {' and '.join(DRIVES)}"
         )
+    try:
+        shunt.switch(transducer.capacitance, None)
+    except ParameterError as error:
+        raise error.within("shunt") from None
     names = state_names(transducer)
     dc = [state.name for state in shunt.states(transducer.capacitance) if state.name == "dc"]
     setting = Setting(drive, shunt, sample_time, float(values[0]), straight_drive(values), len(values))

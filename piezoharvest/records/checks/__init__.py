@@ -17,6 +17,7 @@ from piezoharvest.records.checks.raw import beyond_measure, clock, not_a_number
 from piezoharvest.records.checks.spikes import spikes
 from piezoharvest.records.checks.stated import stated_noise
 from piezoharvest.records.checks.stuck import constant, standing_still
+from piezoharvest.records.checks.unused import unused
 from piezoharvest.records.finding import Finding
 from piezoharvest.records.record import FrequencyRecord, Record
 from piezoharvest.records.spectra import Spectra
@@ -56,6 +57,7 @@ def check(record: Record | FrequencyRecord, transducer: Transducer) -> tuple[Fin
         found += mains_hum(record, spectra, transducer)
         found += too_short(record, transducer)
         found += too_slow(record, lost)
+        found += unused(record)
     return tuple(found)
 
 

@@ -36,12 +36,12 @@ def constant(record: Record) -> Iterator[Finding]:
 def _may_be_constant(record: Record) -> set[str]:
     """Channels that may be constant: voltage across a short, current of an open circuit, force on a free actuator.
 
-    Behind switches and diodes voltages are held and currents blocked.
+    Behind switches and diodes voltages are held and currents blocked; a switch may never act.
     """
     if record.drive == "voltage":
-        return {"force"}
+        return {"force", "gate"}
     if not isinstance(record.shunt, LinearShunt):
-        return {"voltage", "current"}
+        return {"voltage", "current", "dc_voltage", "dc_current", "gate"}
     return {"voltage"} if isinstance(record.shunt, Short) else {"current"} if isinstance(record.shunt, Open) else set()
 
 
