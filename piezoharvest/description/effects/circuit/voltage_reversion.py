@@ -23,7 +23,7 @@ class VoltageReversion(Effect):
     """
 
     name: ClassVar[str] = "voltage_reversion"
-    source: ClassVar[str] = "Liang, Chung & Liao, Smart Mater. Struct. 23(9), 092001, 2014"
+    source: ClassVar[str] = "Jonscher, Dielectric Relaxation in Solids, 1983 (a series R-C branch)"
     looks: ClassVar[str] = "right after an inversion the voltage falls back by a share of it, then goes on as before"
     told_by: ClassVar[str] = (
         "samples within the time after an inversion: a lossy loop inverts less at once, and nothing falls back"
