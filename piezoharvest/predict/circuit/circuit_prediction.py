@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from piezoharvest.description.excitation import Ramps
 from piezoharvest.description.parameters import COMPLEX_STEP
 from piezoharvest.description.shunts import Resistor, Shunt
 from piezoharvest.description.system import System
@@ -180,7 +181,9 @@ class CircuitPrediction:
     def _run(self, names: Sequence[str], size: int, derivatives: bool) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """Blocks (first sample, outputs, derivatives) of the engine's outputs."""
         count, last = len(self.parameters), self.setting.count - 1
-        times = self.lowered.signal.times  # one for each sample
+        signal = self.lowered.signal
+        assert isinstance(signal, Ramps)
+        times = signal.times  # one for each sample
         try:
             state, changes = initial_state(self.lowered, self.setting, count, self.nuisance)
             if derivatives:
