@@ -8,15 +8,17 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.stats import chi2
 
 from piezoharvest.description.effects import Effect
 from piezoharvest.diagnose import thresholds
+from piezoharvest.diagnose.preparation.held_values import deviating
 from piezoharvest.diagnose.residual_tests import ResidualTest, failed_tests
 from piezoharvest.diagnose.score_tests import ScoredEffect, effect_parameters, extended, scores
 from piezoharvest.diagnose.start_values import CampaignScales, campaign_scales, displacement_of, drive_jitter
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import MAX_ITERATIONS, NOT_CONVERGED, Fit
-from piezoharvest.identify.fitting.model import Model
+from piezoharvest.identify.fitting.model import Model, begun_effects, inner_values
 from piezoharvest.identify.fitting.output_error import covariance, fit, inflation, inverse, linearised
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, prior_of
 from piezoharvest.identify.identifiability import size_of, undetermined
@@ -36,9 +38,12 @@ class EffectChange:
     Attributes
     ----------
     found : Fit
+    begun : int
+        Number of initial states of effects that are fitted, of all records.
     """
 
     found: Fit
+    begun: int = 0
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -52,8 +57,9 @@ class EffectChange:
 
     @property
     def fair_cost(self) -> float:
-        """Cost plus two per effect parameter (Akaike), for comparing sets of different sizes."""
-        return self.cost + 2.0 * sum(parameter.path[0] == "effects" for parameter in self.found.model.parameters)
+        """Cost plus two per parameter of effects (Akaike), for comparing sets of different sizes."""
+        values = sum(parameter.path[0] == "effects" for parameter in self.found.model.parameters)
+        return self.cost + 2.0 * (values + self.begun)
 
 
 class FitRecord(NamedTuple):
@@ -84,6 +90,8 @@ class CandidateFits:
         Of the model without effects.
     library : sequence of Effect classes or None
     progress : callable
+    held : sequence of Parameter
+        Parameters that the base keeps where they are, and that are free beside effects.
 
     Attributes
     ----------
@@ -96,8 +104,10 @@ class CandidateFits:
         base: Fit,
         library: Sequence[type[Effect]] | None,
         progress: Callable[[str], None],
+        held: Sequence[Parameter] = (),
     ):
         self.problem, self.base, self.library, self.progress = problem, base, library, progress
+        self.held = tuple(held)
         self.fit_records: list[FitRecord] = []
         self._scored: dict[int, tuple[EffectChange, list[ScoredEffect]]] = {}
         self._refitted: dict[int, tuple[Fit, Fit]] = {}
@@ -141,14 +151,17 @@ class CandidateFits:
         aim: float,
         varied: Sequence[Parameter] | None = None,
         most: int = MAX_ITERATIONS,
+        *,
+        begun: bool = False,
     ) -> EffectChange | None:
-        """Full fit with one effect added, and other parameters freed; None where the model then has no solution.
+        """Full fit with one effect added, under way as the records begin or not, and other parameters freed; None where the model then has no solution.
 
         It is abandoned if it will not reach the cost `aim`. Parameters that were fixed so far are freed only after a
         first fit of the effect, whose place they might take otherwise.
         """
         more = effect_parameters([effect], len(now.found.model.transducer.effects))
         model = extended(now.found.model, [effect], more)
+        model = replace(model, at_rest=model.at_rest and not begun)
         nuisance = nuisance_for_model(self.problem, now.found.model, now.found.nuisance, model)
         if varied is not None and set(varied) > set(now.found.model.parameters):
             alone = self._fit(model, nuisance, now.found, enough=COARSE_FIT_TOLERANCE, most=most)
@@ -167,6 +180,10 @@ class CandidateFits:
             )
             done += [] if step is None else [step]
         return sorted((step for step in done if self._visible(step)), key=lambda step: step.fair_cost)
+
+    def varied(self, now: EffectChange) -> tuple[Parameter, ...]:
+        """Parameters that are free in fits with one effect more."""
+        return self.held if now.found is self.base and self.held else now.found.model.parameters
 
     def _visible(self, step: EffectChange | None) -> EffectChange | None:
         """The step, or None if the records cannot show its last effect at the fitted values."""
@@ -210,24 +227,30 @@ class CandidateFits:
         )
 
     def deviating(self, now: EffectChange) -> list[Parameter]:
-        """Parameters whose estimates are far from their nominal values: they may compensate for a missing effect.
+        """Parameters whose estimates are far from their nominal values (`held_values.deviating`)."""
+        return deviating(now.found, self.problem.nominal)
 
-        The rise of the cost on their way back is estimated from their covariance, along the values instead of their
-        logarithms: a value close to zero has a large change of its logarithm that makes no difference.
-        """
-        nominal, found = self.problem.nominal, now.found
-        places, shifts = [], []
-        for k, p in enumerate(found.model.parameters):
-            if p.scaling == "log" and p.path[0] != "effects":
-                back = p.inner(value_at(nominal, p.path)) - p.inner(value_at(found.model.transducer, p.path))
-                if abs(back) > thresholds.MIN_DEVIATION:
-                    places.append(k)
-                    shifts.append(np.expm1(back))
-        if not places:
-            return []
-        covariance = inverse(found.information + found.prior)[np.ix_(places, places)]
-        wanted = np.dot(shifts, np.linalg.solve(covariance, shifts)) > thresholds.MIN_DEVIATION_GAIN
-        return [found.model.parameters[k] for k in places] if wanted else []
+    def count_begun(self, model: Model, n: int | None = None) -> int:
+        """Number of initial states of effects, or of the n-th effect, that are nuisance parameters of the records."""
+        each = (effect for data in self.problem.data for effect in begun_effects(model, data))
+        return sum(n is None or effect == n for effect in each)
+
+    def with_states_begun(self, now: EffectChange) -> EffectChange:
+        """Full fit with free initial states of the effects, where one linearisation says that they are not at rest."""
+        found = now.found
+        free = replace(found.model, at_rest=False)
+        count = self.count_begun(free)
+        if not found.model.at_rest or not count:
+            return now
+        nuisance = nuisance_for_model(self.problem, found.model, found.nuisance, free)
+        information, gradient, _ = linearised(self.problem, free, nuisance, found)
+        means, precision = prior_of(self.problem, free)
+        slope = gradient - precision * (np.concatenate([inner_values(free), *nuisance]) - means)
+        gain = float(slope @ inverse(information + np.diag(precision)) @ slope)
+        if gain < chi2.isf(thresholds.SEARCH_LEVEL, count):
+            return now
+        self.progress(f"{', '.join(now.effects)}: under way as records begin")
+        return self._remember_converged(self._fit(free, nuisance, found)) or now
 
     def redetermine(self, now: EffectChange) -> EffectChange:
         """Refit with the set of parameters that the data determines now that an effect is in the model.
@@ -284,7 +307,7 @@ class CandidateFits:
     def refined(self, now: EffectChange) -> EffectChange:
         """The same fit, iterated to full convergence."""
         found = now.found
-        return EffectChange(self._refit(found.model, found.nuisance, found))
+        return EffectChange(self._refit(found.model, found.nuisance, found), now.begun)
 
     def _refit(self, model: Model, nuisance, before: Fit, **options: Any) -> Fit:
         """Fit with the noise and the whitening of another fit."""
@@ -315,7 +338,7 @@ class CandidateFits:
             found = self._refit(model, nuisance, before, enough=enough, aim=aim, most=most)
         except (PredictionError, np.linalg.LinAlgError):
             return None
-        step = EffectChange(found)
+        step = EffectChange(found, self.count_begun(model))
         names, change = " + ".join(step.effects), step.cost - self.base.cost
         self.fit_records.append(FitRecord(names, change, variance_inflation(found, -1)))
         self.progress(f"tried {names or 'nominal values'}: -2 ln L {change:+.1f}")

@@ -14,6 +14,7 @@ from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.candidate_fits import CandidateFits, EffectChange, line_amplitude
 from piezoharvest.diagnose.experiments.planning import Plan, Planner, parameter_named
 from piezoharvest.diagnose.preparation.drive_saturation import SaturatedDrive, find_saturated_drive
+from piezoharvest.diagnose.preparation.held_values import identified
 from piezoharvest.diagnose.preparation.voltage_offset import voltage_is_off
 from piezoharvest.diagnose.residual_regression import Hint, hints
 from piezoharvest.diagnose.residual_tests import ResidualTest, whitened_squares
@@ -41,7 +42,6 @@ from piezoharvest.identify.identification import (
     Identification,
     Quality,
     combined_quality,
-    identify,
     judged,
     prepared,
 )
@@ -260,13 +260,13 @@ def _diagnose_all(
     if voltage_is_off(campaign):
         progress("the zero of the voltage is off: its mean is larger on a smaller resistor, which no current makes it")
         offsets = (*OFFSET_CHANNELS, "voltage")
-    before = identify(campaign, offsets=offsets)
+    before = identified(campaign, offsets, progress)
     found = _diagnose_extending_fit(before, progress, library)
     if found.search.final.converged or before.campaign.transducer.quasi_static or before.campaign.drives_base:
         return found
     progress("the fit comes to no end: once more without inertia and damping, which may be what runs away")
     quasi_static = replace(campaign, transducer=as_quasi_static(campaign.transducer))
-    other = _diagnose_extending_fit(identify(quasi_static, offsets=offsets), progress, library)
+    other = _diagnose_extending_fit(identified(quasi_static, offsets, progress), progress, library)
     return other if other.search.final.converged else found
 
 
@@ -281,7 +281,7 @@ def _diagnose_extending_fit(
             return found
         name = worst_record(found.campaign, found.unseen)
     progress(f"{name}: more is left than in the records that were fitted, so that it is fitted, too")
-    more = identify(with_fitted(before.campaign, name), offsets=before.offsets, near=before)
+    more = identified(with_fitted(before.campaign, name), before.offsets, progress, near=before)
     found = _diagnose_extending_fit(more, progress, library)
     return replace(found, also_fitted=(name, *found.also_fitted))
 
@@ -293,7 +293,7 @@ def _diagnose_roles(
     campaign = before.campaign
     problem = Problem(prepared(campaign, "fit"), campaign.transducer, before.offsets)
     progress("scoring the effects")
-    trials = CandidateFits(problem, before.found, library, progress)
+    trials = CandidateFits(problem, before.found, library, progress, before.held)
     search = Searcher(trials).run()
     unseen, checks = validated(campaign, before, [before.found, *search.nested])
     squares = [whitened_squares(unseen, each) for each in checks]

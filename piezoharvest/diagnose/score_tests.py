@@ -14,13 +14,15 @@ import numpy as np
 from scipy.stats import chi2
 
 from piezoharvest.description.effects import Effect, registered
+from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.start_values import CampaignScales
+from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.evaluation import total_information
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
-from piezoharvest.identify.fitting.model import Model
+from piezoharvest.identify.fitting.model import Model, begun_effects
 from piezoharvest.identify.fitting.output_error import inverse, linearised
-from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, prior_of
 from piezoharvest.predict.parameters import Parameter, parameter_of, put
 from piezoharvest.predict.prediction import PredictionError
 
@@ -41,6 +43,8 @@ class ScoredEffect:
         Row of the information between this and all other starts, parameters projected out: for cosines.
     column : int
         Column of this start in the signatures; -1 without one.
+    begun : bool
+        The effect's states do not begin at rest: records may begin while it is under way.
     """
 
     effect: Effect
@@ -48,6 +52,7 @@ class ScoredEffect:
     degrees_of_freedom: int
     signature: np.ndarray
     column: int
+    begun: bool = False
 
     @property
     def name(self) -> str:
@@ -134,38 +139,68 @@ def _linearised_scores(problem: Problem, found: Fit, starts: Sequence[Effect]) -
     for n, start in enumerate(starts, first):
         field = type(start).strength()
         strengths.append(None if is_line(start) else parameter_of(start, field, ("effects", n, field.name)))
-    model = replace(extended(found.model, starts, [p for p in strengths if p is not None]), felt=first)
+    model = replace(extended(found.model, starts, [p for p in strengths if p is not None]), felt=first, at_rest=False)
     nuisance = nuisance_for_model(problem, found.model, found.nuisance, model)
     information, gradient, _ = linearised(problem, model, nuisance, found)
     columns = _columns(problem, model, starts, strengths, base, first)
-    tested = sorted({k for some in columns for k in some})
+    begun = _begun_columns(problem, model)
+    columns_at_start = [[k for k, effect in begun.items() if effect == n] for n in range(first, first + len(starts))]
+    tested = sorted({k for some in (*columns, *columns_at_start) for k in some})
+    idle = {k for k, effect in begun.items() if effect < first and found.model.at_rest}
     weight = information.copy()
     weight[:base, :base] += found.prior[:base, :base]
     # A range that no value reaches has no information; a parameter at its limit stays there.
     away = np.abs(np.concatenate(nuisance)) < problem.nuisance_limits(model)
     free = (np.diag(weight) > 0.0) & np.pad(away, (len(weight) - len(away), 0), constant_values=True)
-    rest = [k for k in range(len(weight)) if free[k] and k not in set(tested)]
+    rest = [k for k in range(len(weight)) if free[k] and k not in idle.union(tested)]
     # Parameters of the fit projected out.
     gain = inverse(weight[np.ix_(rest, rest)]) @ information[np.ix_(rest, tested)]
     projected = information[np.ix_(tested, tested)] - information[np.ix_(tested, rest)] @ gain
     slope = gradient[tested] - gain.T @ gradient[rest]
-    place = {k: n for n, k in enumerate(tested)}
+    place, prior = {k: n for n, k in enumerate(tested)}, prior_of(problem, model)[1]
     candidates = []
-    for start, strength, start_columns in zip(starts, strengths, columns, strict=True):
-        at = [place[k] for k in start_columns]
-        block, right = projected[np.ix_(at, at)], slope[at]
-        if np.any(np.diag(block) <= 1e-10 * np.diag(information)[start_columns]) or not at:
+    for start, strength, its, at_start in zip(starts, strengths, columns, columns_at_start, strict=True):
+        at = [place[k] for k in its]
+        if np.any(np.diag(projected)[at] <= 1e-10 * np.diag(information)[its]) or not at:
             continue  # the effect is in the span of the fitted parameters
-        step = inverse(block) @ right
-        score = float(right @ step)
-        effect = start
-        if strength is not None:
-            value = float(np.real(strength.inner(_strength(start)))) + float(step[0])
-            if not strength.lower <= value <= strength.upper:
-                continue  # of the wrong sign
-            effect = put(start, (type(start).strength().name,), float(np.real(strength.outer(value))))
-        candidates.append(ScoredEffect(effect, score, len(at), projected[at[0]], at[0]))
+        more = [place[k] for k in at_start]
+        rest, under_way = (
+            _scored(start, strength, projected, slope, places, np.concatenate([np.zeros(len(at)), prior[some]]))
+            for places, some in ((at, []), (at + more, at_start))
+        )
+        least = 0.0 if rest is None else rest.score
+        if under_way and more and under_way.score - least > chi2.isf(thresholds.SEARCH_LEVEL, len(more)):
+            candidates.append(replace(under_way, begun=True))
+        elif rest is not None:
+            candidates.append(rest)
     return candidates
+
+
+def _scored(
+    start: Effect, strength: Parameter | None, projected: np.ndarray, slope: np.ndarray, at: list[int],
+    prior: np.ndarray,
+) -> ScoredEffect | None:  # fmt: skip
+    """An effect with its score, from its columns of the projected information; None if it is of the wrong sign."""
+    right = slope[at]
+    step = inverse(projected[np.ix_(at, at)] + np.diag(prior)) @ right
+    effect = start
+    if strength is not None:
+        value = float(np.real(strength.inner(_strength(start)))) + float(step[0])
+        if not strength.lower <= value <= strength.upper:
+            return None
+        effect = put(start, (type(start).strength().name,), float(np.real(strength.outer(value))))
+    return ScoredEffect(effect, float(right @ step), len(at), projected[at[0]], at[0])
+
+
+def _begun_columns(problem: Problem, model: Model) -> dict[int, int]:
+    """Columns of the information matrix that are initial states of effects, and the index of the effect of each."""
+    found, at = dict[int, int](), len(model.parameters)
+    for data in problem.data:
+        if isinstance(data, Data):
+            first = at + len(data.setting.free)
+            found |= dict(enumerate(begun_effects(model, data), first))
+        at += len(problem.nuisance_names(model, data))
+    return found
 
 
 def _columns(problem, model: Model, starts, strengths, base: int, first: int) -> list[list[int]]:

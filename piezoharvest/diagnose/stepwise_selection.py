@@ -174,7 +174,7 @@ class Searcher:
                 trials.progress(f"{after.effects[-1]} has only led to a better minimum without it")
                 return _SearchState(*self._with_nominal_values(better), found.levels, [], added=False)
         trials.progress(f"found {', '.join(after.effects)}")
-        after, levels = self._prune(trials.redetermine(after), [*found.levels, level])
+        after, levels = self._prune(trials.redetermine(trials.with_states_begun(after)), [*found.levels, level])
         return _SearchState(*self._with_nominal_values(after), levels, alternatives if better is None else [])
 
     def _restarted_without(self, before: EffectChange, now: EffectChange) -> EffectChange | None:
@@ -255,16 +255,18 @@ class Searcher:
 
     def _fit_stage(self, now: EffectChange, origin: EffectChange, tried: Sequence[EffectChange]) -> list[EffectChange]:
         """Full fits of the promising effects against a model, and those so far, the best first."""
-        scored, chosen = self.trials.scores(origin), dict[str, Effect]()
+        scored, chosen = self.trials.scores(origin), dict[str, ScoredEffect]()
         if not _any_promising(scored):
             return list(tried)
         for candidate in scored:
             if candidate.score > thresholds.MIN_RELATIVE_SCORE * scored[0].score and _is_promising(candidate, scored):
-                chosen.setdefault(effect_key(candidate.effect), candidate.effect)
+                chosen.setdefault(effect_key(candidate.effect), candidate)
         more = list(tried)
-        for effect in list(chosen.values())[: FITS_PER_STAGE if origin is now else FITS_AT_NOMINAL]:
-            varied = now.found.model.parameters
-            fitted = self.trials.extended(origin, effect, cost_to_reach(more), varied, most=STAGE_ITERATIONS)
+        for each in list(chosen.values())[: FITS_PER_STAGE if origin is now else FITS_AT_NOMINAL]:
+            varied = self.trials.varied(now)
+            fitted = self.trials.extended(
+                origin, each.effect, cost_to_reach(more), varied, most=STAGE_ITERATIONS, begun=each.begun
+            )
             more += [] if fitted is None else [fitted]
         return self.trials.complete(more)
 
@@ -287,7 +289,11 @@ class Searcher:
         as dense as Davies's bound, by the distances of their signatures, would count them. The frequency of a line is
         picked from the data instead, and counts.
         """
-        freedom = self._parameter_count(after.found, -1) if is_line(after.found.model.transducer.effects[-1]) else 1
+        last = len(after.effects) - 1
+        if is_line(after.found.model.transducer.effects[-1]):
+            freedom = self._parameter_count(after.found, last)
+        else:
+            freedom = 1 + self.trials.count_begun(after.found.model, last)
         return min(1.0, float(chi2.sf(_deflated_gain(before, after, -1), freedom)) * len(tried))
 
     def _parameter_count(self, found: Fit, n: int) -> int:
@@ -301,7 +307,7 @@ class Searcher:
             for channel in (*data.channels, getattr(data, "drive", ""))
             if effects[n].line(channel)
         )
-        return parameters + lines
+        return parameters + lines + self.trials.count_begun(found.model, n)
 
     def _prune(self, now: EffectChange, levels: list[float]) -> tuple[EffectChange, list[float]]:
         """Remove effects that are no longer significant, and exchange those that another explains better."""
@@ -356,7 +362,7 @@ class Searcher:
             enough = thresholds.MIN_EXCHANGE_SCORE * (less.cost - now.cost)
             if candidate.name == now.effects[n] or candidate.score < enough:
                 continue
-            other = self.trials.extended(less, candidate.effect, now.fair_cost)
+            other = self.trials.extended(less, candidate.effect, now.fair_cost, begun=candidate.begun)
             if other is not None and other.fair_cost < now.fair_cost - thresholds.MIN_IMPROVEMENT:
                 self.trials.progress(f"{candidate.name} instead of {now.effects[n]}")
                 return other
@@ -375,7 +381,8 @@ class Searcher:
             for candidate in self.trials.scores(less)[:4]:
                 enough = less.cost - now.cost - 3 * thresholds.CLOSE_COST
                 if candidate.name not in now.effects and candidate.score > enough:
-                    other = self.trials.extended(less, candidate.effect, now.fair_cost + thresholds.CLOSE_COST)
+                    aim = now.fair_cost + thresholds.CLOSE_COST
+                    other = self.trials.extended(less, candidate.effect, aim, begun=candidate.begun)
                     pool += [other] if other is not None else []
         for step in pool:
             more = step.fair_cost - now.fair_cost

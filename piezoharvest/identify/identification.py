@@ -145,6 +145,8 @@ class Identification:
     found : Fit
     offsets : tuple of str
         Channels whose offset was free in every record.
+    held : tuple of Parameter
+        Parameters that `found` keeps where another fit has put them (`with_parameters_held`); empty if it fitted them.
     """
 
     campaign: Campaign
@@ -158,6 +160,7 @@ class Identification:
     message: str
     found: Fit
     offsets: tuple[str, ...]
+    held: tuple[Parameter, ...] = ()
 
     def save(self, path: str | Path) -> None:
         """Write the specimen file, which a study takes by `transducer = "FILE"`; raises `OutputError`."""
@@ -209,6 +212,7 @@ def identify(
     progress: Progress = lambda text: None,
     offsets: Sequence[str] | None = None,
     near: Identification | None = None,
+    poor: Callable[[Fit], None] = lambda found: None,
 ) -> Identification:
     """Identify the parameters of a campaign's transducer.
 
@@ -221,6 +225,8 @@ def identify(
         Channels whose offset is free in every record; default all responses.
     near : Identification, optional
         Identification from some of the records, used as the start.
+    poor : callable
+        Called with a first fit that leaves more than noise, before other starts are tried; it may raise.
 
     Raises
     ------
@@ -238,7 +244,7 @@ def identify(
     drives = {r.drive for r in campaign.records if isinstance(r, Record)}
     parameters, unsigned = with_known_signs(parameters_of(campaign.transducer, drives), data, campaign.transducer)
     model = Model(campaign.transducer, tuple(parameters), tuple(offsets))
-    first = _first_fit(problem, model, progress) if near is None else _fit_near(problem, model, near, progress)
+    first = _first_fit(problem, model, progress, poor) if near is None else _fit_near(problem, model, near, progress)
     if may_be_quasi_static(problem, first) and _explained_quasi_statically(campaign, problem, first):
         return _identify_quasi_static(campaign, progress, offsets)
     # With `near`, this was tested for that fit, whose model is less distorted by effects in the records.
@@ -257,12 +263,46 @@ def identify(
     if {(name,) for name in INERT} <= unconfirmed and _explained_quasi_statically(campaign, problem, last):
         return _identify_quasi_static(campaign, progress, offsets)
     estimates = _estimates(campaign, first, verdict, unsigned)
-    shown = [*judged(problem.data, last), *_validation_qualities(campaign, last, tuple(offsets), progress)]
+    return _identification(campaign, problem, last, tuple(estimates), progress)
+
+
+def with_parameters_held(
+    other: Identification, offsets: Sequence[str], progress: Progress = lambda text: None
+) -> Identification:
+    """The values of an identification in a model with fewer free offsets, of which only nuisance parameters are fitted.
+
+    What the offsets took in is then left in the residuals, where a fit of all parameters would hide it.
+
+    Parameters
+    ----------
+    other : Identification
+        Its estimates, with their standard errors, are those of the result.
+    offsets : sequence of str
+        Channels whose offset stays free.
+    progress : callable
+        Called with messages about progress.
+    """
+    campaign, found, kept = other.campaign, other.found, tuple(offsets)
+    problem = Problem(prepared(campaign, "fit"), campaign.transducer, kept)
+    before = Problem(problem.data, campaign.transducer, other.offsets)
+    model = replace(found.model, parameters=(), offset_channels=kept)
+    nuisance = nuisance_for_model(before, found.model, found.nuisance, model)
+    last = fit(problem, model, nuisance, found.noise, estimate_noise=False, progress=progress)
+    bare = _identification(campaign, problem, last, other.estimates, progress)
+    return replace(bare, held=other.held or found.model.parameters)
+
+
+def _identification(
+    campaign: Campaign, problem: Problem, last: Fit, estimates: tuple[Estimate, ...], progress: Progress
+) -> Identification:
+    """The last fit with the residuals of all records."""
+    offsets = problem.offset_channels
+    shown = [*judged(problem.data, last), *_validation_qualities(campaign, last, offsets, progress)]
     return Identification(
-        campaign, last.model.transducer, tuple(estimates),
+        campaign, last.model.transducer, estimates,
         combined_quality([r for r in shown if r.role == "fit"]),
         combined_quality([r for r in shown if r.role == "validate"]),
-        tuple(shown), last.noise, last.converged, last.message, last, tuple(offsets),
+        tuple(shown), last.noise, last.converged, last.message, last, offsets,
     )  # fmt: skip
 
 
@@ -279,21 +319,21 @@ def _identify_quasi_static(campaign: Campaign, progress: Progress, offsets: Sequ
     return identify(replace(campaign, transducer=as_quasi_static(campaign.transducer)), progress, offsets)
 
 
-def _first_fit(problem: Problem, model: Model, progress: Progress) -> Fit:
+def _first_fit(problem: Problem, model: Model, progress: Progress, poor: Callable[[Fit], None]) -> Fit:
     """Fit of all parameters; where it is far off, also one that begins with the circuits as their labels say."""
-    found = _growing_fit(problem, model, progress)
+    found = _growing_fit(problem, model, progress, poor)
     own = tuple(parameter for parameter in model.parameters if not is_of_circuit(parameter))
     if len(own) == len(model.parameters) or mean_square(found) < MAX_MEAN_SQUARE:
         return found
     progress("another start: circuits as their labels say")
-    held = _growing_fit(problem, replace(model, parameters=own), progress)
+    held = _growing_fit(problem, replace(model, parameters=own), progress, poor)
     free = replace(held.model, parameters=model.parameters)
     other = fit(problem, free, held.nuisance, held.noise, progress=progress, rounds=2)
     squares = linearised(problem, other.model, other.nuisance, found)[2]
     return other if squares < sum(float(sums.squares.sum()) for sums in found.sums) else found
 
 
-def _growing_fit(problem: Problem, model: Model, progress: Progress) -> Fit:
+def _growing_fit(problem: Problem, model: Model, progress: Progress, poor: Callable[[Fit], None]) -> Fit:
     """Fit of all parameters, first to the beginnings of records: of long ones, to save time.
 
     Of records behind circuits with events to a few periods, then to more and more: over a whole record a resonance that
@@ -304,7 +344,7 @@ def _growing_fit(problem: Problem, model: Model, progress: Progress) -> Fit:
         longest = max(len(each) for each in problem.data if isinstance(each, Data))
         lengths = [n for n in _lengths(problem) if n < longest] + lengths
     part = _beginning(problem, lengths[0])
-    found = fit_multistart(part, model, progress)
+    found = fit_multistart(part, model, progress, poor)
     for length in [*lengths[1:], max(len(each) for each in problem.data)]:
         before, part = part, _beginning(problem, length)
         if part is not before:
@@ -530,4 +570,7 @@ def combined_quality(records: Sequence[RecordQuality]) -> Quality:
     return Quality(mean("rms"), mean("noise"))
 
 
-__all__ = ["Estimate", "FrequencyRecord", "Identification", "Quality", "RecordQuality", "identify", "prepared"]
+__all__ = [
+    "Estimate", "FrequencyRecord", "Identification", "Quality", "RecordQuality", "identify", "prepared",
+    "with_parameters_held",
+]  # fmt: skip

@@ -44,6 +44,9 @@ class Setting:
         Behind a circuit with events: units of these values, SI.
     swift : tuple of str
         Fast states, which have come to rest relative to the free ones before the record.
+    reach : float
+        Root of twice the largest energy that spring or capacitance stores in the record, sqrt(J): an effect's state has
+        hardly more, whatever came before.
     abrupt : bool
         The drive jumps to its first value at the first sample, from a free value.
     fine : int
@@ -61,6 +64,7 @@ class Setting:
     abrupt: bool = False
     fine: int = 1
     sizes: tuple[float, ...] = ()
+    reach: float = 0.0
 
     @property
     def jumps(self) -> np.ndarray:

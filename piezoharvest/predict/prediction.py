@@ -58,7 +58,8 @@ class Prediction:
     parameters : sequence of Parameter
         Variables of the derivatives.
     nuisance : (n,) array, optional
-        Named in `nuisance_names`: initial deviations of the states from equilibrium (SI units);
+        Named in `nuisance_names`: initial deviations of the states from equilibrium (SI units), then those of the
+        states of effects;
         the value of the drive before a record that begins abruptly; the initial output of every stop as fraction of its
         threshold, which depends on the history before the record; the delay of every jump from the middle of its step,
         as integral in the drive's unit times the time of a small step, and the logarithm of its duration over
@@ -67,6 +68,8 @@ class Prediction:
         The equations, if already computed.
     relaxed : bool
         Stops begin at zero.
+    at_rest : bool
+        States of effects, such as creep, begin in equilibrium.
     """
 
     def __init__(
@@ -78,6 +81,7 @@ class Prediction:
         lowered: DiscreteModel | None = None,
         *,
         relaxed: bool = False,
+        at_rest: bool = True,
     ) -> None:
         self.setting, self.transducer, self.parameters = setting, transducer, tuple(parameters)
         self._lowered = lowered = lowered or DiscreteModel(transducer, setting, parameters)
@@ -86,13 +90,19 @@ class Prediction:
         self.free, self.swift = (
             [matrices.states.index(name) for name in some] for some in (setting.free, setting.swift)
         )
+        # Effect whose state each of the nuisance parameters behind those of the specimen's own states begins.
+        self.begun = () if at_rest else tuple(effect for effect, _ in matrices.own)
+        names = [matrices.states[k] for k in self.free]
+        if self.begun:
+            names += [f"start {matrices.states[k]}" for _, k in matrices.own]
+            self.free = [*self.free, *(k for _, k in matrices.own)]
         before = ("drive before",) * setting.abrupt
         # If the drive begins on a specimen at rest, its first jump overrides the history before.
         relaxed = relaxed or setting.abrupt
         self.stops = np.flatnonzero((matrices.kinds == STOP) & (not relaxed))
         memories = () if relaxed else matrices.memories
         jumps = tuple(f"{name}{j}" for j in setting.motion.jumps for name in ("jump", "rise"))
-        self.nuisance_names = (*(matrices.states[k] for k in self.free), *before, *memories, *jumps)
+        self.nuisance_names = (*names, *before, *memories, *jumps)
         self.nuisance = np.zeros(len(self.nuisance_names)) if nuisance is None else nuisance
         # A jump lies between its samples.
         far = 0.5 * JUMP_PARTS * np.abs(setting.motion.coefficients[setting.motion.jumps, 1])
@@ -105,6 +115,11 @@ class Prediction:
         # Mean slopes of the elements with respect to their inputs, (elements, 2): those of relaxed operators that slip,
         # until they are measured in a run.
         self.local = np.zeros((len(matrices.kinds), 2))
+
+    @property
+    def reach(self) -> np.ndarray:
+        """Largest initial values, SI units, that the states of effects could have, in the order of `begun`."""
+        return self.setting.reach * self.matrices.scale[[k for _, k in self.matrices.own[: len(self.begun)]]]
 
     @property
     def nonlinear(self) -> bool:

@@ -74,6 +74,8 @@ class Matrices:
         Names of the stops' memories, after the state that each one follows.
     follow : (n, n) array
         Initial deviations of all states from those of the free ones: a sensor with lag has followed its input.
+    own : tuple of (int, int)
+        States that effects have added: index of the effect, and of the state.
     """
 
     A: np.ndarray
@@ -88,6 +90,7 @@ class Matrices:
     states: tuple[str, ...]
     memories: tuple[str, ...]
     follow: np.ndarray
+    own: tuple[tuple[int, int], ...] = ()
 
 
 class _TooNarrowError(Exception):
@@ -151,9 +154,11 @@ class RecordModel:
         self.q, self._dq = self.state("q", 1.0 / transducer.capacitance)
         self.v_t, self.v, self.i = (self.signal() for _ in range(3))
         self._pushes: list[list[Row]] = [[] for _ in transducer.all_modes]
-        for effect in transducer.effects:
-            shunt = shunt and effect.connect(shunt)
+        self._own: list[tuple[int, int]] = []
+        for n, effect in enumerate(transducer.effects):
+            shunt, first = shunt and effect.connect(shunt), len(self._states)
             effect.act(self)
+            self._own += [(n, k) for k in range(first, len(self._states))]
         self._electrics(shunt)
         self._mechanics()
 
@@ -334,7 +339,7 @@ class RecordModel:
             A=rates[:, :n], W=rates[:, n : n + w], B=rates[:, n + w :], O=observed, scale=scale,
             kinds=np.array([e.kind for e in elements], np.int64), parameters=np.array([e.parameter for e in elements]),
             places=places, channels=channels, states=tuple(state[0] for state in self._states),
-            memories=memories, follow=self._followed(states, scale),
+            memories=memories, follow=self._followed(states, scale), own=tuple(self._own),
         )  # fmt: skip
 
     def _followed(self, states: list[int], scale: np.ndarray) -> np.ndarray:

@@ -130,7 +130,8 @@ def data_of(record: Record, transducer: Transducer) -> Data:
         return Data(record.name, record.role, record, behind, drive - clean, channels, sigma, scatter, start)
     abrupt = any(begins_abruptly(record[c], noise[c]) for c in channels) and not begins_abruptly(clean, 0.0, (1,))
     setting = setting_of(record.drive, record.shunt, step, clean, transducer, abrupt=abrupt)
-    setting = replace(setting, fine=steps_for([curvature_of(record[c], noise[c], setting.jumps) for c in channels]))
+    fine = steps_for([curvature_of(record[c], noise[c], setting.jumps) for c in channels])
+    setting = replace(setting, fine=fine, reach=_reach(record, clean, transducer))
     return Data(record.name, record.role, record, setting, drive - clean, channels, sigma, scatter)
 
 
@@ -158,6 +159,19 @@ def check_channels(record: Record) -> None:
 def _range_of(record: Record, channel: str) -> float:
     """Half of the range of a channel; 0 if it was not measured."""
     return 0.5 * float(np.ptp(record[channel])) if channel in record.signals else 0.0
+
+
+def _reach(record: Record, drive: np.ndarray, transducer: Transducer) -> float:
+    """`Setting.reach`: of the whole ranges, as a record may begin at one end of what came before."""
+    moved, voltage = (2.0 * _range_of(record, channel) for channel in ("displacement", "voltage"))
+    k, pushed = transducer.stiffness, float(np.ptp(drive))
+    driven = {
+        "force": pushed**2 / k,
+        "base_acceleration": (transducer.all_modes[0].base_mass * pushed) ** 2 / k,
+        "displacement": k * pushed**2,
+        "voltage": transducer.capacitance * pushed**2,
+    }
+    return float(np.sqrt(max(k * moved**2, transducer.capacitance * voltage**2, driven[record.drive])))
 
 
 def clean_drive(signal: Signal) -> np.ndarray:

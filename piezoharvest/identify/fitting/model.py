@@ -42,6 +42,8 @@ class Model:
         Channels whose offset is free in every record.
     relaxed : bool
         True if every record begins with stops at zero.
+    at_rest : bool
+        True if states of effects, such as creep, begin every record in equilibrium; behind diodes or switches they do.
     felt : int or None
         Number of effects that have an influence by themselves; of those behind them only the derivatives count.
     """
@@ -50,6 +52,7 @@ class Model:
     parameters: tuple[Parameter, ...]
     offset_channels: tuple[str, ...]
     relaxed: bool = False
+    at_rest: bool = True
     felt: int | None = None
     _lowered: dict = field(init=False, repr=False, compare=False, default_factory=dict)
 
@@ -60,7 +63,10 @@ class Model:
                 self.transducer, data.setting, self.parameters, nuisance, relaxed=self.relaxed, felt=self.felt
             )
         lowered = self.lowered(data)
-        return Prediction(self.transducer, data.setting, self.parameters, nuisance, lowered, relaxed=self.relaxed)
+        return Prediction(
+            self.transducer, data.setting, self.parameters, nuisance, lowered, relaxed=self.relaxed,
+            at_rest=self.at_rest,
+        )  # fmt: skip
 
     def lowered(self, data: Data) -> DiscreteModel:
         """Equations for a record, shared by records with the same settings."""
@@ -157,6 +163,11 @@ def nuisance_limits(model: Model, data: Data) -> np.ndarray:
     return np.pad(limits, (0, len(nuisance_names(model, data)) - len(limits)), constant_values=np.inf)
 
 
+def begun_effects(model: Model, data: Any) -> tuple[int, ...]:
+    """Index of the effect of each nuisance parameter that is the initial state of one, in a record of any kind."""
+    return getattr(model.prediction(data), "begun", ()) if isinstance(data, Data) else ()
+
+
 def prediction_of(model: Model, data: Data, nuisance: np.ndarray) -> AnyPrediction:
     """Prediction of a record with initial states and jumps from its nuisance parameters."""
     return model.prediction(data, nuisance[: len(model.prediction(data).nuisance_names)])
@@ -201,7 +212,8 @@ def evaluated(model: Model, data: Data, nuisance: np.ndarray) -> Iterator[tuple[
     Those of the last two models are cached if they are small: the next descent begins where the last one has ended,
     and a failed step may have been tried in between.
     """
-    what = model.transducer, model.parameters, model.offset_channels, model.relaxed, model.felt, nuisance.tobytes()
+    kinds = model.offset_channels, model.relaxed, model.at_rest, model.felt
+    what = model.transducer, model.parameters, *kinds, nuisance.tobytes()
     for known, blocks in _CACHE.get(data, ()):
         if known == what:
             yield from blocks

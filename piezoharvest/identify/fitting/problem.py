@@ -10,11 +10,12 @@ import numpy as np
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
-from piezoharvest.identify.fitting.model import Model, nuisance_limits, nuisance_names
+from piezoharvest.identify.fitting.model import Model, begun_effects, nuisance_limits, nuisance_names
 from piezoharvest.identify.noise.drive_denoising import high_frequency_noise
 from piezoharvest.identify.noise.noise_model import Noise, initial_noise, noise_upper_bound
 from piezoharvest.predict.circuit.setting import has_events
 from piezoharvest.predict.parameters import value_at
+from piezoharvest.predict.prediction import Prediction
 
 PRIOR_DEVIATION = 1.0  # prior standard deviation of the logarithm of a parameter about its nominal value
 LINEAR_PRIOR_DEVIATION = 10.0  # the same for a linear parameter, in units of its nominal value
@@ -213,9 +214,25 @@ def prior_of(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
         means.append(nominal)
         size = PRIOR_DEVIATION if parameter.scaling == "log" else LINEAR_PRIOR_DEVIATION * (abs(nominal) or 1.0)
         precision.append(size**-2)
-    known = [_nuisance_prior(data, name) for data in problem.data for name in problem.nuisance_names(model, data)]
+    known = [prior for data in problem.data for prior in _nuisance_priors(problem, model, data)]
     more = np.array(known).reshape(-1, 2)
     return np.concatenate([means, more[:, 0]]), np.concatenate([precision, more[:, 1]])
+
+
+def _nuisance_priors(problem: Problem, model: Model, data: Data | FrequencyData) -> list[tuple[float, float]]:
+    """Means and inverse variances of a record's nuisance parameters.
+
+    The mean of an effect's initial state is rest, and its deviation what it could reach: without this, the start of a
+    relaxation that is about as slow as the record is long could not be told from an offset.
+    """
+    names = problem.nuisance_names(model, data)
+    found = [_nuisance_prior(data, name) for name in names]
+    prediction = model.prediction(data) if begun_effects(model, data) else None
+    if isinstance(prediction, Prediction):
+        first = len(prediction.free) - len(prediction.begun)
+        for k, size in enumerate(prediction.reach, first):
+            found[k] = 0.0, size**-2 if size > 0.0 else 0.0
+    return found
 
 
 def _nuisance_prior(data: Data | FrequencyData, name: str) -> tuple[float, float]:

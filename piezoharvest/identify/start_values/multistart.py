@@ -27,7 +27,12 @@ RESPONSE_ITERATIONS = 40  # iterations from each start of the responses
 ROUGH_TOLERANCE = 1e-3  # of -2 ln L for each residual: tolerance of a rough fit
 
 
-def fit_multistart(problem: Problem, model: Model, progress: Callable[[str], None]) -> Fit:
+def fit_multistart(
+    problem: Problem,
+    model: Model,
+    progress: Callable[[str], None],
+    poor: Callable[[Fit], None] = lambda found: None,
+) -> Fit:
     """Fit a model from initial estimates, and from others if the residuals stay much larger than noise.
 
     The fit is convex enough except in the thresholds of the operators. While stiffness, coupling and capacitance are
@@ -41,6 +46,8 @@ def fit_multistart(problem: Problem, model: Model, progress: Callable[[str], Non
         Model with the nominal values.
     progress : callable
         Called with messages about progress.
+    poor : callable
+        Called with a fit whose residuals stay much larger than noise, before others are tried; it may raise.
     """
     first = _nearest_model(
         problem, model, replace(model, transducer=estimate_initial_values(problem.data, model.transducer))
@@ -63,6 +70,7 @@ def fit_multistart(problem: Problem, model: Model, progress: Callable[[str], Non
     best = fit(problem, first, nuisance, progress=progress, rounds=2)
     if mean_square(best) < MAX_MEAN_SQUARE:
         return best
+    poor(best)
     other = _fit_with_initial_states(problem, replace(first, parameters=model.parameters), nuisance, best, progress)
     if other is None:
         other = _fit_with_other_thresholds(problem, first, nuisance, best, progress)
