@@ -154,10 +154,11 @@ class CandidateFits:
         *,
         begun: bool = False,
     ) -> EffectChange | None:
-        """Full fit with one effect added, under way as the records begin or not, and other parameters freed; None where the model then has no solution.
+        """Full fit with one effect added, and other parameters freed; None where the model then has no solution.
 
-        It is abandoned if it will not reach the cost `aim`. Parameters that were fixed so far are freed only after a
-        first fit of the effect, whose place they might take otherwise.
+        With `begun` the effect may be under way as records begin. The fit is abandoned if it will not reach the cost
+        `aim`. Parameters that were fixed so far are freed only after a first fit of the effect, whose place they might
+        take otherwise.
         """
         more = effect_parameters([effect], len(now.found.model.transducer.effects))
         model = extended(now.found.model, [effect], more)

@@ -22,6 +22,9 @@ from piezoharvest.identify.noise.noise_model import Noise, estimate
 
 TOLERANCE = 1e-2  # predicted decrease of -2 ln L at convergence
 MIN_EIGENVALUE_RATIO = 1e-13  # relative eigenvalue of an information matrix, below which it is rounding error
+# Of a variable of which neither data nor prior say anything, such as the time constant of an effect that is absent: far
+# above any other, and its square, which a sandwich of covariances takes, is still a number.
+UNKNOWN_VARIANCE = 1e60
 NOISE_ROUNDS = 3  # of fit and noise estimation
 # Behind a circuit with events a first fit may end far off, and the noise be estimated from what it left. The sum of
 # squares of residuals has a relative standard deviation of a few per cent at most.
@@ -192,9 +195,8 @@ def posterior(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
     if np.any(undetermined):
         null = vectors[:, undetermined] / size[:, None]
         left, right = np.linalg.eigh(null.T @ prior @ null)
-        found = (
-            found + (vectors[:, undetermined] @ right / np.maximum(left, 1e-300)) @ (vectors[:, undetermined] @ right).T
-        )
+        left = np.maximum(left, np.max((null @ right) ** 2, axis=0) / UNKNOWN_VARIANCE)
+        found = found + (vectors[:, undetermined] @ right / left) @ (vectors[:, undetermined] @ right).T
     return found / np.outer(size, size)
 
 

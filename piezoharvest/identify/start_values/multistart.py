@@ -47,7 +47,8 @@ def fit_multistart(
     progress : callable
         Called with messages about progress.
     poor : callable
-        Called with a fit whose residuals stay much larger than noise, before others are tried; it may raise.
+        Called with a fit whose residuals stay much larger than noise, before other starts are tried; it may
+        raise.
     """
     first = _nearest_model(
         problem, model, replace(model, transducer=estimate_initial_values(problem.data, model.transducer))
@@ -55,7 +56,10 @@ def fit_multistart(
     first = tune_to_responses(problem, first, progress)
     free = tuple(p for p in model.parameters if p.path[0] != "hysteresis")
     if len(free) == len(model.parameters):
-        return fit(problem, first, progress=progress, rounds=2)
+        best = fit(problem, first, progress=progress, rounds=2)
+        if mean_square(best) >= MAX_MEAN_SQUARE:
+            poor(best)
+        return best
     nuisance = None
     if any(len(data.setting.jumps) for data in problem.data if isinstance(data, Data)):
         # The exact instant of a jump of the drive can be mistaken for other errors, so it is fitted first.
