@@ -63,6 +63,18 @@ def test_a_rectifier(tmp_path):
     check_values(found, {**BENCH, "rectifier.smoothing_capacitance": 1e-6})
 
 
+def test_a_smoothing_capacitor_that_is_charged_at_the_first_sample(tmp_path):
+    """To a fifth of its last value, as the start of each run is thrown away; no channel shows it."""
+    whole = campaign(tmp_path, RECTIFIER, 41, duration=0.35, records=RECORDS[:2])
+    for file in whole.path.parent.glob("*.csv"):
+        head, *rows = file.read_text().splitlines(keepends=True)
+        file.write_text(head + "".join(rows[400:]))
+    found = identify(load_campaign(whole.path))
+    assert found.converged and not found.warnings
+    check_values(found, BENCH)
+    assert all(record.own["start dc"] > 0.05 for record in found.records)
+
+
 def test_a_velocity_in_the_place_of_the_displacement(tmp_path):
     records = RECORDS[:2]
     sensors = ("velocity", "voltage")
