@@ -1,4 +1,4 @@
-"""States of effects that a record finds under way: their motion, derivatives and priors, and what nothing is known of."""
+"""States of effects that a record finds under way: their motion, derivatives and priors; what nothing is known of."""
 
 from dataclasses import replace
 

@@ -63,6 +63,7 @@ def test_a_rectifier(tmp_path):
     check_values(found, {**BENCH, "rectifier.smoothing_capacitance": 1e-6})
 
 
+@pytest.mark.slow
 def test_a_smoothing_capacitor_that_is_charged_at_the_first_sample(tmp_path):
     """To a fifth of its last value, as the start of each run is thrown away; no channel shows it."""
     whole = campaign(tmp_path, RECTIFIER, 41, duration=0.35, records=RECORDS[:2])

@@ -163,9 +163,10 @@ def nuisance_limits(model: Model, data: Data) -> np.ndarray:
     return np.pad(limits, (0, len(nuisance_names(model, data)) - len(limits)), constant_values=np.inf)
 
 
-def begun_effects(model: Model, data: Any) -> tuple[int, ...]:
+def begun_effects(model: Model, data: object) -> tuple[int, ...]:
     """Index of the effect of each nuisance parameter that is the initial state of one, in a record of any kind."""
-    return getattr(model.prediction(data), "begun", ()) if isinstance(data, Data) else ()
+    prediction = model.prediction(data) if isinstance(data, Data) else None
+    return prediction.begun if isinstance(prediction, Prediction) else ()
 
 
 def prediction_of(model: Model, data: Data, nuisance: np.ndarray) -> AnyPrediction:

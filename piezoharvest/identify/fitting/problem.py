@@ -10,7 +10,7 @@ import numpy as np
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
-from piezoharvest.identify.fitting.model import Model, begun_effects, nuisance_limits, nuisance_names
+from piezoharvest.identify.fitting.model import Model, nuisance_limits, nuisance_names
 from piezoharvest.identify.noise.drive_denoising import high_frequency_noise
 from piezoharvest.identify.noise.noise_model import Noise, initial_noise, noise_upper_bound
 from piezoharvest.predict.circuit.setting import has_events
@@ -227,7 +227,7 @@ def _nuisance_priors(problem: Problem, model: Model, data: Data | FrequencyData)
     """
     names = problem.nuisance_names(model, data)
     found = [_nuisance_prior(data, name) for name in names]
-    prediction = model.prediction(data) if begun_effects(model, data) else None
+    prediction = model.prediction(data) if isinstance(data, Data) else None
     if isinstance(prediction, Prediction):
         first = len(prediction.free) - len(prediction.begun)
         for k, size in enumerate(prediction.reach, first):
