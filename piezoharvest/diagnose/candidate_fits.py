@@ -188,7 +188,7 @@ class CandidateFits:
 
     def _visible(self, step: EffectChange | None) -> EffectChange | None:
         """The step, or None if the records cannot show its last effect at the fitted values."""
-        if step is None:
+        if step is None or self._is_start_alone(step):
             return None
         transducer, noise = step.found.model.transducer, step.found.noise
         scales = replace(
@@ -201,6 +201,13 @@ class CandidateFits:
             self.progress(f"{effect.name} is out of the range that the records show")
             return None
         return step
+
+    def _is_start_alone(self, step: EffectChange) -> bool:
+        """True if only initial states of the last effect matter: a decay as each record begins is no effect."""
+        last = len(step.effects) - 1
+        if not self.count_begun(step.found.model, last):
+            return False
+        return standard_errors_from_zero(self.problem, step.found, last) < thresholds.MIN_STANDARD_ERRORS
 
     @cached_property
     def _records(self) -> list[Data]:
@@ -250,8 +257,11 @@ class CandidateFits:
         gain = float(slope @ inverse(information + np.diag(precision)) @ slope)
         if gain < chi2.isf(thresholds.SEARCH_LEVEL, count):
             return now
+        step = self._fit(free, nuisance, found)
+        if step is None or self._is_start_alone(step):
+            return now
         self.progress(f"{', '.join(now.effects)}: under way as records begin")
-        return self._remember_converged(self._fit(free, nuisance, found)) or now
+        return self._remember_converged(step) or now
 
     def redetermine(self, now: EffectChange) -> EffectChange:
         """Refit with the set of parameters that the data determines now that an effect is in the model.

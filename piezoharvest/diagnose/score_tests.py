@@ -180,10 +180,11 @@ def _scored(
     start: Effect, strength: Parameter | None, projected: np.ndarray, slope: np.ndarray, at: list[int],
     prior: np.ndarray,
 ) -> ScoredEffect | None:  # fmt: skip
-    """An effect with its score, from its columns of the projected information; None if it is of the wrong sign."""
-    right = slope[at]
-    step = inverse(projected[np.ix_(at, at)] + np.diag(prior)) @ right
-    effect = start
+    """An effect with its score, from its columns of the projected information; None if its strength cannot be."""
+    right, scatter = slope[at], inverse(projected[np.ix_(at, at)] + np.diag(prior))
+    step, effect = scatter @ right, start
+    if np.any(prior) and step[0] ** 2 < thresholds.MIN_STANDARD_ERRORS**2 * scatter[0, 0]:
+        return None  # initial states alone, a decay as each record begins, are no effect
     if strength is not None:
         value = float(np.real(strength.inner(_strength(start)))) + float(step[0])
         if not strength.lower <= value <= strength.upper:
