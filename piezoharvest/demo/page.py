@@ -1,0 +1,141 @@
+"""The page of the story: a self-contained HTML file, with its figures as PNG files beside it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import piezoharvest
+from piezoharvest.demo.figures import pictures
+from piezoharvest.demo.story import STEPS, Story
+from piezoharvest.diagnose.summary import sentence, values
+from piezoharvest.output import check_directory, write_text
+from piezoharvest.report.figures.pictures import place_pictures
+from piezoharvest.report.pages import NAME, page_template
+from piezoharvest.report.units import engineering, kind_name, number, percent, with_error
+
+SECTIONS = ("wrong", "gain")
+
+
+def write_story(story: Story, directory: Path) -> Path:
+    """Write the page, last of all files in the directory, and return its path; raises `OutputError`."""
+    directory = check_directory(directory, create=True)
+    figures = place_pictures(pictures(story), SECTIONS, directory)
+    page = page_template("story.html.j2").render(
+        title=story.study.title,
+        answer=answer(story),
+        warning="" if story.converged else "Not to be trusted: a simulation or the fit behind this did not converge.",
+        cards=list(_cards(story)),
+        circuit=kind_name(story.designed.shunt.kind),
+        designed=engineering(story.designed.harvested_power, "W"),
+        measured=engineering(story.first.power, "W"),
+        missing=percent(-_change(story.first.power, story.designed.harvested_power)),
+        sentence=sentence(story.found),
+        causes=list(_causes(story)),
+        parameters=list(_parameters(story)),
+        predictions=list(_predictions(story)),
+        residuals=list(_residuals(story)),
+        changes=list(_changes(story)),
+        powers=list(_powers(story)),
+        steps=STEPS,
+        figures=figures,
+        version=piezoharvest.__version__,
+    )
+    write_text(page, directory / NAME)
+    return directory / NAME
+
+
+def _change(new: float, old: float) -> float:
+    return new / old - 1.0
+
+
+def _signed(share: float) -> str:
+    """Relative change with its sign."""
+    return ("+" if share >= 0.0 else "\u2212") + percent(abs(share))
+
+
+def _named(story: Story) -> str:
+    return " and ".join(named.effect.name.replace("_", " ") for named in story.found.effects) or "no known effect"
+
+
+def answer(story: Story) -> str:
+    """The story in a few sentences."""
+    gained = _change(story.second.power, story.first.power)
+    return (
+        f"Designed for {engineering(story.designed.harvested_power, 'W')}, the {kind_name(story.designed.shunt.kind)} "
+        f"gave {engineering(story.first.power, 'W')} on the bench. The cause is {_named(story)}. Designed again with it, "
+        f"it gives {engineering(story.second.power, 'W')}: {_signed(gained)}, measured."
+    )
+
+
+def _cards(story: Story) -> Iterator[tuple[str, str, str]]:
+    first, second = story.first.power, story.second.power
+    missing = _change(first, story.designed.harvested_power)
+    yield "first design, measured", engineering(first, "W"), f"{_signed(missing)} against its simulation"
+    for named in story.found.effects:
+        remark = f"removes {percent(named.gain)} of the error of a record that was not fitted"
+        yield "cause", named.effect.name.replace("_", " "), remark
+    off = _change(story.extended.harvested_power, first)
+    yield "predicted with it", engineering(story.extended.harvested_power, "W"), f"{_signed(off)} against the measurement"
+    gained = _change(second, first)
+    yield "second design, measured", engineering(second, "W"), f"{_signed(gained)} against the first"
+
+
+def _causes(story: Story) -> Iterator[dict[str, Any]]:
+    for named in story.found.effects:
+        yield {
+            "name": named.effect.name.replace("_", " "), "doc": (type(named.effect).__doc__ or "").split("\n")[0],
+            "looks": named.effect.looks, "told_by": named.effect.told_by, "gain": percent(named.gain),
+            "values": [
+                (name.replace("_", " "), value if isinstance(value, str) else with_error(value, std, unit))
+                for name, (value, std, unit) in values(named).items()
+            ],
+        }  # fmt: skip
+
+
+def _parameters(story: Story) -> Iterator[tuple[str, str, str, str]]:
+    """Name, nominal value of the data sheet, and identified values without the cause and with it."""
+    for before, after in zip(story.found.before.estimates, story.found.estimates, strict=True):
+        unit, given = after.parameter.unit, getattr(story.study.transducer, after.parameter.name, None)
+        fitted = [with_error(one.value, one.std, unit) for one in (before, after)]
+        yield after.parameter.name, engineering(given, unit), *fitted  # pyright: ignore[reportReturnType]
+
+
+def _predictions(story: Story) -> Iterator[tuple[str, str, str]]:
+    """What predicts the first measurement, its power, and the error."""
+    for name, power in (
+        ("the design, from the data sheet", story.designed.harvested_power),
+        ("the model as it was, fitted to the campaign", story.fitted.harvested_power),
+        ("the model with the cause, fitted to the campaign", story.extended.harvested_power),
+    ):
+        yield name, engineering(power, "W", 4), _signed(_change(power, story.first.power))
+
+
+def _residuals(story: Story) -> Iterator[tuple[str, str, str, str]]:
+    """Of the record that was not fitted: channel, residual without and with the cause, and its noise."""
+    before, after = story.found.validation_before, story.found.validation_after
+    for channel, noise in after.noise.items():
+        unit = "m" if channel == "displacement" else "V"
+        sizes = (before.rms[channel], after.rms[channel], noise)
+        yield channel.replace("_", " "), *(engineering(size, unit) for size in sizes)  # pyright: ignore[reportReturnType]
+
+
+def _changes(story: Story) -> Iterator[tuple[str, str, str]]:
+    """What is set otherwise in the second circuit: name, before and after."""
+    first, second = vars(story.first.shunt), vars(story.second.shunt)
+    yield "load", *(engineering(one["load_resistance"], "ohm") for one in (first, second))  # pyright: ignore
+    yield "switch acts after the extremum", *(engineering(one["time_lag"], "s") for one in (first, second))  # pyright: ignore
+    capacitance = story.study.transducer.capacitance
+    times = [look.shunt.on_time(capacitance) for look in (story.first, story.second)]  # pyright: ignore
+    yield "switch is told to stay closed for", *(engineering(time, "s") for time in times)  # pyright: ignore
+
+
+def _powers(story: Story) -> Iterator[tuple[str, str, str, str]]:
+    for name, simulated, look in (
+        ("first", story.designed.harvested_power, story.first),
+        ("second", story.redesigned.harvested_power, story.second),
+    ):
+        off = _signed(_change(look.power, simulated))
+        yield name, engineering(simulated, "W", 4), engineering(look.power, "W", 4), off
