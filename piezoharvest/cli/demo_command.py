@@ -23,7 +23,7 @@ def demo(out: Path) -> int:
     result = run_design(load_study(study), as_json=False, report=out / "design")
     with resources.as_file(shipped.joinpath("bench.toml")) as path:
         bench = read_toml(path)
-    story = tell(study, bench, result.best, out, note)
+    story = tell(study, bench, result, out, note)
     write_diagnosis(story.found, out / "diagnosis")
     print(answer(story))
     print(write_story(story, out))

@@ -19,13 +19,13 @@ SIMULATED, MEASURED, EXTENDED = style.PALETTE[0], style.INK, style.PALETTE[1]
 def pictures(story: Story) -> Iterator[Picture]:
     """All figures, one after the other."""
     caption = (
-        "Voltage of the electrodes at the end of the record of the first measurement (dots), as the design had simulated "
-        "it, and as the model with the cause in it does. No fit has seen this record."
+        "Voltage of the electrodes at the end of the record of the first measurement (dots), as the design had "
+        "simulated it, and as the model with the cause in it does. No fit has seen this record."
     )
     yield Picture("voltage", "wrong", "What was simulated, and what was there", caption, _voltage(story))
     caption = (
-        "Power of the load at the excitation of the design. Filled: simulated; open: measured by the bench. The two in the "
-        "middle are predictions of the first measurement, by models fitted to other records."
+        "Power of the load at the excitation of the design. Filled: simulated; open: measured by the bench. The second "
+        "and third are predictions of the first measurement, by models fitted to other records."
     )
     yield Picture("powers", "gain", "Powers, simulated and measured", caption, _powers(story))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,8 @@ from piezoharvest.diagnose.summary import sentence, values
 from piezoharvest.output import check_directory, write_text
 from piezoharvest.report.figures.pictures import place_pictures
 from piezoharvest.report.pages import NAME, page_template
-from piezoharvest.report.units import engineering, kind_name, number, percent, with_error
+from piezoharvest.report.subjects import subjects_of
+from piezoharvest.report.units import NONE, engineering, kind_name, percent, with_error
 
 SECTIONS = ("wrong", "gain")
 
@@ -28,6 +28,7 @@ def write_story(story: Story, directory: Path) -> Path:
         answer=answer(story),
         warning="" if story.converged else "Not to be trusted: a simulation or the fit behind this did not converge.",
         cards=list(_cards(story)),
+        ranking=list(_ranking(story)),
         circuit=kind_name(story.designed.shunt.kind),
         designed=engineering(story.designed.harvested_power, "W"),
         measured=engineering(story.first.power, "W"),
@@ -52,8 +53,9 @@ def _change(new: float, old: float) -> float:
 
 
 def _signed(share: float) -> str:
-    """Relative change with its sign."""
-    return ("+" if share >= 0.0 else "\u2212") + percent(abs(share))
+    """Relative change with its sign; a small one to its first digit."""
+    size = abs(share)
+    return ("+" if share >= 0.0 else "\u2212") + percent(size, 3 if size >= 0.1 else 2 if size >= 0.01 else 1)
 
 
 def _named(story: Story) -> str:
@@ -65,8 +67,8 @@ def answer(story: Story) -> str:
     gained = _change(story.second.power, story.first.power)
     return (
         f"Designed for {engineering(story.designed.harvested_power, 'W')}, the {kind_name(story.designed.shunt.kind)} "
-        f"gave {engineering(story.first.power, 'W')} on the bench. The cause is {_named(story)}. Designed again with it, "
-        f"it gives {engineering(story.second.power, 'W')}: {_signed(gained)}, measured."
+        f"gave {engineering(story.first.power, 'W')} on the bench. The cause is {_named(story)}. Designed again with "
+        f"it, the circuit gives {engineering(story.second.power, 'W')}: {_signed(gained)}, measured."
     )
 
 
@@ -77,16 +79,26 @@ def _cards(story: Story) -> Iterator[tuple[str, str, str]]:
     for named in story.found.effects:
         remark = f"removes {percent(named.gain)} of the error of a record that was not fitted"
         yield "cause", named.effect.name.replace("_", " "), remark
-    off = _change(story.extended.harvested_power, first)
-    yield "predicted with it", engineering(story.extended.harvested_power, "W"), f"{_signed(off)} against the measurement"
+    predicted = story.extended.harvested_power
+    remark = f"{_signed(_change(predicted, first))} against the measurement"
+    yield "predicted with it", engineering(predicted, "W"), remark
     gained = _change(second, first)
     yield "second design, measured", engineering(second, "W"), f"{_signed(gained)} against the first"
+
+
+def _ranking(story: Story) -> Iterator[tuple[str, str, str]]:
+    """Candidates of the first design, best first: label, power, and what of the bound of linear shunts it is."""
+    bound = story.design.bound.harvested_power
+    for subject in subjects_of(story.design.candidates):
+        power = subject.candidate.harvested_power
+        yield subject.label, engineering(power, "W"), percent(power / bound) if bound else NONE
 
 
 def _causes(story: Story) -> Iterator[dict[str, Any]]:
     for named in story.found.effects:
         yield {
-            "name": named.effect.name.replace("_", " "), "doc": (type(named.effect).__doc__ or "").split("\n")[0],
+            "name": named.effect.name.replace("_", " "),
+            "doc": (type(named.effect).__doc__ or "").split("\n")[0].replace("`", ""),
             "looks": named.effect.looks, "told_by": named.effect.told_by, "gain": percent(named.gain),
             "values": [
                 (name.replace("_", " "), value if isinstance(value, str) else with_error(value, std, unit))

@@ -14,16 +14,16 @@ from piezoharvest.bench import measure, write_campaign
 from piezoharvest.description.paths import component_table
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.design import design
-from piezoharvest.design.result import Candidate
+from piezoharvest.design.result import Candidate, DesignResult
 from piezoharvest.diagnose import Diagnosis, diagnose
 from piezoharvest.engine import simulate
 from piezoharvest.engine.response import Response
-from piezoharvest.output import check_directory, write_text
+from piezoharvest.output import write_text
 from piezoharvest.records import load_campaign
 from piezoharvest.records.record import Record
 from piezoharvest.study import Study, load_driven_study, load_study, read_toml
 
-PERIODS = 10  # at the end of a record, over which the power is averaged
+PERIODS = 10  # at the end of a record, over which the power is averaged: its start has died away to 0.1 % by then
 STEPS = (
     ("the first design", "piezoharvest design study.toml --report design"),
     ("one look at its power", "piezoharvest measure built.toml --out measured"),
@@ -63,7 +63,8 @@ class Story:
     Attributes
     ----------
     study : Study
-    designed : Candidate
+    design : DesignResult
+        The first one; its best candidate is built.
     first : Look
     found : Diagnosis
     fitted, extended : Response
@@ -74,7 +75,7 @@ class Story:
     """
 
     study: Study
-    designed: Candidate
+    design: DesignResult
     first: Look
     found: Diagnosis
     fitted: Response
@@ -83,13 +84,18 @@ class Story:
     second: Look
 
     @property
+    def designed(self) -> Candidate:
+        """The circuit of the first design."""
+        return self.design.best
+
+    @property
     def converged(self) -> bool:
         """True if all that it rests on can be trusted."""
         simulated = (self.fitted, self.extended, self.designed, self.redesigned)
         return self.found.search.final.converged and all(one.converged for one in simulated)
 
 
-def tell(path: Path, bench: Mapping[str, Any], designed: Candidate, folder: Path, progress: Progress) -> Story:
+def tell(path: Path, bench: Mapping[str, Any], first: DesignResult, folder: Path, progress: Progress) -> Story:
     """Measure a design, diagnose what is missing, design again and measure that; every file is left in the folder.
 
     Parameters
@@ -98,26 +104,25 @@ def tell(path: Path, bench: Mapping[str, Any], designed: Candidate, folder: Path
         Study of the design.
     bench : mapping
         Tables [transducer] and [bench] of the harvester as it is.
-    designed : Candidate
-        A circuit with a synchronised switch and a load behind its bridge.
+    first : DesignResult
+        Its best candidate is a circuit with a switched coil and a load behind its bridge.
     folder : Path
-        Of the files, those of which another step takes included.
+        Existing; of the study.
     progress : callable
         Called with messages.
     """
-    check_directory(folder, create=True)
     study, tables = load_study(path), read_toml(path)
-    drive = {"excitation": tables["excitation"]}
 
     def written(name: str, shunt: Shunt, more: Mapping[str, Any]) -> Study:
         shunts = [{"kind": shunt.kind, **component_table(shunt)}]
-        write_text(tomli_w.dumps({"title": study.title, **drive, **more, "shunts": shunts}), folder / name)
+        table = {"title": study.title, **more, "excitation": tables["excitation"], "shunts": shunts}
+        write_text(tomli_w.dumps(table), folder / name)
         return load_driven_study(folder / name)
 
-    built = timed(designed.shunt, study)
+    built = timed(first.best.shunt, study)
     alone = {**bench, "bench": {key: value for key, value in bench["bench"].items() if key != "records"}}
     progress("measuring the design")
-    first = _look(written("built.toml", built, alone), folder / "measured")
+    measured = _look(written("built.toml", built, alone), folder / "measured")
     progress("measuring the campaign")
     campaign = write_campaign(measure(written("bench.toml", built, bench), progress), folder / "campaign")
     found = diagnose(load_campaign(campaign), progress)
@@ -128,13 +133,13 @@ def tell(path: Path, bench: Mapping[str, Any], designed: Candidate, folder: Path
         for name in ("identified", "specimen")
     )
     progress("designing again, with what was found")
-    again = {key: value for key, value in tables["design"].items() if key != "candidates"}
-    again |= {"candidates": [built.kind], "tune": ["on_time_error"]}
-    changed = written("redesign.toml", designed.shunt, {"transducer": "specimen.toml", "design": again})
+    # A command of the switch's controller, which the first design had no reason to change, is free now.
+    goal = {**tables["design"], "candidates": [built.kind], "tune": ["on_time_error"]}
+    changed = written("redesign.toml", first.best.shunt, {"transducer": "specimen.toml", "design": goal})
     redesigned = design(changed).best
     progress("measuring the new design")
-    second = _look(written("rebuilt.toml", timed(redesigned.shunt, study), alone), folder / "remeasured")
-    return Story(study, designed, first, found, fitted, extended, redesigned, second)
+    remeasured = _look(written("rebuilt.toml", timed(redesigned.shunt, study), alone), folder / "remeasured")
+    return Story(study, first, measured, found, fitted, extended, redesigned, remeasured)
 
 
 def timed(shunt: Any, study: Study) -> Shunt:
