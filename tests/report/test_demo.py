@@ -14,7 +14,7 @@ from piezoharvest.cli import main
 from piezoharvest.demo import story as story_module
 from piezoharvest.demo.page import write_story
 from piezoharvest.demo.story import STEPS, tell
-from piezoharvest.description.effects import DielectricRelaxation, InversionLoss, OnTimeOffset
+from piezoharvest.description.effects import DielectricRelaxation, OnTimeOffset
 from piezoharvest.design import design
 from piezoharvest.diagnose import diagnose
 from piezoharvest.engine import simulate
@@ -23,23 +23,21 @@ from piezoharvest.specimen import load_specimen
 from piezoharvest.study import load_study, read_toml
 
 SHIPPED = resources.files("piezoharvest").joinpath("demo")
-RIVALS = (OnTimeOffset, InversionLoss, DielectricRelaxation)  # the cause, and what is most like it
+RIVALS = (OnTimeOffset, DielectricRelaxation)  # the cause, and what is most like it
 
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory):
-    """The story with one candidate, a small capacitor, short looks and few effects to look for, and its page."""
+    """The story with a small capacitor, short looks and few effects to look for, and its page."""
     folder = tmp_path_factory.mktemp("demo")
     study = folder / "study.toml"
     text = SHIPPED.joinpath("study.toml").read_text(encoding="utf-8")
     study.write_text(text.replace("smoothing_capacitance = 1e-6", "smoothing_capacitance = 3e-7"), encoding="utf-8")
     bench = read_toml(Path(str(SHIPPED.joinpath("bench.toml"))))
-    bench["bench"]["duration"] = 0.9
-    shipped = load_study(study)
-    goal = dataclasses.replace(shipped.design, candidates=("parallel_sshi",))
+    bench["bench"]["duration"] = 1.2
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(story_module, "diagnose", partial(diagnose, library=RIVALS))
-        story = tell(study, bench, design(dataclasses.replace(shipped, design=goal)), folder, lambda text: None)
+        story = tell(study, bench, design(load_study(study)), folder, lambda text: None)
     return story, write_story(story, folder)
 
 
@@ -57,6 +55,16 @@ def check(story):
     errors = [abs(model.harvested_power / story.first.power - 1) for model in models]
     assert errors[0] > 0.2 and errors[1] > 2 * errors[2]
     assert story.second.power > 1.15 * story.first.power
+
+
+def test_the_first_design_says_that_switching_pays(told):
+    result = told[0].design
+    assert result.converged
+    assert all(candidate.feasible for candidate in result.candidates)
+    by_kind = {candidate.shunt.kind: candidate.harvested_power for candidate in result.candidates}
+    # What the demo is there to show: with weak coupling switching pays.
+    assert by_kind["parallel_sshi"] > 2 * by_kind["rectifier"]
+    assert by_kind["parallel_sshi"] > 1.5 * by_kind["resistor"]
 
 
 def test_what_it_claims(told):
