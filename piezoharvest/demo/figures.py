@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ def pictures(story: Story) -> Iterator[Picture]:
 
 
 @style.styled
-def _voltage(story: Story) -> object:
+def _voltage(story: Story) -> Any:
     figure, axes = style.grid_of_axes(1, height=2.8)
     period, record = story.study.excitation.period or 1.0, story.first.record
     begin = period * np.floor(record["time"][-1] / period - SHOWN)
@@ -50,15 +51,15 @@ def _voltage(story: Story) -> object:
     return figure
 
 
-def _repeated(response: Response, period: float) -> tuple[np.ndarray, np.ndarray]:
+def _repeated(response: Response | None, period: float) -> tuple[np.ndarray, np.ndarray]:
     """Time in ms and voltage of a steady state, for two periods from where the drive rises through zero."""
+    assert response is not None and response.waveforms is not None
     waves = response.waveforms
-    assert waves is not None
     return 1e3 * np.append(waves.time, waves.time + period), np.tile(waves.voltage, 2)
 
 
 @style.styled
-def _powers(story: Story) -> object:
+def _powers(story: Story) -> Any:
     rows = [
         ("first design, simulated", story.designed.harvested_power, SIMULATED, True),
         ("predicted: model as it was, fitted", story.fitted.harvested_power, SIMULATED, True),

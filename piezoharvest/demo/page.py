@@ -14,7 +14,7 @@ from piezoharvest.output import check_directory, write_text
 from piezoharvest.report.figures.pictures import place_pictures
 from piezoharvest.report.pages import NAME, page_template
 from piezoharvest.report.subjects import subjects_of
-from piezoharvest.report.units import NONE, engineering, kind_name, percent, with_error
+from piezoharvest.report.units import NONE, engineering, kind_name, percent, response_unit, with_error
 
 SECTIONS = ("wrong", "gain")
 
@@ -86,7 +86,7 @@ def _cards(story: Story) -> Iterator[tuple[str, str, str]]:
     yield "second design, measured", engineering(second, "W"), f"{_signed(gained)} against the first"
 
 
-def _ranking(story: Story) -> Iterator[tuple[str, str, str]]:
+def _ranking(story: Story) -> Iterator[tuple[str, ...]]:
     """Candidates of the first design, best first: label, power, and what of the bound of linear shunts it is."""
     bound = story.design.bound.harvested_power
     for subject in subjects_of(story.design.candidates):
@@ -107,15 +107,15 @@ def _causes(story: Story) -> Iterator[dict[str, Any]]:
         }  # fmt: skip
 
 
-def _parameters(story: Story) -> Iterator[tuple[str, str, str, str]]:
-    """Name, nominal value of the data sheet, and identified values without the cause and with it."""
+def _parameters(story: Story) -> Iterator[tuple[str, ...]]:
+    """Name, value of the data sheet, and identified values without the cause and with it."""
     for before, after in zip(story.found.before.estimates, story.found.estimates, strict=True):
-        unit, given = after.parameter.unit, getattr(story.study.transducer, after.parameter.name, None)
-        fitted = [with_error(one.value, one.std, unit) for one in (before, after)]
-        yield after.parameter.name, engineering(given, unit), *fitted  # pyright: ignore[reportReturnType]
+        name, unit = after.parameter.name, after.parameter.unit
+        given = engineering(getattr(story.study.transducer, name, None), unit)
+        yield name, given, *(with_error(one.value, one.std, unit) for one in (before, after))
 
 
-def _predictions(story: Story) -> Iterator[tuple[str, str, str]]:
+def _predictions(story: Story) -> Iterator[tuple[str, ...]]:
     """What predicts the first measurement, its power, and the error."""
     for name, power in (
         ("the design, from the data sheet", story.designed.harvested_power),
@@ -125,26 +125,24 @@ def _predictions(story: Story) -> Iterator[tuple[str, str, str]]:
         yield name, engineering(power, "W", 4), _signed(_change(power, story.first.power))
 
 
-def _residuals(story: Story) -> Iterator[tuple[str, str, str, str]]:
+def _residuals(story: Story) -> Iterator[tuple[str, ...]]:
     """Of the record that was not fitted: channel, residual without and with the cause, and its noise."""
     before, after = story.found.validation_before, story.found.validation_after
     for channel, noise in after.noise.items():
-        unit = "m" if channel == "displacement" else "V"
         sizes = (before.rms[channel], after.rms[channel], noise)
-        yield channel.replace("_", " "), *(engineering(size, unit) for size in sizes)  # pyright: ignore[reportReturnType]
+        yield channel.replace("_", " "), *(engineering(size, response_unit(channel)) for size in sizes)
 
 
-def _changes(story: Story) -> Iterator[tuple[str, str, str]]:
+def _changes(story: Story) -> Iterator[tuple[str, ...]]:
     """What is set otherwise in the second circuit: name, before and after."""
-    first, second = vars(story.first.shunt), vars(story.second.shunt)
-    yield "load", *(engineering(one["load_resistance"], "ohm") for one in (first, second))  # pyright: ignore
-    yield "switch acts after the extremum", *(engineering(one["time_lag"], "s") for one in (first, second))  # pyright: ignore
+    shunts: list[Any] = [story.first.shunt, story.second.shunt]
     capacitance = story.study.transducer.capacitance
-    times = [look.shunt.on_time(capacitance) for look in (story.first, story.second)]  # pyright: ignore
-    yield "switch is told to stay closed for", *(engineering(time, "s") for time in times)  # pyright: ignore
+    yield "load", *(engineering(shunt.load_resistance, "ohm") for shunt in shunts)
+    yield "switch acts after the extremum by", *(engineering(shunt.time_lag, "s") for shunt in shunts)
+    yield "switch is told to stay closed for", *(engineering(shunt.on_time(capacitance), "s") for shunt in shunts)
 
 
-def _powers(story: Story) -> Iterator[tuple[str, str, str, str]]:
+def _powers(story: Story) -> Iterator[tuple[str, ...]]:
     for name, simulated, look in (
         ("first", story.designed.harvested_power, story.first),
         ("second", story.redesigned.harvested_power, story.second),

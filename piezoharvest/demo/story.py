@@ -23,7 +23,7 @@ from piezoharvest.records import load_campaign
 from piezoharvest.records.record import Record
 from piezoharvest.study import Study, load_driven_study, load_study, read_toml
 
-PERIODS = 10  # at the end of a record, over which the power is averaged: its start has died away to 0.1 % by then
+PERIODS = 10  # at the end of a record, over which the power is averaged: by then it is within 0.3 % of its steady state
 STEPS = (
     ("the first design", "piezoharvest design study.toml --report design"),
     ("one look at its power", "piezoharvest measure built.toml --out measured"),
