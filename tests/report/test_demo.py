@@ -144,6 +144,12 @@ def test_the_page_in_a_browser(told, measured, width):
     assert found["wide"] <= 0
 
 
+@pytest.mark.browser
+def test_the_page_prints(told, browse, tmp_path):
+    browse(told[1], "--no-pdf-header-footer", f"--print-to-pdf={tmp_path / 'page.pdf'}")
+    assert 2 <= len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes())) <= 6
+
+
 @pytest.mark.slow
 def test_the_whole_demo(tmp_path, capsys):
     """As `piezoharvest demo` tells it: all candidates, all effects."""
