@@ -593,7 +593,7 @@ class TestDemo:
     def test_default_directory(self, run, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
         folders = []
-        result, story = Designed(), SimpleNamespace(found=None, converged=True)
+        result, story = Designed(), SimpleNamespace(converged=True)
         monkeypatch.setattr(piezoharvest.design, "design", lambda study, progress=None: result, raising=False)
         monkeypatch.setattr(piezoharvest.demo.story, "tell", lambda study, bench, first, folder, progress: story)
         monkeypatch.setattr(piezoharvest.demo.page, "answer", lambda told: "what it says")
@@ -603,11 +603,10 @@ class TestDemo:
             return what[-1] / "report.html"
 
         monkeypatch.setattr(piezoharvest.report, "write_report", report, raising=False)
-        monkeypatch.setattr(piezoharvest.report, "write_diagnosis", report, raising=False)
         monkeypatch.setattr(piezoharvest.demo.page, "write_story", report)
         status, out, _ = run("demo")
         base = "piezoharvest-demo"
         assert (status, out.splitlines()[-2:]) == (0, ["what it says", os.path.join(base, "report.html")])
-        assert folders == [os.path.join(base, "design"), os.path.join(base, "diagnosis"), base]
+        assert folders == [os.path.join(base, "design"), base]
         story.converged = False
         assert run("demo")[0] == 1

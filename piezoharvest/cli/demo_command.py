@@ -14,7 +14,6 @@ def demo(out: Path) -> int:
     """Design the study that comes with the package, tell what becomes of it on the bench, and print the page's path."""
     from piezoharvest.demo.page import answer, write_story
     from piezoharvest.demo.story import tell
-    from piezoharvest.report import write_diagnosis
 
     check_new_directory(out)
     shipped = resources.files("piezoharvest").joinpath("demo")
@@ -24,7 +23,6 @@ def demo(out: Path) -> int:
     with resources.as_file(shipped.joinpath("bench.toml")) as path:
         bench = read_toml(path)
     story = tell(study, bench, result, out, note)
-    write_diagnosis(story.found, out / "diagnosis")
     print(answer(story))
     print(write_story(story, out))
     return 0 if result.converged and story.converged else 1
