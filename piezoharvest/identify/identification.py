@@ -324,12 +324,13 @@ def _lengths(problem: Problem) -> list[int]:
 
 def _beginning(problem: Problem, count: int) -> Problem:
     """The problem with the first samples of its records; the problem itself if none is longer."""
-    if not any(isinstance(each, Data) and len(each) > count for each in problem.data):
+
+    def longer(each: Data | FrequencyData) -> bool:
+        return isinstance(each, Data) and len(each) > count and not each.record.periodic
+
+    if not any(map(longer, problem.data)):
         return problem
-    data = [
-        data_of(each.record.beginning(count), problem.nominal) if isinstance(each, Data) and len(each) > count else each
-        for each in problem.data
-    ]
+    data = [data_of(each.record.beginning(count), problem.nominal) if longer(each) else each for each in problem.data]
     return Problem(data, problem.nominal, problem.offset_channels)
 
 

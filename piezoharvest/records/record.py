@@ -11,6 +11,7 @@ import numpy as np
 
 from piezoharvest.description.effects.circuit_value import CircuitValue
 from piezoharvest.description.shunts import Shunt
+from piezoharvest.records.harmonics import Harmonics
 
 Role = Literal["fit", "validate"]
 
@@ -61,6 +62,10 @@ class Record:
         By channel; the drive is one of them, and any other may be missing.
     fitted : tuple of CircuitValue
         Values of the shunt that are fitted.
+    periodic : bool
+        It is a few periods of a sine in steady state.
+    frequency : float or None
+        Of such a sine, Hz, if it is stated.
     """
 
     name: str
@@ -72,6 +77,8 @@ class Record:
     time: Signal
     signals: Mapping[str, Signal]
     fitted: tuple[CircuitValue, ...] = ()
+    periodic: bool = False
+    frequency: float | None = None
 
     def __getitem__(self, channel: str) -> np.ndarray:
         """Values of a channel, or of "time", in its SI unit, (n,)."""
@@ -81,7 +88,9 @@ class Record:
         return len(self.time.values)
 
     def beginning(self, count: int) -> Record:
-        """Record of the first samples, without copying."""
+        """Record of the first samples, without copying; a few periods in steady state are not divided."""
+        if self.periodic:
+            return self
 
         def cut(signal: Signal) -> Signal:
             return replace(signal, values=signal.values[:count])
@@ -103,6 +112,11 @@ class Record:
     def sample_rate(self) -> float:
         """Sample rate, Hz."""
         return (len(self) - 1) / self.duration
+
+    @cached_property
+    def harmonics(self) -> Harmonics | None:
+        """Drive of a record in steady state, without its noise; None if it is no sine or the record no such one."""
+        return Harmonics.of(self[self.drive], 1.0 / self.sample_rate, self.frequency) if self.periodic else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -387,7 +387,7 @@ def follow(
     terms : tuple of two arrays
         Memory of the shapes of z and d.
     times : (samples,) array
-        s, evenly spaced; the signal is straight between them.
+        s, evenly spaced; a signal that is no sum of tones is straight between them.
     Y : (samples, outputs) array
     dY : (samples, outputs, lanes) array
         Both outputs.
@@ -406,10 +406,13 @@ def follow(
         if sample == 0:
             _write(steps, mode, moving, Y, dY, 0)
             sample = 1
-        _move(steps, mode, own, h, motions.ends[k] - motions.begins[k], moving, terms)
-        while sample < len(times) and motions.ends[k] >= times[sample] - near:
+        now = motions.begins[k]
+        while sample < len(times) and times[sample] <= motions.ends[k] + near:
+            there = min(max(times[sample], now), motions.ends[k])
+            _move(steps, mode, own, h, there - now, moving, terms)
             _write(steps, mode, moving, Y, dY, sample)
-            sample += 1
+            sample, now = sample + 1, there
+        _move(steps, mode, own, h, motions.ends[k] - now, moving, terms)
         if motions.what[k] != NOTHING and k + 1 < len(motions.begins):
             _event(steps, switching, motions, k, near, moving)
     return sample

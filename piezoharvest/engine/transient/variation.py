@@ -76,8 +76,8 @@ class SampledRun:
     Parameters
     ----------
     lowered : Lowered
-        From complex steps of the quantities, under a signal of straight pieces between the samples, without smooth
-        elements.
+        From complex steps of the quantities, under tones or a signal of straight pieces between the samples, without
+        smooth elements.
     count : int
         Number of quantities.
     times : (samples,) array
@@ -102,6 +102,11 @@ class SampledRun:
         self._moving = _moving(n, a, lanes)
         self._moving.d[:] = changes
         self._switching = _switching(lowered.program, count)
+
+    @property
+    def changes(self) -> np.ndarray:
+        """Derivatives (n, lanes) of the scaled states at the end of the last block."""
+        return self._moving.d
 
     def through(self, begin: int, end: int) -> Sampled:
         """Outputs from one sample, at which the last block ended, to another one, both included.

@@ -7,14 +7,13 @@ noise. Such samples count for as much as they are known.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from piezoharvest.identify.noise.noise_gain import small_response
 from piezoharvest.identify.noise.noisy_drives import noisy_drives
 from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
-from piezoharvest.predict.circuit.measured_drive import straight_drive
+from piezoharvest.predict.circuit.setting import redriven
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.record import Signal
 
@@ -49,8 +48,8 @@ def sample_weights(
         return np.ones((len(drive), len(channels)))
     base, squares, count = _values(prediction, channels), np.zeros((len(drive), len(channels))), 0
     for noisy in noisy_drives(signal, drive, noise, REALISATIONS):
-        setting = replace(prediction.setting, first=float(noisy[0]), motion=straight_drive(noisy))
-        again = CircuitPrediction(prediction.transducer, setting, (), prediction.nuisance, relaxed=prediction.relaxed)
+        setting = redriven(prediction.setting, noisy)
+        again = type(prediction)(prediction.transducer, setting, (), prediction.nuisance, relaxed=prediction.relaxed)
         try:
             off = _values(again, channels) - base - small_response(prediction, channels, noisy - drive)
         except PredictionError:

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from piezoharvest.description.excitation import Ramps
+from piezoharvest.description.excitation import Excitation, Ramps
 from piezoharvest.description.parameters import COMPLEX_STEP
 from piezoharvest.description.shunts import Resistor, Shunt
 from piezoharvest.description.system import System
@@ -118,21 +118,30 @@ class CircuitPrediction:
         device = replace(self._device, effects=())
         smooth = [
             n for n, effect in enumerate(self._stepped.effects)
-            if Terms(replace(device, effects=(effect,)), base, passes=True).elements
+            if Terms(replace(device, effects=(effect,)), base, passes=self.record_time is not None).elements
         ]  # fmt: skip
         if not all(self.transducer.effects[n].absent for n in smooth):
             return tuple(range(len(self.parameters)))
         return tuple(k for k, p in enumerate(self.parameters) if p.path[0] == "effects" and p.path[1] in smooth)
 
     @cached_property
-    def lowered(self) -> Lowered:
-        """Matrices of all modes, with complex steps of the parameters."""
+    def excitation(self) -> Excitation:
+        """The drive of the record."""
         setting = self.setting
-        excitation = MeasuredDrive(
+        return MeasuredDrive(
             values=self._drive, sample_rate=1.0 / setting.sample_time, base=setting.drive == "base_acceleration"
         )
+
+    @property
+    def record_time(self) -> float | None:
+        """Time (s) that passes in the record, for effects that change during it."""
+        return self.setting.sample_time * (self.setting.count - 1)
+
+    @cached_property
+    def lowered(self) -> Lowered:
+        """Matrices of all modes, with complex steps of the parameters."""
         with np.errstate(all="ignore"):  # the energy of an effect at its null value, which no motion depends on
-            found = lower(System(self._stepped, self._shunt), excitation, float(excitation.length))
+            found = lower(System(self._stepped, self._shunt), self.excitation, self.record_time)
         return found._replace(program=_magnified(found.program))
 
     @cached_property
@@ -140,7 +149,7 @@ class CircuitPrediction:
         """The same without parameters."""
         if not self.parameters:
             return self
-        return CircuitPrediction(self.transducer, self.setting, (), self.nuisance, relaxed=self.relaxed)
+        return type(self)(self.transducer, self.setting, (), self.nuisance, relaxed=self.relaxed)
 
     # Prediction.
 
@@ -173,13 +182,12 @@ class CircuitPrediction:
         names = list(dict.fromkeys([*NEEDED, *("dc_voltage" if name == "dc_current" else name for name in wanted)]))
         places = [names.index("dc_voltage" if name == "dc_current" else name) for name in wanted]
         for begin, values, slopes in of._run(names, size, derivatives):
-            of._read(begin, values, slopes)
             values, slopes = values[:, places], slopes[:, places]
             of._through_load(wanted, values, slopes)
             yield Block(begin, values, slopes, None)
 
     def _run(self, names: Sequence[str], size: int, derivatives: bool) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """Blocks (first sample, outputs, derivatives) of the engine's outputs."""
+        """Blocks (first sample, outputs, derivatives) of the engine's outputs, the displacement as its sensor reads it."""
         count, last = len(self.parameters), self.setting.count - 1
         signal = self.lowered.signal
         assert isinstance(signal, Ramps)
@@ -197,18 +205,19 @@ class CircuitPrediction:
                 else:
                     values = run.through(begin, end)
                     slopes = np.zeros((*values.shape, 0))
-                yield begin + first, values[first:], slopes[first:]
+                values, slopes = values[first:], slopes[first:]
+                self._read(self._drive[begin + first :][: len(values)], values, slopes)
+                yield begin + first, values, slopes
         except EngineError as error:
             raise PredictionError(str(error)) from None
 
-    def _read(self, begin: int, values: np.ndarray, slopes: np.ndarray) -> None:
-        """Let the displacement sensor read."""
+    def _read(self, drive: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> None:
+        """Let the displacement sensor read in some samples, with these values of the drive."""
         if not self.transducer.effects:
             return
         lanes, device = slopes.shape[2], self._device
         tangents = [stepped(device, p, p.inner(value_at(self.transducer, p.path))) for p in self.parameters[:lanes]]
         devices = [device, *tangents, *[device] * (lanes - len(tangents))]
-        drive = self._drive[begin : begin + len(values)]
         read_displacement(devices, self.setting.drive, drive, values, slopes, self.setting.sample_time)
 
     def _through_load(self, wanted: Sequence[str], values: np.ndarray, slopes: np.ndarray) -> None:

@@ -14,8 +14,9 @@ from piezoharvest.equations.terms import state_names
 from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
 from piezoharvest.predict.circuit.measured_drive import straight_drive
 from piezoharvest.predict.discrete_model import Setting
-from piezoharvest.predict.drive import Drive, drive_of
+from piezoharvest.predict.drive import drive_of
 from piezoharvest.predict.prediction import PredictionError
+from piezoharvest.records.harmonics import Harmonics
 
 DRIVES = ("force", "base_acceleration")
 MIN_SHARE = 1e-6  # of the largest possible value: least size of an initial state
@@ -26,9 +27,59 @@ def has_events(shunt: Shunt | None, drive: str) -> TypeGuard[Shunt]:
     return drive != "voltage" and shunt is not None and not isinstance(shunt, LinearShunt)
 
 
-def motion_of(drive: str, shunt: Shunt | None, values: np.ndarray) -> Drive:
-    """Course of a drive between its samples, as it is predicted with."""
-    return straight_drive(values) if has_events(shunt, drive) else drive_of(values)
+def by_engine(setting: Setting) -> bool:
+    """True if a record is predicted by the engine: one behind diodes or switches, or one in steady state."""
+    return setting.harmonics is not None or has_events(setting.shunt, setting.drive)
+
+
+def redriven(setting: Setting, values: np.ndarray) -> Setting:
+    """Setting with other samples of the drive."""
+    if setting.harmonics is not None:
+        return _in_steady_state(setting, setting.harmonics.refitted(values, setting.sample_time))
+    course = straight_drive(values) if by_engine(setting) else drive_of(values)
+    return replace(setting, first=float(values[0]), motion=course)
+
+
+def _in_steady_state(setting: Setting, harmonics: Harmonics) -> Setting:
+    """Setting with a periodic drive."""
+    values = harmonics.at(setting.sample_time * np.arange(setting.count))
+    return replace(setting, first=float(values[0]), motion=drive_of(values), harmonics=harmonics)
+
+
+def periodic_setting(
+    drive: str, shunt: Shunt | None, sample_time: float, count: int, harmonics: Harmonics, transducer: Transducer
+) -> Setting:
+    """Setting of a few periods in steady state: nothing of where it begins is free.
+
+    Parameters
+    ----------
+    drive : str
+    shunt : Shunt or None
+    sample_time : float
+        s.
+    count : int
+        Samples.
+    harmonics : Harmonics
+        The drive without its noise.
+    transducer : Transducer
+        Nominal.
+
+    Raises
+    ------
+    ParameterError
+        The drive is no force or base acceleration, or the switch's timing is none for this frequency.
+    """
+    if drive not in DRIVES or shunt is None:
+        raise ParameterError("drive", f"found {drive!r} in steady state, allowed are {' and '.join(DRIVES)}")
+    _check_timing(shunt, transducer, harmonics.period)
+    return _in_steady_state(Setting(drive, shunt, sample_time, 0.0, drive_of(np.zeros(count)), count), harmonics)
+
+
+def _check_timing(shunt: Shunt, transducer: Transducer, period: float | None) -> None:
+    try:
+        shunt.switch(transducer.capacitance, period)
+    except ParameterError as error:
+        raise error.within("shunt") from None
 
 
 def circuit_setting(
@@ -58,10 +109,7 @@ def circuit_setting(
         raise ParameterError(
             "drive", f"found {drive!r} for a record behind {shunt.kind}, allowed are {' and '.join(DRIVES)}"
         )
-    try:
-        shunt.switch(transducer.capacitance, None)
-    except ParameterError as error:
-        raise error.within("shunt") from None
+    _check_timing(shunt, transducer, None)
     names = state_names(transducer)
     dc = [state.name for state in shunt.states(transducer.capacitance) if state.name == "dc"]
     setting = Setting(drive, shunt, sample_time, float(values[0]), straight_drive(values), len(values))
