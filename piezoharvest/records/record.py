@@ -11,6 +11,8 @@ import numpy as np
 
 from piezoharvest.description.effects.circuit_value import CircuitValue
 from piezoharvest.description.shunts import Shunt
+from piezoharvest.description.shunts.switching import SynchronisedShunt
+from piezoharvest.records.gate import Edges, rising_edges
 from piezoharvest.records.harmonics import Harmonics
 
 Role = Literal["fit", "validate"]
@@ -102,6 +104,20 @@ class Record:
     def responses(self) -> tuple[str, ...]:
         """Channels other than the drive."""
         return tuple(channel for channel in self.signals if channel != self.drive)
+
+    @cached_property
+    def gate(self) -> Edges | None:
+        """When the switch was told to act; None where its own detector did, or nothing was recorded or can be used."""
+        if "gate" not in self.signals or self.gate_reason:
+            return None
+        return rising_edges(self["gate"], 1.0 / self.sample_rate)
+
+    @property
+    def gate_reason(self) -> str:
+        """Why a recorded gate is not used, or ""."""
+        if self.drive == "voltage" or not isinstance(self.shunt, SynchronisedShunt):
+            return "no switch has an influence"
+        return "in steady state the displacement times the switch" if self.periodic else ""
 
     @property
     def duration(self) -> float:

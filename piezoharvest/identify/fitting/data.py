@@ -130,7 +130,8 @@ def data_of(record: Record, transducer: Transducer) -> Data:
         rest = drive - record.harmonics.at(step * np.arange(len(record)))
         return Data(record.name, record.role, record, settled, rest, channels, sigma, scatter)
     if has_events(shunt, record.drive):
-        behind = circuit_setting(record.drive, shunt, step, clean, transducer, _range_of(record, "displacement"))
+        moved = _range_of(record, "displacement")
+        behind = circuit_setting(record.drive, shunt, step, clean, transducer, moved, record.gate)
         start = circuit_start(record, behind, shunt, transducer)
         return Data(record.name, record.role, record, behind, drive - clean, channels, sigma, scatter, start)
     abrupt = any(begins_abruptly(record[c], noise[c]) for c in channels) and not begins_abruptly(clean, 0.0, (1,))

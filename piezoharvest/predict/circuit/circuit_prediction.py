@@ -25,7 +25,7 @@ from piezoharvest.engine.lowering.lower import Lowered, lower
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.sensitivity.dual_modes import nominal
 from piezoharvest.engine.steady_search import EngineError
-from piezoharvest.engine.transient.variation import PlainRun, SampledRun
+from piezoharvest.engine.transient.variation import PlainRun, SampledRun, TimedSwitch
 from piezoharvest.equations.rows import connected
 from piezoharvest.equations.terms import Terms
 from piezoharvest.predict.circuit.differences import differences
@@ -42,6 +42,10 @@ T = TypeVar("T")
 CHANNELS = ("displacement", "velocity", "acceleration", "voltage", "current", "dc_voltage", "dc_current")
 MAX_CONDUCTANCE, MIN_CONDUCTANCE = 1e3, 1e-3  # times w C: a load that is all but a short, or none, for small noise
 
+# Edges of a gate that are fitted: the time for a derivative grows with their number. Of more of them, each is known to
+# a smaller share of what the record tells of the parameters, and samples near them count less (`event_noise`).
+MAX_EDGES = 200
+
 
 class CircuitPrediction:
     """A transducer and its circuit in a setting.
@@ -55,7 +59,8 @@ class CircuitPrediction:
         Variables of the derivatives.
     nuisance : (n,) array, optional
         Named in `nuisance_names`: deviations of the initial states from rest, in units of `Setting.sizes`; the initial
-        output of every stop as fraction of its threshold. `nuisance_limits` are bounds of their magnitudes.
+        output of every stop as fraction of its threshold; the shifts of a gate's edges within their samples, as shares
+        of what these may be. `nuisance_limits` are bounds of their magnitudes.
     relaxed : bool
         Stops begin at zero.
     felt : int, optional
@@ -76,9 +81,10 @@ class CircuitPrediction:
         hysteresis = transducer.hysteresis
         stops = 0 if relaxed or hysteresis is None else len(hysteresis.thresholds)
         memories = tuple(f"history q{k}" for k in range(stops))
-        self.nuisance_names = (*(f"start {name}" for name in setting.free), *memories)
+        edges = tuple(f"edge {k}" for k in range(loose_edges(setting)))
+        self.nuisance_names = (*(f"start {name}" for name in setting.free), *memories, *edges)
         self.nuisance = np.zeros(len(self.nuisance_names)) if nuisance is None else nuisance
-        self.nuisance_limits = np.concatenate([np.full(len(setting.free), np.inf), np.ones(stops)])
+        self.nuisance_limits = np.concatenate([np.full(len(setting.free), np.inf), np.ones(stops + len(edges))])
 
     # Description with complex steps.
 
@@ -193,11 +199,15 @@ class CircuitPrediction:
         assert isinstance(signal, Ramps)
         times = signal.times  # one for each sample
         try:
-            state, changes = initial_state(self.lowered, self.setting, count, self.nuisance)
+            edges = loose_edges(self.setting)
+            state, changes = initial_state(self.lowered, self.setting, count, self.nuisance[: len(self.nuisance) - edges])
+            changes = np.pad(changes, ((0, 0), (0, edges)))
+            plain = self.lowered._replace(program=nominal(self.lowered.program))
+            switch = self._timed(plain.program)
             if derivatives:
-                run = SampledRun(self.lowered, count, times, state, changes, names)
+                run = SampledRun(self.lowered, count, times, state, changes, names, switch)
             else:
-                run = PlainRun(self.lowered._replace(program=nominal(self.lowered.program)), times, state, names)
+                run = PlainRun(plain, times, state, names, switch)
             for begin, end in pairwise([0, *range(size - 1, last, size), last]):
                 first = 0 if begin == 0 else 1  # the sample before a block is not written again
                 if isinstance(run, SampledRun):
@@ -210,6 +220,17 @@ class CircuitPrediction:
                 yield begin + first, values, slopes
         except EngineError as error:
             raise PredictionError(str(error)) from None
+
+    def _timed(self, program: pg.Program) -> TimedSwitch | None:
+        """The switch of the circuit where a recorded gate times it."""
+        gate, lanes = self.setting.gate, len(self.parameters) + len(self.nuisance)
+        if gate is None:
+            return None
+        causes, changes, loose = gate.times.copy(), np.zeros((len(gate.times), lanes)), loose_edges(self.setting)
+        if loose:
+            causes += gate.error * self.nuisance[-loose:]
+            changes[:, -loose:] = gate.error * np.eye(loose)
+        return TimedSwitch(causes, changes, program)
 
     def _read(self, drive: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> None:
         """Let the displacement sensor read in some samples, with these values of the drive."""
@@ -258,6 +279,12 @@ class CircuitPrediction:
     def settle(self) -> None:
         """Propagate through the record unless already done, so that `linear` is known."""
         self.linear.settle()
+
+
+def loose_edges(setting: Setting) -> int:
+    """Number of edges of a gate whose places within their samples are nuisance parameters."""
+    gate = setting.gate
+    return 0 if gate is None or gate.error == 0.0 or len(gate.times) > MAX_EDGES else len(gate.times)
 
 
 def _outer(parameter: Parameter, inner: np.ndarray) -> np.ndarray:

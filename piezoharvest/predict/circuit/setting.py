@@ -16,6 +16,7 @@ from piezoharvest.predict.circuit.measured_drive import straight_drive
 from piezoharvest.predict.discrete_model import Setting
 from piezoharvest.predict.drive import drive_of
 from piezoharvest.predict.prediction import PredictionError
+from piezoharvest.records.gate import Edges
 from piezoharvest.records.harmonics import Harmonics
 
 DRIVES = ("force", "base_acceleration")
@@ -83,8 +84,9 @@ def _check_timing(shunt: Shunt, transducer: Transducer, period: float | None) ->
 
 
 def circuit_setting(
-    drive: str, shunt: Shunt, sample_time: float, values: np.ndarray, transducer: Transducer, moved: float = 0.0
-) -> Setting:
+    drive: str, shunt: Shunt, sample_time: float, values: np.ndarray, transducer: Transducer, moved: float = 0.0,
+    gate: Edges | None = None,
+) -> Setting:  # fmt: skip
     """Setting from the samples of the drive; the states of structure, electrodes and dc side have free initial values.
 
     Parameters
@@ -99,6 +101,8 @@ def circuit_setting(
         Nominal. Its largest values in the record, from rest, are the units of the initial values.
     moved : float
         Half of the range of the measured displacement, m; 0 if there is none.
+    gate : Edges, optional
+        When the switch acts, where it was recorded.
 
     Raises
     ------
@@ -112,7 +116,7 @@ def circuit_setting(
     _check_timing(shunt, transducer, None)
     names = state_names(transducer)
     dc = [state.name for state in shunt.states(transducer.capacitance) if state.name == "dc"]
-    setting = Setting(drive, shunt, sample_time, float(values[0]), straight_drive(values), len(values))
+    setting = Setting(drive, shunt, sample_time, float(values[0]), straight_drive(values), len(values), gate=gate)
     x, u, q, v = _largest(replace(transducer, effects=()), setting)
     x = max(x, moved, MIN_SHARE * np.max(np.abs(values)) / transducer.stiffness, 1e-300)
     u = max(u, x * MIN_SHARE / sample_time)

@@ -57,7 +57,7 @@ def _not_settled(record: Record, found: Harmonics, rows: Rows) -> Iterator[Findi
     """Findings for responses whose last period is not like the first one."""
     count = max(round(record.sample_rate / found.frequency), 1)
     turns = np.exp(-2j * np.pi * found.frequency * np.arange(len(record)) / record.sample_rate)
-    for channel in record.responses:
+    for channel in (channel for channel in record.responses if channel != "gate"):
         signal = record.signals[channel]
         values = signal.values - signal.values.mean() * (channel not in _DC)
         weights = np.ones(len(record)) if channel in _DC else 2.0 * turns
