@@ -30,9 +30,9 @@ class Edges(NamedTuple):
 def rising_edges(values: np.ndarray, step: float) -> Edges:
     """Rising edges of a signal (n,) with two levels, sampled every `step` seconds.
 
-    An edge is where it crosses half way between its levels. Where samples lie on its slopes the crossing is interpolated,
-    else it is in the middle between the last sample before and the first one after. A signal that is high from the first
-    sample on has risen before.
+    An edge is where it crosses half way between its levels. Where samples lie on its slopes the crossing is
+    interpolated, else it is in the middle between the last sample before and the first one after. A signal that is high
+    from the first sample on has risen before.
     """
     middle = 0.5 * (values.min() + values.max())
     if not values.min() < middle:

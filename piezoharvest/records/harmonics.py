@@ -77,7 +77,8 @@ class Harmonics:
         # Constant, cosines and sines are judged by their squares in units of their variance, chi-square distributed.
         spread = np.maximum(np.diag(covariance), (ROUNDING * float(np.ptp(values))) ** 2 + 1e-300)
         shown = found.offset**2 / spread[0] > -2.0 * np.log(FALSE_ALARM)
-        squares = np.real(found.sizes) ** 2 / spread[1 : 1 + most] + np.imag(found.sizes) ** 2 / spread[1 + most :][:most]
+        of_cosines, of_sines = spread[1 : 1 + most], spread[1 + most : 1 + 2 * most]
+        squares = np.real(found.sizes) ** 2 / of_cosines + np.imag(found.sizes) ** 2 / of_sines
         kept = squares > -2.0 * np.log(FALSE_ALARM / most)
         if not kept[0]:
             return None
@@ -91,7 +92,7 @@ class Harmonics:
         time, k = (np.arange(len(values)) - 0.5 * (len(values) - 1)) * step, len(orders)
         for _ in range(ITERATIONS):
             turns = np.exp(2j * np.pi * frequency * np.multiply.outer(time, orders))
-            columns = np.column_stack([constant * np.ones(len(time)), turns.real, turns.imag])
+            columns = np.column_stack([constant * np.ones(len(time)), np.real(turns), np.imag(turns)])
             sizes = _solved(columns, values)
             # Re c exp(j a) with c = p - j s for the columns cos and sin; its derivative is Re j a' c exp(j a).
             c = sizes[1 : 1 + k] - 1j * sizes[1 + k :]

@@ -193,14 +193,15 @@ class CircuitPrediction:
             yield Block(begin, values, slopes, None)
 
     def _run(self, names: Sequence[str], size: int, derivatives: bool) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """Blocks (first sample, outputs, derivatives) of the engine's outputs, the displacement as its sensor reads it."""
+        """Blocks (first sample, outputs, derivatives) of the engine's outputs; the displacement is its sensor's."""
         count, last = len(self.parameters), self.setting.count - 1
         signal = self.lowered.signal
         assert isinstance(signal, Ramps)
         times = signal.times  # one for each sample
         try:
             edges = loose_edges(self.setting)
-            state, changes = initial_state(self.lowered, self.setting, count, self.nuisance[: len(self.nuisance) - edges])
+            begun = self.nuisance[: len(self.nuisance) - edges]
+            state, changes = initial_state(self.lowered, self.setting, count, begun)
             changes = np.pad(changes, ((0, 0), (0, edges)))
             plain = self.lowered._replace(program=nominal(self.lowered.program))
             switch = self._timed(plain.program)

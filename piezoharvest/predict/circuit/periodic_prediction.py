@@ -71,9 +71,11 @@ class PeriodicPrediction(CircuitPrediction):
             run.through(0, 1)
             last = len(times) - 1
             for begin, end in pairwise([1, *range(early + size, last, size), last]):
-                values, slopes = run.through(begin, end), np.zeros((end - begin + 1, len(names), 0))
                 if isinstance(run, SampledRun):
-                    values, slopes = values
+                    values, slopes = run.through(begin, end)
+                else:
+                    values = run.through(begin, end)
+                    slopes = np.zeros((*values.shape, 0))
                 self._read(harmonics.at(times[begin : end + 1]), values, slopes)
                 first = 1 + early - begin if begin == 1 else 1  # the sample before a block is not written again
                 yield begin + first - 1 - early, values[first:], slopes[first:]

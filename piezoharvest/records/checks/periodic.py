@@ -1,4 +1,4 @@
-"""Checks of a few periods of a sine in steady state: is the drive periodic, and have the responses settled?"""
+"""Checks of a few periods of a sine in steady state: that the drive is periodic, and the responses have settled."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MIN_REST = 1e-4  # of the drive's range: less has no influence that sensors res
 _MIN_CHANGE = 0.02  # of an amplitude: periods that are no whole number of samples differ by up to one of them
 _MIN_STANDARD_ERRORS = 6.0  # by which an amplitude changes
 _DC = ("dc_voltage", "dc_current")  # whose mean is the signal
-_OTHERWISE = 'leave out kind = "periodic" where it does not'
+_OTHERWISE = 'leave out kind = "periodic" where that is not so'
 
 
 def periodic(record: Record) -> Iterator[Finding]:
@@ -40,7 +40,7 @@ def _not_periodic(record: Record, found: Harmonics) -> str:
     periods = found.frequency * step * len(record)
     named = f"{found.frequency:.6g} Hz" + (" (as stated)" if found.stated else "")
     if periods < _MIN_PERIODS - 0.5 * found.frequency * step:
-        return f"found {periods:.3g} periods of {named}, but a drive must repeat at least once, so two or more are needed"
+        return f"found {periods:.3g} periods of {named}, but a drive must repeat, so two or more are needed"
     left = values - found.at(step * np.arange(len(record)))
     noise = white_noise(np.diff(left, 4))[0] if signal.sigma is None else signal.sigma
     rest = float(np.sqrt(np.mean(left**2)))
@@ -48,8 +48,8 @@ def _not_periodic(record: Record, found: Harmonics) -> str:
         return ""
     unit = UNITS[record.drive]
     return (
-        f"found {rest:.2g} {unit} beside a sine of {named} and its harmonics, where the noise is {noise:.2g} {unit}, but "
-        "the drive must repeat within its noise"
+        f"found {rest:.2g} {unit} beside a sine of {named} and its harmonics, where the noise is {noise:.2g} {unit}, "
+        "but the drive must repeat within its noise"
     )
 
 
@@ -65,8 +65,6 @@ def _not_settled(record: Record, found: Harmonics, rows: Rows) -> Iterator[Findi
         error = white_noise(np.diff(values, 4))[0] * np.sqrt(4.0 / count)
         change, size = abs(last - first), max(abs(first), abs(last))
         if change > max(_MIN_CHANGE * size, _MIN_STANDARD_ERRORS * error):
-            message = (
-                f"found a change by {change / size:.1%} from the first to the last period, but in a record of kind "
-                f"\"periodic\" all has settled; {_OTHERWISE.replace('it does', 'it has')}"
-            )
+            found_change = f"found a change by {change / size:.1%} from the first to the last period"
+            message = f"{found_change}, but in steady state all has settled; {_OTHERWISE}"
             yield Finding("warning", "periodic", signal.file, channel, rows, message)
