@@ -44,6 +44,8 @@ class Setting:
         States with a free initial value.
     sizes : tuple of float
         Behind a circuit with events: units of these values, SI.
+    fixed : tuple of (str, float)
+        Behind a circuit with events: initial states that are known, SI.
     harmonics : Harmonics or None
         Drive of a record in steady state, of which `motion` is the part in the record.
     gate : Edges or None
@@ -67,6 +69,7 @@ class Setting:
     abrupt: bool = False
     fine: int = 1
     sizes: tuple[float, ...] = ()
+    fixed: tuple[tuple[str, float], ...] = ()
     harmonics: Harmonics | None = None
     gate: Edges | None = None
 

@@ -40,6 +40,8 @@ from piezoharvest.predict.prediction import BLOCK, Block, Prediction, Prediction
 
 T = TypeVar("T")
 CHANNELS = ("displacement", "velocity", "acceleration", "voltage", "current", "dc_voltage", "dc_current")
+# Channels that are read from an output of another name: a current through a load, a force that an imposed motion takes.
+OUTPUT_OF = {"dc_current": "dc_voltage", "force": "drive"}
 MAX_CONDUCTANCE, MIN_CONDUCTANCE = 1e3, 1e-3  # times w C: a load that is all but a short, or none, for small noise
 
 # Edges of a gate that are fitted: the time for a derivative grows with their number. Of more of them, each is known to
@@ -54,7 +56,7 @@ class CircuitPrediction:
     ----------
     transducer : Transducer
     setting : Setting
-        Its drive is a force or a base acceleration.
+        Its drive is a force, a base acceleration or a displacement.
     parameters : sequence of Parameter
         Variables of the derivatives.
     nuisance : (n,) array, optional
@@ -101,7 +103,7 @@ class CircuitPrediction:
     @cached_property
     def _drive(self) -> np.ndarray:
         lines = self.setting.motion.coefficients
-        return np.append(lines[:, 0], lines[-1, 0] + lines[-1, 1])
+        return np.append(lines[:, 0], lines[-1].sum())
 
     @cached_property
     def _stepped(self) -> Transducer:
@@ -120,11 +122,10 @@ class CircuitPrediction:
 
         Where such an effect is not at its null value, they are all.
         """
-        base = "base_acceleration" if self.setting.drive == "base_acceleration" else "force"
-        device = replace(self._device, effects=())
+        device, passes = replace(self._device, effects=()), self.record_time is not None
         smooth = [
             n for n, effect in enumerate(self._stepped.effects)
-            if Terms(replace(device, effects=(effect,)), base, passes=self.record_time is not None).elements
+            if Terms(replace(device, effects=(effect,)), self.setting.drive, passes=passes).elements
         ]  # fmt: skip
         if not all(self.transducer.effects[n].absent for n in smooth):
             return tuple(range(len(self.parameters)))
@@ -132,11 +133,13 @@ class CircuitPrediction:
 
     @cached_property
     def excitation(self) -> Excitation:
-        """The drive of the record."""
-        setting = self.setting
-        return MeasuredDrive(
-            values=self._drive, sample_rate=1.0 / setting.sample_time, base=setting.drive == "base_acceleration"
-        )
+        """The drive of the record; of an imposed displacement the acceleration of its spline."""
+        setting, step = self.setting, self.setting.sample_time
+        if setting.drive == "displacement":
+            bends = setting.motion.coefficients[:, 2:]
+            values = np.append(2.0 * bends[:, 0], 2.0 * bends[-1, 0] + 6.0 * bends[-1, 1]) / step**2
+            return MeasuredDrive(values=values, sample_rate=1.0 / step, imposed=True)
+        return MeasuredDrive(values=self._drive, sample_rate=1.0 / step, base=setting.drive == "base_acceleration")
 
     @property
     def record_time(self) -> float | None:
@@ -185,8 +188,9 @@ class CircuitPrediction:
             yield from differences(self, smooth, wanted, size)
             return
         of = self if derivatives else self.plain
-        names = list(dict.fromkeys([*NEEDED, *("dc_voltage" if name == "dc_current" else name for name in wanted)]))
-        places = [names.index("dc_voltage" if name == "dc_current" else name) for name in wanted]
+        outputs = [OUTPUT_OF.get(name, name) for name in wanted]
+        names = list(dict.fromkeys([*NEEDED, *outputs]))
+        places = [names.index(name) for name in outputs]
         for begin, values, slopes in of._run(names, size, derivatives):
             values, slopes = values[:, places], slopes[:, places]
             of._through_load(wanted, values, slopes)
@@ -235,7 +239,7 @@ class CircuitPrediction:
 
     def _read(self, drive: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> None:
         """Let the displacement sensor read in some samples, with these values of the drive."""
-        if not self.transducer.effects:
+        if not self.transducer.effects or self.setting.drive == "displacement":
             return
         lanes, device = slopes.shape[2], self._device
         tangents = [stepped(device, p, p.inner(value_at(self.transducer, p.path))) for p in self.parameters[:lanes]]
