@@ -103,7 +103,7 @@ def gains(transducer: Transducer, base: bool) -> list[float]:
 
 
 def mechanics(placing: Placing, z: Rows, dz: Rows, drive: Row, base: bool, imposed: bool = False) -> Mechanics:
-    """Equations of motion of all modes under a force, or under base acceleration; or of one mode with this acceleration.
+    """Equations of motion of all modes under a force or a base acceleration, or of one mode with this acceleration.
 
     An imposed motion is integrated from its acceleration, so that its extrema are where its velocity crosses zero.
     """
