@@ -324,12 +324,15 @@ def _lengths(problem: Problem) -> list[int]:
 
 def _beginning(problem: Problem, count: int) -> Problem:
     """The problem with the first samples of its records; the problem itself if none is longer."""
-    if not any(isinstance(each, Data) and len(each) > count for each in problem.data):
+
+    def begun(each: Data | FrequencyData) -> Data | FrequencyData:
+        if not isinstance(each, Data) or len(each) <= count or each.record.periodic:
+            return each
+        return data_of(each.record.beginning(count), problem.nominal)
+
+    data = [begun(each) for each in problem.data]
+    if all(one is other for one, other in zip(data, problem.data, strict=True)):
         return problem
-    data = [
-        data_of(each.record.beginning(count), problem.nominal) if isinstance(each, Data) and len(each) > count else each
-        for each in problem.data
-    ]
     return Problem(data, problem.nominal, problem.offset_channels)
 
 

@@ -15,7 +15,7 @@ PERIODS = 1.5  # of the structure: in this time the voltage reaches what the dio
 
 def circuit_start(record: Record, setting: Setting, shunt: Shunt, transducer: Transducer) -> dict[str, float]:
     """Start values by name, in units of `setting.sizes`; what no channel shows begins at rest."""
-    x, u = _motion(record)
+    x, u = (None, None) if record.drive == "displacement" else _motion(record)
     rest = setting.first * _gain(transducer, record.drive) / transducer.stiffness
     found = {"x1": None if x is None else x - rest, "u1": u}
     if "voltage" in record.signals:
