@@ -301,7 +301,7 @@ class Searcher:
             for channel in (*data.channels, getattr(data, "drive", ""))
             if effects[n].line(channel)
         )
-        return parameters + lines
+        return parameters + lines + effects[n].scanned
 
     def _prune(self, now: EffectChange, levels: list[float]) -> tuple[EffectChange, list[float]]:
         """Remove effects that are no longer significant, and exchange those that another explains better."""

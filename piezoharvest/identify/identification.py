@@ -281,19 +281,19 @@ def _identify_quasi_static(campaign: Campaign, progress: Progress, offsets: Sequ
 
 def _first_fit(problem: Problem, model: Model, progress: Progress) -> Fit:
     """Fit of all parameters; where it is far off, also one that begins with the circuits as their labels say."""
-    found = _growing_fit(problem, model, progress)
+    found = growing_fit(problem, model, progress)
     own = tuple(parameter for parameter in model.parameters if not is_of_circuit(parameter))
     if len(own) == len(model.parameters) or mean_square(found) < MAX_MEAN_SQUARE:
         return found
     progress("another start: circuits as their labels say")
-    held = _growing_fit(problem, replace(model, parameters=own), progress)
+    held = growing_fit(problem, replace(model, parameters=own), progress)
     free = replace(held.model, parameters=model.parameters)
     other = fit(problem, free, held.nuisance, held.noise, progress=progress, rounds=2)
     squares = linearised(problem, other.model, other.nuisance, found)[2]
     return other if squares < sum(float(sums.squares.sum()) for sums in found.sums) else found
 
 
-def _growing_fit(problem: Problem, model: Model, progress: Progress) -> Fit:
+def growing_fit(problem: Problem, model: Model, progress: Progress = lambda text: None) -> Fit:
     """Fit of all parameters, first to the beginnings of records: of long ones, to save time.
 
     Of records behind circuits with events to a few periods, then to more and more: over a whole record a resonance that
