@@ -25,6 +25,7 @@ from piezoharvest.identify.identifiability import assumed, combination, experime
 from piezoharvest.identify.noise.noise_gain import gain_of
 from piezoharvest.identify.noise.noise_model import Noise
 from piezoharvest.identify.saving import save
+from piezoharvest.identify.start_values.away_from_jumps import fit_past_jumps
 from piezoharvest.identify.start_values.initial_hysteresis_state import (
     fit_nuisance,
     has_initial_states,
@@ -34,7 +35,6 @@ from piezoharvest.identify.start_values.initial_hysteresis_state import (
 from piezoharvest.identify.start_values.multistart import (
     MAX_MEAN_SQUARE,
     ROUGH_TOLERANCE,
-    fit_multistart,
     tune_to_responses,
 )
 from piezoharvest.identify.start_values.quasi_static import (
@@ -304,7 +304,7 @@ def growing_fit(problem: Problem, model: Model, progress: Progress = lambda text
         longest = max(len(each) for each in problem.data if isinstance(each, Data))
         lengths = [n for n in _lengths(problem) if n < longest] + lengths
     part = _beginning(problem, lengths[0])
-    found = fit_multistart(part, model, progress)
+    found = fit_past_jumps(part, model, progress)
     for length in [*lengths[1:], max(len(each) for each in problem.data)]:
         before, part = part, _beginning(problem, length)
         if part is not before:

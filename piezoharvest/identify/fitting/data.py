@@ -62,6 +62,8 @@ class Data:
         clips the noise.
     start : mapping of str to float
         Start values of nuisance parameters that do not start at zero, by name.
+    hidden : (samples,) array of bool, optional
+        Samples behind a circuit that a fit leaves out.
     """
 
     name: str
@@ -73,6 +75,7 @@ class Data:
     sigma: Mapping[str, float]
     scatter: Mapping[str, float]
     start: Mapping[str, float] = field(default_factory=dict)
+    hidden: np.ndarray | None = None
 
     @property
     def drive(self) -> str:
