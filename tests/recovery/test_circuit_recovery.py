@@ -2,14 +2,17 @@
 
 import numpy as np
 import pytest
+from selection import with_slow
 
 from reports.diagnosis import circuits
 from reports.diagnosis.circuits import DRAWS, bench_of, effects_of, held_out, specimen_of
 from reports.diagnosis.plan import circuits as plan
 from reports.diagnosis.trials import Trial, library_of, run
 
+SIZED = [name for name in DRAWS if name != "missed_switching"]
 
-@pytest.mark.parametrize("name", [name for name in DRAWS if name != "missed_switching"])
+
+@pytest.mark.parametrize("name", with_slow(SIZED, slow=lambda name: name not in ("switch_delay", "reverse_leakage")))
 def test_sizes_are_what_no_parameter_takes(name, monkeypatch):
     """By least squares, whose residual is the size aimed at."""
     monkeypatch.setattr(circuits, "DURATION", 0.05)
