@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from piezoharvest.diagnose.scanning.extrema import extrema_of, thresholds_between
-from piezoharvest.diagnose.scanning.scan import spread
+from piezoharvest.diagnose.scanning.scan import Scan, spread
 
 SAMPLES = 40  # of half a period
 
@@ -57,3 +57,31 @@ def test_spread_of_an_interval_is_that_of_a_uniform_distribution():
     draws = np.random.default_rng(1).uniform(2.0, 3.0, 200_000)
     assert spread(2.0, 3.0) == pytest.approx(draws.std(), rel=0.01)
     assert spread(2.0, np.inf) is None
+
+
+class Steps(Scan):
+    """A scan of a cost that is constant in pieces, as where an event appears at each of some values."""
+
+    def __init__(self, value, edges, lowest):
+        self.value, self.edges, self.lowest = value, np.array(edges), lowest
+
+    def cost_at(self, value):
+        return 100.0 * abs(int(np.sum(self.edges < value)) - self.lowest)
+
+
+@pytest.mark.parametrize("value", [1.05, 1.3, 1.499])
+def test_interval_ends_where_the_next_event_appears(value):
+    low, high = Steps(value, [0.4, 1.0, 1.5, 1.6, 4.0], 2).interval()
+    assert (low, high) == pytest.approx((1.0, 1.5), abs=1e-3)
+
+
+def test_interval_without_an_end():
+    assert Steps(1.0, [0.5], 1).interval()[1] == np.inf
+    assert Steps(1.0, [1.5], 0).interval()[0] == 0.0
+
+
+def test_best_value_is_found_across_other_pieces_and_kept_where_none_is_better():
+    edges = [0.4, 1.0, 1.5, 1.6, 4.0]
+    assert 1.0 < Steps(2.0, edges, 2).best() < 1.5
+    assert Steps(1.2, edges, 2).best() == 1.2
+    assert 1.5 < Steps(1.2, edges, 3).best() < 1.6  # narrower than the grid: the next piece beside the present one
