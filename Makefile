@@ -1,4 +1,4 @@
-# make demo   install on first use and write the demonstration report to demo-report/
+# make demo   install on first use and write the demonstration to demo-report/: designed, measured, diagnosed, designed again
 # make test   run the quick tests (about 7 minutes on two cores)
 # make slow   run the tests that take long, which `make test` leaves out (about 10 minutes)
 # make lowest run a part of the tests with the lowest versions of all dependencies (Python 3.11; 3 minutes)

@@ -41,7 +41,7 @@ LAYERS = [
     {"engine.transient"},
     {"spice"},
     {"study", "output"},
-    {"specimen"},
+    {"specimen", "records.gate", "records.harmonics"},
     {"records.bench_limits", "records.expectation", "records.finding", "records.record", "records.weights"},
     {"records.campaign", "records.power", "records.spectra"},
     {"records.errors"},

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -17,6 +18,8 @@ import pytest
 from pyarrow import parquet
 
 import piezoharvest.cli
+import piezoharvest.demo.page
+import piezoharvest.demo.story
 import piezoharvest.design
 import piezoharvest.engine
 import piezoharvest.report
@@ -587,24 +590,23 @@ class TestExport:
 
 
 class TestDemo:
-    @pytest.mark.slow
-    def test_ends_with_the_report(self, run, tmp_path):
-        status, out, _ = run("demo", "--out", str(tmp_path / "demo"))
-        assert status == 0
-        page = tmp_path / out.splitlines()[-1]
-        assert page.is_file()
-        assert page.suffix == ".html"
-
     def test_default_directory(self, run, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
         folders = []
-        monkeypatch.setattr(piezoharvest.design, "design", lambda study, progress=None: Designed(), raising=False)
+        result, story = Designed(), SimpleNamespace(converged=True)
+        monkeypatch.setattr(piezoharvest.design, "design", lambda study, progress=None: result, raising=False)
+        monkeypatch.setattr(piezoharvest.demo.story, "tell", lambda study, bench, first, folder, progress: story)
+        monkeypatch.setattr(piezoharvest.demo.page, "answer", lambda told: "what it says")
 
-        def report(study, result, folder):
-            folders.append(folder)
-            return folder / "index.html"
+        def report(*what):
+            folders.append(str(what[-1]))
+            return what[-1] / "report.html"
 
         monkeypatch.setattr(piezoharvest.report, "write_report", report, raising=False)
+        monkeypatch.setattr(piezoharvest.demo.page, "write_story", report)
         status, out, _ = run("demo")
-        assert (status, out.splitlines()[-1]) == (0, os.path.join("piezoharvest-demo", "index.html"))
-        assert list(map(str, folders)) == ["piezoharvest-demo"]
+        base = "piezoharvest-demo"
+        assert (status, out.splitlines()[-2:]) == (0, ["what it says", os.path.join(base, "report.html")])
+        assert folders == [os.path.join(base, "design"), base]
+        story.converged = False
+        assert run("demo")[0] == 1

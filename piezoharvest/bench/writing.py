@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from piezoharvest.bench.sensors import COLUMNS, UNITS, channels
 from piezoharvest.description.paths import component_table
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.linear.resistor import Resistor
+from piezoharvest.description.shunts.switching import SynchronisedShunt
 from piezoharvest.output import OutputError, check_directory, check_new_directory, write_table, write_text, writing
 
 FILE, TRUTH = "campaign.toml", "truth.json"
@@ -104,7 +106,7 @@ def table(campaign: BenchCampaign) -> dict[str, Any]:
                 continue
             scale = {"unit": UNITS[name], "sigma": channel.sigma(bench.converter)} if name != "gate" else {}
             found[name] = {"column": COLUMNS[name], **scale}
-        entries.append(_entry(record, "base_acceleration" if base else "force", start))
+        entries.append(_entry(record, "base_acceleration" if base else "force", start, campaign.nominal.capacitance))
         start += record.setup.duration
     return {
         "title": campaign.study.title,
@@ -114,8 +116,11 @@ def table(campaign: BenchCampaign) -> dict[str, Any]:
     }
 
 
-def _entry(record: BenchRecord, drive: str, start: float) -> dict[str, Any]:
-    shunt = record.setup.shunt
+def _entry(record: BenchRecord, drive: str, start: float, capacitance: float) -> dict[str, Any]:
+    shunt, period = record.setup.shunt, record.setup.excitation.period
+    if isinstance(shunt, SynchronisedShunt) and shunt.hold_off is None and period is not None:
+        # The label leaves it to the period of the study's drive, and the samples of a drive have no period.
+        shunt = replace(shunt, hold_off=shunt.switch(capacitance, period).hold_off)
     if isinstance(shunt, Resistor):
         load: dict[str, Any] = {"load_resistance": shunt.resistance}
     else:

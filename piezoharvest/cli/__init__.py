@@ -233,13 +233,15 @@ def export(
 def demo(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Directory of the report.")] = Path("piezoharvest-demo"),
 ) -> Work:
-    """Design a harvester from shipped input.
+    """Design a harvester from shipped input, and follow it onto the bench.
 
-    Ends with a report to look at: its path is the last line.
+    Its circuit falls short of the design when the virtual bench measures it; a campaign is diagnosed, the model is
+    extended by the cause, and the design redone with it is measured again. Ends with a page to look at: its path is the
+    last line. The files of all steps lie beside it; the page names the commands that repeat them.
     """
-    from piezoharvest.cli import commands
+    from piezoharvest.cli import demo_command
 
-    return partial(commands.demo, out)
+    return partial(demo_command.demo, out)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

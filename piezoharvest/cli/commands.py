@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +21,7 @@ from piezoharvest.output import (
 from piezoharvest.study import DesignOptions, Study, StudyError, load_driven_study, load_study
 
 if TYPE_CHECKING:
+    from piezoharvest.design import DesignResult
     from piezoharvest.engine.response import Response
     from piezoharvest.specimen import Specimen
 
@@ -104,10 +104,11 @@ def _respond(study: Study, n: int, transient: float | None, *, waveforms: bool) 
 
 def design(path: Path, *, as_json: bool, report: Path | None) -> int:
     """Tune the candidates of a study and print them, best first."""
-    return _design(load_study(path), as_json=as_json, report=report)
+    return 0 if run_design(load_study(path), as_json=as_json, report=report).converged else 1
 
 
-def _design(study: Study, *, as_json: bool, report: Path | None) -> int:
+def run_design(study: Study, *, as_json: bool, report: Path | None) -> DesignResult:
+    """Design a study, print the candidates, write the report, and return the result."""
     study = replace(study, design=study.design or DesignOptions())
     if report is not None:
         check_new_directory(report)
@@ -129,7 +130,7 @@ def _design(study: Study, *, as_json: bool, report: Path | None) -> int:
         from piezoharvest.report import write_report
 
         print(write_report(study, result, report), file=sys.stderr if as_json else sys.stdout)
-    return 0 if result.converged else 1
+    return result
 
 
 def export(path: Path, out: Path, shunt: int | None) -> int:
@@ -152,12 +153,6 @@ def export(path: Path, out: Path, shunt: int | None) -> int:
         note(f"warning: of {len(study.shunts)} shunts only shunts.0 ({study.shunts[0].kind}); --shunt N takes another")
     print(out)
     return 0
-
-
-def demo(out: Path) -> int:
-    """Run the design of the study that comes with the package, with its report."""
-    with resources.as_file(resources.files("piezoharvest").joinpath("demo", "study.toml")) as path:
-        return _design(load_study(path), as_json=False, report=out)
 
 
 def _with_shunts(study: Study) -> Study:

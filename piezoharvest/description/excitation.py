@@ -53,12 +53,14 @@ def ramps_through(times: np.ndarray, values: np.ndarray) -> Ramps:
 class Excitation(Component):
     """Base of all excitations.
 
-    `base` is True for base acceleration (m/s^2) and False for a force (N); `batched` is True if quantities that are
-    arrays (see `Component`) make a batch of signals.
+    `base` is True for base acceleration (m/s^2) and False for a force (N), unless `imposed` is True: the signal is then
+    the acceleration (m/s^2) of the structure, whose motion is imposed. `batched` is True if quantities that are arrays
+    (see `Component`) make a batch of signals.
     """
 
     kind: ClassVar[str]
     base: ClassVar[bool] = False
+    imposed: ClassVar[bool] = False
     batched: ClassVar[bool] = False
 
     @property

@@ -184,7 +184,7 @@ class CampaignSizes(Protocol):
     def shunts(self) -> tuple[Shunt | None, ...]: ...  # noqa: D102
 
     @property
-    def voltages(self) -> tuple[float, ...]: ...  # noqa: D102
+    def switching(self) -> tuple[float, ...]: ...  # noqa: D102
 
     @property
     def longest(self) -> float: ...  # noqa: D102

@@ -14,7 +14,8 @@ from piezoharvest.description.effects import Effect
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.preparation.held_values import deviating
 from piezoharvest.diagnose.residual_tests import ResidualTest, failed_tests
-from piezoharvest.diagnose.score_tests import ScoredEffect, effect_parameters, extended, scores
+from piezoharvest.diagnose.scanning.scan import scanned_fit
+from piezoharvest.diagnose.score_tests import ScoredEffect, effect_parameters, extended, scores, starts_of
 from piezoharvest.diagnose.start_values import CampaignScales, campaign_scales, displacement_of, drive_jitter
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import MAX_ITERATIONS, NOT_CONVERGED, Fit
@@ -22,6 +23,7 @@ from piezoharvest.identify.fitting.model import Model, begun_effects, inner_valu
 from piezoharvest.identify.fitting.output_error import covariance, fit, inflation, inverse, linearised
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, prior_of
 from piezoharvest.identify.identifiability import size_of, undetermined
+from piezoharvest.identify.identification import growing_fit
 from piezoharvest.identify.start_values.initial_hysteresis_state import search_initial_states
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
 from piezoharvest.predict.prediction import PredictionError
@@ -58,8 +60,10 @@ class EffectChange:
     @property
     def fair_cost(self) -> float:
         """Cost plus two per parameter of effects (Akaike), for comparing sets of different sizes."""
-        values = sum(parameter.path[0] == "effects" for parameter in self.found.model.parameters)
-        return self.cost + 2.0 * (values + self.begun)
+        model = self.found.model
+        fitted = sum(parameter.path[0] == "effects" for parameter in model.parameters)
+        scanned = sum(effect.scanned for effect in model.transducer.effects)
+        return self.cost + 2.0 * (fitted + scanned + self.begun)
 
 
 class FitRecord(NamedTuple):
@@ -112,14 +116,47 @@ class CandidateFits:
         self._scored: dict[int, tuple[EffectChange, list[ScoredEffect]]] = {}
         self._refitted: dict[int, tuple[Fit, Fit]] = {}
         self._best_fits: dict[tuple[str, ...], EffectChange] = {}
+        self._scanned: dict[tuple[tuple[str, ...], Effect], EffectChange] = {}
         self._failed_tests: dict[tuple[int, bool], tuple[Fit, tuple[ResidualTest, ...]]] = {}
 
     def scores(self, now: EffectChange) -> list[ScoredEffect]:
         """Score tests of all effects against a model."""
         if id(now) not in self._scored:
             scales = campaign_scales(self.problem.data, now.found)
-            self._scored[id(now)] = now, scores(self.problem, now.found, scales, self.library)
+            found = [*scores(self.problem, now.found, scales, self.library), *self._scanned_scores(now, scales)]
+            self._scored[id(now)] = now, sorted(found, key=lambda candidate: -candidate.score)
         return self._scored[id(now)][1]
+
+    def _scanned_scores(self, now: EffectChange, scales: CampaignScales) -> list[ScoredEffect]:
+        """Gains of effects whose strength has no derivative, each by a fit of its own.
+
+        Without the effect the model has other events than the records; parameters that were fitted to these may be far
+        off, so the fit begins at the nominal values.
+        """
+        found = []
+        for start in starts_of(scales, now.found, self.library):
+            key = _effect_keys(now.found.model), start
+            if start.scanned and key not in self._scanned:
+                step = self._scan(now, start)
+                if step is not None:
+                    self._scanned[key] = step
+            if key in self._scanned:
+                gain = now.cost - self._scanned[key].cost
+                found += [ScoredEffect(start, gain, 1, np.zeros(0), -1)] if gain > 0.0 else []
+        return found
+
+    def _scan(self, now: EffectChange, start: Effect) -> EffectChange | None:
+        """Fit from nominal values with an effect whose strength is scanned; None where the model has no solution."""
+        nominal, before = self.problem.nominal, now.found
+        own = tuple(p for p in before.model.parameters if p.path[0] == "effects")
+        drives = {data.drive for data in self._records}
+        device = replace(nominal, effects=(*before.model.transducer.effects, start))
+        model = replace(before.model, transducer=device, parameters=(*parameters_of(nominal, drives), *own))
+        try:
+            found = scanned_fit(self.problem, growing_fit(self.problem, model))
+        except (PredictionError, np.linalg.LinAlgError):
+            return None
+        return self._fit(found.model, found.nuisance, before)
 
     def failed_tests(self, found: Fit, *, drive_noise: bool = True) -> tuple[ResidualTest, ...]:
         """Failed residual tests of a fit; `drive_noise` as in `residual_tests.failed_tests`."""
@@ -160,6 +197,8 @@ class CandidateFits:
         `aim`. Parameters that were fixed so far are freed only after a first fit of the effect, whose place they might
         take otherwise.
         """
+        if effect.scanned:
+            return self.remember(self._scanned.get((_effect_keys(now.found.model), effect)))
         more = effect_parameters([effect], len(now.found.model.transducer.effects))
         model = extended(now.found.model, [effect], more)
         model = replace(model, at_rest=model.at_rest and not begun)
@@ -372,7 +411,7 @@ def variance_inflation(found: Fit, n: int) -> float:
 
 
 def significance(found: Fit, n: int) -> float:
-    """Wald statistic of the n-th effect's strength; infinite for a spectral line."""
+    """Wald statistic of the n-th effect's strength; infinite for a spectral line, or where it is scanned."""
     place = _strength_column(found, n)
     if place is None:
         return np.inf
@@ -386,8 +425,10 @@ def standard_errors_from_zero(problem: Problem, found: Fit, n: int) -> float:
     """Distance of the n-th effect's strength from zero in its standard errors.
 
     Parameters that the records do not determine are taken as known: an effect correlated with one of these is not less
-    certain for it.
+    certain for it. A strength that is scanned is not zero where other events than those at zero fit better.
     """
+    if found.model.transducer.effects[n].scanned:
+        return np.inf
     scatter, place = covariance(found, _undetermined_places(found)), _strength_column(found, n)
     if place is None:
         size, error = line_amplitude(problem, found, n, scatter)

@@ -18,6 +18,7 @@ from piezoharvest.diagnose.preparation.held_values import identified
 from piezoharvest.diagnose.preparation.voltage_offset import voltage_is_off
 from piezoharvest.diagnose.residual_regression import Hint, hints
 from piezoharvest.diagnose.residual_tests import ResidualTest, whitened_squares
+from piezoharvest.diagnose.scanning.scan import Scan, spread
 from piezoharvest.diagnose.score_tests import is_line
 from piezoharvest.diagnose.stepwise_selection import (
     Search,
@@ -409,6 +410,10 @@ def _named(problem: Problem, search: Search, n: int, squares: Sequence[tuple[flo
     effect = search.order[n]
     if is_line(effect):
         values["amplitude"] = (*line_amplitude(problem, final, search.given_effects + n, scatter), "")
+    if effect.scanned:
+        field = type(effect).strength()
+        scan = Scan(problem, final, search.given_effects + n)
+        values[field.name] = (scan.value, spread(*scan.interval()), field.metadata["unit"])
     costs = [search.base.cost, *(each.cost for each in search.nested)]
     spoiled = spoils(before, after, costs[n] - costs[n + 1])
     return Named(effect, search.p_values[n], float(np.clip(gain, -1.0, 1.0)), values, spoiled)

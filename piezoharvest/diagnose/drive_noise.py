@@ -17,7 +17,7 @@ from piezoharvest.identify.fitting.likelihood import Whitener, spectra_of
 from piezoharvest.identify.fitting.model import Model, residual_blocks
 from piezoharvest.identify.noise.noisy_drives import noisy_drives
 from piezoharvest.identify.noise.spectra import first_lines
-from piezoharvest.predict.circuit.setting import motion_of
+from piezoharvest.predict.circuit.setting import redriven
 from piezoharvest.predict.prediction import PredictionError
 
 REALISATIONS = 2  # realisations of the noise
@@ -38,10 +38,10 @@ def drive_noise_variance(
     plain = {begin: residual for _, begin, residual, _ in residual_blocks(model, data, nuisance, False)}
     counts = np.zeros(len(edges) - 1)
     for noisy in noisy_drives(data.record.signals[data.drive], true, sigma, REALISATIONS):
-        motion = motion_of(data.drive, data.setting.shunt, noisy)
-        if not np.array_equal(motion.jumps, data.setting.motion.jumps):
+        setting = redriven(data.setting, noisy)
+        if not np.array_equal(setting.motion.jumps, data.setting.motion.jumps):
             continue
-        again = replace(data, setting=replace(data.setting, first=float(noisy[0]), motion=motion))
+        again = replace(data, setting=setting)
         with suppress(PredictionError):
             for _, begin, residual, _ in residual_blocks(model, again, nuisance, False):
                 count = len(residual)

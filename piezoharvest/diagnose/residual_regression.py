@@ -26,7 +26,10 @@ MIN_GAIN = 20.0  # of -2 ln L: smallest gain of a term, allowing for the number 
 SQUARE_SIGN = "²"
 Signals = dict[str, np.ndarray]
 Terms = Callable[[Signals, float, dict[str, float]], Iterator[tuple[str, np.ndarray]]]
-SYMBOLS = {"force": "F", "displacement": "x", "voltage": "v", "current": "i", "base_acceleration": "a"}
+SYMBOLS = {
+    "force": "F", "base_acceleration": "a", "displacement": "x", "velocity": "x'", "acceleration": "x''",
+    "voltage": "v", "current": "i", "dc_voltage": "v_dc", "dc_current": "i_dc",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

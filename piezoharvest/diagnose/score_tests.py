@@ -66,13 +66,16 @@ class ScoredEffect:
 
 
 def effect_parameters(effects: Sequence[Effect], first: int = 0) -> list[Parameter]:
-    """Free parameters of effects; the strength of a line is a nuisance parameter of each record."""
+    """Free parameters of effects; the strength of a line is a nuisance parameter of each record.
+
+    A strength that is scanned is no parameter: the records have no derivative with respect to it.
+    """
     found = []
     for n, effect in enumerate(effects, first):
         for field in dataclasses.fields(effect):
             if "unit" not in field.metadata or getattr(effect, field.name) is None or field.default is None:
                 continue
-            if field.metadata.get("null") is not None and is_line(effect):
+            if field.metadata.get("null") is not None and (is_line(effect) or effect.scanned):
                 continue
             found.append(parameter_of(effect, field, ("effects", n, field.name)))
     return found
@@ -88,7 +91,7 @@ def scores(
 ) -> list[ScoredEffect]:
     """Score tests of all effects that are not in the model, the highest score first.
 
-    Effects of circuits that no record has are left out.
+    Effects of circuits that no record has are left out, and those whose strength is scanned: they need a fit.
 
     Parameters
     ----------
@@ -99,14 +102,19 @@ def scores(
     library : sequence of Effect classes, optional
         Default: all that are registered.
     """
-    library = list(registered().values()) if library is None else library
-    classes = [cls for cls in library if any(map(cls.acts_on, scales.shunts or (None,)))]
-    starts = [start for cls in classes for start in cls.starts(scales) if _is_new(start, found)]
+    starts = [start for start in starts_of(scales, found, library) if not start.scanned]
     smooth = [start for start in starts if _grows(start)]
     jumpy = [start for start in starts if start not in smooth]
     return sorted(
         [*_linearised_scores(problem, found, smooth), *_one_step_scores(problem, found, jumpy)], key=lambda c: -c.score
     )
+
+
+def starts_of(scales: CampaignScales, found: Fit, library: Sequence[type[Effect]] | None) -> list[Effect]:
+    """Starts of all effects that the records can show and that the model does not have yet."""
+    library = list(registered().values()) if library is None else library
+    classes = [cls for cls in library if any(map(cls.acts_on, scales.shunts or (None,)))]
+    return [start for cls in classes for start in cls.starts(scales) if _is_new(start, found)]
 
 
 def _grows(start: Effect) -> bool:
@@ -256,4 +264,4 @@ def cosine(first: ScoredEffect, second: ScoredEffect) -> float:
     return float(first.signature[second.column] / size) if size > 0 else 0.0
 
 
-__all__ = ["ScoredEffect", "cosine", "effect_parameters", "extended", "is_line", "scores"]
+__all__ = ["ScoredEffect", "cosine", "effect_parameters", "extended", "is_line", "scores", "starts_of"]

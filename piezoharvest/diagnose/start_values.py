@@ -14,9 +14,11 @@ from scipy.signal import zoom_fft
 from piezoharvest.description.effects.sensing.mains_hum import NETWORKS
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.linear.resistor import Resistor
+from piezoharvest.description.shunts.switching import SynchronisedShunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.residual_tests import drive_frequency_of
+from piezoharvest.diagnose.scanning.extrema import extrema_of, thresholds_between
 from piezoharvest.identify.fitting.data import Data, is_clipped
 from piezoharvest.identify.fitting.evaluation import map_records
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
@@ -61,8 +63,9 @@ class CampaignScales:
         Lowest and highest possible saturation limit of each channel, from its largest readings.
     shunts : tuple of Shunt or None
         Circuits of the records by their labels, None under an imposed voltage.
-    voltages : tuple of float
-        Largest voltage of each record that has one, V.
+    switching : tuple of float
+        Voltages that part the extrema on which a switch acted from smaller ones on which it did not, V; none where it
+        acted on all that are seen.
     harmonics : mapping of str to tuple of (float, float)
         For each channel and drive: drive frequency of every record with the channel (zero where the drive is not one
         sine), and the frequency resolution of the record; Hz.
@@ -84,7 +87,7 @@ class CampaignScales:
     ends: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     harmonics: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
     shunts: tuple[Shunt | None, ...] = ()
-    voltages: tuple[float, ...] = ()
+    switching: tuple[float, ...] = ()
 
     def resolves_time(self, time_constant: float) -> bool:
         """True if the records resolve a relaxation with this time constant: its curvature, and its samples."""
@@ -143,8 +146,14 @@ def campaign_scales(data: Sequence[Data | FrequencyData], found: Fit) -> Campaig
         ends={channel: _range_of_limit(records, found.noise.sigma[channel], channel) for channel in channels},
         harmonics=_drive_frequencies(records),
         shunts=tuple(each.setting.shunt for each in records),
-        voltages=tuple(float(np.abs(each.record["voltage"]).max()) for each in records if "voltage" in each.channels),
+        switching=tuple(thresholds_between(list(chain(*map(_switched_extrema, records))))),
     )
+
+
+def _switched_extrema(data: Data) -> list[tuple[float, bool]]:
+    """Extrema of the voltage behind a switch, and whether it acted on them."""
+    seen = "voltage" in data.channels and isinstance(data.setting.shunt, SynchronisedShunt)
+    return extrema_of(data.record["voltage"]) if seen else []
 
 
 def displacement_of(records: Sequence[Data], transducer: Transducer) -> float:

@@ -307,7 +307,7 @@ class Searcher:
             for channel in (*data.channels, getattr(data, "drive", ""))
             if effects[n].line(channel)
         )
-        return parameters + lines + self.trials.count_begun(found.model, n)
+        return parameters + lines + effects[n].scanned + self.trials.count_begun(found.model, n)
 
     def _prune(self, now: EffectChange, levels: list[float]) -> tuple[EffectChange, list[float]]:
         """Remove effects that are no longer significant, and exchange those that another explains better."""

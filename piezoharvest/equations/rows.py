@@ -14,7 +14,7 @@ import numpy as np
 from piezoharvest.description.circuit import Port, Product, Row, State
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.equations.laws import charge_law, drive_gain, momentum, node_law, participating, strain_charge
+from piezoharvest.equations.laws import charge_law, drive_gain, momentum, node_law, participating, spring, strain_charge
 from piezoharvest.equations.terms import Rows, Terms
 
 
@@ -84,6 +84,8 @@ class Mechanics(NamedTuple):
         Conjugate of the drive, whose product with it is its power: W per N, or per m/s^2.
     strain_current : Row
         sum T_i u_i in A: the switches of synchronised shunts act where it crosses zero.
+    drive : Row
+        The drive; of an imposed motion the force that it takes, but for the inertia, N.
     """
 
     equations: list[Row]
@@ -92,6 +94,7 @@ class Mechanics(NamedTuple):
     acceleration: Row
     drive_velocity: Row
     strain_current: Row
+    drive: Row
 
 
 def gains(transducer: Transducer, base: bool) -> list[float]:
@@ -99,15 +102,20 @@ def gains(transducer: Transducer, base: bool) -> list[float]:
     return [drive_gain(mode, base) for mode in transducer.all_modes]
 
 
-def mechanics(placing: Placing, z: Rows, dz: Rows, drive: Row, base: bool) -> Mechanics:
-    """Equations of motion of all modes under a force, or under base acceleration."""
+def mechanics(placing: Placing, z: Rows, dz: Rows, drive: Row, base: bool, imposed: bool = False) -> Mechanics:
+    """Equations of motion of all modes under a force or a base acceleration, or of one mode with this acceleration.
+
+    An imposed motion is integrated from its acceleration, so that its extrema are where its velocity crosses zero.
+    """
     transducer = placing.terms.transducer
     modes, by = transducer.all_modes, gains(transducer, base)
     places = (("x", z), ("u", z), ("u", dz), ("x", dz))
     x, u, du, dx = ([rows[f"{s}{n}"] for n in range(1, len(modes) + 1)] for s, rows in places)
     equations = []
     for n, (mode, push) in enumerate(zip(modes, placing.rows(placing.terms.pushes), strict=True)):
-        equations += [dx[n] - u[n], momentum(mode, x[n], u[n], du[n], placing.v_t, by[n] * drive + push)]
+        moves = momentum(mode, x[n], u[n], du[n], placing.v_t, by[n] * drive + push)
+        taken = spring(mode, x[n], u[n], placing.v_t, push) if imposed else drive
+        equations += [dx[n] - u[n], du[n] - drive if imposed else moves]
     none = 0.0 * drive
     return Mechanics(
         equations,
@@ -116,6 +124,7 @@ def mechanics(placing: Placing, z: Rows, dz: Rows, drive: Row, base: bool) -> Me
         acceleration=participating(modes, du, none),
         drive_velocity=sum((gain * row for gain, row in zip(by, u, strict=True)), none),
         strain_current=strain_charge(modes, u, none),
+        drive=taken,
     )
 
 
@@ -144,12 +153,15 @@ class Device(NamedTuple):
     equations: list[Row]
 
 
-def device(terms: Terms, z: Rows, dz: Rows, drive: Row, one: Row, hysteresis: tuple[Row, Row], base: bool) -> Device:
+def device(
+    terms: Terms, z: Rows, dz: Rows, drive: Row, one: Row, hysteresis: tuple[Row, Row], base: bool,
+    imposed: bool = False,
+) -> Device:  # fmt: skip
     """Write down the equations, given v_h and its rate as rows."""
     v_h, dv_h = hysteresis
     placing = Placing(terms, z, dz, drive, one, v_h)
     port = Port(placing.v_t + v_h, placing.dv_t + dv_h, placing.current, one, terms.transducer.capacitance)
-    return Device(placing, mechanics(placing, z, dz, drive, base), port, placing.rows(terms.equations))
+    return Device(placing, mechanics(placing, z, dz, drive, base, imposed), port, placing.rows(terms.equations))
 
 
 def connected(system: System) -> System:

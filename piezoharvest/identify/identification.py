@@ -25,6 +25,7 @@ from piezoharvest.identify.identifiability import assumed, combination, experime
 from piezoharvest.identify.noise.noise_gain import gain_of
 from piezoharvest.identify.noise.noise_model import Noise
 from piezoharvest.identify.saving import save
+from piezoharvest.identify.start_values.away_from_jumps import fit_past_jumps
 from piezoharvest.identify.start_values.initial_hysteresis_state import (
     fit_nuisance,
     has_initial_states,
@@ -34,7 +35,6 @@ from piezoharvest.identify.start_values.initial_hysteresis_state import (
 from piezoharvest.identify.start_values.multistart import (
     MAX_MEAN_SQUARE,
     ROUGH_TOLERANCE,
-    fit_multistart,
     tune_to_responses,
 )
 from piezoharvest.identify.start_values.quasi_static import (
@@ -321,19 +321,24 @@ def _identify_quasi_static(campaign: Campaign, progress: Progress, offsets: Sequ
 
 def _first_fit(problem: Problem, model: Model, progress: Progress, poor: Callable[[Fit], None]) -> Fit:
     """Fit of all parameters; where it is far off, also one that begins with the circuits as their labels say."""
-    found = _growing_fit(problem, model, progress, poor)
+    found = growing_fit(problem, model, progress, poor)
     own = tuple(parameter for parameter in model.parameters if not is_of_circuit(parameter))
     if len(own) == len(model.parameters) or mean_square(found) < MAX_MEAN_SQUARE:
         return found
     progress("another start: circuits as their labels say")
-    held = _growing_fit(problem, replace(model, parameters=own), progress, poor)
+    held = growing_fit(problem, replace(model, parameters=own), progress, poor)
     free = replace(held.model, parameters=model.parameters)
     other = fit(problem, free, held.nuisance, held.noise, progress=progress, rounds=2)
     squares = linearised(problem, other.model, other.nuisance, found)[2]
     return other if squares < sum(float(sums.squares.sum()) for sums in found.sums) else found
 
 
-def _growing_fit(problem: Problem, model: Model, progress: Progress, poor: Callable[[Fit], None]) -> Fit:
+def growing_fit(
+    problem: Problem,
+    model: Model,
+    progress: Progress = lambda text: None,
+    poor: Callable[[Fit], None] = lambda found: None,
+) -> Fit:
     """Fit of all parameters, first to the beginnings of records: of long ones, to save time.
 
     Of records behind circuits with events to a few periods, then to more and more: over a whole record a resonance that
@@ -344,7 +349,7 @@ def _growing_fit(problem: Problem, model: Model, progress: Progress, poor: Calla
         longest = max(len(each) for each in problem.data if isinstance(each, Data))
         lengths = [n for n in _lengths(problem) if n < longest] + lengths
     part = _beginning(problem, lengths[0])
-    found = fit_multistart(part, model, progress, poor)
+    found = fit_past_jumps(part, model, progress, poor)
     for length in [*lengths[1:], max(len(each) for each in problem.data)]:
         before, part = part, _beginning(problem, length)
         if part is not before:
@@ -364,12 +369,15 @@ def _lengths(problem: Problem) -> list[int]:
 
 def _beginning(problem: Problem, count: int) -> Problem:
     """The problem with the first samples of its records; the problem itself if none is longer."""
-    if not any(isinstance(each, Data) and len(each) > count for each in problem.data):
+
+    def begun(each: Data | FrequencyData) -> Data | FrequencyData:
+        if not isinstance(each, Data) or len(each) <= count or each.record.periodic:
+            return each
+        return data_of(each.record.beginning(count), problem.nominal)
+
+    data = [begun(each) for each in problem.data]
+    if all(one is other for one, other in zip(data, problem.data, strict=True)):
         return problem
-    data = [
-        data_of(each.record.beginning(count), problem.nominal) if isinstance(each, Data) and len(each) > count else each
-        for each in problem.data
-    ]
     return Problem(data, problem.nominal, problem.offset_channels)
 
 

@@ -15,6 +15,8 @@ from piezoharvest.predict.drive import JUMP_PARTS, Drive, drive_of
 from piezoharvest.predict.parameters import STEP, Parameter, stepped, value_at
 from piezoharvest.predict.record_model import Matrices, RecordModel
 from piezoharvest.predict.sample_step import SampleStep, inverse_of, step_of
+from piezoharvest.records.gate import Edges
+from piezoharvest.records.harmonics import Harmonics
 
 # Complex steps of components are too small for later operations: squares of imaginary parts would underflow, which is
 # slow.
@@ -42,6 +44,12 @@ class Setting:
         States with a free initial value.
     sizes : tuple of float
         Behind a circuit with events: units of these values, SI.
+    fixed : tuple of (str, float)
+        Behind a circuit with events: initial states that are known, SI.
+    harmonics : Harmonics or None
+        Drive of a record in steady state, of which `motion` is the part in the record.
+    gate : Edges or None
+        When the switch of the circuit is told to act; None where the displacement tells.
     swift : tuple of str
         Fast states, which have come to rest relative to the free ones before the record.
     reach : float
@@ -65,6 +73,9 @@ class Setting:
     fine: int = 1
     sizes: tuple[float, ...] = ()
     reach: float = 0.0
+    fixed: tuple[tuple[str, float], ...] = ()
+    harmonics: Harmonics | None = None
+    gate: Edges | None = None
 
     @property
     def jumps(self) -> np.ndarray:

@@ -75,6 +75,8 @@ def load_campaign(path: str | Path) -> Campaign:
       magnitude and phase_rad or phase_deg, or a complex response, and coherence; or others by `[records.channels]`.
     - `quasi_static = true` in `[transducer]`, or `mass = "unknown"` or `damping = "unknown"`: for a specimen that
       follows its drive without delay, whose mass and damping may be left out.
+    - `kind = "periodic"`: signals over time that are a few periods of a sine in steady state; `frequency` (Hz) where it
+      is known, else it is found in the drive.
     - `[experiment]`: what the bench can do in a planned record (`BenchLimits`).
     - `kind = "impedance"`: `mechanical` ("free" or "blocked"); columns frequency_Hz, resistance_ohm and reactance_ohm,
       or impedance_ohm and phase_rad or phase_deg. Sweeps may go up or down and overlap; a line at 0 Hz is left out.

@@ -11,6 +11,9 @@ import numpy as np
 
 from piezoharvest.description.effects.circuit_value import CircuitValue
 from piezoharvest.description.shunts import Shunt
+from piezoharvest.description.shunts.switching import SynchronisedShunt
+from piezoharvest.records.gate import Edges, rising_edges
+from piezoharvest.records.harmonics import Harmonics
 
 Role = Literal["fit", "validate"]
 
@@ -61,6 +64,10 @@ class Record:
         By channel; the drive is one of them, and any other may be missing.
     fitted : tuple of CircuitValue
         Values of the shunt that are fitted.
+    periodic : bool
+        It is a few periods of a sine in steady state.
+    frequency : float or None
+        Of such a sine, Hz, if it is stated.
     """
 
     name: str
@@ -72,6 +79,8 @@ class Record:
     time: Signal
     signals: Mapping[str, Signal]
     fitted: tuple[CircuitValue, ...] = ()
+    periodic: bool = False
+    frequency: float | None = None
 
     def __getitem__(self, channel: str) -> np.ndarray:
         """Values of a channel, or of "time", in its SI unit, (n,)."""
@@ -81,7 +90,9 @@ class Record:
         return len(self.time.values)
 
     def beginning(self, count: int) -> Record:
-        """Record of the first samples, without copying."""
+        """Record of the first samples, without copying; a few periods in steady state are not divided."""
+        if self.periodic:
+            return self
 
         def cut(signal: Signal) -> Signal:
             return replace(signal, values=signal.values[:count])
@@ -94,6 +105,20 @@ class Record:
         """Channels other than the drive."""
         return tuple(channel for channel in self.signals if channel != self.drive)
 
+    @cached_property
+    def gate(self) -> Edges | None:
+        """When the switch was told to act; None where its own detector did, or nothing was recorded or can be used."""
+        if "gate" not in self.signals or self.gate_reason:
+            return None
+        return rising_edges(self["gate"], 1.0 / self.sample_rate)
+
+    @property
+    def gate_reason(self) -> str:
+        """Why a recorded gate is not used, or ""."""
+        if self.drive == "voltage" or not isinstance(self.shunt, SynchronisedShunt):
+            return "no switch has an influence"
+        return "in steady state the displacement times the switch" if self.periodic else ""
+
     @property
     def duration(self) -> float:
         """Time from the first to the last sample, s."""
@@ -103,6 +128,11 @@ class Record:
     def sample_rate(self) -> float:
         """Sample rate, Hz."""
         return (len(self) - 1) / self.duration
+
+    @cached_property
+    def harmonics(self) -> Harmonics | None:
+        """Drive of a record in steady state, without its noise; None if it is no sine or the record no such one."""
+        return Harmonics.of(self[self.drive], 1.0 / self.sample_rate, self.frequency) if self.periodic else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Run the trials that are not done yet, make the page.
 
-`python -m reports.diagnosis [--small | --page | --alone N | --held-out]`
+`python -m reports.diagnosis [--small | --page | --alone N | --held-out | --circuits]`
 """
 
 from __future__ import annotations
@@ -12,13 +12,15 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import track
 
-from reports.diagnosis import sensitivity
+from reports.diagnosis import circuits, sensitivity
+from reports.diagnosis.plan import circuits as plan_of_circuits
 from reports.diagnosis.plan import held_out, plan
 from reports.diagnosis.trials import Trial, attempt
 from reports.kept import rows_of, run
 
 HERE = Path(__file__).parent
 FILE, ALONE, HELD_OUT = HERE / "trials.jsonl", HERE / "alone.jsonl", HERE / "held_out.jsonl"
+CIRCUITS = HERE / "circuits.jsonl"
 
 
 def main() -> int:
@@ -28,6 +30,7 @@ def main() -> int:
     parser.add_argument("--page", action="store_true", help="only make the page of what is done")
     parser.add_argument("--alone", type=int, default=0, help="diagnose those again that took longest, one at a time")
     parser.add_argument("--held-out", action="store_true", help="held-out campaigns, with every threshold varied")
+    parser.add_argument("--circuits", action="store_true", help="held-out campaigns behind diodes and switches")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
     console = Console(stderr=True)
@@ -40,6 +43,10 @@ def main() -> int:
         done = {result["key"] for result in rows_of(HELD_OUT)}
         todo = [trial for trial in held_out() if trial.key not in done]
         runs = run(HELD_OUT, sensitivity.attempt, todo, options.workers)
+    elif options.circuits:
+        done = {result["key"] for result in rows_of(CIRCUITS)}
+        todo = [trial for trial in plan_of_circuits(held_out=True) if trial.key not in done]
+        runs = run(CIRCUITS, circuits.held_out, todo, options.workers)
     elif not options.page:
         done = {result["key"] for result in rows_of(FILE)}
         todo = [trial for trial in plan(small=options.small) if trial.key not in done]
@@ -49,7 +56,7 @@ def main() -> int:
     from reports.diagnosis.page import write_page
 
     results = rows_of(FILE)
-    print(write_page(results, HERE, rows_of(ALONE), rows_of(HELD_OUT)))
+    print(write_page(results, HERE, rows_of(ALONE), rows_of(HELD_OUT), rows_of(CIRCUITS)))
     return 1 if any(result["verdict"] == "failed" for result in results) else 0
 
 

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 import piezoharvest
 from piezoharvest.output import write_text
 from piezoharvest.report.figures import style
+from reports.diagnosis.circuits import DRAWS as CIRCUIT_EFFECTS
 from reports.diagnosis.figures import confusion_figure, coverage_figure, power_figure, time_figure
 from reports.diagnosis.sensitivity import TABLE, lines
 from reports.diagnosis.summary import STRONG, THEORY, Results, coverage, days, of_kind, power, share, size, smallest
@@ -32,7 +33,9 @@ HELD_OUT_KINDS = {
 }
 
 
-def write_page(results: Results, directory: Path, alone: Results = (), held_out: Results = ()) -> Path:
+def write_page(
+    results: Results, directory: Path, alone: Results = (), held_out: Results = (), circuits: Results = ()
+) -> Path:
     """Write figures, results.json and, last, the page.
 
     Parameters
@@ -44,11 +47,16 @@ def write_page(results: Results, directory: Path, alone: Results = (), held_out:
         The same of trials that had the machine to themselves.
     held_out : sequence of dict
         As `sensitivity.attempt` gives them.
+    circuits : sequence of dict
+        As `circuits.held_out` gives them.
     """
     figures = {name: figure for name, figure in _figures(results) if figure is not None}
     for name, figure in figures.items():
         style.write_png(figure, directory / f"{name}.png")
-    numbers = {**summary(results), "alone": _alone(alone), "held_out": held_out_shares(held_out)}
+    numbers = {
+        **summary(results), "alone": _alone(alone), "held_out": held_out_shares(held_out),
+        "circuits": held_out_shares(circuits), "circuit_effects": circuit_effects(circuits),
+    }  # fmt: skip
     write_text(json.dumps(numbers, indent=1, allow_nan=False) + "\n", directory / "results.json")
     options: dict[str, Any] = {
         "autoescape": True,
@@ -102,6 +110,13 @@ def held_out_shares(held_out: Results) -> dict[str, Any]:
     """Right answers by kind and in all, of campaigns of which none was ever looked at."""
     kinds = {name: share(some) for name, kind in HELD_OUT_KINDS.items() if (some := of_kind(held_out, kind))}
     return {**kinds, "all": share(held_out)} if kinds else {}
+
+
+def circuit_effects(circuits: Results) -> dict[str, Any]:
+    """Right answers by effect, of single effects of circuits."""
+    single = of_kind(circuits, "single")
+    by_name = {name: [result for result in single if result["names"] == [name]] for name in CIRCUIT_EFFECTS}
+    return {name: share(some) for name, some in by_name.items() if some}
 
 
 def _alone(alone: Results) -> dict[str, Any] | None:

@@ -9,6 +9,8 @@ from itertools import combinations, cycle
 
 import numpy as np
 
+from reports.diagnosis.circuits import DRAWS as DRAWN
+from reports.diagnosis.circuits import OTHERS
 from reports.diagnosis.foreign import FAULTS
 from reports.diagnosis.trials import DRAWS, Trial
 
@@ -78,3 +80,30 @@ def _size(seed: int) -> float:
 def _pairs(names: list[str]) -> list[tuple[str, str]]:
     pairs = list(combinations(names, 2))
     return [pairs[k] for k in np.random.default_rng(5).permutation(len(pairs))]
+
+
+def circuits(*, held_out: bool) -> list[Trial]:
+    """Trials behind circuits; those for which code was changed have other seeds than the held-out ones."""
+    first, singles, healthy, rest = (2_000_000, 6, 20, 8) if held_out else (1_000_000, 2, 6, 5)
+    names, pairs = list(DRAWN), _circuit_pairs()
+    pairs = pairs[::-1] if held_out else pairs
+    kinds = [
+        [
+            Trial("single", (name,), _size(first + 100 * k + n), first + 100 * k + n)
+            for k in range(singles)
+            for n, name in enumerate(names)
+        ],
+        [Trial("healthy", (), 0.0, first + 10_000 + k) for k in range(healthy)],
+        [Trial("pair", pairs[k], 60.0, first + 20_000 + k) for k in range(rest)],
+        [Trial("withheld", (names[k % len(names)],), 60.0, first + 30_000 + k) for k in range(rest)],
+    ]
+    return _mixed(kinds)
+
+
+def _circuit_pairs() -> list[tuple[str, str]]:
+    """Pairs of effects of circuits that some circuit shows both, and of one with one of the fifteen, by turns."""
+    both = [(a, b) for a, b in combinations(DRAWN, 2) if set(DRAWN[a].circuits) & set(DRAWN[b].circuits)]
+    mixed = [(a, b) for a in DRAWN for b in OTHERS]
+    rng = np.random.default_rng(6)
+    turns = zip(rng.permutation(len(both)), rng.permutation(len(mixed)), strict=False)
+    return [pair for i, j in turns for pair in (both[i], mixed[j])]

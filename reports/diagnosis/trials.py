@@ -154,9 +154,15 @@ def _limit(measured: BenchCampaign, limit: float, channel: str) -> float:
     return low
 
 
+Bench = Callable[[Trial], tuple[BenchCampaign, Transducer, dict[str, dict[str, Any]]]]
+# Pairs of names for one law: withholding one of them withholds neither.
+TWINS = {"voltage_reversion": "dielectric_relaxation", "probe_loading": "leakage"}
+
+
 def library_of(trial: Trial) -> list[type[Effect]]:
     """Effects that the diagnosis of a trial looks for."""
-    return [cls for name, cls in registered().items() if trial.kind != "withheld" or name not in trial.names]
+    withheld = {*trial.names, *(TWINS.get(name) for name in trial.names)} if trial.kind == "withheld" else set()
+    return [cls for name, cls in registered().items() if name not in withheld]
 
 
 def read_back(measured: BenchCampaign) -> Campaign:
@@ -165,9 +171,9 @@ def read_back(measured: BenchCampaign) -> Campaign:
         return load_campaign(write_campaign(measured, Path(folder) / "campaign"))
 
 
-def run(trial: Trial) -> dict[str, Any]:
+def run(trial: Trial, bench: Bench = bench_of) -> dict[str, Any]:
     """Measure, write, read and diagnose a trial; what came out beside what stood on the bench."""
-    measured, truth, tables = bench_of(trial)
+    measured, truth, tables = bench(trial)
     campaign = read_back(measured)
     cpu, wall = time.process_time(), time.perf_counter()
     found = diagnose(campaign, library=library_of(trial))
@@ -183,11 +189,11 @@ def run(trial: Trial) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def attempt(trial: Trial) -> dict[str, Any]:
+def attempt(trial: Trial, bench: Bench = bench_of) -> dict[str, Any]:
     """Run a trial; what goes wrong is a result too."""
     try:
         with threadpool_limits(1):  # processes share the machine
-            return run(trial)
+            return run(trial, bench)
     except Exception as error:
         base = {"key": trial.key, **asdict(trial)}
         return {**base, "verdict": "failed", "right": False, "found": [], "error": f"{type(error).__name__}: {error}"}

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from diagnose_runs import SIGMA, campaign, fitted, reading
 
-from piezoharvest.diagnose.residual_regression import hints
+from piezoharvest.diagnose.residual_regression import SYMBOLS, hints
+from piezoharvest.identify.fitting.data import RESPONSES
 from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.identification import prepared
+from piezoharvest.records.reading.channels import DRIVES
 
 
 @pytest.fixture(scope="module")
@@ -38,3 +40,8 @@ def test_white_noise_gives_no_hint(records):
     for seed in range(5):
         problem, found, _ = fitted(*records, seed=20 + seed)
         assert hints(problem, found) == []
+
+
+def test_every_channel_that_is_fitted_has_a_symbol_of_its_own():
+    assert set(SYMBOLS) == {*RESPONSES, *DRIVES}
+    assert len(set(SYMBOLS.values())) == len(SYMBOLS)

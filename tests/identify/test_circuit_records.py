@@ -1,12 +1,16 @@
 """Records behind diodes and switches, made by the virtual bench, whose solver shares nothing with the engine."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from piezoharvest.bench import measure, write_campaign
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import diagnose
-from piezoharvest.identify import identify
+from piezoharvest.identify import identification, identify
+from piezoharvest.identify.fitting.data import data_of
+from piezoharvest.identify.start_values.multistart import fit_multistart
 from piezoharvest.records import CampaignError, load_campaign
 from piezoharvest.study import study_from
 
@@ -89,8 +93,20 @@ def test_a_loop_that_is_worse_than_its_label(tmp_path):
     check_values(found, {**BENCH, "parallel_sshi.quality": 5.5})
 
 
-def test_a_second_start_with_the_circuit_as_its_label_says(tmp_path):
-    """The first fit, with the quality free from the beginning, ends in another minimum here."""
+def test_a_first_fit_away_from_the_jumps_of_the_voltage(tmp_path):
+    """With the samples beside them the first fit ends in another minimum here."""
+    told = []
+    found = identify(campaign(tmp_path, SSHI, 4, fit=["quality"], records=RECORDS[:3]), progress=told.append)
+    assert "start: away from the jumps of the voltage" in told
+    assert "another start: circuits as their labels say" not in told
+    assert not found.warnings
+    check_values(found, {**BENCH, "parallel_sshi.quality": 8.0})
+
+
+@pytest.mark.slow
+def test_a_second_start_with_the_circuit_as_its_label_says(tmp_path, monkeypatch):
+    """Without the above."""
+    monkeypatch.setattr(identification, "fit_past_jumps", fit_multistart)
     told = []
     found = identify(campaign(tmp_path, SSHI, 4, fit=["quality"], records=RECORDS[:3]), progress=told.append)
     assert "another start: circuits as their labels say" in told
@@ -147,6 +163,27 @@ def test_timing_that_needs_a_frequency(tmp_path, timing, message):
     found.path.write_text(found.path.read_text().replace(f"{key} = 0.0", timing))
     with pytest.raises(CampaignError, match=message):
         identify(load_campaign(found.path))
+
+
+def test_the_hold_off_that_a_study_takes_from_its_drive_is_written(tmp_path):
+    """A quarter of the period of each record's sine; samples of a drive have none."""
+    circuit = {"kind": "ssdi", "inductance": 0.5, "quality": 8.0}
+    read = load_campaign(campaign(tmp_path, circuit, 1, duration=0.01, records=RECORDS[:2]).path)
+    assert [record.shunt.hold_off for record in read.records] == pytest.approx([0.25 / 50.6, 0.25 / 49.5])
+
+
+def test_a_record_that_begins_at_rest_begins_at_rest(tmp_path):
+    """Its first samples are noise, out of which no velocity is made; later ones have a start of their own."""
+    (record, *_) = campaign(tmp_path, SSHI, 1, duration=0.1, records=RECORDS[:1]).records
+    device = Transducer(**BENCH)
+    assert data_of(record, device).start == {}
+    late = replace(record, time=cut(record.time), signals={name: cut(s) for name, s in record.signals.items()})
+    assert {"start x1", "start u1", "start q"} <= set(data_of(late, device).start)
+
+
+def cut(signal):
+    """A channel without its first 100 samples."""
+    return replace(signal, values=signal.values[100:])
 
 
 def test_a_gate_that_never_opens_is_read_and_not_used(tmp_path):

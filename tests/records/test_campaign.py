@@ -214,7 +214,7 @@ class TestWrong:
             (TRANSDUCER + RECORD.replace("97780.0", "-1.0"), "records.0.load_resistance", "found -1.0"),
             (TRANSDUCER + RECORD + 'role = "test"\n', "records.0.role", "'fit' or 'validate'"),
             (TRANSDUCER + RECORD + 'drive = "current"\n', "records.0.drive", "found 'current'"),
-            (TRANSDUCER + RECORD + 'kind = "spectrum"\n', "records.0.kind", "allowed are time, frf, impedance"),
+            (TRANSDUCER + RECORD + 'kind = "spectrum"\n', "records.0.kind", "allowed are time, periodic, frf"),
             (TRANSDUCER + RECORD + "sample_rate = 0\n", "records.0.sample_rate", "found 0"),
             (TRANSDUCER + RECORD + "samplerate = 10\n", "records.0.samplerate", "did you mean 'sample_rate'?"),
             (TRANSDUCER + RECORD + 'shunt = { kind = "open" }\n', "records.0.shunt", "load_resistance is given too"),

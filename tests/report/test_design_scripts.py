@@ -70,3 +70,24 @@ def test_a_branch_for_each_of_three_modes(tmp_path):
     assert (tmp_path / "three_modes.png").stat().st_size > 10_000
     assert max(found["parallel_branches"]) == pytest.approx(-14.7, abs=0.1)
     assert max(found["series_rl"]) > -5
+
+
+@pytest.mark.slow
+def test_a_harvester_that_falls_short_is_designed_again(tmp_path):
+    found = run("sshi-falls-short/falls_short.py", tmp_path)
+    assert (tmp_path / "falls_short.png").stat().st_size > 10_000
+    (relaxation,) = found["effects"].values()
+    assert list(found["effects"]) == ["dielectric_relaxation"]
+    assert relaxation["capacitance"] == pytest.approx(1e-8, rel=0.02)
+    assert relaxation["time_constant"] == pytest.approx(2e-3, rel=0.02)
+    assert all(found["rms after"][channel] < 1.1 * noise for channel, noise in found["noise"].items())
+    first, second = found["measured"]
+    assert second > 1.15 * first
+    assert found["predicted"]["fitted with the cause"] == pytest.approx(first, rel=0.01)
+    assert found["predicted again"] == pytest.approx(second, rel=0.01)
+    assert abs(found["predicted"]["fitted as it was"] / first - 1) > 0.3
+    page = (DESIGNS / "sshi-falls-short/README.md").read_text(encoding="utf-8")
+    for power in found["measured"]:
+        assert f"{1e6 * power:.1f} µW" in page
+    for load in found["loads"]:
+        assert f"{1e-3 * load:.0f} kΩ" in page

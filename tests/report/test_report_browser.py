@@ -1,8 +1,6 @@
 """The report in a real browser: headless Chromium opens it and shows what is there."""
 
 import re
-import shutil
-import subprocess
 
 import matplotlib.image
 import numpy as np
@@ -11,52 +9,6 @@ from report_studies import report, untrusted_report
 from selection import with_slow
 
 pytestmark = pytest.mark.browser
-OPTIONS = [
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--hide-scrollbars",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--virtual-time-budget=3000",
-]  # fmt: skip
-# Run in the page, once it is laid out: sizes of what is drawn, and everything that was fetched from anywhere.
-MEASURE = """<script>addEventListener("load", () => {
-  const size = element => { const box = element.getBoundingClientRect(); return [box.width, box.height]; };
-  const drawn = [...document.querySelectorAll("figure svg")].map(size);
-  const images = [...document.images].map(image => [image.naturalWidth, image.naturalHeight]);
-  const fetched = performance.getEntriesByType("resource").map(entry => entry.name);
-  const wide = document.documentElement.scrollWidth - innerWidth;
-  const rows = document.querySelectorAll("tr[data-kind]").length;
-  document.body.dataset.measured = JSON.stringify({drawn, images, fetched, wide, rows, title: document.title});
-});</script></body>"""
-
-
-@pytest.fixture(scope="module")
-def browse(tmp_path_factory):
-    """Function that opens a page with further options, and gives back what the browser prints."""
-    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if program is None:
-        pytest.skip("chromium is not on the PATH")
-
-    def run(page, *options):
-        profile = tmp_path_factory.mktemp("profile")
-        command = [program, *OPTIONS, f"--user-data-dir={profile}", *options, page.resolve().as_uri()]
-        return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
-
-    return run
-
-
-@pytest.fixture
-def measured(browse, tmp_path):
-    """Function that gives what a script in a copy of the page has measured, at a width of the window in pixels."""
-    import html
-    import json
-
-    def measure(page, width=1200):
-        copy = tmp_path / "measured.html"
-        copy.write_text(page.read_text(encoding="utf-8").replace("</body>", MEASURE), encoding="utf-8")
-        dom = browse(copy, f"--window-size={width},2000", "--dump-dom")
-        found = re.search(r'data-measured="([^"]*)"', dom)
-        assert found, dom[-500:]
-        return json.loads(html.unescape(found.group(1)))
-
-    return measure
 
 
 def shot(browse, page, file, *options):

@@ -38,6 +38,8 @@ class Effect(Component):
     looks: ClassVar[str] = ""
     told_by: ClassVar[str] = ""
     sets_in: ClassVar[bool] = False  # with a jump: no derivative at its null value shows it
+    # Its strength decides which events there are: it has no derivative anywhere, and values are tried instead.
+    scanned: ClassVar[bool] = False
     of_specimen: ClassVar[bool] = True
 
     def act(self, specimen: EquationBuilder) -> None:

@@ -86,8 +86,8 @@ def find_saturated_drive(campaign: Campaign) -> SaturatedDrive | None:
 
 
 def _first_saturated(record: Record | FrequencyRecord, found: tuple[Finding, ...]) -> int | None:
-    """The first sample at which a record's drive is saturated; None if it never is."""
-    if isinstance(record, FrequencyRecord):
+    """The first sample at which a record's drive is saturated; None if it never is, or repeats with every period."""
+    if isinstance(record, FrequencyRecord) or record.periodic:
         return None
     clipped = [each for each in found if each.check == "clipped" and each.channel == record.drive]
     first_row = record.signals[record.drive].first_row

@@ -93,11 +93,13 @@ class Physics:
     def __init__(self, system: System, excitation: Excitation, layout: Layout, signal: Tones | Ramps):
         self.transducer, self.layout = system.transducer, layout
         z, dz = layout.z, layout.dz
-        self.drive = _drive(layout, signal)
+        drive = _drive(layout, signal)
         self.v_h, dv_h = self._hysteresis(z), self._hysteresis(dz)
         rows, rates = {**z, **layout.smooth}, {**dz, **layout.smooth_rates}
-        self.device = device(layout.terms, rows, rates, self.drive, layout.one, (self.v_h, dv_h), excitation.base)
+        hysteresis, kind = (self.v_h, dv_h), (excitation.base, excitation.imposed)
+        self.device = device(layout.terms, rows, rates, drive, layout.one, hysteresis, *kind)
         self.motion, self.port = self.device.motion, self.device.port
+        self.drive = self.motion.drive
 
     def _hysteresis(self, rows: Rows) -> Row:
         """Voltage of the hysteresis, or its rate."""

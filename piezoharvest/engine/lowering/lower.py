@@ -56,7 +56,10 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     """
     check_size(system.transducer, excitation, system.shunt)
     signal, system = excitation.signal(), connected(system)
-    drive = "base_acceleration" if excitation.base else "force"
+    drive = "displacement" if excitation.imposed else "base_acceleration" if excitation.base else "force"
+    if excitation.imposed and system.transducer.modes:
+        message = "found further modes, but only one is allowed where the displacement is imposed"
+        raise ParameterError("transducer.modes", message)
     terms = Terms(system.transducer, drive, passes=record is not None)
     layout = Layout(system, terms, signal)
     physics = Physics(system, excitation, layout, signal)

@@ -67,14 +67,28 @@ def record_span(lowered: Lowered, orbit: Orbit, mirrored: bool) -> Tape:
     machine = Machine(lowered)
     shooting = Shooting(machine, period, mirrored)
     span = 0.5 * period if mirrored else period
-    first = _record(machine, shooting.load(orbit, tape=MAX_MOTIONS), orbit.time + span, lowered)
-    begin = _unscheduled_time(orbit, first[0])
-    state = shooting.load(orbit)
-    check(machine.run(state, begin))
+    state, _ = unscheduled_state(shooting, orbit, span)
     recorder = machine.state(tape=MAX_MOTIONS)
     recorder.follow(state)
-    motions, end = _record(machine, recorder, begin + span, lowered)
+    motions, end = _record(machine, recorder, float(state.clock[st.NOW]) + span)
     return Tape(motions, end, mirrored, lowered)
+
+
+def unscheduled_state(shooting: Shooting, orbit: Orbit, span: float) -> tuple[EngineState, bool]:
+    """State on an orbit at which the switch is open and no action of it is scheduled, and True if there is one.
+
+    Parameters
+    ----------
+    shooting : Shooting
+    orbit : Orbit
+    span : float
+        Time (s) after its own in which it is looked for.
+    """
+    machine = shooting.machine
+    motions, _ = _record(machine, shooting.load(orbit, tape=MAX_MOTIONS), orbit.time + span)
+    state = shooting.load(orbit)
+    check(machine.run(state, _unscheduled_time(orbit, motions)))
+    return state, not all(motion.scheduled for motion in motions)
 
 
 def _unscheduled_time(orbit: Orbit, motions: tuple[Motion, ...]) -> float:
@@ -86,9 +100,7 @@ def _unscheduled_time(orbit: Orbit, motions: tuple[Motion, ...]) -> float:
     return 0.5 * (longest.begins + longest.ends)
 
 
-def _record(
-    machine: Machine, state: EngineState, t_end: float, lowered: Lowered
-) -> tuple[tuple[Motion, ...], np.ndarray]:
+def _record(machine: Machine, state: EngineState, t_end: float) -> tuple[tuple[Motion, ...], np.ndarray]:
     check(machine.run(state, t_end))
     a, h = int(machine.L[pg.A]), int(machine.L[pg.H])
     count = int(state.D[st.TAPED])

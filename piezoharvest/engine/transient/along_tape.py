@@ -62,6 +62,8 @@ class Switching(NamedTuple):
         States: the current that is cut when the switch opens, or -1; the charge.
     lag : float
         s.
+    timed : int
+        1 if actions follow given causes, 0 if they follow the extrema.
     opened : (c,) int array
     guard_cut : (c, g) int array
     stops : (h,) int array
@@ -80,6 +82,7 @@ class Switching(NamedTuple):
     cut: int
     charge: int
     lag: float
+    timed: int
     opened: np.ndarray
     guard_cut: np.ndarray
     stops: np.ndarray
@@ -101,7 +104,7 @@ class Moving(NamedTuple):
     shift, closing, change : (lanes,) arrays
         Derivatives of the time of the present event, of the last closing, and a scratch.
     cause_time, cause : (r,) and (r, lanes) arrays
-        Last extrema: their times, and the derivatives of these.
+        Last extrema, or all that the switch is timed by: their times, and the derivatives of these.
     """
 
     z: np.ndarray
@@ -338,7 +341,7 @@ def _event(steps, switching, motions, k, near, moving):
     """Take the derivatives across the event at the end of a motion."""
     mode, what, following = motions.mode[k], motions.what[k], motions.starts[k + 1]
     _find_shift(steps, switching, mode, what, motions.ends[k], near, moving)
-    if what == switching.own:
+    if what == switching.own and not switching.timed:
         _remember(motions.ends[k], moving)
     opened, now, later = switching.opened, motions.configuration[k], motions.configuration[k + 1]
     closes = opened[now] == now and opened[later] != later
@@ -387,7 +390,7 @@ def follow(
     terms : tuple of two arrays
         Memory of the shapes of z and d.
     times : (samples,) array
-        s, evenly spaced; the signal is straight between them.
+        s, evenly spaced; a signal that is no sum of tones is straight between them.
     Y : (samples, outputs) array
     dY : (samples, outputs, lanes) array
         Both outputs.
@@ -406,10 +409,13 @@ def follow(
         if sample == 0:
             _write(steps, mode, moving, Y, dY, 0)
             sample = 1
-        _move(steps, mode, own, h, motions.ends[k] - motions.begins[k], moving, terms)
-        while sample < len(times) and motions.ends[k] >= times[sample] - near:
+        now = motions.begins[k]
+        while sample < len(times) and times[sample] <= motions.ends[k] + near:
+            there = min(max(times[sample], now), motions.ends[k])
+            _move(steps, mode, own, h, there - now, moving, terms)
             _write(steps, mode, moving, Y, dY, sample)
-            sample += 1
+            sample, now = sample + 1, there
+        _move(steps, mode, own, h, motions.ends[k] - now, moving, terms)
         if motions.what[k] != NOTHING and k + 1 < len(motions.begins):
             _event(steps, switching, motions, k, near, moving)
     return sample

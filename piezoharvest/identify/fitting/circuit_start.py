@@ -6,17 +6,26 @@ import numpy as np
 
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.identify.noise.noise_model import initial_noise
 from piezoharvest.predict.discrete_model import Setting
 from piezoharvest.records.record import Record
 
 SAMPLES = 5  # first samples, through which a parabola gives value and slope
+# Standard deviations of the noise within which so many first samples are those of a rest: one in 1000 rests is missed.
+REST_DEVIATIONS, REST_SAMPLES = 4.0, 3
 PERIODS = 1.5  # of the structure: in this time the voltage reaches what the diodes allow
 
 
 def circuit_start(record: Record, setting: Setting, shunt: Shunt, transducer: Transducer) -> dict[str, float]:
-    """Start values by name, in units of `setting.sizes`; what no channel shows begins at rest."""
-    x, u = _motion(record)
+    """Start values by name, in units of `setting.sizes`; what no channel shows begins at rest.
+
+    So does all where nothing differs from rest by more than noise: a velocity out of noise alone may have the wrong
+    sign, which lets the switch act once more at the very beginning, and no small step leads back from there.
+    """
+    x, u = (None, None) if record.drive == "displacement" else _motion(record)
     rest = setting.first * _gain(transducer, record.drive) / transducer.stiffness
+    if _is_at_rest(record, rest):
+        return {}
     found = {"x1": None if x is None else x - rest, "u1": u}
     if "voltage" in record.signals:
         voltage = float(record["voltage"][0])
@@ -28,6 +37,19 @@ def circuit_start(record: Record, setting: Setting, shunt: Shunt, transducer: Tr
         for name, size in zip(setting.free, setting.sizes, strict=True)
         if (value := found.get(name)) is not None
     }
+
+
+def _is_at_rest(record: Record, rest: float) -> bool:
+    """True if the first samples show a structure, electrodes and a dc side that rest, as far as noise lets them."""
+    resting = {"displacement": rest, "velocity": 0.0, "voltage": 0.0, "dc_voltage": 0.0, "dc_current": 0.0}
+    shown = {name: signal for name, signal in record.signals.items() if name in resting and name != record.drive}
+    if not {"displacement", "velocity"} & set(shown):
+        return False
+    for name, signal in shown.items():
+        noise = initial_noise(signal.values) if signal.sigma is None else signal.sigma
+        if np.max(np.abs(signal.values[:REST_SAMPLES] - resting[name])) > REST_DEVIATIONS * noise:
+            return False
+    return True
 
 
 def _gain(transducer: Transducer, drive: str) -> float:

@@ -15,7 +15,7 @@ from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.fitting.circuit_start import circuit_start
 from piezoharvest.identify.noise.drive_denoising import denoised
 from piezoharvest.identify.noise.noise_model import initial_noise
-from piezoharvest.predict.circuit.setting import circuit_setting, has_events
+from piezoharvest.predict.circuit.setting import circuit_setting, has_events, periodic_setting
 from piezoharvest.predict.discrete_model import STEPS_AFTER_JUMP, Setting, setting_of
 from piezoharvest.predict.drive import MIN_JUMP_RATIO
 from piezoharvest.records.checks.unused import unused
@@ -62,6 +62,8 @@ class Data:
         clips the noise.
     start : mapping of str to float
         Start values of nuisance parameters that do not start at zero, by name.
+    hidden : (samples,) array of bool, optional
+        Samples behind a circuit that a fit leaves out.
     """
 
     name: str
@@ -73,6 +75,7 @@ class Data:
     sigma: Mapping[str, float]
     scatter: Mapping[str, float]
     start: Mapping[str, float] = field(default_factory=dict)
+    hidden: np.ndarray | None = None
 
     @property
     def drive(self) -> str:
@@ -120,12 +123,18 @@ def data_of(record: Record, transducer: Transducer) -> Data:
         raise CampaignError(record.name, record.key, "the record has its drive alone, at least one response is needed")
     check_channels(record)
     sigma = {c: s.sigma for c, s in record.signals.items() if s.sigma is not None}
-    drive, clean = record[record.drive], clean_drive(record.signals[record.drive])
+    drive = record[record.drive]
+    clean = drive if record.periodic else clean_drive(record.signals[record.drive])
     noise = {c: sigma.get(c, unclipped_noise(record[c])) for c in channels}
     scatter = {c: noise[c] if is_clipped(record[c]) else 0.0 for c in channels}
     shunt = record.shunt
+    if record.harmonics is not None:
+        settled = periodic_setting(record.drive, shunt, step, len(record), record.harmonics, transducer)
+        rest = drive - record.harmonics.at(step * np.arange(len(record)))
+        return Data(record.name, record.role, record, settled, rest, channels, sigma, scatter)
     if has_events(shunt, record.drive):
-        behind = circuit_setting(record.drive, shunt, step, clean, transducer, _range_of(record, "displacement"))
+        moved = _range_of(record, "displacement")
+        behind = circuit_setting(record.drive, shunt, step, clean, transducer, moved, record.gate)
         start = circuit_start(record, behind, shunt, transducer)
         return Data(record.name, record.role, record, behind, drive - clean, channels, sigma, scatter, start)
     abrupt = any(begins_abruptly(record[c], noise[c]) for c in channels) and not begins_abruptly(clean, 0.0, (1,))

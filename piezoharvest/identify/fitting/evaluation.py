@@ -15,7 +15,7 @@ from piezoharvest.identify.fitting.model import Model, prediction_of
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.noise.noise_model import Noise
 from piezoharvest.identify.threads import cores
-from piezoharvest.predict.circuit.setting import has_events
+from piezoharvest.predict.circuit.setting import by_engine
 
 R = TypeVar("R")
 
@@ -49,7 +49,7 @@ def sums_of(
     if len(white) == 1:  # a thread's memory is kept for the next one, which adds up for a long record
         return (white[0].sums(model, nuisance[0], scatter),)
     for data in problem.data:
-        if isinstance(data, Data) and not has_events(data.setting.shunt, data.drive):
+        if isinstance(data, Data) and not by_engine(data.setting):
             model.lowered(data)
     return map_records(lambda each, mine: each.sums(model, mine, scatter), white, nuisance)
 

@@ -127,7 +127,8 @@ class Whitener:
             return None
         drive, noise = data.record[data.drive] - data.rest, self._noise.sigma.get(data.drive, 0.0)
         signal = data.record.signals[data.drive]
-        return sample_weights(prediction.plain, data.channels, signal, drive, self._noise.sigma, noise)
+        weights = sample_weights(prediction.plain, data.channels, signal, drive, self._noise.sigma, noise)
+        return weights if data.hidden is None else np.where(data.hidden[:, None], 0.0, weights)
 
     def weighted(self, begin: int, values: np.ndarray) -> np.ndarray:
         """Residuals of consecutive samples, or their derivatives, (samples, channels, ...), each with its weight."""

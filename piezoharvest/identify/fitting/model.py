@@ -14,10 +14,11 @@ from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.noise.noise_gain import small_response, specimen_gain
 from piezoharvest.predict.any_prediction import AnyPrediction
 from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
-from piezoharvest.predict.circuit.setting import has_events
+from piezoharvest.predict.circuit.periodic_prediction import PeriodicPrediction
+from piezoharvest.predict.circuit.setting import by_engine
 from piezoharvest.predict.discrete_model import DiscreteModel
 from piezoharvest.predict.parameters import Parameter, put, value_at
-from piezoharvest.predict.prediction import Prediction
+from piezoharvest.predict.prediction import Block, Prediction, PredictionError
 from piezoharvest.predict.sensors import Course, any_delays, sensed
 
 SUBSAMPLES = 4  # parts of a sample that resolve corners of hysteresis if a channel is delayed
@@ -58,8 +59,9 @@ class Model:
 
     def prediction(self, data: Data, nuisance: np.ndarray | None = None) -> AnyPrediction:
         """Prediction of a record with its nuisance parameters, in the order of its `nuisance_names`."""
-        if has_events(data.setting.shunt, data.drive):
-            return CircuitPrediction(
+        if by_engine(data.setting):
+            of_engine = CircuitPrediction if data.setting.harmonics is None else PeriodicPrediction
+            return of_engine(
                 self.transducer, data.setting, self.parameters, nuisance, relaxed=self.relaxed, felt=self.felt
             )
         lowered = self.lowered(data)
@@ -186,7 +188,7 @@ def residual_blocks(
     prediction = model.prediction(data, states)
     h, effects = data.setting.sample_time, model.transducer.effects
     parts = SUBSAMPLES if any_delays(effects, data.channels) and prediction.bends else 1
-    for block in prediction.blocks(derivatives, channels=data.channels, parts=parts):
+    for block in _predicted(prediction, data, derivatives, parts):
         end = block.begin + len(block.values)
         time = (np.arange(block.begin, end) - 0.5 * len(data)) * h
         predicted, slopes = block.values, None
@@ -205,6 +207,14 @@ def residual_blocks(
                     slopes[sample - block.begin, c] = 0.0
                     slopes[sample - block.begin, c, k - len(first) - len(more)] = 1.0
         yield prediction, block.begin, residual, slopes
+
+
+def _predicted(prediction: AnyPrediction, data: Data, derivatives: bool, parts: int) -> Iterator[Block]:
+    """Blocks of a prediction, whose errors say which record they are about."""
+    try:
+        yield from prediction.blocks(derivatives, channels=data.channels, parts=parts)
+    except PredictionError as error:
+        raise PredictionError(f"{data.name}: {error}") from None
 
 
 def evaluated(model: Model, data: Data, nuisance: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:

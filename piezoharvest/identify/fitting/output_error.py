@@ -164,6 +164,8 @@ def covariance(found: Fit, fixed: Sequence[int] = ()) -> np.ndarray:
     if np.all(excess == 1.0) and not any(np.any(part.scatter) for part in found.sums):
         return bread
     total = bread @ (meat + found.prior) @ bread
+    # Of parameters that are determined by their ratio only, rounding leaves 1e-8 of asymmetry.
+    total = 0.5 * (total + total.T)
     # By rounding, variances of badly determined parameters may be less than with white noise, or negative.
     np.fill_diagonal(total, np.maximum(np.diag(total), np.diag(bread)))
     return total

@@ -23,8 +23,9 @@ NOISE_STANDARD_ERRORS = 3.0  # standard errors by which a noise may be below tha
 MIN_RELATIVE_NOISE = 1e-6  # of its range: least noise of a channel
 # Prior standard deviations of nuisance parameters that a record may not determine: the logarithm of the duration of a
 # jump, which shows only in overshoots; the initial states of stops, relative to their thresholds; and initial states
-# behind a circuit, relative to the largest ones that the nominal model reaches from rest.
-NUISANCE_PRIORS = {"rise": 2.0, "history": 1.0, "start": 3.0}
+# behind a circuit, relative to the largest ones that the nominal model reaches from rest. An edge of a gate is anywhere
+# within its sample, from -1 to 1, with the standard deviation of that.
+NUISANCE_PRIORS = {"rise": 2.0, "history": 1.0, "start": 3.0, "edge": 3.0**-0.5}
 
 
 FAST = ("voltage", "current", "acceleration")  # channels that change fast where a switch acts

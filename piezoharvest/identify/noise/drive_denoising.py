@@ -50,8 +50,12 @@ def denoised(values: np.ndarray, sigma: float) -> np.ndarray:
     -------
     (n,) array
     """
-    found, plateaus = _locally_averaged(values, sigma)
-    return _fit_tones(values, plateaus, sigma, found)
+    levels, averages = _averages(values, sigma)
+    plateaus = _plateaus(values, levels, averages, sigma)
+    steady = _steady_tones(values, plateaus, sigma)
+    if steady is not None:
+        return steady
+    return _fit_tones(values, plateaus, sigma, _locally_averaged(values, levels, averages, plateaus, sigma))
 
 
 def high_frequency_noise(values: np.ndarray) -> tuple[float, int] | None:
@@ -67,30 +71,50 @@ def high_frequency_noise(values: np.ndarray) -> tuple[float, int] | None:
     return (sigma, len(values) - begin) if sigma > MIN_NOISE * np.ptp(values) else None
 
 
-def _locally_averaged(values: np.ndarray, sigma: float) -> tuple[np.ndarray, list[tuple[int, int]]]:
-    """Drive of any kind without noise, and the runs (first, last) in which it is constant."""
+def _averages(values: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """Level of the window about every sample, and the averages of those from `MIN_LEVEL` on; others are zero."""
     sums = np.concatenate([[0.0], np.cumsum(values - values[0])])
     levels = _window_levels(values, sums, sigma) - SPARE_LEVELS
-    found, plateaus = np.empty(len(values)), []
-    bounds = np.array([0, *(jumps_of(values) + 1), len(values)])
-    for begin, end in pairwise(bounds):
-        found[begin:end] = _without_high_frequencies(values[begin:end], sigma)
+    averages = np.zeros(len(values))
     for level in range(MIN_LEVEL, WINDOW_LEVELS - SPARE_LEVELS + 1):
         places = np.flatnonzero(levels == level)
-        found[places] = _average(sums, places, level) + values[0]
+        averages[places] = _average(sums, places, level) + values[0]
+    return levels, averages
+
+
+def _plateaus(values: np.ndarray, levels: np.ndarray, averages: np.ndarray, sigma: float) -> list[tuple[int, int]]:
+    """Runs (first, last) of samples in which a drive is constant."""
+    found, bounds = [], _bounds(values)
     for first, last in runs(levels >= MIN_LEVEL):
         part = slice(first, last + 1)
         mean = values[part].mean()
-        off = (found[part] - mean) * np.sqrt(2.0 ** (levels[part] + 1))
+        off = (averages[part] - mean) * np.sqrt(2.0 ** (levels[part] + 1))
         if np.abs(off).max() < MAX_CONSTANT_DEVIATION * sigma:
             begin, end = bounds[bounds <= first].max(), bounds[bounds > last].min()
             first = begin if _is_constant(values[begin:first][::-1], mean, sigma) else first
             last = end - 1 if _is_constant(values[last + 1 : end], mean, sigma) else last
-            found[first : last + 1] = values[first : last + 1].mean()
-            plateaus.append((int(first), int(last)))
+            found.append((int(first), int(last)))
+    return found
+
+
+def _bounds(values: np.ndarray) -> np.ndarray:
+    """First samples of the parts between jumps, and the number of samples."""
+    return np.array([0, *(jumps_of(values) + 1), len(values)])
+
+
+def _locally_averaged(
+    values: np.ndarray, levels: np.ndarray, averages: np.ndarray, plateaus: list[tuple[int, int]], sigma: float
+) -> np.ndarray:
+    """Drive of any kind without noise."""
+    found = np.empty(len(values))
+    for begin, end in pairwise(_bounds(values)):
+        found[begin:end] = _without_high_frequencies(values[begin:end], sigma)
+    found = np.where(levels >= MIN_LEVEL, averages, found)
+    for first, last in plateaus:
+        found[first : last + 1] = values[first : last + 1].mean()
     for (_, last), (first, _) in pairwise(plateaus):
         _clip_between(values, found, last, first, sigma)
-    return found, plateaus
+    return found
 
 
 def _clip_between(values: np.ndarray, found: np.ndarray, last: int, first: int, sigma: float) -> None:
@@ -104,19 +128,30 @@ def _clip_between(values: np.ndarray, found: np.ndarray, last: int, first: int, 
         found[part] = np.clip(found[part], low, high)
 
 
-def _fit_tones(values: np.ndarray, plateaus: list[tuple[int, int]], sigma: float, otherwise: np.ndarray) -> np.ndarray:
-    """Drive as a sum of sines, from where on these leave only noise: at once, after a rest or after a build-up."""
+def _moves_later(values: np.ndarray, plateaus: list[tuple[int, int]]) -> tuple[int, bool]:
+    """Samples of a rest at the beginning, and whether a drive may be a sum of sines after it."""
     count = len(values)
     rest = plateaus[0][1] + 1 if plateaus and plateaus[0][0] == 0 else 0
     moving = count - sum(last + 1 - first for first, last in plateaus)
-    if (
-        rest > HIGHEST_OCTAVE * count
-        or moving < HIGHEST_OCTAVE * (count - rest)
-        or len(jumps_of(values))
-        or count < 4 * MIN_LINES
-    ):
+    still = rest > HIGHEST_OCTAVE * count or moving < HIGHEST_OCTAVE * (count - rest)
+    return rest, not (still or len(jumps_of(values)) or count < 4 * MIN_LINES)
+
+
+def _steady_tones(values: np.ndarray, plateaus: list[tuple[int, int]], sigma: float) -> np.ndarray | None:
+    """Drive as a sum of sines throughout, or None: the usual one, for which no other way needs to be tried."""
+    rest, moves = _moves_later(values, plateaus)
+    fitted = tones(values) if moves and not rest else None
+    found = None if fitted is None else fitted.since(0)
+    return found if found is not None and _is_noise(values - found, sigma) else None
+
+
+def _fit_tones(values: np.ndarray, plateaus: list[tuple[int, int]], sigma: float, otherwise: np.ndarray) -> np.ndarray:
+    """Drive as a sum of sines, from where on these leave only noise: after a rest or after a build-up."""
+    count = len(values)
+    rest, moves = _moves_later(values, plateaus)
+    if not moves:
         return otherwise
-    for begin in (rest + ONSET_SAMPLES if rest else 0, *(max(rest, count // part) for part in BUILD_UP_PARTS)):
+    for begin in (*((rest + ONSET_SAMPLES,) if rest else ()), *(max(rest, count // part) for part in BUILD_UP_PARTS)):
         fitted = tones(values[begin:])
         if fitted is None or not _is_noise(values[begin:] - fitted.since(0), sigma):
             continue
@@ -125,7 +160,7 @@ def _fit_tones(values: np.ndarray, plateaus: list[tuple[int, int]], sigma: float
             # The motion begins where the sines fit the measured drive better than the rest value.
             better = np.cumsum((values[:begin] - otherwise[0]) ** 2 - (values[:begin] - found[:begin]) ** 2)
             found[: int(np.argmin(better)) + 1] = otherwise[0]
-        if begin and not _is_noise(values - found, sigma):
+        if not _is_noise(values - found, sigma):
             found = _after_build_up(values, found, otherwise, begin, fitted.angles, sigma)
         return found
     return otherwise

@@ -1,4 +1,4 @@
-"""Noise that the noise of the drive adds where a circuit switches: the switch acts earlier or later.
+"""Noise that the noise of the drive, or of a recorded gate, adds where a circuit switches: earlier or later.
 
 A voltage inverted within a few samples changes by far more in a shift of a thousandth of a sample than its sensor's
 noise. Such samples count for as much as they are known.
@@ -13,8 +13,9 @@ import numpy as np
 
 from piezoharvest.identify.noise.noise_gain import small_response
 from piezoharvest.identify.noise.noisy_drives import noisy_drives
-from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
-from piezoharvest.predict.circuit.measured_drive import straight_drive
+from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction, loose_edges
+from piezoharvest.predict.circuit.setting import redriven
+from piezoharvest.predict.discrete_model import Setting
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.record import Signal
 
@@ -27,8 +28,9 @@ def sample_weights(
 ) -> np.ndarray:  # fmt: skip
     """Weights (samples, channels) of residuals: the sensors' noise over all that is not known there.
 
-    By simulation: noise is added to the drive and removed again as from a measured one. What the prediction then
-    changes by, beyond the linear response that whitening allows for, is not known.
+    By simulation: noise is added to the drive and removed again as from a measured one, and the edges of a gate are put
+    elsewhere within their samples. What the prediction then changes by, beyond the linear response that whitening
+    allows for, is not known.
 
     Parameters
     ----------
@@ -45,18 +47,33 @@ def sample_weights(
         That of the drive.
     """
     own = np.array([sigma[channel] for channel in channels])
-    if noise == 0.0:
+    if noise == 0.0 and not _is_loose(prediction.setting):
         return np.ones((len(drive), len(channels)))
     base, squares, count = _values(prediction, channels), np.zeros((len(drive), len(channels))), 0
-    for noisy in noisy_drives(signal, drive, noise, REALISATIONS):
-        setting = replace(prediction.setting, first=float(noisy[0]), motion=straight_drive(noisy))
-        again = CircuitPrediction(prediction.transducer, setting, (), prediction.nuisance, relaxed=prediction.relaxed)
+    drives = noisy_drives(signal, drive, noise, REALISATIONS) if noise > 0.0 else [drive] * REALISATIONS
+    for seed, noisy in enumerate(drives):
+        setting = _retimed(redriven(prediction.setting, noisy), seed)
+        again = type(prediction)(prediction.transducer, setting, (), prediction.nuisance, relaxed=prediction.relaxed)
         try:
             off = _values(again, channels) - base - small_response(prediction, channels, noisy - drive)
         except PredictionError:
             continue
         squares, count = squares + off**2, count + 1
     return own / np.sqrt(own**2 + squares / max(count, 1))
+
+
+def _retimed(setting: Setting, seed: int) -> Setting:
+    """Setting with the edges of its gate elsewhere within their samples, unless their places are fitted."""
+    gate = setting.gate
+    if gate is None or not _is_loose(setting):
+        return setting
+    off = np.random.default_rng([len(gate.times), seed]).uniform(-gate.error, gate.error, len(gate.times))
+    return replace(setting, gate=gate._replace(times=gate.times + off))
+
+
+def _is_loose(setting: Setting) -> bool:
+    """True if edges of a gate are somewhere within their samples, and too many to be fitted."""
+    return setting.gate is not None and setting.gate.error > 0.0 and not loose_edges(setting)
 
 
 def _values(prediction: CircuitPrediction, channels: Sequence[str]) -> np.ndarray:

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from piezoharvest.description.excitation import Ramps
+from piezoharvest.description.excitation import Excitation, Ramps
 from piezoharvest.description.parameters import COMPLEX_STEP
 from piezoharvest.description.shunts import Resistor, Shunt
 from piezoharvest.description.system import System
@@ -25,7 +25,7 @@ from piezoharvest.engine.lowering.lower import Lowered, lower
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.sensitivity.dual_modes import nominal
 from piezoharvest.engine.steady_search import EngineError
-from piezoharvest.engine.transient.variation import PlainRun, SampledRun
+from piezoharvest.engine.transient.variation import PlainRun, SampledRun, TimedSwitch
 from piezoharvest.equations.rows import connected
 from piezoharvest.equations.terms import Terms
 from piezoharvest.predict.circuit.differences import differences
@@ -40,7 +40,13 @@ from piezoharvest.predict.prediction import BLOCK, Block, Prediction, Prediction
 
 T = TypeVar("T")
 CHANNELS = ("displacement", "velocity", "acceleration", "voltage", "current", "dc_voltage", "dc_current")
+# Channels that are read from an output of another name: a current through a load, a force that an imposed motion takes.
+OUTPUT_OF = {"dc_current": "dc_voltage", "force": "drive"}
 MAX_CONDUCTANCE, MIN_CONDUCTANCE = 1e3, 1e-3  # times w C: a load that is all but a short, or none, for small noise
+
+# Edges of a gate that are fitted: the time for a derivative grows with their number. Of more of them, each is known to
+# a smaller share of what the record tells of the parameters, and samples near them count less (`event_noise`).
+MAX_EDGES = 200
 
 
 class CircuitPrediction:
@@ -50,12 +56,13 @@ class CircuitPrediction:
     ----------
     transducer : Transducer
     setting : Setting
-        Its drive is a force or a base acceleration.
+        Its drive is a force, a base acceleration or a displacement.
     parameters : sequence of Parameter
         Variables of the derivatives.
     nuisance : (n,) array, optional
         Named in `nuisance_names`: deviations of the initial states from rest, in units of `Setting.sizes`; the initial
-        output of every stop as fraction of its threshold. `nuisance_limits` are bounds of their magnitudes.
+        output of every stop as fraction of its threshold; the shifts of a gate's edges within their samples, as shares
+        of what these may be. `nuisance_limits` are bounds of their magnitudes.
     relaxed : bool
         Stops begin at zero.
     felt : int, optional
@@ -76,9 +83,10 @@ class CircuitPrediction:
         hysteresis = transducer.hysteresis
         stops = 0 if relaxed or hysteresis is None else len(hysteresis.thresholds)
         memories = tuple(f"history q{k}" for k in range(stops))
-        self.nuisance_names = (*(f"start {name}" for name in setting.free), *memories)
+        edges = tuple(f"edge {k}" for k in range(loose_edges(setting)))
+        self.nuisance_names = (*(f"start {name}" for name in setting.free), *memories, *edges)
         self.nuisance = np.zeros(len(self.nuisance_names)) if nuisance is None else nuisance
-        self.nuisance_limits = np.concatenate([np.full(len(setting.free), np.inf), np.ones(stops)])
+        self.nuisance_limits = np.concatenate([np.full(len(setting.free), np.inf), np.ones(stops + len(edges))])
 
     # Description with complex steps.
 
@@ -95,7 +103,7 @@ class CircuitPrediction:
     @cached_property
     def _drive(self) -> np.ndarray:
         lines = self.setting.motion.coefficients
-        return np.append(lines[:, 0], lines[-1, 0] + lines[-1, 1])
+        return np.append(lines[:, 0], lines[-1].sum())
 
     @cached_property
     def _stepped(self) -> Transducer:
@@ -114,25 +122,35 @@ class CircuitPrediction:
 
         Where such an effect is not at its null value, they are all.
         """
-        base = "base_acceleration" if self.setting.drive == "base_acceleration" else "force"
-        device = replace(self._device, effects=())
+        device, passes = replace(self._device, effects=()), self.record_time is not None
         smooth = [
             n for n, effect in enumerate(self._stepped.effects)
-            if Terms(replace(device, effects=(effect,)), base, passes=True).elements
+            if Terms(replace(device, effects=(effect,)), self.setting.drive, passes=passes).elements
         ]  # fmt: skip
         if not all(self.transducer.effects[n].absent for n in smooth):
             return tuple(range(len(self.parameters)))
         return tuple(k for k, p in enumerate(self.parameters) if p.path[0] == "effects" and p.path[1] in smooth)
 
     @cached_property
+    def excitation(self) -> Excitation:
+        """The drive of the record; of an imposed displacement the acceleration of its spline."""
+        setting, step = self.setting, self.setting.sample_time
+        if setting.drive == "displacement":
+            bends = setting.motion.coefficients[:, 2:]
+            values = np.append(2.0 * bends[:, 0], 2.0 * bends[-1, 0] + 6.0 * bends[-1, 1]) / step**2
+            return MeasuredDrive(values=values, sample_rate=1.0 / step, imposed=True)
+        return MeasuredDrive(values=self._drive, sample_rate=1.0 / step, base=setting.drive == "base_acceleration")
+
+    @property
+    def record_time(self) -> float | None:
+        """Time (s) that passes in the record, for effects that change during it."""
+        return self.setting.sample_time * (self.setting.count - 1)
+
+    @cached_property
     def lowered(self) -> Lowered:
         """Matrices of all modes, with complex steps of the parameters."""
-        setting = self.setting
-        excitation = MeasuredDrive(
-            values=self._drive, sample_rate=1.0 / setting.sample_time, base=setting.drive == "base_acceleration"
-        )
         with np.errstate(all="ignore"):  # the energy of an effect at its null value, which no motion depends on
-            found = lower(System(self._stepped, self._shunt), excitation, float(excitation.length))
+            found = lower(System(self._stepped, self._shunt), self.excitation, self.record_time)
         return found._replace(program=_magnified(found.program))
 
     @cached_property
@@ -140,7 +158,7 @@ class CircuitPrediction:
         """The same without parameters."""
         if not self.parameters:
             return self
-        return CircuitPrediction(self.transducer, self.setting, (), self.nuisance, relaxed=self.relaxed)
+        return type(self)(self.transducer, self.setting, (), self.nuisance, relaxed=self.relaxed)
 
     # Prediction.
 
@@ -170,26 +188,31 @@ class CircuitPrediction:
             yield from differences(self, smooth, wanted, size)
             return
         of = self if derivatives else self.plain
-        names = list(dict.fromkeys([*NEEDED, *("dc_voltage" if name == "dc_current" else name for name in wanted)]))
-        places = [names.index("dc_voltage" if name == "dc_current" else name) for name in wanted]
+        outputs = [OUTPUT_OF.get(name, name) for name in wanted]
+        names = list(dict.fromkeys([*NEEDED, *outputs]))
+        places = [names.index(name) for name in outputs]
         for begin, values, slopes in of._run(names, size, derivatives):
-            of._read(begin, values, slopes)
             values, slopes = values[:, places], slopes[:, places]
             of._through_load(wanted, values, slopes)
             yield Block(begin, values, slopes, None)
 
     def _run(self, names: Sequence[str], size: int, derivatives: bool) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """Blocks (first sample, outputs, derivatives) of the engine's outputs."""
+        """Blocks (first sample, outputs, derivatives) of the engine's outputs; the displacement is its sensor's."""
         count, last = len(self.parameters), self.setting.count - 1
         signal = self.lowered.signal
         assert isinstance(signal, Ramps)
         times = signal.times  # one for each sample
         try:
-            state, changes = initial_state(self.lowered, self.setting, count, self.nuisance)
+            edges = loose_edges(self.setting)
+            begun = self.nuisance[: len(self.nuisance) - edges]
+            state, changes = initial_state(self.lowered, self.setting, count, begun)
+            changes = np.pad(changes, ((0, 0), (0, edges)))
+            plain = self.lowered._replace(program=nominal(self.lowered.program))
+            switch = self._timed(plain.program)
             if derivatives:
-                run = SampledRun(self.lowered, count, times, state, changes, names)
+                run = SampledRun(self.lowered, count, times, state, changes, names, switch)
             else:
-                run = PlainRun(self.lowered._replace(program=nominal(self.lowered.program)), times, state, names)
+                run = PlainRun(plain, times, state, names, switch)
             for begin, end in pairwise([0, *range(size - 1, last, size), last]):
                 first = 0 if begin == 0 else 1  # the sample before a block is not written again
                 if isinstance(run, SampledRun):
@@ -197,18 +220,30 @@ class CircuitPrediction:
                 else:
                     values = run.through(begin, end)
                     slopes = np.zeros((*values.shape, 0))
-                yield begin + first, values[first:], slopes[first:]
+                values, slopes = values[first:], slopes[first:]
+                self._read(self._drive[begin + first :][: len(values)], values, slopes)
+                yield begin + first, values, slopes
         except EngineError as error:
             raise PredictionError(str(error)) from None
 
-    def _read(self, begin: int, values: np.ndarray, slopes: np.ndarray) -> None:
-        """Let the displacement sensor read."""
-        if not self.transducer.effects:
+    def _timed(self, program: pg.Program) -> TimedSwitch | None:
+        """The switch of the circuit where a recorded gate times it."""
+        gate, lanes = self.setting.gate, len(self.parameters) + len(self.nuisance)
+        if gate is None:
+            return None
+        causes, changes, loose = gate.times.copy(), np.zeros((len(gate.times), lanes)), loose_edges(self.setting)
+        if loose:
+            causes += gate.error * self.nuisance[-loose:]
+            changes[:, -loose:] = gate.error * np.eye(loose)
+        return TimedSwitch(causes, changes, program)
+
+    def _read(self, drive: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> None:
+        """Let the displacement sensor read in some samples, with these values of the drive."""
+        if not self.transducer.effects or self.setting.drive == "displacement":
             return
         lanes, device = slopes.shape[2], self._device
         tangents = [stepped(device, p, p.inner(value_at(self.transducer, p.path))) for p in self.parameters[:lanes]]
         devices = [device, *tangents, *[device] * (lanes - len(tangents))]
-        drive = self._drive[begin : begin + len(values)]
         read_displacement(devices, self.setting.drive, drive, values, slopes, self.setting.sample_time)
 
     def _through_load(self, wanted: Sequence[str], values: np.ndarray, slopes: np.ndarray) -> None:
@@ -249,6 +284,12 @@ class CircuitPrediction:
     def settle(self) -> None:
         """Propagate through the record unless already done, so that `linear` is known."""
         self.linear.settle()
+
+
+def loose_edges(setting: Setting) -> int:
+    """Number of edges of a gate whose places within their samples are nuisance parameters."""
+    gate = setting.gate
+    return 0 if gate is None or gate.error == 0.0 or len(gate.times) > MAX_EDGES else len(gate.times)
 
 
 def _outer(parameter: Parameter, inner: np.ndarray) -> np.ndarray:

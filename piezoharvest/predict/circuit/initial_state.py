@@ -19,7 +19,7 @@ MARGIN = 1e-9  # of the largest charge: far below what a sensor resolves
 def initial_state(
     lowered: Lowered, setting: Setting, count: int, nuisance: np.ndarray
 ) -> tuple[EngineState, np.ndarray]:
-    """State at the first sample: rest under the first value of the drive, and deviations from it.
+    """State at the first sample: rest under the first value of the drive, or what is known, and deviations from it.
 
     Parameters
     ----------
@@ -42,6 +42,10 @@ def initial_state(
     scale, rest = (_of(program, name, count) for name in ("scale", "equilibrium"))
     z, d = rest.value.copy(), np.zeros((len(rest.value), count + len(nuisance)))
     d[:, :count] = rest.change.T
+    for name, value in setting.fixed:
+        row = lowered.states.index(name)
+        z[row] += value / scale.value[row]
+        d[row, :count] -= value / scale.value[row] ** 2 * scale.change[:, row]
     for k, (name, size) in enumerate(zip(setting.free, setting.sizes, strict=True)):
         row = lowered.states.index(name)
         slope = size / scale.value[row]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from piezoharvest.description.excitation import Samples
 from piezoharvest.predict.drive import Drive, corners_of, jumps_of
@@ -12,13 +13,28 @@ from piezoharvest.predict.drive import Drive, corners_of, jumps_of
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredDrive(Samples):
-    """Drive of a record: a force in N, or a base acceleration in m/s^2.
+    """Drive of a record: a force in N, a base acceleration or, `imposed`, the acceleration of the structure in m/s^2.
 
     It stands for no key of a study, so it has no kind.
     """
 
     values: np.ndarray = field(repr=False, compare=False)
     base: bool = False  # type: ignore[misc]
+    imposed: bool = False  # type: ignore[misc]
+
+    @property
+    def rest(self) -> float:
+        """What acts at rest: no acceleration does."""
+        return 0.0 if self.imposed else float(self.values[0])
+
+
+def imposed_motion(values: np.ndarray) -> Drive:
+    """Cubic spline through the samples of an imposed displacement, whose acceleration is straight between them.
+
+    It has no corners: a structure with mass does not jump.
+    """
+    spline = CubicSpline(np.arange(len(values)), values)
+    return Drive(np.ascontiguousarray(spline.c[::-1].T), np.zeros(0, int))
 
 
 def straight_drive(values: np.ndarray) -> Drive:

@@ -12,12 +12,15 @@ from piezoharvest.description.shunts import LinearShunt, Shunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.equations.terms import state_names
 from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
-from piezoharvest.predict.circuit.measured_drive import straight_drive
+from piezoharvest.predict.circuit.measured_drive import imposed_motion, straight_drive
 from piezoharvest.predict.discrete_model import Setting
 from piezoharvest.predict.drive import Drive, drive_of
 from piezoharvest.predict.prediction import PredictionError
+from piezoharvest.records.gate import Edges
+from piezoharvest.records.harmonics import Harmonics
 
-DRIVES = ("force", "base_acceleration")
+DRIVES = ("force", "base_acceleration", "displacement")
+IN_STEADY_STATE = DRIVES[:2]
 MIN_SHARE = 1e-6  # of the largest possible value: least size of an initial state
 
 
@@ -26,14 +29,71 @@ def has_events(shunt: Shunt | None, drive: str) -> TypeGuard[Shunt]:
     return drive != "voltage" and shunt is not None and not isinstance(shunt, LinearShunt)
 
 
-def motion_of(drive: str, shunt: Shunt | None, values: np.ndarray) -> Drive:
-    """Course of a drive between its samples, as it is predicted with."""
-    return straight_drive(values) if has_events(shunt, drive) else drive_of(values)
+def by_engine(setting: Setting) -> bool:
+    """True if a record is predicted by the engine: one behind diodes or switches, or one in steady state."""
+    return setting.harmonics is not None or has_events(setting.shunt, setting.drive)
+
+
+def redriven(setting: Setting, values: np.ndarray) -> Setting:
+    """Setting with other samples of the drive."""
+    if setting.harmonics is not None:
+        return _in_steady_state(setting, setting.harmonics.refitted(values, setting.sample_time))
+    course = _course(setting.drive, values) if by_engine(setting) else drive_of(values)
+    return replace(setting, first=float(values[0]), motion=course)
+
+
+def _course(drive: str, values: np.ndarray) -> Drive:
+    """Course of a drive behind a circuit between its samples."""
+    return imposed_motion(values) if drive == "displacement" else straight_drive(values)
+
+
+def _in_steady_state(setting: Setting, harmonics: Harmonics) -> Setting:
+    """Setting with a periodic drive."""
+    values = harmonics.at(setting.sample_time * np.arange(setting.count))
+    return replace(setting, first=float(values[0]), motion=drive_of(values), harmonics=harmonics)
+
+
+def periodic_setting(
+    drive: str, shunt: Shunt | None, sample_time: float, count: int, harmonics: Harmonics, transducer: Transducer
+) -> Setting:
+    """Setting of a few periods in steady state: nothing of where it begins is free.
+
+    Parameters
+    ----------
+    drive : str
+    shunt : Shunt or None
+    sample_time : float
+        s.
+    count : int
+        Samples.
+    harmonics : Harmonics
+        The drive without its noise.
+    transducer : Transducer
+        Nominal.
+
+    Raises
+    ------
+    ParameterError
+        The drive is no force or base acceleration, or the switch's timing is none for this frequency.
+    """
+    if drive not in IN_STEADY_STATE or shunt is None:
+        allowed = " and ".join(IN_STEADY_STATE)
+        raise ParameterError("drive", f"found {drive!r} in steady state, allowed are {allowed}")
+    _check_timing(shunt, transducer, harmonics.period)
+    return _in_steady_state(Setting(drive, shunt, sample_time, 0.0, drive_of(np.zeros(count)), count), harmonics)
+
+
+def _check_timing(shunt: Shunt, transducer: Transducer, period: float | None) -> None:
+    try:
+        shunt.switch(transducer.capacitance, period)
+    except ParameterError as error:
+        raise error.within("shunt") from None
 
 
 def circuit_setting(
-    drive: str, shunt: Shunt, sample_time: float, values: np.ndarray, transducer: Transducer, moved: float = 0.0
-) -> Setting:
+    drive: str, shunt: Shunt, sample_time: float, values: np.ndarray, transducer: Transducer, moved: float = 0.0,
+    gate: Edges | None = None,
+) -> Setting:  # fmt: skip
     """Setting from the samples of the drive; the states of structure, electrodes and dc side have free initial values.
 
     Parameters
@@ -48,23 +108,30 @@ def circuit_setting(
         Nominal. Its largest values in the record, from rest, are the units of the initial values.
     moved : float
         Half of the range of the measured displacement, m; 0 if there is none.
+    gate : Edges, optional
+        When the switch acts, where it was recorded.
 
     Raises
     ------
     ParameterError
-        The drive is no force or base acceleration, or the switch's timing is that of a drive with a frequency.
+        The drive is none of these, or the switch's timing is that of a drive with a frequency, or it has none.
     """
     if drive not in DRIVES:
         raise ParameterError(
-            "drive", f"found {drive!r} for a record behind {shunt.kind}, allowed are {' and '.join(DRIVES)}"
+            "drive", f"found {drive!r} for a record behind {shunt.kind}, allowed are {', '.join(DRIVES)}"
         )
-    try:
-        shunt.switch(transducer.capacitance, None)
-    except ParameterError as error:
-        raise error.within("shunt") from None
-    names = state_names(transducer)
+    _check_timing(shunt, transducer, None)
+    if drive == "displacement" and gate is None and shunt.switch(transducer.capacitance, None) is not None:
+        found = f"found an imposed displacement behind {shunt.kind}, whose switch would act at the extrema of its noise"
+        raise ParameterError("drive", f"{found}, needed is a channel gate that times it")
+    # An imposed motion is known from the first sample on.
+    names = state_names(transducer)[2 if drive == "displacement" else 0 :]
     dc = [state.name for state in shunt.states(transducer.capacitance) if state.name == "dc"]
-    setting = Setting(drive, shunt, sample_time, float(values[0]), straight_drive(values), len(values))
+    setting = Setting(drive, shunt, sample_time, float(values[0]), _course(drive, values), len(values), gate=gate)
+    if drive == "displacement":
+        x, u = setting.motion.coefficients[0, :2].tolist()
+        # At rest electrodes have no voltage; by how much they have one is free.
+        setting = replace(setting, fixed=(("x1", x), ("u1", u / sample_time), ("q", transducer.coupling * x)))
     x, u, q, v = _largest(replace(transducer, effects=()), setting)
     x = max(x, moved, MIN_SHARE * np.max(np.abs(values)) / transducer.stiffness, 1e-300)
     u = max(u, x * MIN_SHARE / sample_time)

@@ -13,6 +13,7 @@ from piezoharvest.records.checks.dynamics import lost_between_samples, too_short
 from piezoharvest.records.checks.frequency import check_frequency
 from piezoharvest.records.checks.hum import mains_hum
 from piezoharvest.records.checks.model import against_model
+from piezoharvest.records.checks.periodic import periodic
 from piezoharvest.records.checks.raw import beyond_measure, clock, not_a_number
 from piezoharvest.records.checks.spikes import spikes
 from piezoharvest.records.checks.stated import stated_noise
@@ -48,15 +49,14 @@ def check(record: Record | FrequencyRecord, transducer: Transducer) -> tuple[Fin
     found = list(_raw(record))
     if _errors(found):
         return tuple(found)
-    found += stated_noise(record)
+    found += [*stated_noise(record), *periodic(record)]
     spectra = Spectra(record)
     lost = lost_between_samples(record, spectra, transducer)
     if lost < _MAX_LOST_SHARE:
         found += against_model(record, spectra, transducer)
     if not _errors(found):
         found += mains_hum(record, spectra, transducer)
-        found += too_short(record, transducer)
-        found += too_slow(record, lost)
+        found += [] if record.periodic else [*too_short(record, transducer), *too_slow(record, lost)]
         found += unused(record)
     return tuple(found)
 

@@ -15,6 +15,7 @@ from piezoharvest.study import build, build_shunt
 Level = Literal["default", "campaign", "record"]
 Sources = Mapping[str, tuple[ChannelSource, Level]]
 Input = Literal["force", "voltage", "displacement", "base_acceleration"]
+PERIODIC_DRIVES = ("force", "base_acceleration")  # of the engine, which finds the steady state
 
 # Quantities by which a frequency response may be given, with their default columns.
 RESPONSE_COLUMNS: Mapping[str, Mapping[str, str]] = {
@@ -108,6 +109,20 @@ class TimeEntry(_EntryWithShunt):
 
 
 @dataclass(frozen=True, kw_only=True)
+class PeriodicEntry(TimeEntry):
+    """[[records]] of a few periods of a sine in steady state."""
+
+    kind: Literal["periodic"]
+    frequency: float | None = quantity("Hz", "of the sine, where it is known", default=None, above=0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.drive not in PERIODIC_DRIVES:
+            allowed = f"allowed in steady state are {' and '.join(PERIODIC_DRIVES)}"
+            raise ParameterError("drive", f"found {self.drive!r}, {allowed}")
+
+
+@dataclass(frozen=True, kw_only=True)
 class FrfEntry(_EntryWithShunt):
     """[[records]] of a frequency response, output over input."""
 
@@ -130,7 +145,7 @@ class ImpedanceEntry(_Entry):
 
 
 Entry = TimeEntry | FrfEntry | ImpedanceEntry
-_KINDS = {"time": TimeEntry, "frf": FrfEntry, "impedance": ImpedanceEntry}
+_KINDS = {"time": TimeEntry, "periodic": PeriodicEntry, "frf": FrfEntry, "impedance": ImpedanceEntry}
 
 
 def build_entry(table: Any, where: str) -> Entry:

@@ -15,7 +15,7 @@ from piezoharvest.readers.base import shown
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.finding import Finding
 from piezoharvest.records.reading.channels import COLUMNS, UNITS, ChannelSource
-from piezoharvest.records.reading.entries import Sources, TimeEntry
+from piezoharvest.records.reading.entries import PeriodicEntry, Sources, TimeEntry
 from piezoharvest.records.reading.files import Files
 from piezoharvest.records.reading.time_stamps import even_times
 from piezoharvest.records.record import Record, Signal
@@ -201,5 +201,6 @@ def read_record(
     record = Record(
         name=entry.file, key=key, role=entry.role, drive=entry.drive, shunt=shunt, start_time=entry.start_time,
         time=signals.pop("time"), signals=MappingProxyType(signals), fitted=entry.fitted(shunt, key),
+        periodic=isinstance(entry, PeriodicEntry), frequency=getattr(entry, "frequency", None),
     )  # fmt: skip
     return record, findings

@@ -12,8 +12,6 @@ from piezoharvest.description.protocol import CampaignSizes
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.switching import SynchronisedShunt
 
-TRIED = (0.9, 0.5, 0.2)  # of the largest voltage: thresholds from which a fit starts
-
 
 @dataclass(frozen=True, kw_only=True)
 class MissedSwitching(Effect):
@@ -27,7 +25,7 @@ class MissedSwitching(Effect):
     looks: ClassVar[str] = "some extrema pass without an inversion, those at small voltages"
     told_by: ClassVar[str] = "record the gate, or raise the amplitude until every extremum is switched"
 
-    sets_in: ClassVar[bool] = True
+    scanned: ClassVar[bool] = True
 
     threshold: float = quantity("V", "voltage below which the switch does not act", at_least=0, null=0.0)
 
@@ -43,5 +41,5 @@ class MissedSwitching(Effect):
 
     @classmethod
     def starts(cls, scales: CampaignSizes) -> Iterator[Self]:
-        for share in TRIED:  # it sets in with a jump: no derivative shows it
-            yield cls(threshold=share * max(scales.voltages, default=1.0))
+        for voltage in scales.switching:
+            yield cls(threshold=voltage)

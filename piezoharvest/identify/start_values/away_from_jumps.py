@@ -1,0 +1,73 @@
+"""First fit of records behind switches: away from the jumps of the voltage, then with them.
+
+A voltage that is inverted within a sample or two differs by a thousand times its noise from one that is inverted a
+little later. While the parameters are a few per cent off, the cost has a minimum for each way in which some jumps of
+the model meet those of the record. Without the samples beside the jumps, the motion between them decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from piezoharvest.identify.fitting.data import Data
+from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.model import Model
+from piezoharvest.identify.fitting.output_error import fit, linearised, mean_square
+from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.start_values.multistart import MAX_MEAN_SQUARE, fit_multistart
+
+# A change between two samples is a jump from so many times the steepest one of a sine of the same range; parameters
+# whose events are off by this share of a period at most are found.
+MIN_STEEPNESS, SHARE = 2.0, 1.0 / 12.0
+
+
+def fit_past_jumps(
+    problem: Problem,
+    model: Model,
+    progress: Callable[[str], None],
+    poor: Callable[[Fit], None] = lambda found: None,
+) -> Fit:
+    """Fit from initial estimates, where voltages jump first without the samples beside the jumps.
+
+    Where that ends far off, as with an effect that the model lacks, the fit of all samples from the beginning is made
+    too, and the better one taken; `poor` is called as by `fit_multistart`.
+    """
+    blind = without_jumps(problem)
+    if blind is problem:
+        return fit_multistart(problem, model, progress, poor)
+    progress("start: away from the jumps of the voltage")
+    first = fit_multistart(blind, model, progress)
+    found = fit(problem, first.model, first.nuisance, progress=progress, rounds=2)
+    if mean_square(found) < MAX_MEAN_SQUARE:
+        return found
+    other = fit_multistart(problem, model, progress, poor)
+    squares = linearised(problem, other.model, other.nuisance, found)[2]
+    return other if squares < sum(float(sums.squares.sum()) for sums in found.sums) else found
+
+
+def without_jumps(problem: Problem) -> Problem:
+    """The problem without the samples beside jumps of the voltage; the problem itself if there are none."""
+    device = problem.nominal
+    period = 2.0 * np.pi * np.sqrt(device.mass / device.stiffness)
+    hidden = [beside_jumps(data, period) if isinstance(data, Data) else np.zeros(0, bool) for data in problem.data]
+    if not problem.has_events or not any(map(np.any, hidden)):
+        return problem
+    data = [
+        replace(each, hidden=mine) if isinstance(each, Data) else each
+        for each, mine in zip(problem.data, hidden, strict=True)
+    ]
+    return Problem(data, problem.nominal, problem.offset_channels)
+
+
+def beside_jumps(data: Data, period: float) -> np.ndarray:
+    """Mask (samples,) of what is beside a jump of the measured voltage, for a period of the motion in s."""
+    if "voltage" not in data.channels:
+        return np.zeros(len(data), bool)
+    voltage, step = data.record["voltage"], data.setting.sample_time
+    steepest = np.pi * step / period * np.ptp(voltage)
+    jumps = np.abs(np.diff(voltage, prepend=voltage[0])) > MIN_STEEPNESS * steepest
+    reach = int(np.ceil(SHARE * period / step))
+    return np.convolve(jumps, np.ones(2 * reach + 1), "same") > 0.0 if 2 * reach < len(data) else jumps
