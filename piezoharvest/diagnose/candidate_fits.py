@@ -8,19 +8,18 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
 
 from piezoharvest.description.effects import Effect
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.preparation.held_values import deviating
 from piezoharvest.diagnose.residual_tests import ResidualTest, failed_tests
 from piezoharvest.diagnose.scanning.scan import scanned_fit
-from piezoharvest.diagnose.score_tests import ScoredEffect, effect_parameters, extended, scores, starts_of
+from piezoharvest.diagnose.score_tests import ScoredEffect, effect_parameters, extended, scores, starts_of, starts_show
 from piezoharvest.diagnose.start_values import CampaignScales, campaign_scales, displacement_of, drive_jitter
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import MAX_ITERATIONS, NOT_CONVERGED, Fit
 from piezoharvest.identify.fitting.model import Model, begun_effects, inner_values
-from piezoharvest.identify.fitting.output_error import covariance, fit, inflation, inverse, linearised
+from piezoharvest.identify.fitting.output_error import covariance, excess_of, fit, inflation, inverse, linearised
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, prior_of
 from piezoharvest.identify.identifiability import size_of, undetermined
 from piezoharvest.identify.identification import growing_fit
@@ -294,7 +293,7 @@ class CandidateFits:
         means, precision = prior_of(self.problem, free)
         slope = gradient - precision * (np.concatenate([inner_values(free), *nuisance]) - means)
         gain = float(slope @ inverse(information + np.diag(precision)) @ slope)
-        if gain < chi2.isf(thresholds.SEARCH_LEVEL, count):
+        if not starts_show(gain, count, excess_of(found)):
             return now
         step = self._fit(free, nuisance, found)
         if step is None or self._is_start_alone(step):

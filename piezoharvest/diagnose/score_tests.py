@@ -21,7 +21,7 @@ from piezoharvest.identify.fitting.evaluation import total_information
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model, begun_effects
-from piezoharvest.identify.fitting.output_error import inverse, linearised
+from piezoharvest.identify.fitting.output_error import excess_of, inverse, linearised
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, prior_of
 from piezoharvest.predict.parameters import Parameter, parameter_of, put
 from piezoharvest.predict.prediction import PredictionError
@@ -166,6 +166,7 @@ def _linearised_scores(problem: Problem, found: Fit, starts: Sequence[Effect]) -
     projected = information[np.ix_(tested, tested)] - information[np.ix_(tested, rest)] @ gain
     slope = gradient[tested] - gain.T @ gradient[rest]
     place, prior = {k: n for n, k in enumerate(tested)}, prior_of(problem, model)[1]
+    excess = excess_of(found)
     candidates = []
     for start, strength, its, at_start in zip(starts, strengths, columns, columns_at_start, strict=True):
         at = [place[k] for k in its]
@@ -177,11 +178,19 @@ def _linearised_scores(problem: Problem, found: Fit, starts: Sequence[Effect]) -
             for places, some in ((at, []), (at + more, at_start))
         )
         least = 0.0 if rest is None else rest.score
-        if under_way and more and under_way.score - least > chi2.isf(thresholds.SEARCH_LEVEL, len(more)):
+        if under_way and more and starts_show(under_way.score - least, len(more), excess - least):
             candidates.append(replace(under_way, begun=True))
         elif rest is not None:
             candidates.append(rest)
     return candidates
+
+
+def starts_show(gain: float, count: int, excess: float) -> bool:
+    """True if initial states of effects explain significantly many squares, and most of those in excess of noise.
+
+    Of much that the model lacks otherwise, free initial states take a part as any parameters do.
+    """
+    return gain > max(float(chi2.isf(thresholds.SEARCH_LEVEL, count)), thresholds.MIN_SHARE_OF_PRESENT * excess)
 
 
 def _scored(

@@ -26,6 +26,7 @@ from piezoharvest.diagnose.candidate_fits import (
 from piezoharvest.diagnose.residual_tests import ResidualTest
 from piezoharvest.diagnose.score_tests import ScoredEffect, effect_parameters, is_line
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.output_error import excess_of
 from piezoharvest.predict.prediction import PredictionError
 
 FITS_PER_STAGE = 4  # full fits a stage
@@ -391,11 +392,6 @@ class Searcher:
                 if key not in found or more < found[key][1]:
                     found[key] = (step, more)
         return tuple(sorted(found.values(), key=lambda pair: pair[1]))
-
-
-def excess_of(found: Fit) -> float:
-    """Sum of squares of the whitened residuals in excess of noise."""
-    return sum(float(sums.squares.sum() - sums.count.sum()) for sums in found.sums)
 
 
 def _indispensable(now: EffectChange, less: EffectChange) -> bool:

@@ -11,7 +11,7 @@ import pytest
 from piezoharvest.bench import measure, write_campaign
 from piezoharvest.description.effects import BiasCurrent, Creep, DielectricRelaxation, Leakage
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.stepwise_selection import excess_of
+from piezoharvest.identify.fitting.output_error import excess_of
 from piezoharvest.records import load_campaign
 from piezoharvest.study import study_from
 

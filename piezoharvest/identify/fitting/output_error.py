@@ -93,6 +93,11 @@ def mean_square(found: Fit) -> float:
     return squares / max(count, 1.0)
 
 
+def excess_of(found: Fit) -> float:
+    """Sum of squares of the whitened residuals in excess of noise."""
+    return sum(float(sums.squares.sum() - sums.count.sum()) for sums in found.sums)
+
+
 def reestimated(problem: Problem, found: Fit) -> Noise:
     """Noise from the residuals of a fit."""
     errors = noise_of_responses(problem, found)
