@@ -14,6 +14,7 @@ from piezoharvest.cli.identify_command import on_campaign
 
 if TYPE_CHECKING:
     from piezoharvest.diagnose import Diagnosis, Named
+    from piezoharvest.diagnose.discovery.result import Discovery
     from piezoharvest.diagnose.experiments.planning import Plan
     from piezoharvest.diagnose.residual_tests import ResidualTest
 
@@ -50,6 +51,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
     requested (`also_fitted`, `cut`, `unpredicted`).
     """
     from piezoharvest.description.effects import registered
+    from piezoharvest.diagnose.discovery.result import as_json
     from piezoharvest.diagnose.summary import scored, sentence
 
     before = {estimate.parameter.name: estimate for estimate in found.before.estimates}
@@ -62,6 +64,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "cut": list(found.cut),
         "unpredicted": list(found.unpredicted),
         "effects": [_effect(named) for named in found.effects],
+        "discovery": [as_json(each) for each in found.discovery],
         "alternatives": [list(names) for names in found.alternatives],
         "parameters": {
             e.parameter.name: {
@@ -90,6 +93,17 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         ],
         "structure": {"before": [_test_json(p) for p in found.shown], "after": [_test_json(p) for p in found.left]},
     }  # fmt: skip
+
+
+def _print_law(law: Discovery) -> None:
+    """Print a law without a name: where it acts, its formula and values, and the places it beat."""
+    from piezoharvest.report.units import percent, with_error
+
+    rows = [["place", law.place], [f"of {law.law.place.input.replace('_', ' ')}", law.formula]]
+    rows += [[name, with_error(value, std, unit)] for name, (value, std, unit) in law.parameters.items()]
+    rows += [["gain", percent(law.gain)], ["p", f"{law.p_value:.2g}"]]
+    rows += [[f"not {r.place} of {r.input.replace('_', ' ')}", f"log odds {r.log_odds:.3g}"] for r in law.rivals]
+    tables.print_rows("", ["law without a name", ""], rows)
 
 
 def plan_json(plan: Plan | None) -> dict[str, Any] | None:
@@ -147,6 +161,8 @@ def _print(found: Diagnosis) -> None:
     ]  # fmt: skip
     if rows:
         tables.print_rows("", ["effect", "parameter", "value", "p", "gain"], rows)
+    for law in found.discovery:
+        _print_law(law)
     rows = [
         [e.parameter.name, with_error(b.value, b.std, e.parameter.unit), with_error(e.value, e.std, e.parameter.unit)]
         for b, e in zip(found.before.estimates, found.estimates, strict=True)

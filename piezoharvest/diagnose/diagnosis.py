@@ -12,6 +12,8 @@ import numpy as np
 from piezoharvest.description.effects import Clipping, Effect
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.candidate_fits import CandidateFits, EffectChange, line_amplitude
+from piezoharvest.diagnose.discovery.result import Discovery
+from piezoharvest.diagnose.discovery.verdict import explained
 from piezoharvest.diagnose.experiments.planning import Plan, Planner, parameter_named
 from piezoharvest.diagnose.preparation.drive_saturation import SaturatedDrive, find_saturated_drive
 from piezoharvest.diagnose.preparation.voltage_offset import voltage_is_off
@@ -87,7 +89,7 @@ class Diagnosis:
     Attributes
     ----------
     campaign : Campaign
-    verdict : "adequate", "effect", "ambiguous" or "unexplained"
+    verdict : "adequate", "effect", "new_effect", "ambiguous" or "unexplained"
     effects : tuple of Named
     alternatives : tuple of tuple of str
         Sets of effects that the data cannot distinguish from `effects`.
@@ -114,6 +116,8 @@ class Diagnosis:
         Parameters of the extended model whose estimates are far from their nominal values.
     unpredicted : tuple of str
         Validation records that a model with effects cannot follow.
+    discovery : tuple of Discovery
+        Laws without a name that explain what no effect does; there are no named effects then.
     """
 
     campaign: Campaign
@@ -133,6 +137,7 @@ class Diagnosis:
     cut: tuple[str, ...] = ()
     deviating: tuple[Estimate, ...] = ()
     unpredicted: tuple[str, ...] = ()
+    discovery: tuple[Discovery, ...] = ()
 
     @property
     def experiment(self) -> str | None:
@@ -216,7 +221,7 @@ def diagnose(
     progress : callable
         Called with messages on the progress.
     library : sequence of Effect classes, optional
-        Effects to look for; default all that are registered.
+        Effects to look for; default all that are registered, and where these leave something a law without a name.
 
     Raises
     ------
@@ -225,7 +230,8 @@ def diagnose(
     """
     cut = find_saturated_drive(campaign) if library is None or Clipping in library else None
     if cut is None:
-        return _diagnose_all(campaign, progress, library)
+        found = _diagnose_all(campaign, progress, library)
+        return _with_laws(found, progress) if library is None else found
     progress(f"{', '.join(cut.records)}: the {cut.effect.channel} was cut off; what comes after that is left out")
     try:
         found = _with_saturation(cut, _diagnose_all(cut.campaign, progress, library))
@@ -233,6 +239,29 @@ def diagnose(
         progress(f"what is left cannot be fitted: {error}")
         found = None
     return found or _diagnose_all(campaign, progress, library)
+
+
+def _with_laws(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis:
+    """The diagnosis, where it ended unexplained, with a law without a name that explains what was left."""
+    if found.verdict != "unexplained":
+        return found
+    progress("no known effect explains it: looking for a law without a name")
+    more = explained(found.campaign, found.before, found.problem, found.search, progress)
+    if more is None:
+        return found
+    final = more.search.final
+    estimates = tuple(_estimates(found.before, final))
+    trials = CandidateFits(found.problem, found.before.found, [], progress)
+    far = {parameter.path for parameter in trials.deviating(EffectChange(final))}
+    deviating = tuple(estimate for estimate in estimates if estimate.parameter.path in far)
+    if any(map(_is_implausible, deviating)):
+        return found
+    alternatives = tuple(step.effects for step, _ in more.search.alternatives)
+    return replace(
+        found, verdict=more.verdict, effects=(), alternatives=alternatives, estimates=estimates,
+        validation_after=more.validation, unexplained=more.unexplained, told_by=None, search=more.search,
+        unseen=more.unseen, deviating=deviating, discovery=more.discoveries,
+    )  # fmt: skip
 
 
 def _with_saturation(cut: SaturatedDrive, rest: Diagnosis) -> Diagnosis | None:
