@@ -231,7 +231,7 @@ def diagnose(
     cut = find_saturated_drive(campaign) if library is None or Clipping in library else None
     if cut is None:
         found = _diagnose_all(campaign, progress, library)
-        return _with_laws(found, progress) if library is None else found
+        return _with_laws(found, campaign, progress) if library is None else found
     progress(f"{', '.join(cut.records)}: the {cut.effect.channel} was cut off; what comes after that is left out")
     try:
         found = _with_saturation(cut, _diagnose_all(cut.campaign, progress, library))
@@ -241,21 +241,35 @@ def diagnose(
     return found or _diagnose_all(campaign, progress, library)
 
 
-def _with_laws(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis:
-    """The diagnosis, where it ended unexplained, with a law without a name that explains what was left."""
+def _with_laws(found: Diagnosis, campaign: Campaign, progress: Callable[[str], None]) -> Diagnosis:
+    """The diagnosis, where it ended unexplained, with a law without a name that explains what was left.
+
+    Inertia and damping may have been left out only because they stood in for the law: it is sought with them first.
+    """
     if found.verdict != "unexplained":
         return found
     progress("no known effect explains it: looking for a law without a name")
+    if found.campaign.transducer.quasi_static and not campaign.transducer.quasi_static:
+        before = identify(replace(found.campaign, transducer=campaign.transducer), offsets=found.before.offsets)
+        alone = replace(found.search, base=before.found, nested=(), order=(), p_values=(), alternatives=())
+        moving = _explained(replace(found, campaign=before.campaign, before=before, search=alone), progress)
+        if moving is not None:
+            return moving
+    return _explained(found, progress) or found
+
+
+def _explained(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis | None:
+    """The diagnosis with laws that explain what was left; None where none does."""
     more = explained(found.campaign, found.before, found.problem, found.search, progress)
     if more is None:
-        return found
+        return None
     final = more.search.final
     estimates = tuple(_estimates(found.before, final))
     trials = CandidateFits(found.problem, found.before.found, [], progress)
     far = {parameter.path for parameter in trials.deviating(EffectChange(final))}
     deviating = tuple(estimate for estimate in estimates if estimate.parameter.path in far)
     if any(map(_is_implausible, deviating)):
-        return found
+        return None
     alternatives = tuple(step.effects for step, _ in more.search.alternatives)
     return replace(
         found, verdict=more.verdict, effects=(), alternatives=alternatives, estimates=estimates,

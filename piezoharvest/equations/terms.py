@@ -171,7 +171,12 @@ class Terms:
         return self._element(row, row, int(exponent)) if whole else self._unknown
 
     def hinge(self, row: Row, knot: float, width: float) -> Row:
-        """Excess of a row over a knot, its corner rounded off to half a hyperbola: the engine's steps need it smooth."""
+        """Excess of a row over a knot, rounded off to a branch of a hyperbola: the engine's steps need it smooth.
+
+        Of time by itself it is unknown, but where no time passes.
+        """
+        if np.any(row[..., self.columns["time"]]):
+            return self._unknown if self._passes else self.nothing
         share = 1.0 / width
         inside = share * (row - knot * self.one)
         return width * self._element(inside, inside, HINGE)

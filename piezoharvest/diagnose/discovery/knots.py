@@ -15,8 +15,11 @@ ENDS = (0.002, 0.998)  # quantiles of the visited inputs between which corners l
 NEAR_ZERO = 0.5  # of the mean distance of two corners: one that is nearer to zero is put there
 
 
-def table_for(place: Place, visited: np.ndarray) -> Corners | Bends | None:
-    """A table without kinks yet; None where the input does not move."""
+def table_for(place: Place, visited: np.ndarray, *, smooth: bool = False) -> Corners | Bends | None:
+    """A table without kinks yet; None where the input does not move.
+
+    It is a broken line, or a quadratic spline where the place needs a slope or it shall be smooth.
+    """
     low, high = map(float, np.quantile(visited, ENDS))
     if not high > low:
         return None
@@ -25,14 +28,15 @@ def table_for(place: Place, visited: np.ndarray) -> Corners | Bends | None:
     inner = knots[1:-1]
     near = np.abs(inner) < NEAR_ZERO * (high - low) / KNOTS
     inner = inner[~near]
-    if place.needs_slope or not place.bent:
+    smooth = smooth or place.needs_slope
+    if smooth or not place.bent:
         # The first piece is a straight line from zero, or from the end of the range.
         first = [0.0] * (high > 0.0 and low <= 0.0) + [-0.0] * (low < 0.0 and high >= 0.0)
         first += [low] * (low > 0.0) + [high] * (high < 0.0)
     else:
         first = [0.0] * (low < 0.0 < high)
     chosen = tuple(float(k) for k in (*first, *inner))
-    kind = Bends if place.needs_slope else Corners
+    kind = Bends if smooth else Corners
     return kind(knots=chosen, kinks=(0.0,) * len(chosen))
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from piezoharvest.description.effects.nameless.forms import Bends
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.discovery.formulas import condensed
@@ -75,6 +76,7 @@ def search(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Fou
     if not done:
         return None
     table, *rivals = best_of(done)
+    table = min((table, *_smoother(problem, start, table)), key=lambda each: each.evidence)
     best = condensed(problem, start, table)
     progress(f"the likeliest law is at {_words(best.law)}: {best.form.word}")
     return Found(_with_its_noise(problem, best), table, tuple(rivals[:RIVALS]), start, len(scored))
@@ -106,6 +108,17 @@ def _promising(scored: Sequence[Scored], start: Fit) -> list[Scored]:
             if each.law.place.name not in {one.law.place.name for one in chosen}:
                 chosen.append(each)
     return chosen
+
+
+def _smoother(problem: Problem, start: Fit, table: LawFit) -> list[LawFit]:
+    """The same law as a quadratic spline, where its linear part is that of the model: it has no piece for one."""
+    if not table.place.bent or isinstance(table.form, Bends):
+        return []
+    form = table_for(table.place, table.visited, smooth=True)
+    law = form and replace(table.law, form=form)
+    first = law and score(problem, start, law, table.visited)
+    again = law and first and fitted(problem, start, law, table.visited, first.smoothness.deviation)
+    return [again] if again else []
 
 
 def _with_its_noise(problem: Problem, best: LawFit) -> LawFit:

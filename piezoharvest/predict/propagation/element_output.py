@@ -12,7 +12,8 @@ import numpy as np
 
 from piezoharvest.engine.compilation.compiled import inlined
 
-STOP, _PRODUCT, _POWER, _HINGE = 0, 1, 2, 4  # as in `record_model`, which depends on files that would count as sources of this
+# As in `record_model`, which depends on files that would count as sources of this.
+STOP, _PRODUCT, _POWER, _HINGE = 0, 1, 2, 4
 
 
 @inlined

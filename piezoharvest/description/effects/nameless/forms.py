@@ -16,7 +16,8 @@ from piezoharvest.description.parameters import Component, quantity
 from piezoharvest.description.protocol import EquationBuilder
 
 Array = Any  # a float array, complex where a parameter has a complex step
-ROUNDED = 1e-3  # of a knot's scale: range over which the engine rounds off a corner, which does not show in a curve
+PIECES, REACH = 16, 2.0  # of a broken line that stands for a power, up to twice the input of reference
+ROUNDED = 1e-2  # of a knot: range over which the engine rounds off a corner, which moves the curve by a part in 1e4 beyond it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,8 +170,18 @@ class Power(Form):
     def _powers(self, specimen: EquationBuilder, x: Row, exponent: Any, *, odd: bool) -> Row:
         size = (1.0 / self.scale) * x
         above = specimen.power(size, exponent, positive=True)
+        if np.any(np.isnan(above)):  # the engine has whole powers only
+            return self._broken(specimen, size, exponent, odd=odd)
         below = specimen.power(-1.0 * size, exponent, positive=True)
         return above - below if odd else above + below
+
+    @staticmethod
+    def _broken(specimen: EquationBuilder, size: Row, exponent: Any, *, odd: bool) -> Row:
+        """The same as a broken line, with corners that are close together where the power is most curved."""
+        knots = np.linspace(0.0, 1.0, PIECES + 1) ** 2 * REACH
+        kinks = np.diff(np.diff(knots**exponent) / np.diff(knots), prepend=0.0)
+        both = [*knots[:-1], *(-knots[:-1])]
+        return broken_line(specimen, size, tuple(both), (*kinks, *(-kinks if odd else kinks)))
 
 
 @dataclass(frozen=True, kw_only=True)
