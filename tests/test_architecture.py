@@ -21,7 +21,7 @@ LAYERS = [
     {"description.protocol"},
     {"description.effects"},
     {"description.transducer"},
-    {"description.catalogue", "description.limits", "description.paths", "description.system", "description.tolerance"},
+    {"description.catalogue", "description.effect_files", "description.limits", "description.paths", "description.system", "description.tolerance"},
     {"equations.laws"},
     {"equations.terms"},
     {"equations.rows"},

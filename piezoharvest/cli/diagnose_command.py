@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from piezoharvest.cli import tables
 from piezoharvest.cli.commands import note
 from piezoharvest.cli.identify_command import on_campaign
+from piezoharvest.output import check_file
 
 if TYPE_CHECKING:
     from piezoharvest.diagnose import Diagnosis, Named
@@ -21,10 +22,14 @@ if TYPE_CHECKING:
 MAX_TEST_ROWS = 10  # number of failed residual tests printed
 
 
-def diagnose(path: Path, *, as_json: bool, report: Path | None, save: Path | None) -> int:
-    """Diagnose a campaign, print the verdict, write the report and the specimen."""
+def diagnose(
+    path: Path, *, as_json: bool, report: Path | None, save: Path | None, save_effect: Path | None = None
+) -> int:
+    """Diagnose a campaign, print the verdict, write the report, the specimen and the law."""
     from piezoharvest.diagnose import diagnose as run
 
+    if save_effect is not None:
+        check_file(save_effect, (".py",))
     found = on_campaign(path, report, save, run)
     if found is None:
         return 1
@@ -37,11 +42,25 @@ def diagnose(path: Path, *, as_json: bool, report: Path | None, save: Path | Non
     if save is not None:
         found.save(save)
         note(f"specimen: {save}")
+    if save_effect is not None:
+        _save_laws(found, save_effect)
     if report is not None:
         from piezoharvest.report import write_diagnosis
 
         print(write_diagnosis(found, report), file=sys.stderr if as_json else sys.stdout)
     return 0 if found.search.final.converged else 1
+
+
+def _save_laws(found: Diagnosis, path: Path) -> None:
+    """Write the laws without a name as effect files: the first as asked, a second beside it."""
+    from piezoharvest.diagnose.discovery.effect_file import save_effect
+
+    if not found.discovery:
+        note(f"warning: no effect file {path}: there is no law without a name")
+    for n, law in enumerate(found.discovery, 1):
+        target = path if n == 1 else path.with_stem(f"{path.stem}_{n}")
+        save_effect(law, found.campaign.path.name, target)
+        note(f"effect: {target}")
 
 
 def diagnosis_json(found: Diagnosis) -> dict[str, Any]:

@@ -140,6 +140,11 @@ class Diagnosis:
     discovery: tuple[Discovery, ...] = ()
 
     @property
+    def extended(self) -> bool:
+        """True if the final model has more than the lumped one: effects, or laws without a name."""
+        return bool(self.effects or self.discovery)
+
+    @property
     def experiment(self) -> str | None:
         """The measurement that would tell most, in words; None where nothing is open that one could tell."""
         return self.plan.sentence if self.plan is not None else self.told_by
