@@ -21,7 +21,10 @@ LAYERS = [
     {"description.protocol"},
     {"description.effects"},
     {"description.transducer"},
-    {"description.catalogue", "description.effect_files", "description.limits", "description.paths", "description.system", "description.tolerance"},
+    {
+        "description.catalogue", "description.effect_files", "description.limits", "description.paths",
+        "description.system", "description.tolerance",
+    },
     {"equations.laws"},
     {"equations.terms"},
     {"equations.rows"},

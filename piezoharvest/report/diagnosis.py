@@ -160,7 +160,8 @@ def _laws(found: Diagnosis) -> Iterator[dict[str, Any]]:
     for law in found.discovery:
         yield {
             "place": law.place, "of": law.law.place.input.replace("_", " "), "formula": law.formula,
-            "gain": percent(law.gain), "p_value": _p(law.p_value), "doc": (type(law.law.place).__doc__ or "").split("\n")[0],
+            "gain": percent(law.gain), "p_value": _p(law.p_value),
+            "doc": (type(law.law.place).__doc__ or "").split("\n")[0],
             "values": [(name, with_error(value, std, unit)) for name, (value, std, unit) in law.parameters.items()],
             "rivals": [
                 (f"{rival.place} of {rival.input.replace('_', ' ')}", number(rival.log_odds, 3)) for rival in law.rivals
@@ -200,9 +201,8 @@ def _parameters(found: Diagnosis) -> Iterator[dict[str, Any]]:
         shift, errors = before.value - after.value, NONE
         if before.identifiable and after.std and found.extended:
             errors = number(shift / after.std, 2) if shift else "0"
-        change = (
-            f"{100 * shift / after.value:+.3f}\u202f%".replace("-", "\u2212") if after.value and found.extended else NONE
-        )
+        told = after.value and found.extended
+        change = f"{100 * shift / after.value:+.3f}\u202f%".replace("-", "\u2212") if told else NONE
         yield {
             "name": after.parameter.name, "before": with_error(before.value, before.std, unit),
             "after": with_error(after.value, after.std, unit), "errors": errors, "change": change,

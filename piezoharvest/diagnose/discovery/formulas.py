@@ -18,8 +18,8 @@ from piezoharvest.description.effects.nameless.forms import Bends, Corners, Form
 from piezoharvest.description.effects.nameless.shapes import CURVES, Shape
 from piezoharvest.diagnose.discovery.knots import fine_knots
 from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit, fitted
-from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.problem import Problem
 
 SAMPLES = 400  # inputs at which formula and table are compared
 REFITTED = 3  # formulas, the best on the table, that are fitted in the model

@@ -21,7 +21,6 @@ from piezoharvest.diagnose.discovery.visited import Visited
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.problem import Problem
 
-RATES = ("_rate",)
 READ_OF = ("displacement", "voltage", "current")  # what a reading may depend on, beside the drive, rates and time
 
 
@@ -40,8 +39,9 @@ def _readings(records: list[Data]) -> Iterator[Reading]:
     """Readings of all measured channels: of their own values, of other channels, of rates, and of time."""
     channels = dict.fromkeys(channel for data in records for channel in data.channels)
     drives = dict.fromkeys(data.drive for data in records)
+    rates = ("displacement_rate", *(f"{drive}_rate" for drive in drives))
     for channel in channels:
-        for of in dict.fromkeys((channel, *READ_OF, *drives, "displacement_rate", *(f"{d}_rate" for d in drives), "time")):
+        for of in dict.fromkeys((channel, *READ_OF, *drives, *rates, "time")):
             if channel not in drives and not (channel == "velocity" and of == "displacement_rate"):
                 yield Reading(channel, of)
 

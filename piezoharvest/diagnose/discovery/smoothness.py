@@ -65,6 +65,7 @@ def projected(
     rest = [k for k in range(len(weight)) if k not in set(own) and weight[k, k] > 0.0]
     size = np.sqrt(np.diag(weight)[rest])
     left, right = information[np.ix_(rest, own)] / size[:, None], gradient[rest] / size
-    solved = np.linalg.lstsq(weight[np.ix_(rest, rest)] / np.outer(size, size), np.column_stack([left, right]), 1e-13)[0]
+    matrix = weight[np.ix_(rest, rest)] / np.outer(size, size)
+    solved = np.linalg.lstsq(matrix, np.column_stack([left, right]), 1e-13)[0]
     inside = information[np.ix_(own, own)] - left.T @ solved[:, :-1]
     return 0.5 * (inside + inside.T), gradient[own] - left.T @ solved[:, -1]

@@ -111,16 +111,12 @@ def _gain(before: tuple[float, float], after: tuple[float, float], last: tuple[f
     return float(np.clip((before[0] - after[0]) / max(before[0] - noise, 1e-300), -1.0, 1.0))
 
 
-def _as_diagnosed(
-    campaign: Campaign, before: Identification, problem: Problem, done: Search, laws: _Laws
-) -> Explained:
+def _as_diagnosed(campaign: Campaign, before: Identification, problem: Problem, done: Search, laws: _Laws) -> Explained:
     discoveries = []
     for n, each in enumerate(laws.found):
         first, last = laws.squares[0], laws.squares[-1]
         share = _gain(first, last, last) * (laws.squares[n][0] - laws.squares[n + 1][0]) / (first[0] - last[0])
-        rivals = tuple(
-            Rival(r.place.name, r.place.input, r.form.word, each.log_odds(r)) for r in each.rivals
-        )
+        rivals = tuple(Rival(r.place.name, r.place.input, r.form.word, each.log_odds(r)) for r in each.rivals)
         discoveries.append(discovery(each.best, float(np.clip(share, -1.0, 1.0)), _p_value(each), rivals))
     final, close = laws.found[-1].best.found, [rival for each in laws.found for rival in each.close]
     given = done.given_effects

@@ -10,6 +10,7 @@ from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import prediction_of
 from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.predict.prediction import Prediction
 
 Visited = Mapping[str, np.ndarray]
 
@@ -26,6 +27,7 @@ def visited_inputs(problem: Problem, found: Fit) -> dict[str, np.ndarray]:
 
 def _of_record(data: Data, found: Fit, nuisance: np.ndarray) -> dict[str, np.ndarray]:
     prediction = prediction_of(found.model, data, nuisance)
+    assert isinstance(prediction, Prediction)  # `search.can_search`
     names = [name for name in prediction.matrices.channels if name != "acceleration"]
     blocks = prediction.blocks(False, channels=names)
     values = np.concatenate([block.values for block in blocks])

@@ -17,7 +17,9 @@ from piezoharvest.description.protocol import EquationBuilder
 
 Array = Any  # a float array, complex where a parameter has a complex step
 PIECES, REACH = 16, 2.0  # of a broken line that stands for a power, up to twice the input of reference
-ROUNDED = 1e-2  # of a knot: range over which the engine rounds off a corner, which moves the curve by a part in 1e4 beyond it
+ROUNDED = (
+    1e-2  # of a knot: range over which the engine rounds off a corner, which moves the curve by a part in 1e4 beyond it
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +96,9 @@ class Bends(Form):
 
     def values(self, x: np.ndarray) -> Array:
         sides = outward(self.knots)
-        return 0.5 * np.maximum(sides * (np.asarray(x)[:, None] - np.array(self.knots)), 0.0) ** 2 @ np.array(self.kinks)
+        return (
+            0.5 * np.maximum(sides * (np.asarray(x)[:, None] - np.array(self.knots)), 0.0) ** 2 @ np.array(self.kinks)
+        )
 
     def row(self, specimen: EquationBuilder, x: Row) -> Row:
         total = 0.0 * x
@@ -130,7 +134,9 @@ class Knee(Form):
     @property
     def _corners(self) -> list[tuple[float, Any]]:
         """Side and knee of each corner."""
-        return [(1.0, self.knee), (-1.0, self.knee)] if self.sides == 2 else [(float(self.sides), self.sides * self.knee)]
+        return (
+            [(1.0, self.knee), (-1.0, self.knee)] if self.sides == 2 else [(float(self.sides), self.sides * self.knee)]
+        )
 
     def values(self, x: np.ndarray) -> Array:
         parts = (s * self.factor * np.where(s * x > np.real(k), s * x - k, 0.0) for s, k in self._corners)

@@ -42,7 +42,6 @@ class Place:
     input: ClassVar[str]
     unit: ClassVar[str]
     bent: ClassVar[bool] = True
-    dissipates: ClassVar[bool] = False  # at a passive place a law takes energy, whatever its input
     needs_slope: ClassVar[bool] = False
 
     @property
@@ -74,7 +73,6 @@ class Damper(Place):
     name: ClassVar[str] = "damper"
     input: ClassVar[str] = "velocity"
     unit: ClassVar[str] = "N"
-    dissipates: ClassVar[bool] = True
 
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         specimen.push(-form.row(specimen, specimen.u))
@@ -88,7 +86,6 @@ class Electrodes(Place):
     input: ClassVar[str] = "voltage"
     unit: ClassVar[str] = "A"
     bent: ClassVar[bool] = False  # a straight line is a leakage, which is no parameter of the model
-    dissipates: ClassVar[bool] = True
 
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         specimen.draw(form.row(specimen, specimen.v))
@@ -102,7 +99,6 @@ class Load(Place):
     input: ClassVar[str] = "voltage"
     unit: ClassVar[str] = "A"
     bent: ClassVar[bool] = False
-    dissipates: ClassVar[bool] = True
 
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         specimen.conduct(form.row(specimen, specimen.v))
