@@ -45,7 +45,7 @@ SpecimenFile = Annotated[
 
 
 def _load_effects(files: list[Path] | None) -> list[Path]:
-    from piezoharvest.description.effect_files import load_effects
+    from piezoharvest.effect_files import load_effects
 
     for file in files or []:
         load_effects(file)

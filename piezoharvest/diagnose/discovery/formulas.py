@@ -17,12 +17,13 @@ from scipy.optimize import least_squares
 from piezoharvest.description.effects.nameless.forms import Bends, Corners, Form, Knee, Monomial, Power, outward
 from piezoharvest.description.effects.nameless.shapes import CURVES, Shape
 from piezoharvest.diagnose.discovery.knots import fine_knots
-from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit, fitted
+from piezoharvest.diagnose.discovery.law_fits import LawFit, fitted
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.problem import Problem
 
 SAMPLES = 400  # inputs at which formula and table are compared
 REFITTED = 3  # formulas, the best on the table, that are fitted in the model
+WHOLE_EXPONENTS = (2, 3, 4, 5)  # of a polynomial
 EXPONENTS = (0.5, 1.5, 2.5, 3.5)  # start values of an exponent
 KNEES = 12  # start values of a knee over the visited range
 SCALES = (0.15, 0.4, 1.0)  # start values of a curve's scale, of the largest input
@@ -135,9 +136,8 @@ def _families(table: LawFit) -> Iterator[list[tuple[Made, np.ndarray]]]:
     """Families of formulas, each with its starts."""
     place, low, high = table.place, float(table.visited.min()), float(table.visited.max())
     size = max(abs(low), abs(high))
-    for exponent in (2, 3, 4, 5):
-        if exponent > 1 or not place.bent:
-            yield [(lambda z, n=exponent: Monomial(factor=z[0], scale=size, exponent=n), np.zeros(0))]
+    for exponent in WHOLE_EXPONENTS:
+        yield [(lambda z, n=exponent: Monomial(factor=z[0], scale=size, exponent=n), np.zeros(0))]
     for odd in (True, False):
         make = lambda z, odd=odd: Power(factor=z[0], exponent=z[1], scale=size, odd=odd)  # noqa: E731
         yield [(make, np.array([n])) for n in EXPONENTS]
@@ -154,6 +154,3 @@ def _families(table: LawFit) -> Iterator[list[tuple[Made, np.ndarray]]]:
         make = lambda z, c=curve: Shape(factor=z[0], scale=z[1], curve=c, bent=place.bent, knots=knots)  # noqa: E731
         both = (1.0, -1.0) if curve == "exponential" else (1.0,)
         yield [(make, np.array([sign * share * size])) for share in SCALES for sign in both]
-
-
-__all__ = ["TABLES", "candidates", "condensed"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,7 +20,7 @@ from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import inner_values
 from piezoharvest.identify.fitting.output_error import fit, linearised
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
-from piezoharvest.predict.parameters import Parameter, parameter_of, value_at
+from piezoharvest.predict.parameters import STEP, Parameter, parameter_of, put, value_at
 from piezoharvest.predict.prediction import PredictionError
 
 FIT_TOLERANCE = 0.5  # of -2 ln L, as of other trial fits
@@ -107,12 +108,8 @@ def law_parameters(law: Law, n: int, deviation: float = np.inf) -> list[Paramete
             Parameter((*path, "kinks", j), unit, "linear", -np.inf, np.inf, deviation=deviation)
             for j in range(len(form.kinks))
         ]
-    fields = form.__dataclass_fields__.values()
-    return [
-        parameter_of(form, field, (*path, field.name))
-        for field in fields
-        if "unit" in field.metadata and field.name not in getattr(form, "fixed", ())
-    ]
+    fields = [field for field in dataclasses.fields(form) if "unit" in field.metadata]
+    return [parameter_of(form, field, (*path, field.name)) for field in fields]
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,8 +191,6 @@ def inputs_and_values(some: LawFit, count: int) -> tuple[np.ndarray, np.ndarray]
 
 def derivative(some: LawFit, x: np.ndarray) -> np.ndarray:
     """Derivatives (n, parameters) of the law's values with respect to its parameters' variables, by a complex step."""
-    from piezoharvest.predict.parameters import STEP, put
-
     columns: list[np.ndarray] = []
     transducer = some.found.model.transducer
     for k in some.own:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -138,8 +138,3 @@ def _p_value(found: Found) -> float:
     """p-value of a law by its decrease of -2 ln L, corrected for the places that were tried."""
     table: LawFit = found.table
     return min(1.0, float(chi2.sf(found.start.cost - table.found.cost, max(table.freedom, 1.0))) * found.tried)
-
-
-def names_of(discoveries: Sequence[Discovery]) -> list[str]:
-    """Places with their forms, for sentences."""
-    return [f"{each.place} ({each.form})" for each in discoveries]

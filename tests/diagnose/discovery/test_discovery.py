@@ -15,6 +15,7 @@ from piezoharvest.diagnose.discovery.search import search
 from piezoharvest.diagnose.summary import sentence
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.identification import identify, prepared
+from piezoharvest.report import write_diagnosis
 
 STACK = [
     (Drive((450.0,), (4.0,), 550.0), 97780.0),
@@ -122,6 +123,11 @@ def test_a_diagnosis_finds_place_and_law(name, tmp_path):
     assert table["discovery"][0]["place"] == name
     assert len(table["discovery"][0]["curve"]["std"]) == len(law.input)
     assert sentence(found).startswith("No known effect explains what was missing")
+    if name == "spring":
+        page = write_diagnosis(found, tmp_path / "page").read_text()
+        assert "A law without a name: spring" in page
+        assert "exp(x / " in page
+        assert (tmp_path / "page" / "law_1.png").stat().st_size > 1000
     for estimate in found.estimates:
         if estimate.identifiable and estimate.std:
             true_value = {"stiffness": {"stack": 3.125e8, "beam": 986.96}, "coupling": {"stack": 7.822, "beam": 1e-3}}

@@ -10,7 +10,6 @@ import pytest
 
 from piezoharvest import Transducer
 from piezoharvest.cli import main
-from piezoharvest.description.effect_files import load_effects
 from piezoharvest.description.effects import registered
 from piezoharvest.description.effects.nameless.forms import Bends, Corners, Knee, Monomial, Power
 from piezoharvest.description.effects.nameless.law import Law
@@ -19,6 +18,7 @@ from piezoharvest.description.effects.nameless.shapes import Shape
 from piezoharvest.description.shunts import Resistor
 from piezoharvest.diagnose.discovery.effect_file import effect_text
 from piezoharvest.diagnose.discovery.result import Discovery, formula
+from piezoharvest.effect_files import load_effects
 from piezoharvest.input import InputError
 from piezoharvest.predict.record_model import RecordModel
 

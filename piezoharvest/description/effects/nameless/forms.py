@@ -5,7 +5,6 @@ Source of the tables: de Boor, A Practical Guide to Splines, 2001, chapters III 
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -213,10 +212,3 @@ class Monomial(Form):
         if self.exponent == 2:
             return (factor / self.scale) * x
         return factor * specimen.power((1.0 / self.scale) * x, self.exponent - 1)
-
-
-def with_knots(form: Corners | Bends, kinks: Any) -> Corners | Bends:
-    """The same knots with other kinks."""
-    found = copy.copy(form)
-    object.__setattr__(found, "kinks", tuple(kinks))
-    return found

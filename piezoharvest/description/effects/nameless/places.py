@@ -137,6 +137,8 @@ class Coupling(Place):
 class Reading(Place):
     """What the sensor of a channel shows beside the true value: a function of it, of another one, a rate, or time."""
 
+    bent: ClassVar[bool] = False  # a straight line is a gain, or crosstalk, of which the model has none
+
     channel: str
     of: str
 
@@ -154,11 +156,6 @@ class Reading(Place):
     def unit(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Unit of the channel."""
         return UNITS[self.channel]
-
-    @property
-    def bent(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """True for a function of the channel itself, whose linear part is a gain."""
-        return self.channel == self.of
 
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         x = input_row(specimen, self.of)
