@@ -265,12 +265,12 @@ def _with_laws(found: Diagnosis, campaign: Campaign, progress: Callable[[str], N
 
 def _explained(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis | None:
     """The diagnosis with laws that explain what was left; None where none does."""
-    more = explained(found.campaign, found.before, found.problem, found.search, progress)
+    trials = CandidateFits(found.problem, found.before.found, [], progress)
+    more = explained(found.campaign, found.before, trials, found.search)
     if more is None:
         return None
     final = more.search.final
     estimates = tuple(_estimates(found.before, final))
-    trials = CandidateFits(found.problem, found.before.found, [], progress)
     far = {parameter.path for parameter in trials.deviating(EffectChange(final))}
     deviating = tuple(estimate for estimate in estimates if estimate.parameter.path in far)
     if any(map(_is_implausible, deviating)):

@@ -205,6 +205,11 @@ MIN_LOG_ODDS = Threshold(
     decides="logarithm of the odds of the best place for a law over another, from which on the other is ruled out",
     source="theory: a hundred to one (Kass & Raftery, J. Am. Stat. Assoc. 90, 773-795, 1995)",
 )
+MIN_LEFT = Threshold(
+    0.1,
+    decides="squares of unseen records above those of noise, relative to these, from which on a second law is sought",
+    source="choice: a tenth of the variance of noise is no more than its estimate may be off",
+)
 LARGE_MISFIT = Threshold(
     100.0,
     decides="mean square of the whitened residual from which on scores of places mean little, and each is fitted",

@@ -15,7 +15,6 @@ from piezoharvest.diagnose.residuals import Residuals, residuals
 from piezoharvest.diagnose.summary import Scored, cosines, scored, sentence, values
 from piezoharvest.output import check_directory, write_text
 from piezoharvest.report.figures import diagnosed
-from piezoharvest.report.figures.laws import law_figure
 from piezoharvest.report.figures.pictures import Picture, place_pictures
 from piezoharvest.report.pages import NAME, page_template
 from piezoharvest.report.units import NONE, engineering, number, percent, response_unit, with_error
@@ -77,7 +76,7 @@ def _pictures(found: Diagnosis, rows: Sequence[Scored]) -> Iterator[Picture]:
     changed, records = found.extended, list(residuals(found))
     for n, law in enumerate(found.discovery, 1):
         caption = "What the law adds, with a band of three standard errors, over the range that the records visit."
-        yield Picture(f"law_{n}", "cause", f"The law at the {law.place}", caption, law_figure(law))
+        yield Picture(f"law_{n}", "cause", f"The law at the {law.place}", caption, diagnosed.law_figure(law))
     if records:
         yield from _causes(records, changed)
         caption = "Mean of the whitened residual of all records in bins; noise alone lies within ±2."

@@ -12,6 +12,7 @@ from piezoharvest.description.effects.nameless.places import Place
 
 KNOTS = 11  # the ends included: the smoothness is by the prior, so that more would only cost time
 ENDS = (0.002, 0.998)  # quantiles of the visited inputs between which corners lie
+PIECES = 40  # of a broken line that stands for a smooth curve: off by a thousandth of it where it is most bent
 NEAR_ZERO = 0.5  # of the mean distance of two corners: one that is nearer to zero is put there
 
 
@@ -40,7 +41,7 @@ def table_for(place: Place, visited: np.ndarray, *, smooth: bool = False) -> Cor
     return kind(knots=chosen, kinks=(0.0,) * len(chosen))
 
 
-def fine_knots(visited: np.ndarray, count: int = 24) -> tuple[float, ...]:
+def fine_knots(visited: np.ndarray, count: int = PIECES) -> tuple[float, ...]:
     """Corners of a broken line that stands for a smooth curve, from zero to both ends of what was visited."""
     low, high = float(visited.min()), float(visited.max())
     below = -np.linspace(0.0, -low, 1 + round(count * -low / (high - low)))[::1] if low < 0 < high else np.zeros(0)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from piezoharvest.diagnose import thresholds
-from piezoharvest.diagnose.candidate_fits import EffectChange
+from piezoharvest.diagnose.candidate_fits import CandidateFits, EffectChange
 from piezoharvest.diagnose.discovery.law_fits import LawFit
 from piezoharvest.diagnose.discovery.result import Discovery, Rival, discovery
 from piezoharvest.diagnose.discovery.search import Found, can_search, search
@@ -50,16 +50,25 @@ class Explained:
     unseen: tuple[ResidualTest, ...]
 
 
-def explained(
-    campaign: Campaign, before: Identification, problem: Problem, done: Search, progress: Callable[[str], None]
-) -> Explained | None:
+def explained(campaign: Campaign, before: Identification, trials: CandidateFits, done: Search) -> Explained | None:
     """Laws that explain what a search for named effects has left; None where none does.
 
     The search begins without the effects that were found on the way, which may stand in for a law; then with them.
+    Parameters that have gone far from their nominal values may do so, too: they start at these.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    before : Identification
+    trials : CandidateFits
+        From the fit without effects.
+    done : Search
     """
+    problem, progress = trials.problem, trials.progress
     if not can_search(problem):
         return None
-    for start in (done.base, *([done.final] if done.nested else [])):
+    nominal = trials.at_nominal(EffectChange(done.base))
+    for start in (nominal.found if nominal else done.base, *([done.final] if done.nested else [])):
         found = _laws(campaign, before, problem, start, progress)
         if found is not None:
             return _as_diagnosed(campaign, before, problem, done, found)
@@ -79,29 +88,43 @@ class _Laws:
 def _laws(
     campaign: Campaign, before: Identification, problem: Problem, start: Fit, progress: Callable[[str], None]
 ) -> _Laws | None:
-    """Laws from a fit on that explain enough of what it leaves on records that were not fitted."""
-    found: list[Found] = []
-    while len(found) < MAX_LAWS:
-        more = search(problem, found[-1].best.found if found else start, progress)
+    """Laws from a fit on that explain enough of what it leaves on records that were not fitted.
+
+    A second one is sought where the first leaves much, and kept if it explains that.
+    """
+    kept: _Laws | None = None
+    while kept is None or (len(kept.found) < MAX_LAWS and _much_is_left(kept)):
+        more = search(problem, kept.found[-1].best.found if kept else start, progress)
         if more is None:
-            return None
-        found.append(more)
+            break
         try:
-            unseen, checks = validated(
-                campaign, before, [before.found, *([start] if start is not before.found else []),
-                                   *(each.best.found for each in found)],
-            )  # fmt: skip
+            laws = _judged(campaign, before, start, (*(kept.found if kept else ()), more))
         except PredictionError:
-            return None
-        checks = checks[-1 - len(found) :]
-        squares = tuple(whitened_squares(unseen, each) for each in checks)
-        gain = _gain(squares[0], squares[-1], squares[-1])
-        progress(f"with it {100 * gain:.1f} % of what was above the noise in records that were not fitted is gone")
-        if gain >= thresholds.MIN_LAW_GAIN:
-            return _Laws(tuple(found), squares, unseen, checks[-1])
-        if _gain(squares[-2], squares[-1], squares[-1]) < thresholds.MIN_SHARE_OF_PRESENT:
-            return None
-    return None
+            break
+        own = _gain(laws.squares[-2], laws.squares[-1], laws.squares[-1])
+        progress(f"{100 * own:.1f} % of what was above the noise in records that were not fitted is gone with it")
+        if own < (thresholds.MIN_LAW_GAIN if kept else thresholds.MIN_SHARE_OF_PRESENT):
+            break
+        kept = laws
+    return kept if kept and _total_gain(kept) >= thresholds.MIN_LAW_GAIN else None
+
+
+def _judged(campaign: Campaign, before: Identification, start: Fit, found: tuple[Found, ...]) -> _Laws:
+    """Laws with the squares that they leave of unseen records."""
+    fits = [start, *(each.best.found for each in found)]
+    unseen, checks = validated(campaign, before, fits if start is before.found else [before.found, *fits])
+    checks = checks[-len(fits) :]
+    return _Laws(found, tuple(whitened_squares(unseen, each) for each in checks), unseen, checks[-1])
+
+
+def _much_is_left(laws: _Laws) -> bool:
+    """True if the squares of unseen records are well above those of noise."""
+    squares, count = laws.squares[-1]
+    return squares > (1.0 + thresholds.MIN_LEFT) * count
+
+
+def _total_gain(laws: _Laws) -> float:
+    return _gain(laws.squares[0], laws.squares[-1], laws.squares[-1])
 
 
 def _gain(before: tuple[float, float], after: tuple[float, float], last: tuple[float, float]) -> float:
