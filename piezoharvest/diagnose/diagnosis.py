@@ -117,7 +117,7 @@ class Diagnosis:
     unpredicted : tuple of str
         Validation records that a model with effects cannot follow.
     discovery : tuple of Discovery
-        Laws without a name that explain what no effect does; there are no named effects then.
+        Laws without a name that explain what no effect does.
     """
 
     campaign: Campaign
@@ -277,7 +277,7 @@ def _explained(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis |
         return None
     alternatives = tuple(step.effects for step, _ in more.search.alternatives)
     return replace(
-        found, verdict=more.verdict, effects=(), alternatives=alternatives, estimates=estimates,
+        found, verdict=more.verdict, effects=found.effects if more.keeps_effects else (), alternatives=alternatives, estimates=estimates,
         validation_after=more.validation, unexplained=more.unexplained, told_by=None, search=more.search,
         unseen=more.unseen, deviating=deviating, discovery=more.discoveries,
     )  # fmt: skip

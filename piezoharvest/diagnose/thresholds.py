@@ -198,7 +198,7 @@ MAX_RELATIVE_ERROR = Threshold(
 MIN_LAW_GAIN = Threshold(
     0.9,
     decides="share of the validation error above the noise from which on a law without a name explains it",
-    source="contract: section 6",
+    source="choice: what a named effect that is right removes of it, with a margin",
 )
 MIN_LOG_ODDS = Threshold(
     4.6,

@@ -32,22 +32,25 @@ TABLES = (Corners, Bends)
 
 @dataclass(frozen=True, eq=False)
 class LawFit:
-    """A full fit of a model with a law, its last effect.
+    """A full fit of a model with a law, its last effect unless said otherwise.
 
     Attributes
     ----------
     found : Fit
     visited : (n,) array
         Inputs of the law in the fitted records.
+    index : int
+        Of the law among the effects.
     """
 
     found: Fit
     visited: np.ndarray
+    index: int = -1
 
     @property
     def law(self) -> Law:
         """The law with its fitted values."""
-        law = self.found.model.transducer.effects[-1]
+        law = self.found.model.transducer.effects[self.index]
         assert isinstance(law, Law)
         return law
 
@@ -64,8 +67,8 @@ class LawFit:
     @cached_property
     def own(self) -> list[int]:
         """Columns of the law's parameters."""
-        last = len(self.found.model.transducer.effects) - 1
-        return [k for k, p in enumerate(self.found.model.parameters) if p.path[:2] == ("effects", last)]
+        path = "effects", self.index % len(self.found.model.transducer.effects)
+        return [k for k, p in enumerate(self.found.model.parameters) if p.path[:2] == path]
 
     @cached_property
     def normal(self) -> tuple[np.ndarray, np.ndarray]:

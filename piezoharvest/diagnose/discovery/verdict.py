@@ -40,6 +40,8 @@ class Explained:
     unexplained : float
         Share of the residual variance above the noise.
     unseen : tuple of ResidualTest
+    keeps_effects : bool
+        The effects that were found on the way are in the model, too.
     """
 
     verdict: str
@@ -48,6 +50,7 @@ class Explained:
     validation: Quality
     unexplained: float
     unseen: tuple[ResidualTest, ...]
+    keeps_effects: bool
 
 
 def explained(campaign: Campaign, before: Identification, trials: CandidateFits, done: Search) -> Explained | None:
@@ -140,20 +143,24 @@ def _as_diagnosed(campaign: Campaign, before: Identification, problem: Problem, 
         first, last = laws.squares[0], laws.squares[-1]
         share = _gain(first, last, last) * (laws.squares[n][0] - laws.squares[n + 1][0]) / (first[0] - last[0])
         rivals = tuple(Rival(r.place.name, r.place.input, r.form.word, each.log_odds(r)) for r in each.rivals)
-        discoveries.append(discovery(each.best, float(np.clip(share, -1.0, 1.0)), _p_value(each), rivals))
+        fitted = LawFit(laws.found[-1].best.found, each.best.visited, n - len(laws.found))
+        discoveries.append(discovery(fitted, float(np.clip(share, -1.0, 1.0)), _p_value(each), rivals))
     final, close = laws.found[-1].best.found, [rival for each in laws.found for rival in each.close]
-    given = done.given_effects
-    left = failed_tests(problem, final)
+    given, left = done.given_effects, failed_tests(problem, final)
+    kept = bool(done.nested) and laws.found[0].start is done.final
     extended = replace(
-        done, nested=tuple(each.best.found for each in laws.found), order=final.model.transducer.effects[given:],
-        p_values=tuple(each.p_value for each in discoveries), left=left,
+        done,
+        nested=(*(done.nested if kept else ()), *(each.best.found for each in laws.found)),
+        order=final.model.transducer.effects[given:],
+        p_values=(*(done.p_values if kept else ()), *(each.p_value for each in discoveries)),
+        left=left,
         alternatives=tuple((EffectChange(rival.found), 0.0) for rival in close),
-    )  # fmt: skip
+    )
     squares, count = laws.squares[-1]
     return Explained(
         "ambiguous" if close else "new_effect", tuple(discoveries), extended,
         combined_quality(judged(laws.unseen.data, laws.check)), max(0.0, (squares - count) / squares),
-        failed_on(laws.unseen, laws.check),
+        failed_on(laws.unseen, laws.check), kept,
     )  # fmt: skip
 
 

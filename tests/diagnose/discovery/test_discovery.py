@@ -159,3 +159,19 @@ def test_only_a_whole_library_is_followed_by_a_search_for_laws(tmp_path):
     found = diagnose(campaign, told.append, library=[Leakage])
     assert (found.verdict, found.discovery) == ("unexplained", ())
     assert not any("law" in text for text in told)
+
+
+@pytest.mark.slow
+def test_two_laws_are_found_one_after_the_other(tmp_path):
+    def bent(true):
+        return 5e4 * true["displacement"] ** 2
+
+    both = Laws(load=lambda v: conducts(v, slope=2e-6), reading={"displacement": bent})
+    found = diagnose(measured(tmp_path, "stack", both))
+    assert found.verdict == "new_effect", sentence(found)
+    load, reading = found.discovery
+    assert (load.place, load.form) == ("load", "knee")
+    assert load.parameters["knee"][0] == pytest.approx(2.19, abs=5.0 * (load.parameters["knee"][1] or 0.0))
+    assert (reading.place, reading.law.place.input) == ("reading.displacement", "displacement")
+    assert within_its_band(reading, lambda x: 5e4 * x**2) > 0.95
+    assert load.gain + reading.gain > 0.95
