@@ -277,7 +277,8 @@ def _explained(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis |
         return None
     alternatives = tuple(step.effects for step, _ in more.search.alternatives)
     return replace(
-        found, verdict=more.verdict, effects=found.effects if more.keeps_effects else (), alternatives=alternatives, estimates=estimates,
+        found, verdict=more.verdict, effects=found.effects if more.keeps_effects else (),
+        alternatives=alternatives, estimates=estimates,
         validation_after=more.validation, unexplained=more.unexplained, told_by=None, search=more.search,
         unseen=more.unseen, deviating=deviating, discovery=more.discoveries,
     )  # fmt: skip
