@@ -19,6 +19,7 @@ from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import fit, mean_square
 from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.predict.circuit.setting import by_engine
 from piezoharvest.predict.prediction import PredictionError
 
 FITS = 5  # places with the highest scores that are fitted in full
@@ -50,8 +51,8 @@ class Found:
 
 
 def can_search(problem: Problem) -> bool:
-    """True for records over time behind linear circuits: those of switched ones see no corners of a law yet."""
-    return not problem.has_events and all(isinstance(data, Data) for data in problem.data)
+    """True for records over time behind linear circuits: what the engine predicts sees no corners of a law yet."""
+    return all(isinstance(data, Data) and not by_engine(data.setting) for data in problem.data)
 
 
 def search(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Found | None:
