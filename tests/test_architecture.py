@@ -40,7 +40,7 @@ LAYERS = [
     {"engine.batch", "engine.sensitivity", "engine.windows"},
     {"engine.transient"},
     {"spice"},
-    {"study", "output"},
+    {"effect_files", "study", "output"},
     {"specimen", "records.gate", "records.harmonics"},
     {"records.bench_limits", "records.expectation", "records.finding", "records.record", "records.weights"},
     {"records.campaign", "records.power", "records.spectra"},

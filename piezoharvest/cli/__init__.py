@@ -42,6 +42,21 @@ ReportFolder = Annotated[Path | None, typer.Option(metavar="DIR", help="Write a 
 SpecimenFile = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Write the identified specimen (TOML) for studies.")
 ]
+
+
+def _load_effects(files: list[Path] | None) -> list[Path]:
+    from piezoharvest.effect_files import load_effects
+
+    for file in files or []:
+        load_effects(file)
+    return files or []
+
+
+EffectFiles = Annotated[
+    list[Path] | None,
+    typer.Option("--effects", metavar="FILE", help="Effects of your own (.py), as --save-effect writes.",
+                 callback=_load_effects),
+]  # fmt: skip
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 
 
@@ -83,6 +98,7 @@ def simulate(
         int | None,
         typer.Option(metavar="N", min=2, max=100_000, help="Intervals from N draws of an identified specimen."),
     ] = None,
+    effects: EffectFiles = None,
 ) -> Work:
     """Simulate every shunt of a study.
 
@@ -107,6 +123,7 @@ def design(
     report: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write a report (HTML) into this directory.")
     ] = None,
+    effects: EffectFiles = None,
 ) -> Work:
     """Tune and rank the candidates of a study.
 
@@ -181,15 +198,22 @@ def diagnose(
     json: AsJson = False,
     report: ReportFolder = None,
     save: SpecimenFile = None,
+    save_effect: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a law without a name as an effect file (.py).")
+    ] = None,
+    effects: EffectFiles = None,
 ) -> Work:
     """Find what the model of measured records lacks.
 
     The model is fitted, every known effect is tested, those that are there are named and fitted with it, and the gain
-    is measured on the validation records. Structure that no known effect explains is reported as unexplained.
+    is measured on the validation records. Where no known effect explains what is left, one law is sought
+    at one place of the model: a function of one input, with its formula. What that does not explain is unexplained.
     """
     from piezoharvest.cli import diagnose_command
 
-    return partial(diagnose_command.diagnose, campaign, as_json=json, report=report, save=save)
+    return partial(
+        diagnose_command.diagnose, campaign, as_json=json, report=report, save=save, save_effect=save_effect
+    )
 
 
 @app.command()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from piezoharvest.cli import tables
 from piezoharvest.description.parameters import ParameterError
+from piezoharvest.input import InputError
 from piezoharvest.output import (
     TABLE_SUFFIXES,
     OutputError,
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from piezoharvest.engine.response import Response
     from piezoharvest.specimen import Specimen
 
-BAD_INPUT = (StudyError, ParameterError, OutputError)
+BAD_INPUT = (StudyError, ParameterError, OutputError, InputError)
 
 
 def note(text: str) -> None:

@@ -11,19 +11,25 @@ from typing import TYPE_CHECKING, Any
 from piezoharvest.cli import tables
 from piezoharvest.cli.commands import note
 from piezoharvest.cli.identify_command import on_campaign
+from piezoharvest.output import check_file
 
 if TYPE_CHECKING:
     from piezoharvest.diagnose import Diagnosis, Named
+    from piezoharvest.diagnose.discovery.result import Discovery
     from piezoharvest.diagnose.experiments.planning import Plan
     from piezoharvest.diagnose.residual_tests import ResidualTest
 
 MAX_TEST_ROWS = 10  # number of failed residual tests printed
 
 
-def diagnose(path: Path, *, as_json: bool, report: Path | None, save: Path | None) -> int:
-    """Diagnose a campaign, print the verdict, write the report and the specimen."""
+def diagnose(
+    path: Path, *, as_json: bool, report: Path | None, save: Path | None, save_effect: Path | None = None
+) -> int:
+    """Diagnose a campaign, print the verdict, write the report, the specimen and the law."""
     from piezoharvest.diagnose import diagnose as run
 
+    if save_effect is not None:
+        check_file(save_effect, (".py",))
     found = on_campaign(path, report, save, run)
     if found is None:
         return 1
@@ -36,11 +42,27 @@ def diagnose(path: Path, *, as_json: bool, report: Path | None, save: Path | Non
     if save is not None:
         found.save(save)
         note(f"specimen: {save}")
+        if found.discovery:
+            note("warning: the specimen lacks the law without a name, which --save-effect writes")
+    if save_effect is not None:
+        _save_laws(found, save_effect)
     if report is not None:
         from piezoharvest.report import write_diagnosis
 
         print(write_diagnosis(found, report), file=sys.stderr if as_json else sys.stdout)
     return 0 if found.search.final.converged else 1
+
+
+def _save_laws(found: Diagnosis, path: Path) -> None:
+    """Write the laws without a name as effect files: the first as asked, a second beside it."""
+    from piezoharvest.diagnose.discovery.effect_file import save_effect
+
+    if not found.discovery:
+        note(f"warning: no effect file {path}: there is no law without a name")
+    for n, law in enumerate(found.discovery, 1):
+        target = path if n == 1 else path.with_stem(f"{path.stem}_{n}")
+        save_effect(law, found.campaign.path.name, target)
+        note(f"effect: {target}")
 
 
 def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
@@ -50,6 +72,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
     requested (`also_fitted`, `cut`, `unpredicted`).
     """
     from piezoharvest.description.effects import registered
+    from piezoharvest.diagnose.discovery.result import as_json
     from piezoharvest.diagnose.summary import scored, sentence
 
     before = {estimate.parameter.name: estimate for estimate in found.before.estimates}
@@ -62,6 +85,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "cut": list(found.cut),
         "unpredicted": list(found.unpredicted),
         "effects": [_effect(named) for named in found.effects],
+        "discovery": [as_json(each) for each in found.discovery],
         "alternatives": [list(names) for names in found.alternatives],
         "parameters": {
             e.parameter.name: {
@@ -90,6 +114,17 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         ],
         "structure": {"before": [_test_json(p) for p in found.shown], "after": [_test_json(p) for p in found.left]},
     }  # fmt: skip
+
+
+def _print_law(law: Discovery) -> None:
+    """Print a law without a name: where it acts, its formula and values, and the places it beat."""
+    from piezoharvest.report.units import percent, with_error
+
+    rows = [["place", law.place], [f"of {law.law.place.input.replace('_', ' ')}", law.formula]]
+    rows += [[name, with_error(value, std, unit)] for name, (value, std, unit) in law.parameters.items()]
+    rows += [["gain", percent(law.gain)], ["p", f"{law.p_value:.2g}"]]
+    rows += [[f"not {r.place} of {r.input.replace('_', ' ')}", f"log odds {r.log_odds:.3g}"] for r in law.rivals]
+    tables.print_rows("", ["law without a name", ""], rows)
 
 
 def plan_json(plan: Plan | None) -> dict[str, Any] | None:
@@ -147,6 +182,8 @@ def _print(found: Diagnosis) -> None:
     ]  # fmt: skip
     if rows:
         tables.print_rows("", ["effect", "parameter", "value", "p", "gain"], rows)
+    for law in found.discovery:
+        _print_law(law)
     rows = [
         [e.parameter.name, with_error(b.value, b.std, e.parameter.unit), with_error(e.value, e.std, e.parameter.unit)]
         for b, e in zip(found.before.estimates, found.estimates, strict=True)

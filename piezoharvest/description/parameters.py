@@ -165,10 +165,13 @@ def altered(component: C, **values: Any) -> C:
 
 
 def subclasses_by(attribute: str, base: type) -> dict[str, type]:
-    """Registered components: every subclass of `base` that has a name in the class attribute `attribute`."""
+    """Registered components: every subclass of `base` that has a name in the class attribute `attribute`.
+
+    A class whose name is that of the object (a property) is none of the library.
+    """
     found: dict[str, type] = {}
     for cls in base.__subclasses__():
-        if attribute in cls.__dict__:
+        if attribute in cls.__dict__ and not isinstance(cls.__dict__[attribute], property):
             found[cls.__dict__[attribute]] = cls
         found.update(subclasses_by(attribute, cls))
     return found

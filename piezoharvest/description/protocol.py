@@ -61,8 +61,8 @@ class SpecimenRows(Protocol):
 
     Attributes
     ----------
-    one, time, drive : Row
-        The constant 1, time as a share of the record, and the drive in its unit.
+    one, time, drive, drive_rate : Row
+        The constant 1, time as a share of the record, the drive in its unit, and its rate.
     x, u : Row
         Displacement (m) and velocity (m/s) of the first mode.
     q, v_t, v, i : Row
@@ -72,6 +72,7 @@ class SpecimenRows(Protocol):
     one: Row
     time: Row
     drive: Row
+    drive_rate: Row
     x: Row
     u: Row
     q: Row
@@ -118,6 +119,13 @@ class EquationBuilder(SpecimenRows, Protocol):
         """Add a power of a row, or of its positive part; return the row of it."""
         ...
 
+    def hinge(self, row: Row, knot: float, width: float) -> Row:
+        """Add the excess of a row over a knot, zero below it; return the row of it.
+
+        A builder whose elements have to be smooth rounds the corner off over a range of this width.
+        """
+        ...
+
     def charge(self, row: Row) -> None:
         """Add a charge on the electrodes beside C v_t and sum T_i x_i, C."""
         ...
@@ -130,8 +138,12 @@ class EquationBuilder(SpecimenRows, Protocol):
         """Add a force on a mode, N."""
         ...
 
-    def read(self, row: Row) -> None:
-        """Add a displacement that the sensor sees beside that of the specimen, m."""
+    def conduct(self, row: Row) -> None:
+        """Add a current through the load beside that of its label, which the sensor of the current sees, A."""
+        ...
+
+    def read(self, row: Row, channel: str = "displacement") -> None:
+        """Add to what the sensor of a channel reads beside the true value, in the channel's unit."""
         ...
 
     def lag(self, time_constant: float) -> None:

@@ -12,6 +12,8 @@ import numpy as np
 from piezoharvest.description.effects import Clipping, Effect
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.candidate_fits import CandidateFits, EffectChange, line_amplitude
+from piezoharvest.diagnose.discovery.result import Discovery
+from piezoharvest.diagnose.discovery.verdict import explained
 from piezoharvest.diagnose.experiments.planning import Plan, Planner, parameter_named
 from piezoharvest.diagnose.preparation.drive_saturation import SaturatedDrive, find_saturated_drive
 from piezoharvest.diagnose.preparation.held_values import identified
@@ -88,7 +90,7 @@ class Diagnosis:
     Attributes
     ----------
     campaign : Campaign
-    verdict : "adequate", "effect", "ambiguous" or "unexplained"
+    verdict : "adequate", "effect", "new_effect", "ambiguous" or "unexplained"
     effects : tuple of Named
     alternatives : tuple of tuple of str
         Sets of effects that the data cannot distinguish from `effects`.
@@ -115,6 +117,8 @@ class Diagnosis:
         Parameters of the extended model whose estimates are far from their nominal values.
     unpredicted : tuple of str
         Validation records that a model with effects cannot follow.
+    discovery : tuple of Discovery
+        Laws without a name that explain what no effect does.
     """
 
     campaign: Campaign
@@ -134,6 +138,12 @@ class Diagnosis:
     cut: tuple[str, ...] = ()
     deviating: tuple[Estimate, ...] = ()
     unpredicted: tuple[str, ...] = ()
+    discovery: tuple[Discovery, ...] = ()
+
+    @property
+    def extended(self) -> bool:
+        """True if the final model has more than the lumped one: effects, or laws without a name."""
+        return bool(self.effects or self.discovery)
 
     @property
     def experiment(self) -> str | None:
@@ -217,7 +227,7 @@ def diagnose(
     progress : callable
         Called with messages on the progress.
     library : sequence of Effect classes, optional
-        Effects to look for; default all that are registered.
+        Effects to look for; default all that are registered, and where these leave something a law without a name.
 
     Raises
     ------
@@ -226,7 +236,8 @@ def diagnose(
     """
     cut = find_saturated_drive(campaign) if library is None or Clipping in library else None
     if cut is None:
-        return _diagnose_all(campaign, progress, library)
+        found = _diagnose_all(campaign, progress, library)
+        return _with_laws(found, campaign, progress) if library is None else found
     progress(f"{', '.join(cut.records)}: the {cut.effect.channel} was cut off; what comes after that is left out")
     try:
         found = _with_saturation(cut, _diagnose_all(cut.campaign, progress, library))
@@ -234,6 +245,44 @@ def diagnose(
         progress(f"what is left cannot be fitted: {error}")
         found = None
     return found or _diagnose_all(campaign, progress, library)
+
+
+def _with_laws(found: Diagnosis, campaign: Campaign, progress: Callable[[str], None]) -> Diagnosis:
+    """The diagnosis, where it ended unexplained, with a law without a name that explains what was left.
+
+    Inertia and damping may have been left out only because they stood in for the law: it is sought with them first.
+    """
+    if found.verdict != "unexplained":
+        return found
+    progress("no known effect explains it: looking for a law without a name")
+    if found.campaign.transducer.quasi_static and not campaign.transducer.quasi_static:
+        before = identify(replace(found.campaign, transducer=campaign.transducer), offsets=found.before.offsets)
+        alone = replace(found.search, base=before.found, nested=(), order=(), p_values=(), alternatives=())
+        moving = _explained(replace(found, campaign=before.campaign, before=before, search=alone), progress)
+        if moving is not None:
+            return moving
+    return _explained(found, progress) or found
+
+
+def _explained(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis | None:
+    """The diagnosis with laws that explain what was left; None where none does."""
+    trials = CandidateFits(found.problem, found.before.found, [], progress)
+    more = explained(found.campaign, found.before, trials, found.search)
+    if more is None:
+        return None
+    final = more.search.final
+    estimates = tuple(_estimates(found.before, final))
+    far = {parameter.path for parameter in trials.deviating(EffectChange(final))}
+    deviating = tuple(estimate for estimate in estimates if estimate.parameter.path in far)
+    if any(map(_is_implausible, deviating)):
+        return None
+    alternatives = tuple(step.effects for step, _ in more.search.alternatives)
+    return replace(
+        found, verdict=more.verdict, effects=found.effects if more.keeps_effects else (),
+        alternatives=alternatives, estimates=estimates,
+        validation_after=more.validation, unexplained=more.unexplained, told_by=None, search=more.search,
+        unseen=more.unseen, deviating=deviating, discovery=more.discoveries,
+    )  # fmt: skip
 
 
 def _with_saturation(cut: SaturatedDrive, rest: Diagnosis) -> Diagnosis | None:

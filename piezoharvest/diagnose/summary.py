@@ -136,6 +136,8 @@ def _verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "effect":
         gain = sum(named.gain for named in diagnosis.effects)
         return f"The model lacked {names}: with it, {100 * gain:.0f} % of the validation error above the noise is gone."
+    if diagnosis.discovery:
+        return _verdict_of_laws(diagnosis)
     if diagnosis.verdict == "ambiguous":
         others = " or ".join(" and ".join(map(_words, some)) for some in diagnosis.alternatives)
         return f"The model lacks {names}, or else {others}: these records cannot tell."
@@ -146,6 +148,22 @@ def _verdict(diagnosis: Diagnosis) -> str:
         f" Records that were not fitted are worse with {harm}, so that it stands in for something else." if harm else ""
     )
     return f"Something is missing that no known effect explains.{found}{spoiled}"
+
+
+def _verdict_of_laws(diagnosis: Diagnosis) -> str:
+    laws = " and ".join(f"a law at {_at(law.place)}, {law.formula}" for law in diagnosis.discovery)
+    gain = sum(law.gain for law in diagnosis.discovery)
+    told = f"No known effect explains what was missing, but {laws}: with it, {100 * gain:.0f} % of the validation error"
+    if diagnosis.verdict == "new_effect":
+        return f"{told} above the noise is gone."
+    others = " or ".join(_at(" and ".join(names)) for names in diagnosis.alternatives)
+    return f"{told} above the noise is gone. These records cannot tell it from one at {others}."
+
+
+def _at(place: str) -> str:
+    """A place in words: `reading.voltage` is the reading of the voltage."""
+    kind, _, name = place.partition(".")
+    return f"the {kind} of the {name.replace('_', ' ')}" if name else f"the {place}"
 
 
 def _described(named: Named) -> str:

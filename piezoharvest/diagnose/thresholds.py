@@ -194,6 +194,28 @@ MAX_RELATIVE_ERROR = Threshold(
     steady=(0.7, 1.3),
 )
 
+# Laws without a name.
+MIN_LAW_GAIN = Threshold(
+    0.9,
+    decides="share of the validation error above the noise from which on a law without a name explains it",
+    source="choice: what a named effect that is right removes of it, with a margin",
+)
+MIN_LOG_ODDS = Threshold(
+    4.6,
+    decides="logarithm of the odds of the best place for a law over another, from which on the other is ruled out",
+    source="theory: a hundred to one (Kass & Raftery, J. Am. Stat. Assoc. 90, 773-795, 1995)",
+)
+MIN_LEFT = Threshold(
+    0.1,
+    decides="squares of unseen records above those of noise, relative to these, from which on a second law is sought",
+    source="choice: a tenth of the variance of noise is no more than its estimate may be off",
+)
+LARGE_MISFIT = Threshold(
+    100.0,
+    decides="mean square of the whitened residual from which on scores of places mean little, and each is fitted",
+    source="choice: ten standard deviations in every sample",
+)
+
 # Records that were not fitted.
 MIN_EXPLAINED_SHARE = Threshold(
     1e-3,

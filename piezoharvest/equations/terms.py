@@ -20,7 +20,7 @@ from piezoharvest.equations.laws import strain_charge
 
 MAX_COLUMNS = 128  # columns at most
 UNITS = np.eye(MAX_COLUMNS)
-PRODUCT, TIMED = 0, 1
+PRODUCT, TIMED, HINGE = 0, 1, -1
 Rows = Mapping[str, Row]
 
 
@@ -45,7 +45,8 @@ class SmoothElement(NamedTuple):
     name : str
     first, second : Row
     power : int
-        From 2 on the power; `PRODUCT` of both inputs; `TIMED`, time as fraction of the record times the single input.
+        From 2 on the power; `PRODUCT` of both inputs; `TIMED`, time as fraction of the record times the single input;
+        `HINGE`, the input where it is well above one, and next to nothing where it is well below minus one.
     """
 
     name: str
@@ -57,6 +58,8 @@ class SmoothElement(NamedTuple):
         """Output for these inputs at time zero."""
         if self.power == TIMED:
             return 0.0
+        if self.power == HINGE:
+            return 0.5 * (first + np.hypot(first, 1.0))
         return first * second if self.power == PRODUCT else first**self.power
 
 
@@ -74,7 +77,7 @@ class Terms:
 
     Attributes
     ----------
-    one, time, drive, x, u, q, v_t, v, i, strain_charge : Row
+    one, time, drive, drive_rate, x, u, q, v_t, v, i, strain_charge : Row
         As in `predict.record_model.RecordModel`.
     states : list of State
         States of effects.
@@ -117,7 +120,7 @@ class Terms:
         self.v, self.x, self.u = rows["v_t"] + rows["v_h"], rows["x1"], rows["u1"]
         moved = [rows[f"x{n}"] for n in range(1, len(transducer.all_modes) + 1)]
         self.strain_charge = strain_charge(transducer.all_modes, moved, self.nothing)
-        self.time = self._column("time")
+        self.time, self.drive_rate = self._column("time"), self.nothing
         self.pushes, self.charges, self.drawn = [self.nothing] * len(transducer.all_modes), self.nothing, self.nothing
         self.stored: list[Product] = []
         self.losses: list[tuple[str, Product]] = []
@@ -167,6 +170,17 @@ class Terms:
         whole = not positive and float(exponent).is_integer() and exponent >= 2
         return self._element(row, row, int(exponent)) if whole else self._unknown
 
+    def hinge(self, row: Row, knot: float, width: float) -> Row:
+        """Excess of a row over a knot, rounded off to a branch of a hyperbola: the engine's steps need it smooth.
+
+        Of time by itself it is unknown, but where no time passes.
+        """
+        if np.any(row[..., self.columns["time"]]):
+            return self._unknown if self._passes else self.nothing
+        share = 1.0 / width
+        inside = share * (row - knot * self.one)
+        return width * self._element(inside, inside, HINGE)
+
     def charge(self, row: Row) -> None:
         """Add a charge on the electrodes beside C v_t and sum T_i x_i, C."""
         self.charges = self.charges + self._checked(row)
@@ -188,8 +202,12 @@ class Terms:
         if np.any(smooth):
             self.losses.append((self._effect, Product(-1.0, smooth, UNITS[self.columns[f"u{mode + 1}"]])))
 
-    def read(self, row: Row) -> None:
-        """Ignore a sensor's additional displacement, which does not act on the specimen."""
+    def conduct(self, row: Row) -> None:
+        """Add a current that leaves the node through the load, A."""
+        self.draw(row)
+
+    def read(self, row: Row, channel: str = "displacement") -> None:
+        """Ignore what a sensor reads besides, which does not act on the specimen."""
 
     def lag(self, time_constant: complex) -> None:
         """Ignore a sensor's lag, which does not act on the specimen."""

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 import piezoharvest
+from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import covariance
@@ -52,9 +53,13 @@ def save(found: Fit, estimates: Sequence[Estimated], campaign: Campaign, path: s
 
 
 def specimen_of(found: Fit, estimates: Sequence[Estimated], campaign: Campaign, **source: Any) -> Specimen:
-    """Specimen of a fit: its transducer without errors of sensors, and the covariance of what was fitted of it."""
+    """Specimen of a fit: its transducer without errors of sensors, and the covariance of what was fitted of it.
+
+    A law without a name is left out: an effect file has it.
+    """
     fitted = found.model.transducer
-    own = [n for n, effect in enumerate(fitted.effects) if effect.of_specimen]
+    named = [n for n, effect in enumerate(fitted.effects) if not isinstance(effect, Law)]
+    own = [n for n in named if fitted.effects[n].of_specimen]
     places = [k for k, p in enumerate(found.model.parameters) if p.path[0] != "effects" or p.path[1] in own]
     parameters = [found.model.parameters[k] for k in places]
     numbers = [float(np.real(value_at(fitted, parameter.path))) for parameter in parameters]
@@ -67,7 +72,7 @@ def specimen_of(found: Fit, estimates: Sequence[Estimated], campaign: Campaign, 
         scaling=tuple(parameter.scaling for parameter in parameters),
         transducer=_sorted(transducer),
         lacking={e.parameter.name: e.experiment for e in estimates if not e.identifiable},
-        measurement=tuple(effect for effect in fitted.effects if not effect.of_specimen),
+        measurement=tuple(fitted.effects[n] for n in named if n not in own),
         unknown=campaign.unknown,
         source={**source, **_source(campaign)},
     )

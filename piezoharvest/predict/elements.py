@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 
-from piezoharvest.predict.record_model import POSITIVE_POWER, POWER, PRODUCT
+from piezoharvest.predict.record_model import HINGE, POSITIVE_POWER, POWER, PRODUCT
 
 
 def outputs_of(
-    kinds: np.ndarray, places: np.ndarray, exponents: np.ndarray, inputs: np.ndarray, w: np.ndarray
+    kinds: np.ndarray, places: np.ndarray, parameters: np.ndarray, inputs: np.ndarray, w: np.ndarray
 ) -> np.ndarray:
-    """Outputs (k, elements) of the elements for inputs (k, inputs); those of stops are copied from `w`."""
+    """Outputs (k, elements) of the elements for inputs (k, inputs); those of stops are copied from `w`.
+
+    The parameters (k, elements) may have complex steps, but for whole exponents.
+    """
     found = w.copy()
-    for j, (kind, (first, second), exponent) in enumerate(zip(kinds, places, exponents, strict=True)):
+    for j, (kind, (first, second), parameter) in enumerate(zip(kinds, places, parameters.T, strict=True)):
         value = inputs[:, first]
         if kind == PRODUCT:
             found[:, j] = value * inputs[:, second]
         elif kind == POWER:
-            found[:, j] = value**exponent
+            found[:, j] = value ** np.real(parameter)
         elif kind == POSITIVE_POWER:
             above = np.real(value) > 0
-            found[:, j] = np.where(above, np.where(above, value, 1.0) ** exponent, 0.0)
+            found[:, j] = np.where(above, np.where(above, value, 1.0) ** parameter, 0.0)
+        elif kind == HINGE:
+            found[:, j] = np.where(np.real(value - parameter) > 0, value - parameter, 0.0)
     return found

@@ -36,6 +36,8 @@ class Parameter:
         Sign of a value whose logarithm is varied: 1 or -1.
     title : str
         Name in results, if it is not the path.
+    deviation : float
+        Prior standard deviation about zero of an effect's variable, of which there is no nominal value.
     """
 
     path: Path
@@ -45,6 +47,7 @@ class Parameter:
     upper: float
     sign: float = 1.0
     title: str = ""
+    deviation: float = np.inf
 
     @property
     def name(self) -> str:

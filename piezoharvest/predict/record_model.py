@@ -31,7 +31,7 @@ from piezoharvest.equations.laws import (
 COLUMNS = (
     96  # at first: a transducer of six modes with ten operators and five effects; doubled as long as more are needed
 )
-STOP, PRODUCT, POWER, POSITIVE_POWER = range(4)
+STOP, PRODUCT, POWER, POSITIVE_POWER, HINGE = range(5)
 INPUTS = ("drive", "drive_rate", "one", "time")
 # An imposed voltage, zero for a short, reaches the electrodes through leads whose time constant is this fraction of a
 # sample.
@@ -39,7 +39,7 @@ LEADS = 1e-4
 
 
 class ScalarElement(NamedTuple):
-    """Scalar element of one or two rows: its kind, its rows, and its threshold or exponent."""
+    """Scalar element of one or two rows: its kind, its rows, and its threshold, exponent or knot."""
 
     kind: int
     first: Row
@@ -64,7 +64,7 @@ class Matrices:
         States are scale * z in SI units.
     kinds : (elements,) array
     parameters : (elements,) array
-        Thresholds of the stops, exponents of the powers.
+        Thresholds of the stops, exponents of the powers, knots of the hinges.
     places : (elements, 2) array
         Inputs of each element, as indices.
     channels : tuple of str
@@ -113,8 +113,8 @@ class RecordModel:
 
     Attributes
     ----------
-    one, time, drive : Row
-        1, time as fraction of the record, and the drive in its unit.
+    one, time, drive, drive_rate : Row
+        1, time as fraction of the record, the drive in its unit, and its rate.
     x, u, q, v_t, v, i, strain_charge : Row
         Displacement (m) and velocity of the first mode, charge, voltage across the capacitance and at the electrodes,
         load current, and sum T_i x_i.
@@ -147,7 +147,8 @@ class RecordModel:
         self._elements: list[tuple[ScalarElement, Row]] = []
         self._charges: list[Row] = []
         self._drawn: list[Row] = []
-        self._read: list[Row] = []
+        self._conducted: list[Row] = []
+        self._read: dict[str, list[Row]] = {}
         self._lags: list[complex] = []
         self._followers: dict[str, Row] = {}
         self._modes()
@@ -191,6 +192,10 @@ class RecordModel:
         """Integer power of a row; with `positive` any power of its positive part, zero below."""
         return self._element(ScalarElement(POSITIVE_POWER if positive else POWER, row, row, exponent))
 
+    def hinge(self, row: Row, knot: float, width: float) -> Row:
+        """Excess of a row over a knot, zero below it: exact, so that its width is not used."""
+        return self._element(ScalarElement(HINGE, row, row, knot))
+
     def charge(self, row: Row) -> None:
         """Add a charge on the electrodes beside C v_t and sum T_i x_i, C."""
         self._charges.append(row)
@@ -203,9 +208,13 @@ class RecordModel:
         """Add a force on a mode, N."""
         self._pushes[mode].append(row)
 
-    def read(self, row: Row) -> None:
-        """Add a displacement to the sensor's reading beside the specimen's, m."""
-        self._read.append(row)
+    def conduct(self, row: Row) -> None:
+        """Add a current through the load, which its sensor sees, A."""
+        self._conducted.append(row)
+
+    def read(self, row: Row, channel: str = "displacement") -> None:
+        """Add to what the sensor of a channel reads, in the channel's unit."""
+        self._read.setdefault(channel, []).append(row)
 
     def lag(self, time_constant: complex) -> None:
         """Put a first-order lag into the displacement sensor."""
@@ -250,7 +259,8 @@ class RecordModel:
         thresholds, weights = (hysteresis.thresholds, hysteresis.weights) if hysteresis else ((), ())
         stops = [self.stop(self.q, threshold) for threshold in thresholds]
         self.equation(self.v - self.v_t - hysteresis_voltage(weights, stops, none))
-        self.equation(node_law(self._dq, self.i, sum(self._drawn, none)))
+        drawn = sum(self._drawn, none) + sum(self._conducted, none)
+        self.equation(node_law(self._dq, self.i, drawn))
         source = self.drive if self.drive_name == "voltage" else 0.0 * self.one
         if self.drive_name == "voltage" or isinstance(shunt, Short):
             # Leads with a negligible time constant avoid an algebraic loop through the operators.
@@ -276,7 +286,7 @@ class RecordModel:
         none = 0.0 * self.one
         specimen = participating(modes, [x for x, _, _ in self._motion], none)
         velocity = participating(modes, [u for _, u, _ in self._motion], none)
-        self._reading = specimen + sum(self._read)
+        self._reading = specimen + sum(self._read.get("displacement", ()), none)
         self._moving = {"velocity": velocity}
         rates = [du for _, _, du in self._motion if du is not None]
         if rates:
@@ -322,8 +332,11 @@ class RecordModel:
         rates = explicit(dz) / scale[:, None]
         inputs, places = _distinct(elements)
         outputs = {
-            "displacement": self._reading, **self._moving, "voltage": self.v, "current": self.i, "force": self._force,
+            "displacement": self._reading, **self._moving, "voltage": self.v,
+            "current": self.i + sum(self._conducted), "force": self._force,
         }  # fmt: skip
+        for name in outputs.keys() & self._read.keys() - {"displacement"}:
+            outputs[name] = outputs[name] + sum(self._read[name])
         if self.drive_name != "displacement":
             del outputs["force"]
         rate_of = {_content(row): rate for _, row, rate, _ in self._states}

@@ -28,7 +28,7 @@ class SampleStep(NamedTuple):
     H : (n, elements) array
     O : (2 inputs + outputs, n + elements + 4) array
     limits : (elements,) array
-        Thresholds of stops, exponents of powers.
+        Thresholds of stops, exponents of powers, knots of hinges.
     """
 
     M: np.ndarray
@@ -93,7 +93,7 @@ def equilibria(several: Sequence[Matrices], inverse: np.ndarray, first: np.ndarr
     (k, n) array
     """
     A, B, W, O = (np.array([getattr(each, name) for each in several]) for name in ("A", "B", "W", "O"))  # noqa: E741
-    kinds, places, exponents = several[0].kinds, several[0].places, np.real(several[0].parameters)
+    kinds, places, parameters = several[0].kinds, several[0].places, np.array([each.parameters for each in several])
     inverses = inverse - 1j * (inverse @ np.imag(A) @ inverse)
     e = first[:, None] * (1.0, 0.0, 0.0, 0.0) + (0.0, 0.0, 1.0, 0.0)
     forced = _applied(B, e)
@@ -102,7 +102,7 @@ def equilibria(several: Sequence[Matrices], inverse: np.ndarray, first: np.ndarr
         before, z = z, -_applied(inverses, forced + _applied(W, w))
         if np.all(kinds == STOP) or np.abs(z - before).max() <= 1e-14 * np.abs(z).max():
             break
-        w = outputs_of(kinds, places, exponents, _applied(O, np.hstack([z, w, e])), w)
+        w = outputs_of(kinds, places, parameters, _applied(O, np.hstack([z, w, e])), w)
     return z
 
 

@@ -54,6 +54,7 @@ def write_diagnosis(found: Diagnosis, directory: str | Path) -> Path:
         experiment=found.experiment,
         told_by=found.told_by if found.plan is not None else None,
         named=list(_named(found)),
+        laws=list(_laws(found)),
         residuals=list(_residuals(found)),
         unexplained=percent(found.unexplained),
         scores=[_score(row, found) for row in rows],
@@ -72,7 +73,10 @@ def write_diagnosis(found: Diagnosis, directory: str | Path) -> Path:
 
 
 def _pictures(found: Diagnosis, rows: Sequence[Scored]) -> Iterator[Picture]:
-    changed, records = bool(found.effects), list(residuals(found))
+    changed, records = found.extended, list(residuals(found))
+    for n, law in enumerate(found.discovery, 1):
+        caption = "What the law adds, with a band of three standard errors, over the range that the records visit."
+        yield Picture(f"law_{n}", "cause", f"The law at the {law.place}", caption, diagnosed.law_figure(law))
     if records:
         yield from _causes(records, changed)
         caption = "Mean of the whitened residual of all records in bins; noise alone lies within ±2."
@@ -127,7 +131,7 @@ def _causes(records: Sequence[Residuals], changed: bool) -> Iterator[Picture]:
 def _structure(found: Diagnosis) -> Picture:
     problem = found.problem
     sides = [("without effects", run_tests(problem, found.before.found))]
-    if found.effects:
+    if found.extended:
         sides.append(("with them", run_tests(problem, found.search.final)))
     caption = (
         "Whitened squares of the residual by band of frequency in Hz, less what noise has, in units of its scatter; "
@@ -146,6 +150,20 @@ def _named(found: Diagnosis) -> Iterator[dict[str, Any]]:
             "values": [
                 (name.replace("_", " "), value if isinstance(value, str) else with_error(value, std, unit))
                 for name, (value, std, unit) in values(named).items()
+            ],
+        }  # fmt: skip
+
+
+def _laws(found: Diagnosis) -> Iterator[dict[str, Any]]:
+    """Laws without a name, with the places that they were told from."""
+    for law in found.discovery:
+        yield {
+            "place": law.place, "of": law.law.place.input.replace("_", " "), "formula": law.formula,
+            "gain": percent(law.gain), "p_value": _p(law.p_value),
+            "doc": (type(law.law.place).__doc__ or "").split("\n")[0],
+            "values": [(name, with_error(value, std, unit)) for name, (value, std, unit) in law.parameters.items()],
+            "rivals": [
+                (f"{rival.place} of {rival.input.replace('_', ' ')}", number(rival.log_odds, 3)) for rival in law.rivals
             ],
         }  # fmt: skip
 
@@ -180,11 +198,10 @@ def _parameters(found: Diagnosis) -> Iterator[dict[str, Any]]:
     for before, after in zip(found.before.estimates, found.estimates, strict=True):
         unit = after.parameter.unit
         shift, errors = before.value - after.value, NONE
-        if before.identifiable and after.std and found.effects:
+        if before.identifiable and after.std and found.extended:
             errors = number(shift / after.std, 2) if shift else "0"
-        change = (
-            f"{100 * shift / after.value:+.3f}\u202f%".replace("-", "\u2212") if after.value and found.effects else NONE
-        )
+        told = after.value and found.extended
+        change = f"{100 * shift / after.value:+.3f}\u202f%".replace("-", "\u2212") if told else NONE
         yield {
             "name": after.parameter.name, "before": with_error(before.value, before.std, unit),
             "after": with_error(after.value, after.std, unit), "errors": errors, "change": change,

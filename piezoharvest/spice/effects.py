@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from piezoharvest.description.circuit import Row
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.equations.terms import PRODUCT, TIMED, SmoothElement
+from piezoharvest.equations.terms import HINGE, PRODUCT, TIMED, SmoothElement
 from piezoharvest.spice.deck import Deck, number, total
 from piezoharvest.spice.operating_point import OperatingPoint
 from piezoharvest.spice.stop import write_stop
@@ -106,6 +106,8 @@ class _Values:
             return f"{first}*{second}"
         if element.power == TIMED:
             return f"(time*{number(1 / self.point.length)})*{first}"
+        if element.power == HINGE:
+            return f"(0.5*({first}+sqrt({first}*{first}+1)))"
         return "*".join([first] * element.power)
 
     def _sum(self, row: Row, known: Mapping[str, tuple[float, str]]) -> list[tuple[float, str]]:

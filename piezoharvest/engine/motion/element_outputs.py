@@ -14,7 +14,7 @@ from piezoharvest.engine.memory.state import dot_column
 from piezoharvest.engine.memory.tables import block_of
 from piezoharvest.engine.memory.vector import multiply
 from piezoharvest.engine.motion.charge_transfer import charge_slope, move_charge
-from piezoharvest.equations.terms import PRODUCT, TIMED
+from piezoharvest.equations.terms import HINGE, PRODUCT, TIMED
 
 MAX_ITERATIONS = 40
 STEP_TOLERANCE = 1e-9  # of outputs or state: largest last step of Newton's method that counts as converged
@@ -63,6 +63,8 @@ def output_of(P, L, k, first, second, time):
     power = L[L[pg.ELEMENT_POWER] + k]
     if power == TIMED:
         return P[L[pg.DRIFT]] * time * first
+    if power == HINGE:
+        return 0.5 * (first + np.sqrt(first * first + 1.0))
     return first * second if power == PRODUCT else first**power
 
 
@@ -74,6 +76,8 @@ def slope_of(P, L, k, first, second, time, which):
         return first if which else second
     if which:
         return 0.0
+    if power == HINGE:
+        return 0.5 * (1.0 + first / np.sqrt(first * first + 1.0))
     return P[L[pg.DRIFT]] * time if power == TIMED else power * first ** (power - 1)
 
 

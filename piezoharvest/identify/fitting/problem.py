@@ -209,7 +209,7 @@ def prior_of(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
     for parameter in model.parameters:
         if parameter.path[0] == "effects" and int(parameter.path[1]) >= len(problem.nominal.effects):
             means.append(0.0)
-            precision.append(0.0)
+            precision.append(parameter.deviation**-2)
             continue
         nominal = parameter.inner(value_at(problem.nominal, parameter.path))
         means.append(nominal)

@@ -134,7 +134,7 @@ class Elements(NamedTuple):
     kinds, places
         As in `Matrices`.
     limits : (elements,) array
-        Thresholds of stops, exponents of powers.
+        Thresholds of stops, exponents of powers, knots of hinges.
     """
 
     kinds: np.ndarray

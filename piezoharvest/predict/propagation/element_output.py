@@ -12,7 +12,8 @@ import numpy as np
 
 from piezoharvest.engine.compilation.compiled import inlined
 
-STOP, _PRODUCT, _POWER = 0, 1, 2  # as in `record_model`, which depends on files that would count as sources of this
+# As in `record_model`, which depends on files that would count as sources of this.
+STOP, _PRODUCT, _POWER, _HINGE = 0, 1, 2, 4
 
 
 @inlined
@@ -72,6 +73,10 @@ def element_output(kind, limit, before, a, da, b, db, second, h):
         return b * second, 0.0, 0.0, 0.0, second, 0.0, b, 0.0
     if kind == _POWER:
         return b**limit, 0.0, 0.0, 0.0, limit * b ** (limit - 1.0), 0.0, 0.0, 0.0
+    if kind == _HINGE:
+        if b <= limit:
+            return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        return b - limit, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0
     if b <= 0.0:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    return b**limit, 0.0, 0.0, 0.0, limit * b ** (limit - 1.0), 0.0, 0.0, 0.0
+    return b**limit, 0.0, 0.0, 0.0, limit * b ** (limit - 1.0), 0.0, 0.0, b**limit * math.log(b)

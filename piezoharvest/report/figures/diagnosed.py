@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 
+from piezoharvest.diagnose.discovery.result import Discovery
 from piezoharvest.diagnose.residual_tests import ResidualTest, drive_frequency_of
 from piezoharvest.diagnose.residuals import Residuals, in_bins
 from piezoharvest.records.reading.channels import UNITS
@@ -21,6 +22,7 @@ AFTER = {"color": style.PALETTE[0], "linewidth": 0.7}
 _BAND = {"color": style.PALETTE[2], "alpha": 0.3, "linewidth": 0, "zorder": 3}
 _PANEL = 1.35  # inches
 _BINS = 40
+BAND_ERRORS = 3.0  # standard errors of a law's band: 99.7 % of a normal distribution
 # Points of a residual over time: averaging reveals structure below the noise of single samples.
 _TIME_POINTS = 200
 _SPECTRUM_POINTS = 160  # points of a spectrum
@@ -265,4 +267,21 @@ def cosine_figure(names: Sequence[str], table: np.ndarray) -> Figure:
                     j, i, f"{table[i, j]:.2f}".replace("-", "−"), ha="center", va="center", fontsize=7, color=colour
                 )
     figure.colorbar(image, ax=axes, label="cosine of the signatures")
+    return figure
+
+
+@style.styled
+def law_figure(law: Discovery) -> Figure:
+    """Draw what a law adds at its place against its input, with a band of three standard errors."""
+    place = law.law.place
+    figure, axes = style.grid_of_axes(1, height=2.9)
+    x, y, band = law.input, law.value, BAND_ERRORS * law.std
+    fx, x_unit = prefix_of(float(abs(x).max()), place.input_unit)
+    fy, y_unit = prefix_of(float((abs(y) + band).max()), place.unit)
+    axes.fill_between(fx * x, fy * (y - band), fy * (y + band), color=style.PALETTE[2], alpha=0.3, linewidth=0)
+    axes.plot(fx * x, fy * y, color=style.PALETTE[0])
+    axes.axhline(0.0, color=style.MUTED, linewidth=0.7)
+    name = place.input.replace("_", " ")
+    axes.set_xlabel(f"{name} ({x_unit})" if x_unit else f"{name} (share of the record)")
+    axes.set_ylabel(f"added at the {style.plain(place.name.replace('.', ' of '))}" + (f" ({y_unit})" if y_unit else ""))
     return figure

@@ -1,0 +1,214 @@
+"""Functions of one input that a law without a name may be: tables of corners, and readable formulas.
+
+Source of the tables: de Boor, A Practical Guide to Splines, 2001, chapters III and IX (broken lines; truncated powers).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from piezoharvest.description.circuit import Row
+from piezoharvest.description.parameters import Component, quantity
+from piezoharvest.description.protocol import EquationBuilder
+
+Array = Any  # a float array, complex where a parameter has a complex step
+PIECES, REACH = 16, 2.0  # of a broken line that stands for a power, up to twice the input of reference
+ROUNDED = (
+    1e-2  # of a knot: range over which the engine rounds off a corner, which moves the curve by a part in 1e4 beyond it
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Form(Component):
+    """A function f of one input with f(0) = 0.
+
+    Subclasses define `label` (the form's word in results), `values`, and `row`; where the function is smooth enough for
+    a coupling, which needs its slope, also `slope`. `strengths` are the fields at whose zero the law is absent.
+    """
+
+    label: ClassVar[str]
+    strengths: ClassVar[tuple[str, ...]]
+    smooth: ClassVar[bool] = False
+
+    def values(self, x: np.ndarray) -> Array:
+        """The function at inputs (n,)."""
+        raise NotImplementedError
+
+    def row(self, specimen: EquationBuilder, x: Row) -> Row:
+        """The function of a row, as a row."""
+        raise NotImplementedError
+
+    def slope(self, specimen: EquationBuilder, x: Row) -> Row:
+        """The derivative of the function of a row, as a row."""
+        raise NotImplementedError
+
+    @property
+    def word(self) -> str:
+        """The form's word in results."""
+        return self.label
+
+    @property
+    def absent(self) -> bool:
+        """True if the function is zero everywhere."""
+        return not any(np.any(np.asarray(getattr(self, name))) for name in self.strengths)
+
+
+def outward(knots: Any) -> np.ndarray:
+    """Side of each knot on which its piece begins: 1 above a knot that is not negative, -1 below one that is.
+
+    A knot of -0.0 begins a piece below zero.
+    """
+    return np.where(np.signbit(np.real(np.asarray(knots))), -1.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Corners(Form):
+    """Broken line: sum of c_j max(s_j (x - k_j), 0) over corners that face away from zero (s_j = sign of k_j)."""
+
+    label: ClassVar[str] = "table"
+    strengths: ClassVar[tuple[str, ...]] = ("kinks",)
+
+    knots: tuple[float, ...]
+    kinks: tuple[float, ...]
+
+    def values(self, x: np.ndarray) -> Array:
+        sides = outward(self.knots)
+        return np.maximum(sides * (np.asarray(x)[:, None] - np.array(self.knots)), 0.0) @ np.array(self.kinks)
+
+    def row(self, specimen: EquationBuilder, x: Row) -> Row:
+        return broken_line(specimen, x, self.knots, self.kinks)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bends(Form):
+    """Quadratic spline: sum of c_j max(s_j (x - k_j), 0)^2 / 2, whose slope is a broken line."""
+
+    label: ClassVar[str] = "table"
+    strengths: ClassVar[tuple[str, ...]] = ("kinks",)
+    smooth: ClassVar[bool] = True
+
+    knots: tuple[float, ...]
+    kinks: tuple[float, ...]
+
+    def values(self, x: np.ndarray) -> Array:
+        sides = outward(self.knots)
+        return (
+            0.5 * np.maximum(sides * (np.asarray(x)[:, None] - np.array(self.knots)), 0.0) ** 2 @ np.array(self.kinks)
+        )
+
+    def row(self, specimen: EquationBuilder, x: Row) -> Row:
+        total = 0.0 * x
+        for knot, side, kink in zip(self.knots, outward(self.knots), self.kinks, strict=True):
+            total = total + 0.5 * kink * specimen.power(side * (x - knot * specimen.one), 2.0, positive=True)
+        return total
+
+    def slope(self, specimen: EquationBuilder, x: Row) -> Row:
+        signed = tuple(side * kink for side, kink in zip(outward(self.knots), self.kinks, strict=True))
+        return broken_line(specimen, x, self.knots, signed)
+
+
+def broken_line(specimen: EquationBuilder, x: Row, knots: tuple[float, ...], kinks: tuple[Any, ...]) -> Row:
+    """Row of a broken line with corners that face away from zero."""
+    width = ROUNDED * max(float(np.max(np.abs(knots))), 1e-30)
+    total = 0.0 * x
+    for knot, side, kink in zip(knots, outward(knots), kinks, strict=True):
+        total = total + kink * specimen.hinge(side * x, side * knot, width)
+    return total
+
+
+@dataclass(frozen=True, kw_only=True)
+class Knee(Form):
+    """Nothing up to a knee, and a straight line beyond it: on both sides (odd), or on one."""
+
+    label: ClassVar[str] = "knee"
+    strengths: ClassVar[tuple[str, ...]] = ("factor",)
+
+    factor: float = quantity("", "slope beyond the knee, in units of what is added by the input's", null=0.0)
+    knee: float = quantity("", "input at which it begins, in its unit")
+    sides: int = 2  # 2: odd; 1: above the knee; -1: below it
+
+    @property
+    def _corners(self) -> list[tuple[float, Any]]:
+        """Side and knee of each corner."""
+        return (
+            [(1.0, self.knee), (-1.0, self.knee)] if self.sides == 2 else [(float(self.sides), self.sides * self.knee)]
+        )
+
+    def values(self, x: np.ndarray) -> Array:
+        parts = (s * self.factor * np.where(s * x > np.real(k), s * x - k, 0.0) for s, k in self._corners)
+        return sum(parts, np.zeros(len(x)))
+
+    def row(self, specimen: EquationBuilder, x: Row) -> Row:
+        width = ROUNDED * max(abs(float(np.real(self.knee))), 1e-30)
+        parts = (s * self.factor * specimen.hinge(s * x, knee, width) for s, knee in self._corners)
+        return sum(parts, 0.0 * x)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Power(Form):
+    """a |x|^n: odd (with the sign of x) or even, with any n."""
+
+    label: ClassVar[str] = "power"
+    strengths: ClassVar[tuple[str, ...]] = ("factor",)
+    smooth: ClassVar[bool] = True
+
+    factor: float = quantity("", "what is added where the input is `scale`", null=0.0)
+    exponent: float = quantity("", "n", above=0)
+    scale: float  # input of reference, in its unit: fixed, so that factor and exponent are told apart
+    odd: bool = True
+
+    def values(self, x: np.ndarray) -> Array:
+        size = np.abs(x) / self.scale
+        powers = np.where(size > 0, np.where(size > 0, size, 1.0) ** self.exponent, 0.0)
+        return self.factor * (np.sign(x) * powers if self.odd else powers)
+
+    def row(self, specimen: EquationBuilder, x: Row) -> Row:
+        return self.factor * self._powers(specimen, x, self.exponent, odd=self.odd)
+
+    def slope(self, specimen: EquationBuilder, x: Row) -> Row:
+        factor = self.factor * self.exponent / self.scale
+        return factor * self._powers(specimen, x, self.exponent - 1.0, odd=not self.odd)
+
+    def _powers(self, specimen: EquationBuilder, x: Row, exponent: Any, *, odd: bool) -> Row:
+        size = (1.0 / self.scale) * x
+        above = specimen.power(size, exponent, positive=True)
+        if np.any(np.isnan(above)):  # the engine has whole powers only
+            return self._broken(specimen, size, exponent, odd=odd)
+        below = specimen.power(-1.0 * size, exponent, positive=True)
+        return above - below if odd else above + below
+
+    @staticmethod
+    def _broken(specimen: EquationBuilder, size: Row, exponent: Any, *, odd: bool) -> Row:
+        """The same as a broken line, with corners that are close together where the power is most curved."""
+        knots = np.linspace(0.0, 1.0, PIECES + 1) ** 2 * REACH
+        kinks = np.diff(np.diff(knots**exponent) / np.diff(knots), prepend=0.0)
+        both = [*knots[:-1], *(-knots[:-1])]
+        return broken_line(specimen, size, tuple(both), (*kinks, *(-kinks if odd else kinks)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Monomial(Form):
+    """a x^n with a whole n from 2 on."""
+
+    label: ClassVar[str] = "polynomial"
+    strengths: ClassVar[tuple[str, ...]] = ("factor",)
+    smooth: ClassVar[bool] = True
+
+    factor: float = quantity("", "what is added where the input is `scale`", null=0.0)
+    scale: float  # input of reference, in its unit: fixed, so that factor and exponent are told apart
+    exponent: int = 2
+
+    def values(self, x: np.ndarray) -> Array:
+        return self.factor * (x / self.scale) ** self.exponent
+
+    def row(self, specimen: EquationBuilder, x: Row) -> Row:
+        return self.factor * specimen.power((1.0 / self.scale) * x, self.exponent)
+
+    def slope(self, specimen: EquationBuilder, x: Row) -> Row:
+        factor = self.factor * self.exponent / self.scale
+        if self.exponent == 2:
+            return (factor / self.scale) * x
+        return factor * specimen.power((1.0 / self.scale) * x, self.exponent - 1)

@@ -1,0 +1,193 @@
+"""Places of the model at which a law without a name may act: its input, and what it adds there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from piezoharvest.description.circuit import Row
+from piezoharvest.description.effects.nameless.forms import Form
+from piezoharvest.description.protocol import EquationBuilder
+
+UNITS = {
+    "force": "N", "base_acceleration": "m/s^2", "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2",
+    "voltage": "V", "current": "A", "time": "",
+}  # fmt: skip
+
+
+def input_unit(name: str) -> str:
+    """Unit of an input by its name: that of a channel, of its rate, or of time as a share of the record."""
+    return UNITS[name] if name in UNITS else f"{UNITS[name.removesuffix('_rate')]}/s"
+
+
+def input_row(specimen: EquationBuilder, name: str) -> Row | None:
+    """Row of an input; None where the model has none: an imposed voltage has no force, a force no acceleration."""
+    rows = {
+        "displacement": specimen.x, "velocity": specimen.u, "displacement_rate": specimen.u, "voltage": specimen.v,
+        "current": specimen.i, "time": specimen.time, specimen.drive_name: specimen.drive,
+        f"{specimen.drive_name}_rate": specimen.drive_rate,
+    }  # fmt: skip
+    return rows.get(name)
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place of the model.
+
+    Subclasses define `name`, `input` (its name), `unit` of what a law adds, and `add`. Where `bent` the linear part of
+    a law is that of a parameter of the model: a law that is a straight line is none.
+    """
+
+    name: ClassVar[str]
+    input: ClassVar[str]
+    unit: ClassVar[str]
+    bent: ClassVar[bool] = True
+    needs_slope: ClassVar[bool] = False
+
+    @property
+    def input_unit(self) -> str:
+        """Unit of the input."""
+        return input_unit(self.input)
+
+    def add(self, specimen: EquationBuilder, form: Form) -> None:
+        """Add a law here to the equations of a specimen."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Spring(Place):
+    """Force (N) beside k x of the first mode."""
+
+    name: ClassVar[str] = "spring"
+    input: ClassVar[str] = "displacement"
+    unit: ClassVar[str] = "N"
+
+    def add(self, specimen: EquationBuilder, form: Form) -> None:
+        specimen.push(-form.row(specimen, specimen.x))
+
+
+@dataclass(frozen=True)
+class Damper(Place):
+    """Force (N) beside b x' of the first mode."""
+
+    name: ClassVar[str] = "damper"
+    input: ClassVar[str] = "velocity"
+    unit: ClassVar[str] = "N"
+
+    def add(self, specimen: EquationBuilder, form: Form) -> None:
+        specimen.push(-form.row(specimen, specimen.u))
+
+
+@dataclass(frozen=True)
+class Electrodes(Place):
+    """Current (A) that leaves the node beside the load."""
+
+    name: ClassVar[str] = "electrodes"
+    input: ClassVar[str] = "voltage"
+    unit: ClassVar[str] = "A"
+    bent: ClassVar[bool] = False  # a straight line is a leakage, which is no parameter of the model
+
+    def add(self, specimen: EquationBuilder, form: Form) -> None:
+        specimen.draw(form.row(specimen, specimen.v))
+
+
+@dataclass(frozen=True)
+class Load(Place):
+    """Current (A) through the load beside that of its label, seen by the sensor of the current."""
+
+    name: ClassVar[str] = "load"
+    input: ClassVar[str] = "voltage"
+    unit: ClassVar[str] = "A"
+    bent: ClassVar[bool] = False
+
+    def add(self, specimen: EquationBuilder, form: Form) -> None:
+        specimen.conduct(form.row(specimen, specimen.v))
+
+
+@dataclass(frozen=True)
+class Capacitor(Place):
+    """Charge (C) beside C v_t."""
+
+    name: ClassVar[str] = "capacitor"
+    input: ClassVar[str] = "voltage"
+    unit: ClassVar[str] = "C"
+
+    def add(self, specimen: EquationBuilder, form: Form) -> None:
+        specimen.charge(form.row(specimen, specimen.v_t))
+
+
+@dataclass(frozen=True)
+class Coupling(Place):
+    """Charge q_t(x) (C) beside T x of the first mode, and the force q_t'(x) v_t that follows from the same energy.
+
+    Source: Maugin, Nonlinear Electromechanical Effects and Applications, 1985 (reciprocity).
+    """
+
+    name: ClassVar[str] = "coupling"
+    input: ClassVar[str] = "displacement"
+    unit: ClassVar[str] = "C"
+    needs_slope: ClassVar[bool] = True
+
+    def add(self, specimen: EquationBuilder, form: Form) -> None:
+        specimen.charge(form.row(specimen, specimen.x))
+        specimen.push(specimen.product(form.slope(specimen, specimen.x), specimen.v_t))
+
+
+@dataclass(frozen=True)
+class Reading(Place):
+    """What the sensor of a channel shows beside the true value: a function of it, of another one, a rate, or time."""
+
+    bent: ClassVar[bool] = False  # a straight line is a gain, or crosstalk, of which the model has none
+
+    channel: str
+    of: str
+
+    @property
+    def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """`reading.` and the channel."""
+        return f"reading.{self.channel}"
+
+    @property
+    def input(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Name of the input."""
+        return self.of
+
+    @property
+    def unit(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Unit of the channel."""
+        return UNITS[self.channel]
+
+    def add(self, specimen: EquationBuilder, form: Form) -> None:
+        x = input_row(specimen, self.of)
+        if x is not None and self.channel != specimen.drive_name:
+            specimen.read(form.row(specimen, x), self.channel)
+
+
+@dataclass(frozen=True)
+class OverTime(Place):
+    """Relative change of a parameter over the time of a record."""
+
+    parameter: str
+    input: ClassVar[str] = "time"
+    unit: ClassVar[str] = ""
+    bent: ClassVar[bool] = False
+
+    @property
+    def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """`parameter.` and the name."""
+        return f"parameter.{self.parameter}"
+
+    def add(self, specimen: EquationBuilder, form: Form) -> None:
+        change, device = form.row(specimen, specimen.time), specimen.transducer
+        if self.parameter == "stiffness":
+            specimen.push(-device.stiffness * specimen.product(change, specimen.x))
+        elif self.parameter == "damping":
+            specimen.push(-device.damping * specimen.product(change, specimen.u))
+        elif self.parameter == "capacitance":
+            specimen.charge(device.capacitance * specimen.product(change, specimen.v_t))
+        else:
+            specimen.charge(device.coupling * specimen.product(change, specimen.x))
+            specimen.push(device.coupling * specimen.product(change, specimen.v_t))
+
+
+PARAMETERS_OVER_TIME = ("stiffness", "damping", "coupling", "capacitance")

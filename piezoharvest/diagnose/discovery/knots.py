@@ -1,0 +1,51 @@
+"""Corners of a law's table, placed by the data: where the records have been, and evenly over that range.
+
+Source: Ruppert, Wand & Carroll, Semiparametric Regression, 2003, section 5.5 (knots at quantiles).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from piezoharvest.description.effects.nameless.forms import Bends, Corners
+from piezoharvest.description.effects.nameless.places import Place
+
+KNOTS = 11  # the ends included: the smoothness is by the prior, so that more would only cost time
+ENDS = (0.002, 0.998)  # quantiles of the visited inputs between which corners lie
+PIECES = 40  # of a broken line that stands for a smooth curve: off by a thousandth of it where it is most bent
+NEAR_ZERO = 0.5  # of the mean distance of two corners: one that is nearer to zero is put there
+
+
+def table_for(place: Place, visited: np.ndarray, *, smooth: bool = False) -> Corners | Bends | None:
+    """A table without kinks yet; None where the input does not move.
+
+    It is a broken line, or a quadratic spline where the place needs a slope or it shall be smooth.
+    """
+    low, high = map(float, np.quantile(visited, ENDS))
+    if not high > low:
+        return None
+    quantiles = np.quantile(visited, np.linspace(*ENDS, KNOTS))
+    knots = 0.5 * (quantiles + np.linspace(low, high, KNOTS))
+    inner = knots[1:-1]
+    near = np.abs(inner) < NEAR_ZERO * (high - low) / KNOTS
+    inner = inner[~near]
+    smooth = smooth or place.needs_slope
+    if smooth or not place.bent:
+        # The first piece is a straight line from zero, or from the end of the range.
+        first = [0.0] * (high > 0.0 and low <= 0.0) + [-0.0] * (low < 0.0 and high >= 0.0)
+        first += [low] * (low > 0.0) + [high] * (high < 0.0)
+    else:
+        first = [0.0] * (low < 0.0 < high)
+    chosen = tuple(float(k) for k in (*first, *inner))
+    kind = Bends if smooth else Corners
+    return kind(knots=chosen, kinks=(0.0,) * len(chosen))
+
+
+def fine_knots(visited: np.ndarray, count: int = PIECES) -> tuple[float, ...]:
+    """Corners of a broken line that stands for a smooth curve, from zero to both ends of what was visited."""
+    low, high = float(visited.min()), float(visited.max())
+    below = -np.linspace(0.0, -low, 1 + round(count * -low / (high - low)))[::1] if low < 0 < high else np.zeros(0)
+    if low < 0.0 < high:
+        above = np.linspace(0.0, high, count - len(below) + 1)
+        return (*map(float, above), *(-float(k) for k in -below))
+    return tuple(map(float, np.linspace(0.0, high if high > 0 else low, count)))

@@ -1,0 +1,209 @@
+"""Laws at places in the model of a fit: one linearisation of each, and full fits of the promising ones."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from piezoharvest.description.effects.nameless.forms import Bends, Corners, Form
+from piezoharvest.description.effects.nameless.law import Law
+from piezoharvest.description.effects.nameless.places import Place
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.diagnose.discovery.smoothness import Smoothness, projected, smoothness
+from piezoharvest.diagnose.score_tests import extended
+from piezoharvest.identify.fitting.evaluation import total_information
+from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.model import inner_values
+from piezoharvest.identify.fitting.output_error import fit, linearised
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
+from piezoharvest.predict.parameters import STEP, Parameter, parameter_of, put, value_at
+from piezoharvest.predict.prediction import PredictionError
+
+FIT_TOLERANCE = 0.5  # of -2 ln L, as of other trial fits
+ITERATIONS = 40  # of a full fit: one that takes more is far from its place
+SMOOTHING_ROUNDS = 3  # of fit and smoothness
+SAME_DEVIATION = 2.0  # ratio of deviations from which on a law is fitted anew: less hardly changes a curve
+TABLES = (Corners, Bends)
+
+
+@dataclass(frozen=True, eq=False)
+class LawFit:
+    """A full fit of a model with a law, its last effect unless said otherwise.
+
+    Attributes
+    ----------
+    found : Fit
+    visited : (n,) array
+        Inputs of the law in the fitted records.
+    index : int
+        Of the law among the effects.
+    """
+
+    found: Fit
+    visited: np.ndarray
+    index: int = -1
+
+    @property
+    def law(self) -> Law:
+        """The law with its fitted values."""
+        law = self.found.model.transducer.effects[self.index]
+        assert isinstance(law, Law)
+        return law
+
+    @property
+    def place(self) -> Place:
+        """Where it acts."""
+        return self.law.place
+
+    @property
+    def form(self) -> Form:
+        """What it is."""
+        return self.law.form
+
+    @cached_property
+    def own(self) -> list[int]:
+        """Columns of the law's parameters."""
+        path = "effects", self.index % len(self.found.model.transducer.effects)
+        return [k for k, p in enumerate(self.found.model.parameters) if p.path[:2] == path]
+
+    @cached_property
+    def normal(self) -> tuple[np.ndarray, np.ndarray]:
+        """Information and right side of the law's parameters at the fit, the others projected out."""
+        found = self.found
+        information, gradient, _ = total_information(found.model, found.nuisance, found.sums)
+        prior = found.prior.copy()
+        prior[self.own, self.own] = 0.0
+        inside, slope = projected(information, gradient, prior, self.own)
+        return inside, inside @ inner_values(found.model)[self.own] + slope
+
+    @property
+    def evidence(self) -> float:
+        """-2 ln of the marginal likelihood up to a constant (Laplace), for tables at several places."""
+        own, found = self.own, self.found
+        inside, _ = self.normal
+        precision = np.diag(found.prior)[own]
+        ratio = np.linalg.slogdet(np.eye(len(own)) + inside / np.sqrt(np.outer(precision, precision)))[1]
+        return found.cost + float(ratio)
+
+    @property
+    def freedom(self) -> float:
+        """Effective number of the law's parameters."""
+        inside, _ = self.normal
+        return float(np.trace(np.linalg.solve(inside + np.diag(np.diag(self.found.prior)[self.own]), inside)))
+
+    @property
+    def criterion(self) -> float:
+        """Bayes's information criterion, for forms at one place (Schwarz, Ann. Stat. 6(2), 461-464, 1978)."""
+        count = sum(float(sums.count.sum()) for sums in self.found.sums)
+        return self.found.cost + self.freedom * np.log(count)
+
+
+def law_parameters(law: Law, n: int, deviation: float = np.inf) -> list[Parameter]:
+    """Parameters of a law that is the n-th effect: the kinks of a table, or the quantities of a formula."""
+    form, path = law.form, ("effects", n, "form")
+    if isinstance(form, TABLES):
+        unit = f"{law.place.unit}/({law.place.input_unit or '1'})"
+        return [
+            Parameter((*path, "kinks", j), unit, "linear", -np.inf, np.inf, deviation=deviation)
+            for j in range(len(form.kinks))
+        ]
+    fields = [field for field in dataclasses.fields(form) if "unit" in field.metadata]
+    return [parameter_of(form, field, (*path, field.name)) for field in fields]
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """A law without kinks at a place, and what one linearisation expects of it.
+
+    Attributes
+    ----------
+    law : Law
+    visited : (n,) array
+    smoothness : Smoothness
+    """
+
+    law: Law
+    visited: np.ndarray
+    smoothness: Smoothness
+
+    @property
+    def gain(self) -> float:
+        """Expected decrease of -2 ln of the marginal likelihood."""
+        return self.smoothness.gain
+
+
+def score(problem: Problem, base: Fit, law: Law, visited: np.ndarray) -> Scored | None:
+    """Score of a law without kinks; None where the model then has no solution, or no record shows it."""
+    first = len(base.model.transducer.effects)
+    parameters = law_parameters(law, first)
+    model = replace(extended(base.model, [law], parameters), felt=first)
+    nuisance = nuisance_for_model(problem, base.model, base.nuisance, model)
+    try:
+        information, gradient, _ = linearised(problem, model, nuisance, base)
+    except (PredictionError, ParameterError, np.linalg.LinAlgError):
+        return None
+    at = len(base.model.parameters)
+    own = list(range(at, at + len(parameters)))
+    prior = np.zeros_like(information)
+    prior[:at, :at] = base.prior[:at, :at]
+    prior[own[-1] + 1 :, own[-1] + 1 :] = base.prior[at:, at:]
+    inside, slope = projected(information, gradient, prior, own)
+    plain = np.diag(information)[own]
+    if not np.any(np.diag(inside) > 1e-8 * plain):
+        return None  # in the span of the fitted parameters
+    return Scored(law, visited, smoothness(inside, slope))
+
+
+def fitted(
+    problem: Problem, base: Fit, law: Law, visited: np.ndarray, deviation: float = np.inf, aim: float = np.inf
+) -> LawFit | None:
+    """Full fit of a model with a law; a table's smoothness alternates with it. None where it has no solution."""
+    first, known = len(base.model.transducer.effects), base
+    model = extended(base.model, [law], law_parameters(law, first, deviation))
+    nuisance = nuisance_for_model(problem, base.model, base.nuisance, model)
+    done = None
+    for _ in range(SMOOTHING_ROUNDS):
+        try:
+            found = fit(
+                problem, model, nuisance, base.noise, white=known.white, estimate_noise=False, enough=FIT_TOLERANCE,
+                most=ITERATIONS, aim=aim,
+            )  # fmt: skip
+        except (PredictionError, ParameterError, np.linalg.LinAlgError):
+            return done
+        done = LawFit(found, visited)
+        if not isinstance(law.form, TABLES):
+            return done
+        better = smoothness(*done.normal).deviation
+        if 1.0 / SAME_DEVIATION < better / deviation < SAME_DEVIATION:
+            return done
+        deviation = better
+        kept = tuple(replace(p, deviation=deviation) if k in done.own else p for k, p in enumerate(model.parameters))
+        model, nuisance = replace(found.model, parameters=kept), found.nuisance
+    return done
+
+
+def inputs_and_values(some: LawFit, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs over the visited range, evenly, and the law there."""
+    x = np.linspace(some.visited.min(), some.visited.max(), count)
+    return x, np.real(some.form.values(x))
+
+
+def derivative(some: LawFit, x: np.ndarray) -> np.ndarray:
+    """Derivatives (n, parameters) of the law's values with respect to its parameters' variables, by a complex step."""
+    columns: list[np.ndarray] = []
+    transducer = some.found.model.transducer
+    for k in some.own:
+        parameter = some.found.model.parameters[k]
+        inner = parameter.inner(value_at(transducer, parameter.path))
+        form = put(some.form, parameter.path[3:], parameter.outer(inner + 1j * STEP))
+        columns.append(np.imag(form.values(x)) / STEP)
+    return np.column_stack(columns)
+
+
+def best_of(fits: Sequence[LawFit]) -> list[LawFit]:
+    """Fits of tables by increasing evidence loss."""
+    return sorted(fits, key=lambda each: each.evidence)

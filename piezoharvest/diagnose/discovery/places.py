@@ -1,0 +1,49 @@
+"""Places at which the records of a campaign may show a law without a name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from piezoharvest.description.effects.nameless.places import (
+    PARAMETERS_OVER_TIME,
+    Capacitor,
+    Coupling,
+    Damper,
+    Electrodes,
+    Load,
+    OverTime,
+    Place,
+    Reading,
+    Spring,
+)
+from piezoharvest.description.shunts import Resistor
+from piezoharvest.diagnose.discovery.visited import Visited
+from piezoharvest.identify.fitting.data import Data
+from piezoharvest.identify.fitting.problem import Problem
+
+READ_OF = ("displacement", "voltage", "current")  # what a reading may depend on, beside the drive, rates and time
+
+
+def places_of(problem: Problem, visited: Visited) -> list[Place]:
+    """Places whose input moves in the records, those in the specimen first."""
+    records = [data for data in problem.data if isinstance(data, Data)]
+    quasi_static = problem.nominal.quasi_static
+    inside: list[Place] = [Spring(), Electrodes(), Capacitor(), Coupling()]
+    inside += [] if quasi_static else [Damper()]
+    inside += [Load()] if any(isinstance(data.setting.shunt, Resistor) for data in records) else []
+    inside += [OverTime(name) for name in PARAMETERS_OVER_TIME if not (quasi_static and name == "damping")]
+    return [place for place in (*inside, *_readings(records)) if place.input in visited]
+
+
+def _readings(records: list[Data]) -> Iterator[Reading]:
+    """Readings of all measured channels: of their own values, of other channels, of rates, and of time."""
+    channels = dict.fromkeys(channel for data in records for channel in data.channels)
+    drives = dict.fromkeys(data.drive for data in records)
+    rates = ("displacement_rate", *(f"{drive}_rate" for drive in drives))
+    for channel in channels:
+        for of in dict.fromkeys((channel, *READ_OF, *drives, *rates, "time")):
+            if channel not in drives and not (channel == "velocity" and of == "displacement_rate"):
+                yield Reading(channel, of)
+
+
+__all__ = ["places_of"]

@@ -1,0 +1,132 @@
+"""Search for a law without a name: all places scored, the promising ones fitted, the best condensed to a formula."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from piezoharvest.description.effects.nameless.forms import Bends
+from piezoharvest.description.effects.nameless.law import Law
+from piezoharvest.diagnose import thresholds
+from piezoharvest.diagnose.discovery.formulas import condensed
+from piezoharvest.diagnose.discovery.knots import table_for
+from piezoharvest.diagnose.discovery.law_fits import LawFit, Scored, best_of, fitted, score
+from piezoharvest.diagnose.discovery.places import places_of
+from piezoharvest.diagnose.discovery.visited import visited_inputs
+from piezoharvest.identify.fitting.data import Data
+from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.output_error import fit, mean_square
+from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.predict.circuit.setting import by_engine
+from piezoharvest.predict.prediction import PredictionError
+
+FITS = 5  # places with the highest scores that are fitted in full
+MIN_SCORE = 20.0  # of -2 ln L: below it a place may owe its score to chance among some thirty
+RIVALS = 4  # other places that are reported
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The best law, and other places by increasing loss; `tried` is the number of places that were scored.
+
+    `start` is the fit before it, `table` that of its table, from which the odds of the rivals are.
+    """
+
+    best: LawFit
+    table: LawFit
+    rivals: tuple[LawFit, ...]
+    start: Fit
+    tried: int
+
+    def log_odds(self, rival: LawFit) -> float:
+        """Logarithm of the odds of another place against the best, both with tables."""
+        return 0.5 * (self.table.evidence - rival.evidence)
+
+    @property
+    def close(self) -> tuple[LawFit, ...]:
+        """Rivals that the data do not rule out."""
+        return tuple(each for each in self.rivals if self.log_odds(each) > -thresholds.MIN_LOG_ODDS)
+
+
+def can_search(problem: Problem) -> bool:
+    """True for records over time behind linear circuits: what the engine predicts sees no corners of a law yet."""
+    return all(isinstance(data, Data) and not by_engine(data.setting) for data in problem.data)
+
+
+def search(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Found | None:
+    """The law that is missing from a model; None where no place promises any.
+
+    Parameters
+    ----------
+    problem : Problem
+    start : Fit
+        Of the model without it.
+    progress : callable
+    """
+    scored = _scored(problem, start)
+    chosen = _promising(scored, start)
+    done: list[LawFit] = []
+    for each in chosen:
+        best = min((one.evidence for one in done), default=np.inf)
+        found = fitted(problem, start, each.law, each.visited, each.smoothness.deviation, best + thresholds.CLOSE_COST)
+        if found is not None:
+            progress(f"tried a law at {_words(each.law)}: -2 ln L {found.found.cost - start.cost:+.1f}")
+            done.append(found)
+    if not done:
+        return None
+    table, *rivals = best_of(done)
+    table = min((table, *_smoother(problem, start, table)), key=lambda each: each.evidence)
+    best = condensed(problem, start, table)
+    progress(f"the likeliest law is at {_words(best.law)}: {best.form.word}")
+    return Found(_with_its_noise(problem, best), table, tuple(rivals[:RIVALS]), start, len(scored))
+
+
+def _words(law: Law) -> str:
+    return f"{law.place.name}, of {law.place.input.replace('_', ' ')}"
+
+
+def _scored(problem: Problem, start: Fit) -> list[Scored]:
+    """Scores of all places, the highest first."""
+    visited = visited_inputs(problem, start)
+    found = []
+    for place in places_of(problem, visited):
+        table = table_for(place, visited[place.input])
+        each = table and score(problem, start, Law(place=place, form=table), visited[place.input])
+        found += [each] if each is not None and each.gain > MIN_SCORE else []
+    return sorted(found, key=lambda each: -each.gain)
+
+
+def _promising(scored: Sequence[Scored], start: Fit) -> list[Scored]:
+    """Scores whose places are fitted: the highest, and where the misfit is large the best of each place.
+
+    A score is a linearisation, which tells little where the fitted parameters have gone far to make up for a law.
+    """
+    chosen = list(scored[:FITS])
+    if mean_square(start) > thresholds.LARGE_MISFIT:
+        for each in scored:
+            if each.law.place.name not in {one.law.place.name for one in chosen}:
+                chosen.append(each)
+    return chosen
+
+
+def _smoother(problem: Problem, start: Fit, table: LawFit) -> list[LawFit]:
+    """The same law as a quadratic spline, where its linear part is that of the model: it has no piece for one."""
+    if not table.place.bent or isinstance(table.form, Bends):
+        return []
+    form = table_for(table.place, table.visited, smooth=True)
+    law = form and replace(table.law, form=form)
+    first = law and score(problem, start, law, table.visited)
+    again = law and first and fitted(problem, start, law, table.visited, first.smoothness.deviation)
+    return [again] if again else []
+
+
+def _with_its_noise(problem: Problem, best: LawFit) -> LawFit:
+    """The same law, fitted with the noise that it leaves."""
+    found = best.found
+    try:
+        again = fit(problem, found.model, found.nuisance, found.noise)
+    except (PredictionError, np.linalg.LinAlgError):
+        return best
+    return LawFit(again, best.visited) if again.converged else best

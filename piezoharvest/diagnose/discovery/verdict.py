@@ -1,0 +1,170 @@
+"""Whether a law without a name explains what the named effects left: by its gain on records that were not fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from piezoharvest.diagnose import thresholds
+from piezoharvest.diagnose.candidate_fits import CandidateFits, EffectChange
+from piezoharvest.diagnose.discovery.law_fits import LawFit
+from piezoharvest.diagnose.discovery.result import Discovery, Rival, discovery
+from piezoharvest.diagnose.discovery.search import Found, can_search, search
+from piezoharvest.diagnose.residual_tests import ResidualTest, failed_tests, whitened_squares
+from piezoharvest.diagnose.stepwise_selection import Search
+from piezoharvest.diagnose.validation import failed_on, validated
+from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.identification import Identification, Quality, combined_quality, judged
+from piezoharvest.predict.prediction import PredictionError
+from piezoharvest.records.campaign import Campaign
+
+MAX_LAWS = 2  # laws that are sought one after the other
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """What a diagnosis becomes with laws that explain what was left.
+
+    Attributes
+    ----------
+    verdict : "new_effect" or "ambiguous"
+    discoveries : tuple of Discovery
+    search : Search
+        With the laws in the place of effects.
+    validation : Quality
+        With them.
+    unexplained : float
+        Share of the residual variance above the noise.
+    unseen : tuple of ResidualTest
+    keeps_effects : bool
+        The effects that were found on the way are in the model, too.
+    """
+
+    verdict: str
+    discoveries: tuple[Discovery, ...]
+    search: Search
+    validation: Quality
+    unexplained: float
+    unseen: tuple[ResidualTest, ...]
+    keeps_effects: bool
+
+
+def explained(campaign: Campaign, before: Identification, trials: CandidateFits, done: Search) -> Explained | None:
+    """Laws that explain what a search for named effects has left; None where none does.
+
+    The search begins without the effects that were found on the way, which may stand in for a law; then with them.
+    Parameters that have gone far from their nominal values may do so, too: they start at these.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    before : Identification
+    trials : CandidateFits
+        From the fit without effects.
+    done : Search
+    """
+    problem, progress = trials.problem, trials.progress
+    if not can_search(problem):
+        return None
+    nominal = trials.at_nominal(EffectChange(done.base))
+    for start in (nominal.found if nominal else done.base, *([done.final] if done.nested else [])):
+        found = _laws(campaign, before, problem, start, progress)
+        if found is not None:
+            return _as_diagnosed(campaign, before, problem, done, found)
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Laws:
+    """Laws that were found one after the other, and the squares on unseen records before each and after the last."""
+
+    found: tuple[Found, ...]
+    squares: tuple[tuple[float, float], ...]
+    unseen: Problem
+    check: Fit
+
+
+def _laws(
+    campaign: Campaign, before: Identification, problem: Problem, start: Fit, progress: Callable[[str], None]
+) -> _Laws | None:
+    """Laws from a fit on that explain enough of what it leaves on records that were not fitted.
+
+    A second one is sought where the first leaves much, and kept if it explains that.
+    """
+    kept: _Laws | None = None
+    while kept is None or (len(kept.found) < MAX_LAWS and _much_is_left(kept)):
+        more = search(problem, kept.found[-1].best.found if kept else start, progress)
+        if more is None:
+            break
+        try:
+            laws = _judged(campaign, before, start, (*(kept.found if kept else ()), more))
+        except PredictionError:
+            break
+        own = _gain(laws.squares[-2], laws.squares[-1], laws.squares[-1])
+        progress(f"{100 * own:.1f} % of what was above the noise in records that were not fitted is gone with it")
+        if own < (thresholds.MIN_LAW_GAIN if kept else thresholds.MIN_SHARE_OF_PRESENT):
+            break
+        kept = laws
+    return kept if kept and _total_gain(kept) >= thresholds.MIN_LAW_GAIN else None
+
+
+def _judged(campaign: Campaign, before: Identification, start: Fit, found: tuple[Found, ...]) -> _Laws:
+    """Laws with the squares that they leave of unseen records."""
+    fits = [start, *(each.best.found for each in found)]
+    unseen, checks = validated(campaign, before, fits if start is before.found else [before.found, *fits])
+    checks = checks[-len(fits) :]
+    return _Laws(found, tuple(whitened_squares(unseen, each) for each in checks), unseen, checks[-1])
+
+
+def _much_is_left(laws: _Laws) -> bool:
+    """True if the squares of unseen records are well above those of noise."""
+    squares, count = laws.squares[-1]
+    return squares > (1.0 + thresholds.MIN_LEFT) * count
+
+
+def _total_gain(laws: _Laws) -> float:
+    return _gain(laws.squares[0], laws.squares[-1], laws.squares[-1])
+
+
+def _gain(before: tuple[float, float], after: tuple[float, float], last: tuple[float, float]) -> float:
+    """Share of the squares above the noise that is gone."""
+    (squares, count) = last
+    noise = squares if squares < count + thresholds.NOISE_DEVIATIONS * np.sqrt(2.0 * count) else count
+    return float(np.clip((before[0] - after[0]) / max(before[0] - noise, 1e-300), -1.0, 1.0))
+
+
+def _as_diagnosed(campaign: Campaign, before: Identification, problem: Problem, done: Search, laws: _Laws) -> Explained:
+    discoveries = []
+    for n, each in enumerate(laws.found):
+        first, last = laws.squares[0], laws.squares[-1]
+        share = _gain(first, last, last) * (laws.squares[n][0] - laws.squares[n + 1][0]) / (first[0] - last[0])
+        rivals = tuple(Rival(r.place.name, r.place.input, r.form.word, each.log_odds(r)) for r in each.rivals)
+        fitted = LawFit(laws.found[-1].best.found, each.best.visited, n - len(laws.found))
+        discoveries.append(discovery(fitted, float(np.clip(share, -1.0, 1.0)), _p_value(each), rivals))
+    final, close = laws.found[-1].best.found, [rival for each in laws.found for rival in each.close]
+    given, left = done.given_effects, failed_tests(problem, final)
+    kept = bool(done.nested) and laws.found[0].start is done.final
+    extended = replace(
+        done,
+        nested=(*(done.nested if kept else ()), *(each.best.found for each in laws.found)),
+        order=final.model.transducer.effects[given:],
+        p_values=(*(done.p_values if kept else ()), *(each.p_value for each in discoveries)),
+        left=left,
+        alternatives=tuple((EffectChange(rival.found), 0.0) for rival in close),
+    )
+    squares, count = laws.squares[-1]
+    return Explained(
+        "ambiguous" if close else "new_effect", tuple(discoveries), extended,
+        combined_quality(judged(laws.unseen.data, laws.check)), max(0.0, (squares - count) / squares),
+        failed_on(laws.unseen, laws.check), kept,
+    )  # fmt: skip
+
+
+def _p_value(found: Found) -> float:
+    """p-value of a law by its decrease of -2 ln L, corrected for the places that were tried."""
+    table: LawFit = found.table
+    return min(1.0, float(chi2.sf(found.start.cost - table.found.cost, max(table.freedom, 1.0))) * found.tried)

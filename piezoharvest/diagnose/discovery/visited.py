@@ -1,0 +1,38 @@
+"""Inputs that the records visit, from the present fit's prediction: of these a law is known, and of no others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from piezoharvest.identify.fitting.data import Data
+from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.model import prediction_of
+from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.predict.prediction import Prediction
+
+Visited = Mapping[str, np.ndarray]
+
+
+def visited_inputs(problem: Problem, found: Fit) -> dict[str, np.ndarray]:
+    """Samples of every input over all records, free of the noise of sensors; time as a share of each record."""
+    parts: dict[str, list[np.ndarray]] = {}
+    for data, nuisance in zip(problem.data, found.nuisance, strict=True):
+        if isinstance(data, Data):
+            for name, values in _of_record(data, found, nuisance).items():
+                parts.setdefault(name, []).append(values)
+    return {name: np.concatenate(values) for name, values in parts.items()}
+
+
+def _of_record(data: Data, found: Fit, nuisance: np.ndarray) -> dict[str, np.ndarray]:
+    prediction = prediction_of(found.model, data, nuisance)
+    assert isinstance(prediction, Prediction)  # `search.can_search`
+    names = [name for name in prediction.matrices.channels if name != "acceleration"]
+    blocks = prediction.blocks(False, channels=names)
+    values = np.concatenate([block.values for block in blocks])
+    signals = dict(zip(names, values.T, strict=True))
+    signals[data.drive] = data.record[data.drive] - data.rest
+    step = data.setting.sample_time
+    rates = {f"{name}_rate": np.gradient(signals[name], step) for name in (data.drive, "displacement")}
+    return {**signals, **rates, "time": np.linspace(0.0, 1.0, len(data))}

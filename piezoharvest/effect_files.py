@@ -1,0 +1,54 @@
+"""Effects in files of their own: Python files whose classes are found like those of the library."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+from piezoharvest.description.effects import registered
+from piezoharvest.input import InputError, check_readable
+
+MOST_BYTES = 1 << 20  # of an effect file: a class is a few kilobytes
+
+
+def load_effects(path: str | Path) -> list[str]:
+    """Run a Python file that defines effects, once; return the names of these.
+
+    Raises
+    ------
+    InputError
+        It cannot be read or run, defines no effect, or one whose name another effect has.
+    """
+    path = Path(path)
+    try:
+        check_readable(path, MOST_BYTES)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    if path.suffix != ".py":
+        raise InputError(f"{path}: found the ending {path.suffix!r}, an effect file ends with .py")
+    module_name = f"piezoharvest_effects_{path.resolve().as_posix().replace('/', '_').replace('.', '_')}"
+    before = registered()
+    if module_name not in sys.modules:
+        _run(path, module_name)
+    names = [name for name, cls in registered().items() if cls.__module__ == module_name]
+    taken = [name for name in names if name in before and before[name].__module__ != module_name]
+    if taken:
+        raise InputError(f"{path}: found an effect named {taken[0]!r}, a name that another effect has")
+    if not names:
+        raise InputError(f"{path}: found no effect, an effect file defines a subclass of piezoharvest's Effect")
+    return names
+
+
+def _run(path: Path, module_name: str) -> None:
+    """Run a file as a module."""
+    spec = importlib.util.spec_from_file_location(module_name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module_name] = module  # where dataclasses look for the names of annotations
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # whatever the file does wrong
+        del sys.modules[module_name]
+        raise InputError(f"{path}: the file cannot be run ({type(error).__name__}: {error})") from None

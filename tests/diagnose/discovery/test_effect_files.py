@@ -1,0 +1,117 @@
+"""Laws as effect files: what is written loads back, acts as the law does, and bad files are told in a sentence."""
+
+import gc
+import subprocess
+import sys
+from functools import partial
+
+import numpy as np
+import pytest
+
+from piezoharvest import Transducer
+from piezoharvest.cli import main
+from piezoharvest.description.effects import registered
+from piezoharvest.description.effects.nameless.forms import Bends, Corners, Knee, Monomial, Power
+from piezoharvest.description.effects.nameless.law import Law
+from piezoharvest.description.effects.nameless.places import Coupling, Damper, Load, Reading, Spring
+from piezoharvest.description.effects.nameless.shapes import Shape
+from piezoharvest.description.shunts import Resistor
+from piezoharvest.diagnose.discovery.effect_file import effect_text
+from piezoharvest.diagnose.discovery.result import Discovery, formula
+from piezoharvest.effect_files import load_effects
+from piezoharvest.input import InputError
+from piezoharvest.predict.record_model import RecordModel
+
+BEAM = {"mass": 0.010, "damping": 0.0628, "stiffness": 986.96, "coupling": 1e-3, "capacitance": 40e-9}
+LAWS = [
+    Law(place=Load(), form=Knee(factor=5e-5, knee=2.19)),
+    Law(place=Damper(), form=Power(factor=2e-3, exponent=1.7, scale=0.2)),
+    Law(place=Spring(), form=Monomial(factor=np.float64(0.05), scale=np.float64(1e-3), exponent=3)),
+    Law(place=Coupling(), form=Bends(knots=(0.0, -0.0), kinks=(np.float64(0.5), 0.5))),
+    Law(place=Reading("voltage", "displacement"), form=Corners(knots=(1e-4,), kinks=(3.0,))),
+    Law(place=Spring(), form=Shape(factor=1e-3, scale=8e-4, curve="exponential", bent=True, knots=(0.0, 1e-3))),
+]
+
+
+@pytest.fixture(autouse=True)
+def forgotten():
+    """Forget the effects of a test: the library of the others is the package's."""
+    yield
+    for name in [name for name in sys.modules if name.startswith("piezoharvest_effects_")]:
+        del sys.modules[name]
+    gc.collect()
+    assert not any("piezoharvest_effects_" in cls.__module__ for cls in registered().values())
+
+
+def discovered(law):
+    curve = np.linspace(-1.0, 1.0, 5)
+    return Discovery(law, formula(law), law.form.word, {}, curve, curve, curve, 1.0, 0.0, ())
+
+
+def equations(effect):
+    return RecordModel(Transducer(**BEAM, effects=(effect,)), Resistor(resistance=1e5), "force", 1e-3).matrices()
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
+def test_a_file_acts_as_the_law_that_it_is_of(law, tmp_path):
+    path = tmp_path / "law.py"
+    path.write_text(effect_text(discovered(law), "campaign.toml"))
+    (name,) = load_effects(path)
+    made = registered()[name]()
+    assert made.of_specimen == law.of_specimen
+    assert not made.absent
+    wanted, found = equations(law), equations(made)
+    for part in ("A", "B", "W", "O", "parameters"):
+        assert np.allclose(getattr(found, part), getattr(wanted, part), rtol=1e-12), part
+    assert load_effects(path) == [name]  # the second time nothing runs
+
+
+STUDY = """
+title = "a load that conducts beyond a voltage"
+[transducer]
+mass = 0.010
+damping = 0.0628
+stiffness = 986.96
+coupling = 1.0e-3
+capacitance = 40e-9
+[transducer.effects.NAME]
+[excitation]
+kind = "sine_force"
+amplitude = 0.02
+frequency = 50.6
+[[shunts]]
+kind = "resistor"
+resistance = 1e5
+"""
+
+
+def test_a_study_takes_the_effect_of_a_file_by_its_name(tmp_path):
+    law = Law(place=Reading("displacement", "force"), form=Monomial(factor=1e-6, scale=0.02))
+    (tmp_path / "law.py").write_text(effect_text(discovered(law), "campaign.toml"))
+    (tmp_path / "study.toml").write_text(STUDY.replace("NAME", "reading_displacement_polynomial"))
+    # In a process of its own: a study's model of its tables, once made, keeps the class.
+    command = [sys.executable, "-m", "piezoharvest", "simulate", "study.toml"]
+    run = partial(subprocess.run, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert run(command).returncode == 2  # the package has no such effect
+    done = run([*command, "--effects", "law.py"])
+    assert (done.returncode, "resistor" in done.stdout.lower()) == (0, True), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [("law.txt", "", "ends with .py"), ("law.py", "1 +", "cannot be run (SyntaxError"),
+     ("empty.py", "", "found no effect"), ("raises.py", "raise OSError('x')", "cannot be run (OSError: x)")],
+)  # fmt: skip
+def test_a_bad_file_is_told_in_a_sentence(name, text, message, tmp_path, capsys):
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"law|empty|raises"):
+        load_effects(path)
+    (tmp_path / "study.toml").write_text(STUDY.replace("[transducer.effects.NAME]", ""))
+    assert main(["simulate", str(tmp_path / "study.toml"), "--effects", str(path)]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_missing_file_is_told_in_a_sentence(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        load_effects(tmp_path / "none.py")
