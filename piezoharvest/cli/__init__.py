@@ -211,9 +211,7 @@ def diagnose(
     """
     from piezoharvest.cli import diagnose_command
 
-    return partial(
-        diagnose_command.diagnose, campaign, as_json=json, report=report, save=save, save_effect=save_effect
-    )
+    return partial(diagnose_command.diagnose, campaign, as_json=json, report=report, save=save, save_effect=save_effect)
 
 
 @app.command()

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from piezoharvest.description.effects import Clipping, Effect
+from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.candidate_fits import CandidateFits, EffectChange, line_amplitude
 from piezoharvest.diagnose.discovery.result import Discovery
@@ -45,6 +46,7 @@ from piezoharvest.identify.identification import (
     Identification,
     Quality,
     combined_quality,
+    identify,
     judged,
     prepared,
 )
@@ -256,12 +258,19 @@ def _with_laws(found: Diagnosis, campaign: Campaign, progress: Callable[[str], N
         return found
     progress("no known effect explains it: looking for a law without a name")
     if found.campaign.transducer.quasi_static and not campaign.transducer.quasi_static:
-        before = identify(replace(found.campaign, transducer=campaign.transducer), offsets=found.before.offsets)
-        alone = replace(found.search, base=before.found, nested=(), order=(), p_values=(), alternatives=())
-        moving = _explained(replace(found, campaign=before.campaign, before=before, search=alone), progress)
+        moving = _explained(_begun_anew(found, campaign.transducer), progress)
         if moving is not None:
             return moving
+    if found.before.held:
+        return _explained(_begun_anew(found, found.campaign.transducer), progress) or found
     return _explained(found, progress) or found
+
+
+def _begun_anew(found: Diagnosis, transducer: Transducer) -> Diagnosis:
+    """The diagnosis before anything was found, with all parameters of a transducer fitted."""
+    before = identify(replace(found.campaign, transducer=transducer), offsets=found.before.offsets)
+    alone = replace(found.search, base=before.found, nested=(), order=(), p_values=(), alternatives=())
+    return replace(found, campaign=before.campaign, before=before, search=alone)
 
 
 def _explained(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis | None:

@@ -5,7 +5,7 @@ Source: Wood, Generalized Additive Models, 2017, section 6.2 (REML).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -53,7 +53,7 @@ def smoothness(information: np.ndarray, slope: np.ndarray) -> Smoothness:
     grid = centre + np.linspace(-RANGE, RANGE, 49)
     best = grid[int(np.argmin([loss(each) for each in grid]))]
     step = grid[1] - grid[0]
-    found = minimize_scalar(loss, bounds=(best - step, best + step), method="bounded")
+    found: Any = minimize_scalar(loss, bounds=(best - step, best + step), method="bounded")
     return Smoothness(float(np.exp(found.x)), max(0.0, -float(found.fun)))
 
 

@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 from piezoharvest.description.circuit import Row
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.predict.parameters import STEP
+from piezoharvest.predict.prediction import PredictionError
 
 NEEDED = ("displacement", "velocity", "voltage", "current")
 
@@ -35,6 +36,7 @@ class Readings:
         self.transducer, self.drive_name = transducer, drive_name
         self.drive, self.x, self.u = samples["drive"], samples["displacement"], samples["velocity"]
         self.v, self.i = samples["voltage"], samples["current"]
+        self.drive_rate = np.gradient(self.drive, sample_time) if len(self.drive) > 1 else 0.0 * self.drive
         self.one, self.time = np.ones_like(self.x), np.linspace(0.0, 1.0, len(self.x))
         self.v_t, self.q = self.v, 0.0 * self.x
         self.strain_charge = transducer.coupling * self.x
@@ -68,8 +70,10 @@ class Readings:
 
     # What effects call while they act.
 
-    def read(self, row: Row) -> None:
+    def read(self, row: Row, channel: str = "displacement") -> None:
         """Add a displacement to the sensor's reading, m."""
+        if channel != "displacement":
+            raise PredictionError(f"behind diodes and switches no effect on the reading of the {channel} is predicted")
         self._read.append(row)
 
     def lag(self, time_constant: complex) -> None:
@@ -85,6 +89,10 @@ class Readings:
         if not positive:
             return row**exponent
         return np.where(np.real(row) > 0, np.where(np.real(row) > 0, row, 1.0) ** exponent, 0.0)
+
+    def hinge(self, row: Row, knot: complex, width: float) -> Row:
+        """Excess of a row over a knot, zero below it."""
+        return np.where(np.real(row) > np.real(knot), row - knot, 0.0)
 
     def state(self, name: str, storage: complex) -> tuple[Row, Row]:
         """Ignore a state of the specimen."""
@@ -102,6 +110,9 @@ class Readings:
 
     def draw(self, row: Row) -> None:
         """Ignore a current in the specimen."""
+
+    def conduct(self, row: Row) -> None:
+        """Ignore a current through the load."""
 
     def push(self, row: Row, mode: int = 0) -> None:
         """Ignore a force on the specimen."""
