@@ -243,7 +243,8 @@ def test_every_effect_says_how_it_looks_and_where_to_start(name, records):
     assert len(cls.source) > 5
     assert cls.strength().metadata["null"] is not None
     assert any(map(cls.acts_on, scales.shunts))
-    starts = list(cls.starts(dataclasses.replace(scales, peaks={c: (1.0,) for c in scales.channels})))
+    shown = dataclasses.replace(scales, peaks={c: (1.0,) for c in scales.channels}, switching=(2.0,))
+    starts = list(cls.starts(shown))
     assert starts
     assert all(isinstance(start, cls) for start in starts)
 

@@ -165,12 +165,13 @@ def test_nothing_to_fit_is_an_error(tmp_path):
         identify(load_campaign(path))
 
 
-def test_an_imposed_displacement_behind_diodes_is_an_error(tmp_path):
+def test_an_imposed_displacement_behind_a_switch_that_it_times_is_an_error(tmp_path):
     path, _ = campaign_file(tmp_path, 1)
-    shunt = 'shunt = { kind = "rectifier", dc_voltage = 1.0 }'
+    shunt = 'shunt = { kind = "parallel_sshi", inductance = 0.1, quality = 8.0, dc_voltage = 1.0 }'
     text = path.read_text().replace("load_resistance = 51430.0", shunt)
     path.write_text(text.replace('drive = "force"', 'drive = "displacement"'))
-    with pytest.raises(CampaignError, match=r"records\.1\.drive: found 'displacement' for a record behind rectifier"):
+    wrong = r"records\.1\.drive: found an imposed displacement behind parallel_sshi, whose switch would act at the extrema"
+    with pytest.raises(CampaignError, match=wrong):
         identify(load_campaign(path))
 
 
