@@ -204,6 +204,7 @@ def test_report_shows_front_and_table(run, tmp_path, monkeypatch):
     assert "trade-off" not in without.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_branch_for_each_of_two_modes(run):
     second = Mode(mass=0.01, stiffness=9 * 986.96, damping=0.06, coupling=2e-3)
     tones = Multisine(amplitudes=(0.02, 0.02), frequencies=(50.0, 151.0), phases=(0.0, 0.5), duration=1.0)

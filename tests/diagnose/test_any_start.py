@@ -104,6 +104,7 @@ def test_with_hysteresis_and_all_effects_to_choose_from(effects, seed, tmp_path)
     check(diagnose(campaign(tmp_path, effects, seed, True, before, released)), effects)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_a_misfit_of_a_billion_overflows_nothing(tmp_path):
     """And takes no parameter away: without the current in the model, the coupling was 3.6 times its nominal value."""

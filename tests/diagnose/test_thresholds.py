@@ -41,6 +41,7 @@ def test_a_threshold_of_identification_is_the_one_of_identification():
     assert thresholds.MAX_RELATIVE_ERROR == identifiability.MAX_RELATIVE_ERROR
 
 
+@pytest.mark.slow
 def test_varied_thresholds_give_the_answers_of_plain_diagnoses(tmp_path, monkeypatch):
     """What is remembered of earlier diagnoses of a campaign does not change later ones."""
     measured = campaign(tmp_path, {"bias_current": {"current": 3e-7}})
