@@ -87,7 +87,13 @@ CREEP = {"creep": {"compliance_ratio": 0.02, "time_constant": 0.8}}
     "effects, before, released",
     [
         pytest.param(BIAS, 0, False, id="a current switched on, electrodes released from a short"),
-        pytest.param(RELAXATION, BEFORE, True, id="electrodes released from a short while a relaxation is under way"),
+        pytest.param(
+            RELAXATION,
+            BEFORE,
+            True,
+            marks=pytest.mark.slow,
+            id="electrodes released from a short while a relaxation is under way",
+        ),
         pytest.param(CREEP, BEFORE, False, id="creep under way"),
         pytest.param({}, BEFORE, True, id="healthy, electrodes released from a short"),
     ],

@@ -46,7 +46,7 @@ def faster(path):
 
 @pytest.mark.parametrize(
     ("present", "withheld", "verdict"),
-    with_slow(CASES.values(), slow=lambda present, withheld, verdict: verdict != "effect"),
+    with_slow(CASES.values(), slow=lambda present, withheld, verdict: verdict != "adequate"),
     ids=CASES,
 )
 def test_the_verdict_is_the_same_a_thousand_times_faster(tmp_path, present, withheld, verdict):

@@ -21,6 +21,7 @@ def test_every_script_has_a_page_that_says_how_to_run_it():
         assert f"python designs/{script.parent.name}/{script.name}" in text
 
 
+@pytest.mark.slow
 def test_hysteresis_that_is_ignored_costs_most_at_small_forces(tmp_path):
     found = run("hysteresis-map/hysteresis_map.py", tmp_path)
     assert (tmp_path / "hysteresis_map.png").stat().st_size > 10_000
