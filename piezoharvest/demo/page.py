@@ -55,7 +55,8 @@ def _change(new: float, old: float) -> float:
 def _signed(share: float) -> str:
     """Relative change with its sign; a small one to its first digit."""
     size = abs(share)
-    return ("+" if share >= 0.0 else "\u2212") + percent(size, 3 if size >= 0.1 else 2 if size >= 0.01 else 1)
+    sign = "" if size < 1e-4 else "+" if share > 0.0 else "\u2212"  # of less only its size is told
+    return sign + percent(size, 3 if size >= 0.1 else 2 if size >= 0.01 else 1)
 
 
 def _named(story: Story) -> str:
