@@ -151,7 +151,7 @@ class CircuitPrediction:
         """Matrices of all modes, with complex steps of the parameters."""
         with np.errstate(all="ignore"):  # the energy of an effect at its null value, which no motion depends on
             found = lower(System(self._stepped, self._shunt), self.excitation, self.record_time)
-        return found._replace(program=_magnified(found.program))
+            return found._replace(program=_magnified(found.program))
 
     @cached_property
     def plain(self) -> CircuitPrediction:
