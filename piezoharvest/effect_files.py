@@ -49,6 +49,6 @@ def _run(path: Path, module_name: str) -> None:
     sys.modules[module_name] = module  # where dataclasses look for the names of annotations
     try:
         spec.loader.exec_module(module)
-    except Exception as error:  # whatever the file does wrong
+    except (Exception, SystemExit) as error:  # whatever the file does wrong, an exit of its own included
         del sys.modules[module_name]
         raise InputError(f"{path}: the file cannot be run ({type(error).__name__}: {error})") from None
