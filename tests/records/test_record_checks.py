@@ -129,6 +129,12 @@ class TestHealthy:
         of, device = case
         assert check(of, device) == ()
 
+    @pytest.mark.parametrize("bits", [14, 16])
+    def test_every_period_may_reach_the_same_extreme(self, bits):
+        # A sine of 200 samples a period, no noise: hysteresis turns, and its corner is taken for noise.
+        clean, device = generator(STACK, resistor(51.43e3), sine(5.0), duration=4.0, rate=1000.0)
+        assert check(measured(clean, bits=bits), device) == ()
+
     def test_displacement_may_be_the_drive(self):
         of, device = stack_sine()
         signals = dict(of.signals)

@@ -19,6 +19,7 @@ _MIN_LIMIT_SAMPLES = 8  # samples at an end of the range
 _MIN_FREQUENCY_RATIO = 4.0  # times as many as any value next to it has
 _NEXT_VALUES = 3  # values
 _MAX_APPROACH = 6.0  # times the noise
+_REPEATED_STEPS = 1.5  # of the converter: equal values, rounded, differ by one step at most
 
 
 def longer_than_noise(flat: np.ndarray, values: np.ndarray, level: Level) -> np.ndarray:
@@ -42,15 +43,17 @@ def runs_at_limits(values: np.ndarray, level: Level) -> np.ndarray:
     """Runs of any length at an end of the range that only noise reaches.
 
     The density of noise falls towards its extremes: a largest value that is more frequent than those next to it is a
-    limit. Equal pulses reach it from far away, noise does not.
+    limit. Equal pulses reach it from far away, noise does not; and a repeated signal without noise comes to it along the
+    same values each time.
     """
     found = [np.zeros((0, 2), int)]
     taken, times = np.unique(values, return_counts=True)
     for at, beside in ((-1, times[-1 - _NEXT_VALUES : -1]), (0, times[1 : 1 + _NEXT_VALUES])):
         if level.noisy and times[at] >= max(_MIN_LIMIT_SAMPLES, _MIN_FREQUENCY_RATIO * beside.max(initial=1)):
             pile = runs(values == taken[at])
-            ends = np.abs(values[np.clip(pile + np.array([-1, 1]), 0, len(values) - 1)] - taken[at])
-            if np.median(ends) < _MAX_APPROACH * level.noise:
+            beside_pile = values[np.clip(pile + np.array([-1, 1]), 0, len(values) - 1)]
+            near = np.median(np.abs(beside_pile - taken[at])) < _MAX_APPROACH * level.noise
+            if near and np.ptp(beside_pile, axis=0).max() > _REPEATED_STEPS * level.step:
                 found.append(pile)
     return np.concatenate(found)
 
