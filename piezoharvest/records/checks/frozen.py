@@ -43,7 +43,7 @@ def runs_at_limits(values: np.ndarray, level: Level) -> np.ndarray:
     """Runs of any length at an end of the range that only noise reaches.
 
     The density of noise falls towards its extremes: a largest value that is more frequent than those next to it is a
-    limit. Equal pulses reach it from far away, noise does not; and a repeated signal without noise comes to it along the
+    limit. Equal pulses reach it from far away, noise does not. A repeated signal without noise reaches it along the
     same values each time.
     """
     found = [np.zeros((0, 2), int)]
