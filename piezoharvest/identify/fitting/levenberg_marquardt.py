@@ -117,15 +117,17 @@ def descend(
 
 
 class _Bounds(NamedTuple):
-    """Bounds of the variables, the largest step of each, and a mask of those that compensate a delay.
+    """Bounds of the variables, the largest step of each, and masks of two kinds of them.
 
-    Damping that compensates a delay is linear in the delay.
+    Damping that compensates a delay is linear in the delay. Where a record behind a switch begins decides whether the
+    switch acts at once.
     """
 
     lower: np.ndarray
     upper: np.ndarray
     largest_step: np.ndarray
     delaying: np.ndarray
+    starting: np.ndarray
 
     @classmethod
     def of(cls, problem: Problem, model: Model, nuisance: Sequence[np.ndarray]) -> _Bounds:
@@ -136,17 +138,30 @@ class _Bounds(NamedTuple):
             np.concatenate([[p.upper for p in model.parameters], limits]),
             np.array([MAX_LOG_STEP if p.scaling == "log" else np.inf for p in model.parameters] + [np.inf] * others),
             np.array([p.path[-1] == "damping" for p in model.parameters] + [False] * others),
+            np.array([False] * len(model.parameters) + _starting(problem, model)),
         )
 
-    def step(self, here: Point, information: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
-        """Step from a point, and the predicted decrease of the cost."""
+    def step(
+        self, here: Point, information: np.ndarray, damping: float, *, held: np.ndarray | None = None
+    ) -> tuple[np.ndarray, float]:
+        """Step from a point, and the predicted decrease of the cost; variables of a mask may be held."""
+        alive = np.diag(here.information) != 0.0
         low = np.maximum(self.lower - here.values, -self.largest_step)
         high = np.minimum(self.upper - here.values, self.largest_step)
-        return bounded_step(information, here.slope, damping, low, high, np.diag(here.information) != 0.0)
+        return bounded_step(information, here.slope, damping, low, high, alive if held is None else alive & ~held)
 
     def moved(self, values: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Values after a step, within the bounds."""
         return np.clip(values + step, self.lower, self.upper)
+
+
+def _starting(problem: Problem, model: Model) -> list[bool]:
+    """Mask of the nuisance parameters that say where a record behind a switch begins."""
+    return [
+        problem.has_events and name.startswith("start ")
+        for data in problem.data
+        for name in problem.nuisance_names(model, data)
+    ]
 
 
 class _Descent:
@@ -187,6 +202,12 @@ class _Descent:
         self.predictions += [] if self.rejected else [predicted]
         there = self._tried(step)
         better = there is not None and there.cost < here.cost
+        if not better and np.any(self.bounds.starting):
+            # A switch that acts once more or less at the very beginning changes the cost by any amount.
+            step, without = self.bounds.step(here, information, self.damping, held=self.bounds.starting)
+            there = self._tried(step) if without >= limit else None
+            better = there is not None and there.cost < here.cost
+            predicted = without if better else predicted
         if there is not None and better:
             self._accept(there, predicted, limit)
         else:

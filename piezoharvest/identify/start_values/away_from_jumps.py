@@ -3,6 +3,9 @@
 A voltage that is inverted within a sample or two differs by a thousand times its noise from one that is inverted a
 little later. While the parameters are a few per cent off, the cost has a minimum for each way in which some jumps of
 the model meet those of the record. Without the samples beside the jumps, the motion between them decides.
+
+A record that begins at rest does so in this first fit, too: from a state a little beside rest the switch acts once more
+at the very beginning, or once less, which no small step takes back.
 """
 
 from __future__ import annotations
@@ -16,8 +19,9 @@ from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import fit, linearised, mean_square
-from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_problem
 from piezoharvest.identify.start_values.multistart import MAX_MEAN_SQUARE, fit_multistart
+from piezoharvest.predict.circuit.setting import has_events
 
 # A change between two samples is a jump from so many times the steepest one of a sine of the same range; parameters
 # whose events are off by this share of a period at most are found.
@@ -40,7 +44,8 @@ def fit_past_jumps(
         return fit_multistart(problem, model, progress, poor)
     progress("start: away from the jumps of the voltage")
     first = fit_multistart(blind, model, progress)
-    found = fit(problem, first.model, first.nuisance, progress=progress, rounds=2)
+    nuisance = nuisance_for_problem(blind, first.nuisance, problem, first.model)
+    found = fit(problem, first.model, nuisance, progress=progress, rounds=2)
     if mean_square(found) < MAX_MEAN_SQUARE:
         return found
     other = fit_multistart(problem, model, progress, poor)
@@ -49,17 +54,27 @@ def fit_past_jumps(
 
 
 def without_jumps(problem: Problem) -> Problem:
-    """The problem without the samples beside jumps of the voltage; the problem itself if there are none."""
+    """The problem without the samples beside jumps of the voltage, from rest where a record begins there.
+
+    The problem itself if there are no jumps.
+    """
     device = problem.nominal
     period = 2.0 * np.pi * np.sqrt(device.mass / device.stiffness)
     hidden = [beside_jumps(data, period) if isinstance(data, Data) else np.zeros(0, bool) for data in problem.data]
     if not problem.has_events or not any(map(np.any, hidden)):
         return problem
     data = [
-        replace(each, hidden=mine) if isinstance(each, Data) else each
+        replace(_from_rest(each), hidden=mine) if isinstance(each, Data) else each
         for each, mine in zip(problem.data, hidden, strict=True)
     ]
     return Problem(data, problem.nominal, problem.offset_channels)
+
+
+def _from_rest(data: Data) -> Data:
+    """Data of a record that begins exactly at rest, if its first samples show nothing else."""
+    if any(data.start.values()) or not data.setting.free or not has_events(data.setting.shunt, data.drive):
+        return data
+    return replace(data, setting=replace(data.setting, free=(), sizes=()))
 
 
 def beside_jumps(data: Data, period: float) -> np.ndarray:
