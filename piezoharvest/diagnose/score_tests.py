@@ -26,6 +26,8 @@ from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, p
 from piezoharvest.predict.parameters import Parameter, parameter_of, put
 from piezoharvest.predict.prediction import PredictionError
 
+MAX_STRETCH = 4.0  # of a start value: farther off, what an effect changes goes with its square no longer
+
 
 @dataclass(frozen=True)
 class ScoredEffect:
@@ -104,10 +106,14 @@ def scores(
     """
     starts = [start for start in starts_of(scales, found, library) if not start.scanned]
     smooth = [start for start in starts if _grows(start)]
-    jumpy = [start for start in starts if start not in smooth]
-    return sorted(
-        [*_linearised_scores(problem, found, smooth), *_one_step_scores(problem, found, jumpy)], key=lambda c: -c.score
-    )
+    quadratic = [start for start in starts if start.second_order]
+    jumpy = [start for start in starts if start not in smooth and not start.second_order]
+    candidates = [
+        *_linearised_scores(problem, found, smooth),
+        *_second_order_scores(problem, found, quadratic),
+        *_one_step_scores(problem, found, jumpy),
+    ]
+    return sorted(candidates, key=lambda candidate: -candidate.score)
 
 
 def starts_of(scales: CampaignScales, found: Fit, library: Sequence[type[Effect]] | None) -> list[Effect]:
@@ -119,7 +125,7 @@ def starts_of(scales: CampaignScales, found: Fit, library: Sequence[type[Effect]
 
 def _grows(start: Effect) -> bool:
     """True if an effect grows smoothly from its null value."""
-    return not (np.isinf(_strength(start)) or type(start).span is not Effect.span or start.sets_in)
+    return not (np.isinf(_strength(start)) or type(start).span is not Effect.span or start.second_order)
 
 
 def _is_new(start: Effect, found: Fit) -> bool:
@@ -241,6 +247,42 @@ def _columns(problem, model: Model, starts, strengths, base: int, first: int) ->
                 found[n - first] += [begin + 2 * k, begin + 2 * k + 1]
         at += len(names)
     return found
+
+
+def _second_order_scores(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[ScoredEffect]:
+    """Scores of effects that change nothing to first order at their null: from a linearisation at each start.
+
+    What such an effect changes goes with the square of its strength s: its shape is that of the derivative at any s, and
+    a step d from the start s leads to the square s^2 + 2 s d. The start is made as weak as what is in excess of noise,
+    by the fourth power of s with which the sum of squares grows.
+    """
+    candidates, first, base = [], len(found.model.transducer.effects), len(found.model.parameters)
+    _, before, cost = total_information(found.model, found.nuisance, found.sums)
+    for start in starts:
+        field = type(start).strength()
+        try:
+            bare = replace(extended(found.model, [start], []), parameters=())
+            added = linearised(problem, bare, found.nuisance, found)[2] - cost
+            weaker = min(1.0, max(excess_of(found), 1.0) / max(added, 1e-300)) ** 0.25
+            start = put(start, (field.name,), weaker * _strength(start))
+            model = extended(found.model, [start], [parameter_of(start, field, ("effects", first, field.name))])
+            information, gradient, squares = linearised(problem, model, found.nuisance, found)
+        except PredictionError:  # no solution with this effect
+            continue
+        slope, weight = gradient - np.insert(before, base, 0.0), information
+        weight[:base, :base] += found.prior[:base, :base]
+        weight[base + 1 :, base + 1 :] += found.prior[base:, base:]
+        felt = np.diag(weight) > 0.0
+        if not felt[base]:
+            continue
+        step = np.zeros(len(slope))
+        step[felt] = inverse(weight[np.ix_(felt, felt)]) @ slope[felt]
+        score, value = cost - squares + float(slope @ step), _strength(start)
+        square = value**2 + 2.0 * value * step[base]
+        if score > 0.0 and square > 0.0:
+            strength = np.copysign(min(np.sqrt(square), MAX_STRETCH * abs(value)), value)
+            candidates.append(ScoredEffect(put(start, (field.name,), float(strength)), score, 1, np.zeros(0), -1))
+    return candidates
 
 
 def _one_step_scores(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[ScoredEffect]:

@@ -37,7 +37,7 @@ class Effect(Component):
     source: ClassVar[str]
     looks: ClassVar[str] = ""
     told_by: ClassVar[str] = ""
-    sets_in: ClassVar[bool] = False  # with a jump: no derivative at its null value shows it
+    second_order: ClassVar[bool] = False  # what it changes goes with the square of its strength
     # Its strength decides which events there are: it has no derivative anywhere, and values are tried instead.
     scanned: ClassVar[bool] = False
     of_specimen: ClassVar[bool] = True

@@ -10,7 +10,7 @@ from piezoharvest.description.protocol import CampaignSizes
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.switching import InductiveSwitch
 
-TRIED = (-0.3, -0.1, 0.1, 0.3)  # start values
+TRIED = (-0.1, 0.1)  # start values: to second order the sign does not show
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +25,7 @@ class OnTimeOffset(Effect):
     )
 
     # A switch that opens on time cuts no current: to first order nothing changes.
-    sets_in: ClassVar[bool] = True
+    second_order: ClassVar[bool] = True
 
     on_time_error: float = quantity("", "relative error beside that of the label", above=-1, null=0.0)
 
