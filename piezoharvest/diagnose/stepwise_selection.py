@@ -256,14 +256,12 @@ class Searcher:
 
     def _fit_stage(self, now: EffectChange, origin: EffectChange, tried: Sequence[EffectChange]) -> list[EffectChange]:
         """Full fits of the promising effects against a model, and those so far, the best first."""
-        scored, chosen = self.trials.scores(origin), dict[str, ScoredEffect]()
+        scored = self.trials.scores(origin)
         if not _any_promising(scored):
             return list(tried)
-        for candidate in scored:
-            if candidate.score > thresholds.MIN_RELATIVE_SCORE * scored[0].score and _is_promising(candidate, scored):
-                chosen.setdefault(effect_key(candidate.effect), candidate)
-        more = list(tried)
-        for each in list(chosen.values())[: FITS_PER_STAGE if origin is now else FITS_AT_NOMINAL]:
+        least, more = thresholds.MIN_RELATIVE_SCORE * scored[0].score, list(tried)
+        chosen = _best_of_each([each for each in scored if each.score > least and _is_promising(each, scored)])
+        for each in chosen[: FITS_PER_STAGE if origin is now else FITS_AT_NOMINAL]:
             varied = self.trials.varied(now)
             fitted = self.trials.extended(
                 origin, each.effect, cost_to_reach(more), varied, most=STAGE_ITERATIONS, begun=each.begun
@@ -375,11 +373,11 @@ class Searcher:
         """Other sets of as many effects that are nearly as likely."""
         found: dict[frozenset[str], tuple[EffectChange, float]] = {}
         pool = [step for step in others if len(step.effects) == len(now.effects)]
-        for n in range(self.given_effects, len(now.effects) - 1):
+        for n in range(self.given_effects, len(now.effects)):  # the last one, too: it may have taken another's place
             less = self.trials.best_without(now, n)
             if less is None or _indispensable(now, less):
                 continue
-            for candidate in self.trials.scores(less)[:4]:
+            for candidate in _best_of_each(self.trials.scores(less))[:FITS_PER_STAGE]:
                 enough = less.cost - now.cost - 3 * thresholds.CLOSE_COST
                 if candidate.name not in now.effects and candidate.score > enough:
                     aim = now.fair_cost + thresholds.CLOSE_COST
@@ -392,6 +390,14 @@ class Searcher:
                 if key not in found or more < found[key][1]:
                     found[key] = (step, more)
         return tuple(sorted(found.values(), key=lambda pair: pair[1]))
+
+
+def _best_of_each(candidates: Sequence[ScoredEffect]) -> list[ScoredEffect]:
+    """The best start of each effect, of candidates with the highest score first."""
+    found = dict[str, ScoredEffect]()
+    for candidate in candidates:
+        found.setdefault(effect_key(candidate.effect), candidate)
+    return list(found.values())
 
 
 def _indispensable(now: EffectChange, less: EffectChange) -> bool:
