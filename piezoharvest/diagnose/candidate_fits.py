@@ -20,7 +20,7 @@ from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import MAX_ITERATIONS, NOT_CONVERGED, Fit
 from piezoharvest.identify.fitting.model import Model, begun_effects, inner_values
 from piezoharvest.identify.fitting.output_error import covariance, excess_of, fit, inflation, inverse, linearised
-from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, prior_of
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, prior_of, starts_as_shown
 from piezoharvest.identify.identifiability import size_of, undetermined
 from piezoharvest.identify.identification import growing_fit
 from piezoharvest.identify.start_values.initial_hysteresis_state import search_initial_states
@@ -300,6 +300,19 @@ class CandidateFits:
             return now
         self.progress(f"{', '.join(now.effects)}: under way as records begin")
         return self._remember_converged(step) or now
+
+    def begun_as_shown(self, now: EffectChange) -> EffectChange:
+        """Full fit of records behind switches from where their first samples show that they begin, if that is better.
+
+        A fit without the effect may have moved these starts to where the switch acts once more at the very beginning,
+        or once less, from where no small step leads back.
+        """
+        model, found = now.found.model, now.found
+        if not self.problem.has_events:
+            return now
+        again = self._fit(model, starts_as_shown(self.problem, model, found.nuisance), found)
+        better = again is not None and again.cost < now.cost - thresholds.MIN_IMPROVEMENT
+        return (self._remember_converged(again) or now) if better else now
 
     def redetermine(self, now: EffectChange) -> EffectChange:
         """Refit with the set of parameters that the data determines now that an effect is in the model.

@@ -175,7 +175,8 @@ class Searcher:
                 trials.progress(f"{after.effects[-1]} has only led to a better minimum without it")
                 return _SearchState(*self._with_nominal_values(better), found.levels, [], added=False)
         trials.progress(f"found {', '.join(after.effects)}")
-        after, levels = self._prune(trials.redetermine(trials.with_states_begun(after)), [*found.levels, level])
+        settled = trials.redetermine(trials.with_states_begun(trials.begun_as_shown(after)))
+        after, levels = self._prune(settled, [*found.levels, level])
         return _SearchState(*self._with_nominal_values(after), levels, alternatives if better is None else [])
 
     def _restarted_without(self, before: EffectChange, now: EffectChange) -> EffectChange | None:

@@ -191,6 +191,19 @@ def nuisance_for_problem(
     return tuple(found)
 
 
+def starts_as_shown(problem: Problem, model: Model, nuisance: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
+    """Nuisance parameters with all initial states of records behind circuits as their first samples show them."""
+    return tuple(
+        np.array(
+            [
+                shown if name.startswith("start ") else value
+                for name, value, shown in zip(problem.nuisance_names(model, data), mine, other, strict=True)
+            ]
+        )
+        for data, mine, other in zip(problem.data, nuisance, problem.start(model), strict=True)
+    )
+
+
 def _unit(data: Data | FrequencyData, name: str) -> float:
     """Unit of a nuisance parameter, SI: those of initial states behind circuits depend on the length of the record."""
     if not isinstance(data, Data):
