@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Waveforms:
     """Signals on a common time base, in SI units and the signs of docs/equations.md.
 
@@ -48,6 +48,16 @@ class Waveforms:
     acceleration: np.ndarray
     event_times: np.ndarray
     event_names: tuple[str, ...]
+
+    def __eq__(self, other: object) -> bool:
+        """True if all samples and events are equal; NaN equals NaN."""
+        if not isinstance(other, Waveforms):
+            return NotImplemented
+        return self.event_names == other.event_names and all(
+            np.array_equal(getattr(self, each.name), getattr(other, each.name), equal_nan=True)
+            for each in fields(self)
+            if each.name != "event_names"
+        )
 
 
 @dataclass(frozen=True)

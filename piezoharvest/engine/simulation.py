@@ -113,7 +113,7 @@ def simulate(
         reason = "nothing moves"
     if reason:
         return _with_remark(_replaced(response, attenuation_db=np.nan), f"no attenuation: {reason}")
-    return _replaced(response, attenuation_db=20 * np.log10(response.displacement_amplitude / reference))
+    return _replaced(response, attenuation_db=float(20 * np.log10(response.displacement_amplitude / reference)))
 
 
 def _is_idle(effect: Effect, shunt: Shunt) -> bool:

@@ -1,9 +1,11 @@
 """What a result must obey to be trusted, tried on energies that no engine has made."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from piezoharvest import SineForce, System, Transducer
+from piezoharvest import SineForce, System, Transducer, simulate
 from piezoharvest.description.shunts import Resistor
 from piezoharvest.engine.lowering.lower import lower
 from piezoharvest.engine.plausibility import (
@@ -109,3 +111,14 @@ def test_digits_of_a_small_share_are_said():
     assert uncertainty_message(-1e-8, off=1e-9).endswith("confirms none of its digits")
     assert uncertainty_message(0.25, off=1e-12) == ""
     assert uncertainty_message(0.0, off=1e-12) == ""
+
+
+def test_results_are_compared_by_their_values():
+    bench = Transducer(mass=0.010, damping=0.0628, stiffness=986.96, coupling=1.0e-3, capacitance=40e-9)
+    system = System(bench, Resistor(resistance=97e3))
+    drive = SineForce(amplitude=0.02, frequency=50.6)
+    one, same = simulate(system, drive), simulate(system, drive)
+    assert one == same
+    assert one != simulate(system, replace(drive, amplitude=0.03))
+    assert one.waveforms != "waveforms"
+    assert type(one.attenuation_db) is float
