@@ -55,7 +55,7 @@ def write_diagnosis(found: Diagnosis, directory: str | Path) -> Path:
         told_by=found.told_by if found.plan is not None else None,
         named=list(_named(found)),
         laws=list(_laws(found)),
-        residuals=list(_residuals(found)),
+        residuals=list(_residuals(found)), validated=bool(found.campaign.of_role("validate")),
         unexplained=percent(found.unexplained),
         scores=[_score(row, found) for row in rows],
         parameters=list(_parameters(found)),
