@@ -252,9 +252,9 @@ def _columns(problem, model: Model, starts, strengths, base: int, first: int) ->
 def _second_order_scores(problem: Problem, found: Fit, starts: Sequence[Effect]) -> list[ScoredEffect]:
     """Scores of effects that change nothing to first order at their null: from a linearisation at each start.
 
-    What such an effect changes goes with the square of its strength s: its shape is that of the derivative at any s, and
-    a step d from the start s leads to the square s^2 + 2 s d. The start is made as weak as what is in excess of noise,
-    by the fourth power of s with which the sum of squares grows.
+    What such an effect changes goes with the square of its strength s: its shape is that of the derivative at any s. So
+    a step d from a start s leads to the square s^2 + 2 s d. The start is made as weak as what is in excess of noise:
+    the sum of squares grows with the fourth power of s.
     """
     candidates, first, base = [], len(found.model.transducer.effects), len(found.model.parameters)
     _, before, cost = total_information(found.model, found.nuisance, found.sums)

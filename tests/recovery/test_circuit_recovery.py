@@ -55,3 +55,20 @@ def test_names_a_single_effect_of_the_circuit(name):
 def test_healthy_circuits_raise_no_alarm():
     result = run(Trial("healthy", (), 0.0, 520), bench_of)
     assert result["verdict"] == "adequate", result
+
+
+# Development trials that once ended wrongly, and why.
+ONCE_WRONG = {
+    "starts beside rest let a voltage source switch at once": Trial("healthy", (), 0.0, 1010001),
+    "so did those of a fit without the effect": Trial("single", ("diode_drop_error",), 72.0, 1000003),
+    "an effect of second order was never tried": Trial("single", ("on_time_offset",), 27.8, 1000104),
+    "one that had taken another's place hid that they are alike": Trial(
+        "pair", ("probe_loading", "creep"), 60.0, 1020001
+    ),
+}
+
+
+@pytest.mark.parametrize("why", with_slow(list(ONCE_WRONG), slow=lambda why: "at once" not in why))
+def test_what_once_went_wrong(why):
+    result = run(ONCE_WRONG[why], bench_of)
+    assert result["right"], result
