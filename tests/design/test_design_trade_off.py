@@ -51,7 +51,11 @@ def random_points(front, count):
 
 @pytest.mark.parametrize(
     ("kind", "band"),
-    [("series_rl", None), ("parallel_rl", None), pytest.param("series_rl", BAND, marks=pytest.mark.slow)],
+    [
+        ("series_rl", None),
+        pytest.param("parallel_rl", None, marks=pytest.mark.slow),
+        pytest.param("series_rl", BAND, marks=pytest.mark.slow),
+    ],
 )
 def test_no_random_linear_design_dominates(run, kind, band):
     front = front_of(run(BENCH, 50.6, objective="trade_off", band=band, candidates=(kind,)), kind)
@@ -68,7 +72,7 @@ def test_no_random_linear_design_dominates(run, kind, band):
     assert beaten_by(front, np.concatenate(power), np.concatenate(level)) < PROMISE
 
 
-@pytest.mark.parametrize("kind", ["rectifier", "parallel_sshi"])
+@pytest.mark.parametrize("kind", ["rectifier", pytest.param("parallel_sshi", marks=pytest.mark.slow)])
 def test_no_random_switched_design_dominates(run, kind):
     front = front_of(run(BENCH, 50.6, objective="trade_off", candidates=(kind,)), kind)
     assert len(front.points) > 15
@@ -99,6 +103,7 @@ def test_ends_are_the_designs_for_one_objective(run, band):
     assert result.best.shunt == harvest.shunt
 
 
+@pytest.mark.slow
 def test_one_part_varies_between_the_ends(run):
     result = run(BENCH, 50.6, objective="trade_off", candidates=("resistor", "rectifier"))
     for kind in ("resistor", "rectifier"):
@@ -136,6 +141,7 @@ def test_lag_of_what_harvests_nothing_is_tuned_for_damping(run):
     assert free.best.attenuation_db <= fixed.best.attenuation_db + 1e-3
 
 
+@pytest.mark.slow
 def test_hysteresis(run):
     host = dataclasses.replace(BENCH, hysteresis=Hysteresis(thresholds=(1e-7, 3e-7), weights=(5e5, 1.5e6)))
     result = run(host, 50.6, objective="trade_off", candidates=("series_rl",))
@@ -150,6 +156,7 @@ def test_hysteresis(run):
     assert point.attenuation_db == pytest.approx(float(again["attenuation_db"][0]), abs=1e-3)
 
 
+@pytest.mark.slow
 def test_limits_cut_the_front(run):
     kinds = {"objective": "trade_off", "candidates": ("series_rl", "rectifier")}
     result = run(BENCH, 50.6, **kinds, min_power=3e-4, min_attenuation_db=4.0)

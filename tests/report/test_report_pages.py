@@ -53,7 +53,7 @@ def pictures(path):
     return {file.name for file in path.parent.glob("*.png")}
 
 
-@pytest.mark.parametrize("name", with_slow(FIGURES, slow=lambda name: name not in ("bench", "band")))
+@pytest.mark.parametrize("name", with_slow(FIGURES, slow=lambda name: name != "band"))
 class TestEveryReport:
     def test_figures_lie_beside_the_page(self, name):
         found = pictures(report(name))
