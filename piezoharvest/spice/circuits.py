@@ -45,25 +45,25 @@ def _resistor(deck, shunt, point):
 
 
 def _series_rl(deck, shunt, point):
-    deck.add("Lshunt p r", shunt.inductance, "IC=0")
+    deck.add("Lshunt p r", shunt.inductance, point.condition("current"))
     deck.add("Rload r 0", shunt.resistance)
     return _load("r", shunt, 2 * shunt.inductance / shunt.resistance)
 
 
 def _parallel_rl(deck, shunt, point):
-    deck.add("Lshunt p 0", shunt.inductance, "IC=0")
+    deck.add("Lshunt p 0", shunt.inductance, point.condition("current"))
     return _resistor(deck, shunt, point)
 
 
 def _series_rlc(deck, shunt, point):
-    deck.add("Lshunt p c", shunt.inductance, "IC=0")
-    deck.add("Cshunt c r", shunt.capacitance, "IC=0")
+    deck.add("Lshunt p c", shunt.inductance, point.condition("current"))
+    deck.add("Cshunt c r", shunt.capacitance, point.condition("voltage"))
     deck.add("Rload r 0", shunt.resistance)
     return _load("r", shunt, 2 * shunt.inductance / shunt.resistance)
 
 
 def _parallel_rlc(deck, shunt, point):
-    deck.add("Cshunt p 0", shunt.capacitance, "IC=0")
+    deck.add("Cshunt p 0", shunt.capacitance, point.condition("voltage"))
     return _parallel_rl(deck, shunt, point)
 
 
@@ -71,10 +71,10 @@ def _branches(deck, shunt, point):
     harvested = []
     for n, inductance, resistance, capacitance in shunt.branches():
         if capacitance is not None:
-            deck.add(f"Cbranch{n} c{n} r{n}", capacitance, "IC=0")
-        deck.add(f"Lbranch{n} p {'r' if capacitance is None else 'c'}{n}", inductance, "IC=0")
+            deck.add(f"Cbranch{n} c{n} r{n}", capacitance, point.condition(f"voltage_{n}"))
+        deck.add(f"Lbranch{n} p {'r' if capacitance is None else 'c'}{n}", inductance, point.condition(f"current_{n}"))
         deck.add(f"Rbranch{n} r{n} 0", resistance)
-        harvested.append((1 / resistance, f"V(r{n})*V(r{n})"))
+        harvested.append((f"1/{{resistance_branch{n}}}", f"V(r{n})*V(r{n})"))
     slowest = max(2 * inductance / resistance for _, inductance, resistance, _ in shunt.branches())
     return NetlistCircuit(total(harvested), slowest=slowest)
 
@@ -83,14 +83,16 @@ def _blocking(deck, shunt, point):
     ends, harvested = ["p"] * len(shunt.inductances), []
     for n, mode, name in shunt.blocks():
         ends[n], begin, coil = f"b{name}", ends[n], shunt.coil_resistance(mode)
-        deck.add(f"Cblock{name} {begin} {ends[n]}", shunt.blocking_capacitances[mode], "IC=0")
-        deck.add(f"Lblock{name} {begin} {f'l{name}' if coil else ends[n]}", shunt.blocking_inductances[mode], "IC=0")
+        end, inductance = f"l{name}" if coil else ends[n], shunt.blocking_inductances[mode]
+        capacitance = shunt.blocking_capacitances[mode]
+        deck.add(f"Cblock{name} {begin} {ends[n]}", capacitance, point.condition(f"voltage_{name}"))
+        deck.add(f"Lblock{name} {begin} {end}", inductance, point.condition(f"current_{name}"))
         if coil:
             deck.add(f"Rblock{name} l{name} {ends[n]}", coil)
     for n, (inductance, resistance) in enumerate(zip(shunt.inductances, shunt.resistances, strict=True)):
-        deck.add(f"Lbranch{n} {ends[n]} r{n}", inductance, "IC=0")
+        deck.add(f"Lbranch{n} {ends[n]} r{n}", inductance, point.condition(f"current_{n}"))
         deck.add(f"Rbranch{n} r{n} 0", resistance)
-        harvested.append((1 / resistance, f"V(r{n})*V(r{n})"))
+        harvested.append((f"1/{{resistance_branch{n}}}", f"V(r{n})*V(r{n})"))
     losses = [(shunt.blocking_inductances[mode], shunt.coil_resistance(mode)) for _, mode, _ in shunt.blocks()]
     parts = [*zip(shunt.inductances, shunt.resistances, strict=True), *(pair for pair in losses if pair[1])]
     slowest = max(2 * inductance / resistance for inductance, resistance in parts)
@@ -102,16 +104,16 @@ def _negative_capacitance(deck, shunt, point):
         deck.comment("A copy of V(p) charges Cmirror; as much current is sent back into the electrodes.")
         deck.add("Emirror m 0 p 0 1")
         deck.add("Vmirror m n 0")
-        deck.add("Cmirror n 0", shunt.capacitance, "IC=0")
+        deck.add("Cmirror n 0", shunt.capacitance, point.condition("voltage"))
         deck.add("Fnegative 0 p Vmirror 1")
         return _resistor(deck, shunt, point)
     deck.comment("The current also charges Cmirror, whose voltage drives it on.")
     deck.add("Rload p r", shunt.resistance)
     deck.add("Vmirror r n 0")
     deck.add("Fmirror 0 m Vmirror 1")
-    deck.add("Cmirror m 0", shunt.capacitance, "IC=0")
+    deck.add("Cmirror m 0", shunt.capacitance, f"IC={number(-point.initial('voltage'))}")
     deck.add("Enegative n 0 m 0 -1")
-    power = f"(V(p)-V(r))*(V(p)-V(r))/{number(shunt.resistance)}"
+    power = "(V(p)-V(r))*(V(p)-V(r))/{resistance_load}"
     return NetlistCircuit(power, slowest=shunt.resistance * shunt.capacitance)
 
 
@@ -120,11 +122,17 @@ def _network(deck, shunt, point):
     harvested = []
     for e in shunt.elements:
         plus, minus = (nodes.get(node, f"net{node}") for node in e.nodes)
-        deck.add(f"{e.kind}_{e.name} {plus} {minus}", e.value, *([] if e.kind == "R" else ["IC=0"]))
+        deck.add(f"{e.kind}_{e.name} {plus} {minus}", e.value, *_condition(e, point))
         if e.load:
             across = f"({' - '.join(f'V({node})' for node in (plus, minus) if node != '0')})"
-            harvested.append((1 / e.value, f"{across}*{across}"))
+            harvested.append((f"1/{{resistance_{e.name.lower().strip('_')}}}", f"{across}*{across}"))
     return NetlistCircuit(total(harvested))
+
+
+def _condition(element, point):
+    if element.kind == "R":
+        return []
+    return [point.condition(f"{'voltage' if element.kind == 'C' else 'current'}_{element.name}")]
 
 
 def _rectifier(deck, shunt, point):
@@ -148,13 +156,14 @@ def _ssdi(deck, shunt, point):
 def _ssdv(deck, shunt, point):
     loop = write_loop(deck, shunt, point, "source")
     deck.comment("The source drives the inverted voltage further: up after a maximum, down after a minimum.")
-    deck.add(f"Bsource source 0 V={number(shunt.source_voltage)}*max(-1, min(1, 4*V(pulse)))")
+    source = deck.parameter("source_voltage", shunt.source_voltage)
+    deck.add(f"Bsource source 0 V={source}*max(-1, min(1, 4*V(pulse)))")
     return NetlistCircuit(fastest=loop.on_time)
 
 
 def _load(node: str, shunt, slowest: float) -> NetlistCircuit:
     """Circuit of a load between `node` and ground, with the longest time constant."""
-    return NetlistCircuit(f"V({node})*V({node})/{number(shunt.resistance)}", slowest=slowest)
+    return NetlistCircuit(f"V({node})*V({node})/{{resistance_load}}", slowest=slowest)
 
 
 WRITERS: dict[str, Callable[..., NetlistCircuit]] = {

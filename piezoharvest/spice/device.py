@@ -10,21 +10,24 @@ from piezoharvest.description.excitation import Ramps
 from piezoharvest.spice.deck import Deck, number, total
 from piezoharvest.spice.effects import write_effects
 from piezoharvest.spice.operating_point import OperatingPoint
-from piezoharvest.spice.stop import SATURATION_SHARE, write_stop
+from piezoharvest.spice.stop import write_slip
 
 
 def write_drive(deck: Deck, point: OperatingPoint) -> None:
     """Node `drive`: force in N or base acceleration in m/s^2."""
     deck.section("excitation: V(drive) is the " + ("base acceleration, m/s^2" if point.excitation.base else "force, N"))
-    signal = point.signal
+    signal, begin = point.signal, point.start.time if point.start else 0.0
     if isinstance(signal, Ramps):
         deck.add("Vdrive drive 0 PWL(", *_points(signal), ")")
     elif len(signal.frequencies) == 1:
-        amplitude, phase = np.broadcast_to(signal.amplitudes, 1)[0], math.degrees(signal.phases[0])
-        sine = (signal.offset, amplitude, signal.frequencies[0], 0, 0, phase)
-        deck.add(f"Vdrive drive 0 SIN({' '.join(map(number, sine))})")
+        amplitude = deck.parameter("drive_amplitude", np.broadcast_to(signal.amplitudes, 1)[0])
+        frequency = deck.parameter("drive_frequency", signal.frequencies[0])
+        offset = deck.parameter("drive_offset", signal.offset)
+        phase = math.degrees(signal.phases[0] + 2 * math.pi * signal.frequencies[0] * begin)
+        deck.add(f"Vdrive drive 0 SIN({offset} {amplitude} {frequency} 0 0 {number(math.remainder(phase, 360))})")
     else:
-        tones = zip(signal.frequencies, signal.amplitudes, signal.phases, strict=True)
+        phases = signal.phases + 2 * np.pi * signal.frequencies * begin
+        tones = zip(signal.frequencies, signal.amplitudes, phases, strict=True)
         sines = [(a, f"sin({number(2 * np.pi * f)}*time+({number(phase)}))") for f, a, phase in tones]
         deck.add("Bdrive drive 0 V=" + total([*sines, (signal.offset, "1")]))
 
@@ -47,78 +50,108 @@ def gains(point: OperatingPoint) -> list[float]:
     return [-mode.base_mass if point.excitation.base else mode.force_participation for mode in modes]
 
 
-def write_mechanics(deck: Deck, point: OperatingPoint) -> None:
-    """Nodes `u1`, `f1`, ... of each mode, and the output sums over the modes."""
-    deck.section("mechanics: force is current, velocity is voltage, mass is capacitance, damping is conductance")
+def write_transducer(deck: Deck, point: OperatingPoint) -> None:
+    """Subcircuit of mechanics, electrodes, hysteresis and effects, and its place in the circuit.
+
+    Its pins have the names of the nodes outside: the lead `p`, the drive, and what others need to know of its inside.
+    """
+    count = len(point.transducer.all_modes)
+    pushed = [f"push{n}" for n, push in enumerate(point.terms.pushes, 1) if push.any()]
+    inside = [*(f"{kind}{n}" for n in range(1, count + 1) for kind in "uf"), *pushed]
+    deck.section("transducer")
     deck.comment(
-        "Of mode n: V(un) velocity in m/s, V(fn) force of the spring in N (displacement times stiffness), into which "
-        "the velocity is integrated. No inductor is used: LTspice would give it a series resistance unasked."
+        "Pins: p positive lead (the negative one is node 0), drive, t voltage v_t of the clamped capacitance; of mode "
+        "n un velocity in m/s, fn force of the spring in N" + (", pushn force of effects in N" if pushed else "") + "."
+    )
+    pins = f"p drive t {' '.join(inside)}"
+    deck.add(f".subckt transducer {pins}")
+    _write_mechanics(deck, point)
+    _write_electrodes(deck, point)
+    write_effects(deck, point)
+    deck.add(".ends transducer")
+    deck.section("circuit: V(p) electrode voltage v_p, I(Vload) current out of the transducer's positive lead")
+    deck.add(f"Xtransducer lead {pins.removeprefix('p ')} transducer")
+    deck.add("Vload lead p 0")
+
+
+def _named(n: int, name: str) -> str:
+    """What stands for a parameter of a mode; the first one has the plain name."""
+    return f"{{{name}}}" if n == 1 else f"{{{name}_{n}}}"
+
+
+def _of_mode(deck: Deck, n: int, name: str, value: float) -> str:
+    """Add a parameter of a mode, and return what stands for it."""
+    return deck.parameter(_named(n, name)[1:-1], value)
+
+
+def _write_mechanics(deck: Deck, point: OperatingPoint) -> None:
+    """Nodes `u1`, `f1`, ... of each mode."""
+    deck.comment(
+        "Mechanics: force is current, velocity is voltage, mass is capacitance, damping is conductance. Into V(fn) the "
+        "velocity is integrated; no inductor is used: LTspice would give it a series resistance unasked."
     )
     for n, (mode, gain) in enumerate(zip(point.transducer.all_modes, gains(point), strict=True), 1):
-        deck.add(f"Cmass{n} u{n} 0", mode.mass, "IC=0")
+        mass, stiffness = _of_mode(deck, n, "mass", mode.mass), _of_mode(deck, n, "stiffness", mode.stiffness)
+        coupling = _of_mode(deck, n, "coupling", mode.coupling)
+        deck.add(f"Cmass{n} u{n} 0 {mass} {point.condition(f'u{n}')}")
         if mode.damping:
-            deck.add(f"Rdamping{n} u{n} 0", 1 / mode.damping)
-        deck.add(f"Gdrive{n} 0 u{n} drive 0", gain)
+            damping = _of_mode(deck, n, "damping", mode.damping)
+            deck.add(f"Rdamping{n} u{n} 0 {{1/{damping[1:-1]}}}")
+        deck.add(f"Gdrive{n} 0 u{n} drive 0 {_of_mode(deck, n, 'drive_gain', gain)}")
         deck.add(f"Gspring{n} u{n} 0 f{n} 0 1")
-        deck.add(f"Cspring{n} f{n} 0", 1 / mode.stiffness, f"IC={number(mode.stiffness * point.rest[f'x{n}'])}")
+        spring = number(mode.stiffness * point.initial(f"x{n}"))
+        deck.add(f"Cspring{n} f{n} 0 {{1/{stiffness[1:-1]}}} IC={spring}")
         deck.add(f"Grate{n} 0 f{n} u{n} 0 1")
-        deck.add(f"Gcoupling{n} 0 u{n} t 0", mode.coupling)
+        deck.add(f"Gcoupling{n} 0 u{n} t 0 {coupling}")
+
+
+def _write_electrodes(deck: Deck, point: OperatingPoint) -> None:
+    """Lead `p`, clamped capacitance at `t`, hysteresis between them."""
+    transducer = point.transducer
+    deck.comment("Electrodes: I(Vport) is i_p, into the positive lead.")
+    deck.add(f"Vport p {'h' if transducer.hysteresis else 't'} 0")
+    capacitance = deck.parameter("capacitance", transducer.capacitance)
+    deck.add(f"Cclamped t 0 {capacitance} {point.condition('v_t')}")
+    for n, mode in enumerate(transducer.all_modes, 1):
+        deck.add(f"Gstrain{n} t 0 u{n} 0 {_of_mode(deck, n, 'coupling', mode.coupling)}")
+    if not transducer.hysteresis:
+        return
+    deck.comment(
+        "Hysteresis: V(h,t) is v_h. A Maxwell-slip network, in line with the clamped capacitance: each element sticks "
+        "as a capacitor, and slips where what lies beside it conducts, at its limit in either direction."
+    )
+    stops = list(zip(transducer.hysteresis.thresholds, transducer.hysteresis.weights, strict=True))
+    ends = ["h", *(f"h{n}" for n in range(1, len(stops))), "t"]
+    for n, (threshold, weight) in enumerate(stops, 1):
+        write_slip(deck, point, n, (ends[n - 1], ends[n]), threshold, weight)
 
 
 def displacement(point: OperatingPoint) -> str:
     """Expression of the displacement output, m."""
     modes = enumerate(point.transducer.all_modes, 1)
-    return total((mode.force_participation / mode.stiffness, f"V(f{n})") for n, mode in modes)
+    return total((f"{number(mode.force_participation)}/{_named(n, 'stiffness')}", f"V(f{n})") for n, mode in modes)
 
 
 def coupled_acceleration(point: OperatingPoint) -> str:
     """Expression of sum T_i x_i'', A/s."""
     terms = []
-    for n, (mode, gain) in enumerate(zip(point.transducer.all_modes, gains(point), strict=True), 1):
-        forces = [(gain, "V(drive)"), (mode.coupling, "V(t)"), (-mode.damping, f"V(u{n})"), (-1.0, f"V(f{n})")]
+    for n, mode in enumerate(point.transducer.all_modes, 1):
+        forces = [(_named(n, "drive_gain"), "V(drive)"), (_named(n, "coupling"), "V(t)"), ("-1", f"V(f{n})")]
+        if mode.damping:
+            forces.append((f"-{_named(n, 'damping')}", f"V(u{n})"))
         if point.terms.pushes[n - 1].any():
-            forces.append((1.0, f"V(push{n})"))
-        terms += [(mode.coupling / mode.mass * factor, signal) for factor, signal in forces]
+            forces.append(("1", f"V(push{n})"))
+        terms.append((f"{_named(n, 'coupling')}/{_named(n, 'mass')}", f"({total(forces)})"))
     return total(terms)
 
 
 def coupled_velocity(point: OperatingPoint) -> str:
     """Expression of sum T_i x_i', A."""
-    return total((mode.coupling, f"V(u{n})") for n, mode in enumerate(point.transducer.all_modes, 1))
+    modes = enumerate(point.transducer.all_modes, 1)
+    return total((_named(n, "coupling"), f"V(u{n})") for n, _ in modes)
 
 
 def mechanical_power(point: OperatingPoint) -> str:
     """Expression of the power that the drive delivers, W."""
-    return f"V(drive)*({total((gain, f'V(u{n})') for n, gain in enumerate(gains(point), 1))})"
-
-
-def write_transducer(deck: Deck, point: OperatingPoint) -> None:
-    """Electrode node `p`, clamped node `t`, hysteresis between them, and the effects."""
-    transducer = point.transducer
-    deck.section("transducer: V(p) electrode voltage v_p, V(t) voltage v_t of the clamped capacitance")
-    deck.comment("I(Vport) is i_p, into the transducer's positive lead.")
-    inner = "h" if transducer.hysteresis else "t"
-    deck.add(f"Vport p {inner} 0")
-    deck.add("Ccl t 0", transducer.capacitance, "IC=0")
-    for n, mode in enumerate(transducer.all_modes, 1):
-        deck.add(f"Gstrain{n} t 0 u{n} 0", mode.coupling)
-    if transducer.hysteresis:
-        _write_hysteresis(deck, point)
-    write_effects(deck, point)
-
-
-def _write_hysteresis(deck: Deck, point: OperatingPoint) -> None:
-    """Stop operators, as capacitors that integrate the current while they stick."""
-    hysteresis = point.transducer.hysteresis
-    assert hysteresis is not None
-    deck.section("hysteresis: V(h,t) is v_h, the sum of stop operators of the charge")
-    deck.comment(
-        f"V(s1), V(s2), ... are the operators over their thresholds, within -1 and 1. They follow the charge exactly "
-        f"until {SATURATION_SHARE:g} before the threshold, then approach it exponentially: the area of a loop is wrong "
-        f"by about {SATURATION_SHARE**2:.0e} of that of the square of side 2 r."
-    )
-    voltages = []
-    for n, (r, w) in enumerate(zip(hysteresis.thresholds, hysteresis.weights, strict=True), 1):
-        write_stop(deck, point, f"s{n}", "I(Vport)", r)
-        voltages.append((w * r, f"V(s{n})"))
-    deck.add("Bhysteresis h t V=" + total(voltages))
+    modes = enumerate(point.transducer.all_modes, 1)
+    return f"V(drive)*({total((_named(n, 'drive_gain'), f'V(u{n})') for n, _ in modes)})"

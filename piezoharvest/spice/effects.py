@@ -25,7 +25,7 @@ def write_effects(deck: Deck, point: OperatingPoint) -> None:
     for state, equation in zip(terms.states, terms.equations, strict=True):
         _write_state(deck, point, values, state.name, equation)
     for stop in terms.stops:
-        write_stop(deck, point, stop.name, total(values.rate(stop.row)), stop.threshold)
+        write_stop(deck, point, stop, total(values.rate(stop.row)))
     for n, push in enumerate(terms.pushes, 1):
         if push.any():
             deck.add(f"Bpush{n} push{n} 0 V=" + total(values.of(push)))
@@ -42,7 +42,7 @@ def _write_state(deck: Deck, point: OperatingPoint, values: _Values, name: str, 
     share, row[column] = row[column], 0.0
     size = values.sizes[name]
     rate = total((-factor / (share * size * point.omega), what) for factor, what in values.of(row))
-    deck.add(f"C{name} {name} 0", 1 / point.omega, f"IC={number(point.rest[name] / size)}")
+    deck.add(f"C{name} {name} 0", 1 / point.omega, f"IC={number(point.initial(name) / size)}")
     deck.add(f"B{name} 0 {name} I={rate}")
 
 
@@ -51,7 +51,7 @@ def _write_charge(deck: Deck, point: OperatingPoint, values: _Values) -> None:
     size = point.voltage * point.transducer.capacitance
     charge = total((factor / size, what) for factor, what in values.of(point.terms.charges))
     deck.add("Bcharge charge 0 V=" + charge)
-    deck.add("Ccharge charge sense", size, f"IC={number(values.at_rest(point.terms.charges) / size)}")
+    deck.add("Ccharge charge sense", size, f"IC={number(values.at_start(point.terms.charges) / size)}")
     deck.add("Vsense sense 0 0")
     deck.add("Bsense t 0 I=I(Vsense)")
 
@@ -89,9 +89,9 @@ class _Values:
         modes = range(1, len(self.point.transducer.all_modes) + 1)
         return self._sum(row, {f"x{n}": (1.0, f"V(u{n})") for n in modes})
 
-    def at_rest(self, row: Row) -> float:
-        """Value of a row in the equilibrium under the excitation's static part."""
-        rest = self.point.rest
+    def at_start(self, row: Row) -> float:
+        """Value of a row in the initial state."""
+        rest = self.point.begins
         for element in self.point.terms.elements:
             first, second = (self._numeric(part, rest) for part in (element.first, element.second))
             rest = {**rest, element.name: element.at_start(first, second)}

@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 import math
+import re
+from typing import Literal
 
 from piezoharvest.description.excitation import Excitation, Tones
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.equations.rows import connected
 from piezoharvest.spice.circuits import write_shunt
 from piezoharvest.spice.deck import Deck, number
-from piezoharvest.spice.device import displacement, mechanical_power, write_drive, write_mechanics, write_transducer
+from piezoharvest.spice.device import displacement, mechanical_power, write_drive, write_transducer
 from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint, estimate_operating_point
+from piezoharvest.spice.steady_start import steady_start
 
 # Default length in longest time constants, its bounds in periods; steps in the shortest pulse.
 SETTLING = 10.0
 MIN_PERIODS, MAX_PERIODS = 10, 500
 STEPS_IN_PULSE = 20
+# Periods that run before the measurement where the run begins in the steady state.
+STEADY_PERIODS = 2
 # Steps in a period of the strongest tone, relative to those of the highest of several tones.
 STEP_RATIO = 5
+DIODE_MODEL = re.compile(r"d\s*\(\s*(?:[a-z]\w*\s*=\s*[-+]?[\d.]+(?:e[-+]?\d+)?[a-z]*\s*)+\)", re.IGNORECASE)
 MEASUREMENTS = {
     "harvested_power": "AVG V(harvested)",
     "mechanical_power": "AVG V(mechanical)",
@@ -39,10 +46,12 @@ def export_spice(
     periods: int | None = None,
     measured_periods: int = 4,
     steps_per_period: int = 1000,
+    start: Literal["steady", "rest"] = "steady",
     dc_start: float = 0.0,
+    diodes: str | None = None,
     tolerance: float = 1e-5,
 ) -> str:
-    """Write a system as a netlist for transient analysis, from rest.
+    """Write a system as a netlist for transient analysis.
 
     Parameters
     ----------
@@ -52,14 +61,20 @@ def export_spice(
     title : str
         First line of the netlist.
     periods : int, optional
-        Periods to simulate. By default as many as the slowest time constant needs to settle, at most 500. Ignored for a
-        non-periodic excitation, which runs once.
+        Periods to simulate. By default six in the steady state; from rest as many as the slowest time constant needs to
+        settle, at most 500. Ignored for a non-periodic excitation, which runs once.
     measured_periods : int
         Periods at the end over which the .meas commands average.
     steps_per_period : int
         Time steps in a period at least; switched shunts take more, 20 in the shortest pulse.
+    start : str
+        "steady": in the engine's periodic steady state, where there is one that a motion from rest comes to. "rest":
+        from rest; so does a non-periodic excitation begin.
     dc_start : float
-        Initial voltage of the smoothing capacitor, V: a value near the final one shortens the run.
+        Initial voltage of the smoothing capacitor from rest, V: a value near the final one shortens the run.
+    diodes : str, optional
+        SPICE model of the bridge's diodes, as "D(Is=2.5n N=1.75 Rs=0.57)"; by default they are ideal with a drop. The
+        run is then as long as one from rest, since such diodes have another steady state.
     tolerance : float
         Relative tolerance of the time steps (reltol).
 
@@ -67,8 +82,8 @@ def export_spice(
     -------
     str
         Netlist in the subset of the language common to ngspice and LTspice. Its .meas commands are harvested_power and
-        mechanical_power (W, mean), displacement_pp (m) and voltage_pp (V, peak to peak: twice what the amplitudes of a
-        `Response` are) and dc_voltage (V, mean).
+        mechanical_power (W, mean), efficiency (their ratio), displacement_pp (m) and voltage_pp (V, peak to peak: twice
+        what the amplitudes of a `Response` are) and dc_voltage (V, mean).
 
     Raises
     ------
@@ -76,13 +91,17 @@ def export_spice(
         The shunt is of an unsupported kind, an effect has terms that a netlist cannot express or acts on a shunt with
         which it cannot be simulated, or a number of periods or steps is not positive.
     """
+    begin = steady_start(System(transducer, shunt), excitation) if start == "steady" else None
     shunt = connected(System(transducer, shunt)).shunt
-    point = estimate_operating_point(transducer, excitation, dc_start)
+    point = estimate_operating_point(transducer, excitation, dc_start, begin)
+    point = point._replace(diodes=_diode_model(diodes, shunt))
     point.terms.check(shunt, shunt.switch(transducer.capacitance, excitation.period))
     deck = Deck(title or f"piezoharvest: {shunt.kind}")
     _write_introduction(deck)
+    deck.section("values")
+    deck.comment("Initial conditions (IC=) are those of these values.")
+    deck.parameters_here()
     write_drive(deck, point)
-    write_mechanics(deck, point)
     write_transducer(deck, point)
     circuit = write_shunt(deck, shunt, point)
     _write_readings(deck, point, circuit)
@@ -90,6 +109,17 @@ def export_spice(
     window = _write_window(deck, point, circuit, periods, measured_periods)
     _write_analysis(deck, point, window, _largest_step(point, circuit, steps_per_period), tolerance)
     return deck.text()
+
+
+def _diode_model(model: str | None, shunt: Shunt) -> str | None:
+    """Check the model of real diodes."""
+    if model is None:
+        return None
+    if not isinstance(shunt, Bridge):
+        raise ParameterError("diodes", f"found a model of diodes, but {shunt.kind} has no bridge")
+    if not DIODE_MODEL.fullmatch(model.strip()):
+        raise ParameterError("diodes", f"found {model!r}, allowed is a model such as 'D(Is=2.5n N=1.75 Rs=0.57)'")
+    return " ".join(model.split())
 
 
 def _write_introduction(deck: Deck) -> None:
@@ -114,6 +144,18 @@ def _write_readings(deck: Deck, point: OperatingPoint, circuit: NetlistCircuit) 
     deck.add("Bvdc vdc 0 V=" + circuit.dc)
 
 
+def _write_efficiency(deck: Deck, point: OperatingPoint, window: tuple[float, float], step: float) -> None:
+    """Node `efficiency`: ratio of the energies since the measurement began, from one step into it on."""
+    begin, end = window
+    size, length = point.current * point.voltage, end - begin
+    deck.comment("V(harvested_mean) and V(mechanical_mean) come to the mean powers at the end, over their size.")
+    for name in ("harvested", "mechanical"):
+        deck.add(f"C{name} {name}_mean 0 {number(length)} IC=0")
+        on = f"max(0, min(1, (time-{number(begin)})*{number(1 / step)}))" if begin else "1"
+        deck.add(f"B{name}_rate 0 {name}_mean I=V({name})*{number(1 / size)}*{on}")
+    deck.add("Befficiency efficiency 0 V=V(harvested_mean)/(abs(V(mechanical_mean))+1e-12)")
+
+
 def _write_window(
     deck: Deck, point: OperatingPoint, circuit: NetlistCircuit, periods: int | None, measured: int
 ) -> tuple[float, float]:
@@ -126,12 +168,16 @@ def _write_window(
         return 0.0, length
     slowest = max(circuit.slowest, *_decay_times(point.transducer))
     wanted = measured + math.ceil(max(MIN_PERIODS, min(SETTLING * slowest / period, 1e9)))
+    if point.start is not None and point.diodes is None:
+        wanted = measured + STEADY_PERIODS
     if periods is None:
         periods = max(measured + 1, min(wanted, MAX_PERIODS))
     for key, value, least in (("measured_periods", measured, 1), ("periods", periods, measured)):
         if value < least:
             raise ParameterError(key, f"found {value}, allowed is a whole number of at least {least}")
-    deck.comment(f"{periods} periods of {number(period)} s from rest, of which the last {measured} are measured.")
+    start = point.start
+    begins = "from rest" if start is None else f"from a steady state, {number(start.time)} s after phase zero"
+    deck.comment(f"{periods} periods of {number(period)} s {begins}, of which the last {measured} are measured.")
     if periods < wanted:
         deck.comment(
             f"This may be short: transients may last about {wanted} periods. Lengthen .tran and move the window of "
@@ -154,6 +200,7 @@ def _write_analysis(
     deck: Deck, point: OperatingPoint, window: tuple[float, float], step: float, tolerance: float
 ) -> None:
     """Simulation command, tolerances and measurements."""
+    _write_efficiency(deck, point, window, step)
     begin, end = (number(time) for time in window)
     deck.comment(
         "The fourth number of .tran is the largest time step: halve it to see how far the results are converged."
@@ -165,9 +212,10 @@ def _write_analysis(
         f".options method=gear reltol={number(tolerance)} trtol=1 plotwinsize=0 abstol={number(1e-9 * point.current)} "
         f"vntol={number(voltage)} chgtol={number(charge)}"
     )
-    deck.add(".save V(drive) V(x) V(p) V(vdc) V(harvested) V(mechanical) I(Vport)")
+    deck.add(".save V(drive) V(x) V(p) V(vdc) V(harvested) V(mechanical) V(efficiency) I(Vload)")
     for name, what in MEASUREMENTS.items():
         deck.add(f".meas tran {name} {what} from={begin} to={end}")
+    deck.add(f".meas tran efficiency FIND V(efficiency) AT={number(window[1] - 1e-3 * step)}")
 
 
 def _decay_times(transducer: Transducer) -> list[float]:

@@ -12,6 +12,8 @@ from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.engine.lowering.lower import lower
 from piezoharvest.equations.terms import Terms
+from piezoharvest.spice.deck import number
+from piezoharvest.spice.steady_start import SteadyStart
 
 
 class OperatingPoint(NamedTuple):
@@ -27,12 +29,14 @@ class OperatingPoint(NamedTuple):
         Angular frequency of the drive in rad/s, of the first mode where the excitation has none.
     voltage : float
         Expected electrode voltage, V, within a factor of about ten.
-    dc_start : float
-        Initial voltage of the smoothing capacitor, V.
     terms : Terms
         Terms of the effects.
-    rest : dict of str to float
-        Initial states, by name, SI.
+    begins : dict of str to float
+        Initial states, by name, SI: those of the steady state, else of the equilibrium.
+    start : SteadyStart or None
+        The steady state in which it begins.
+    diodes : str or None
+        Model of real diodes in a bridge.
     """
 
     transducer: Transducer
@@ -40,9 +44,18 @@ class OperatingPoint(NamedTuple):
     signal: Tones | Ramps
     omega: float
     voltage: float
-    dc_start: float
     terms: Terms
-    rest: dict[str, float]
+    begins: dict[str, float]
+    start: SteadyStart | None = None
+    diodes: str | None = None
+
+    def initial(self, name: str) -> float:
+        """Initial value of a state, zero if it is none."""
+        return self.begins.get(name, 0.0)
+
+    def condition(self, name: str) -> str:
+        """Initial condition of an element whose voltage or current is a state."""
+        return f"IC={number(self.initial(name))}"
 
     @property
     def length(self) -> float:
@@ -77,8 +90,10 @@ class NetlistCircuit(NamedTuple):
     slowest: float = 0.0
 
 
-def estimate_operating_point(transducer: Transducer, excitation: Excitation, dc_start: float) -> OperatingPoint:
-    """Estimate the magnitudes of voltage and current in a system."""
+def estimate_operating_point(
+    transducer: Transducer, excitation: Excitation, dc_start: float, start: SteadyStart | None = None
+) -> OperatingPoint:
+    """Estimate the magnitudes of voltage and current in a system that begins in a steady state, or at rest."""
     signal = excitation.signal()
     own = 2 * np.pi * transducer.open_circuit_frequency
     if isinstance(signal, Tones):
@@ -94,8 +109,9 @@ def estimate_operating_point(transducer: Transducer, excitation: Excitation, dc_
     voltage = sum(_voltage(transducer, excitation.base, w, a) for w, a in tones)
     passes = excitation.period is None
     terms = Terms(transducer, "base_acceleration" if excitation.base else "force", passes=passes)
-    rest = _rest(transducer, excitation)
-    return OperatingPoint(transducer, excitation, signal, omega, max(voltage, dc_start) or 1.0, dc_start, terms, rest)
+    begins = start.values if start else _rest(transducer, excitation) | {"dc": dc_start}
+    most = max(voltage, dc_start) or 1.0
+    return OperatingPoint(transducer, excitation, signal, omega, most, terms, begins, start)
 
 
 def _rest(transducer: Transducer, excitation: Excitation) -> dict[str, float]:

@@ -18,12 +18,16 @@ from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
 # Bridge: ratio of its resistance to 1/(w C), and of the smoothing of its corner to the expected voltage.
 BRIDGE = 1e-4
 CORNER = 1e-5
+# Strays to ground of a dc side behind real diodes, as a share of the clamped capacitance.
+STRAY = 1e-5
 # Switched loop: ratio to sqrt(L/C) of the resistance that absorbs the current cut when the switch opens, inverse ratio
 # of that of the closed switch, and conductance of the open switch relative to 1/sqrt(L/C).
 IDEAL, OPEN = 1e4, 1e-8
 # The pulse that closes a switch rises and falls over this fraction of its length to each side; logarithm of the
 # switch's conductance per unit of the pulse.
 EDGE = 0.1
+# Time in which the sign that counts for the switch follows that of the motion, as a share of the pulse.
+FOLLOW = 0.01
 STEEPNESS = 200.0
 # Instantaneous discharges take this fraction of a period, and end at exp(-14) of the voltage.
 DISCHARGE, DECAY = 1 / 200, 14.0
@@ -43,21 +47,73 @@ def write_timing(deck: Deck, switch: Switch, on_time: float, point: OperatingPoi
     deck.section("timing of the switch: V(pulse) is 1 after a maximum and -1 after a minimum of sum T_i x_i, else 0")
     deck.comment(
         f"V(extremum) is the sign of sum T_i x_i', rounded over {number(EDGE * on_time)} s to each side of a crossing, "
-        "and delayed by ideal lines; both edges of the pulse are rounded alike, so that its length is exact. hold_off "
-        "is left out: the switch acts at every extremum."
+        "and delayed by ideal lines; both edges of the pulse are rounded alike, so that its length is exact."
     )
     deck.add("Brate rate 0 V=(" + coupled_velocity(point) + f")/{number(point.current)}")
     width = number(EDGE * on_time / point.current)
     deck.add("Bwidth width 0 V=(" + coupled_acceleration(point) + f")*{width}")
     deck.add("Bextremum extremum 0 V=max(-1, min(1, V(rate)/sqrt(V(width)*V(width)+1e-12)))")
-    begin = "extremum"
-    if switch.lag > 1e-4 * on_time:
-        begin = "begin"
-        deck.add("Tlag extremum 0 begin 0 Z0=1 TD=" + number(switch.lag))
-    deck.add(f"Ton {begin} 0 finish 0 Z0=1 TD={number(on_time)}")
-    deck.add("Ron finish 0 1")
+    lines = _Lines(deck, point, on_time, switch.hold_off)
+    taken = "extremum"
+    if switch.hold_off > 2 * lines.settled:
+        _write_hold_off(deck, lines, switch.hold_off)
+        taken = "taken"
+    begin = lines.write("begin", taken, switch.lag) if switch.lag > 1e-4 * on_time else taken
+    finish = lines.write("finish", taken, switch.lag + on_time)
     # Timed from the previous extremum, of the other kind, the pulse has the other sign.
-    deck.add(f"Bpulse pulse 0 V={'(-0.5)' if switch.early else '0.5'}*(V(finish)-V({begin}))")
+    deck.add(f"Bpulse pulse 0 V={'(-0.5)' if switch.early else '0.5'}*(V({finish})-V({begin}))")
+
+
+class _Lines(NamedTuple):
+    """Ideal lines that delay the sign of the motion; those of a netlist that begins in motion get its history, too."""
+
+    deck: Deck
+    point: OperatingPoint
+    on_time: float
+    hold_off: float
+
+    @property
+    def settled(self) -> float:
+        """Time (s) after which the rounded sign has changed for certain."""
+        return 4 * EDGE * self.on_time
+
+    def write(self, name: str, source: str, delay: float) -> str:
+        """Node `name` with the voltage of the node `source` a while before; returns it."""
+        start, deck = self.point.start, self.deck
+        if start is None:
+            deck.add(f"T{name} {source} 0 {name} 0 Z0=1 TD={number(delay)}")
+            deck.add(f"R{name} {name} 0 1")
+            return name
+        # A line knows nothing of the time before the run: what it gives until the delay has passed comes from a source.
+        # Both change from one to the other as slowly as a sign is rounded.
+        fade = 2 * EDGE * self.on_time
+        deck.add(f"B{name}in {name}in 0 V=V({source})*min(1, time*{number(1 / fade)})")
+        deck.add(f"T{name} {name}in 0 {name}out 0 Z0=1 TD={number(delay)}")
+        deck.add(f"R{name} {name}out 0 1")
+        times, signs = start.sides(delay, self.hold_off)
+        rounding = 0.5 * fade
+        points = [(0.0, signs[0])]
+        for turn, before, after in zip(times + delay, signs[:-1], signs[1:], strict=True):
+            if before != after and turn > rounding:
+                points += [(turn - rounding, before), (turn + rounding, after)]
+        points = [*(point for point in points if point[0] < delay), (delay, signs[-1]), (delay + fade, 0.0)]
+        deck.add(f"V{name}past {name}past 0 PWL(", *(f"{time:.12g} {value:g}" for time, value in points), ")")
+        deck.add(f"B{name} {name} 0 V=V({name}out)+V({name}past)")
+        return name
+
+
+def _write_hold_off(deck: Deck, lines: _Lines, hold_off: float) -> None:
+    """Node `taken`: the sign as the switch takes it, which does not change within the hold-off of a change."""
+    deck.comment(
+        "V(taken) is that sign as the switch takes it: it follows (within a hundredth of the pulse) but where it has "
+        "changed within the hold-off, which V(held) tells, the sign a hold-off ago, beside V(recent), that just now."
+    )
+    sign = lines.point.start.sides(0.0, hold_off)[1][-1] if lines.point.start else 0.0
+    deck.add(f"Cstored stored 0 {number(FOLLOW * lines.on_time)} IC={sign:g}")
+    deck.add("Btaken taken 0 V=V(stored)")
+    held, recent = lines.write("held", "taken", hold_off), lines.write("recent", "taken", lines.settled)
+    free = f"max(0, min(1, 3-2*abs(V({held})-V({recent}))))"
+    deck.add(f"Bstored 0 stored I=(V(extremum)-V(stored))*{free}")
 
 
 def write_switch(deck: Deck, nodes: tuple[str, str], critical: float, closed: float, opened: float) -> str:
@@ -93,7 +149,7 @@ def write_loop(deck: Deck, shunt: InductiveSwitch, point: OperatingPoint, end: s
         "Rsnubber takes up the current that still flows when the switch opens; what it takes while the switch is "
         "closed is left out of Rloop."
     )
-    deck.add("Lloop p l", inductance, "IC=0")
+    deck.add("Lloop p l", inductance, point.condition("current"))
     ideal = impedance * max(IDEAL, 100 * float(shunt.quality))
     deck.add("Rsnubber p l", ideal)
     deck.add("Rloop l k", resistance - 2 * impedance**2 / ideal)
@@ -107,16 +163,18 @@ def write_loop(deck: Deck, shunt: InductiveSwitch, point: OperatingPoint, end: s
 
 def write_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCircuit:
     """Bridge across the electrodes, with currents that depend on the voltage."""
+    if point.diodes is not None:
+        return _write_real_bridge(deck, shunt, point, "p")
     conductance = number(0.5 * point.omega * point.transducer.capacitance / BRIDGE)
     corner = number((CORNER * point.voltage) ** 2)
     deck.section("bridge: V(dc) is the voltage behind it")
     deck.comment(
         "Each pair of diodes is a current through a small resistance above V(dc) and two drops, with a rounded corner; "
-        "to try real diodes, put four of them in the place of Bin and Bout."
+        "real diodes stand here with --diodes."
     )
-    pairs = []
+    drop, pairs = deck.parameter("diode_drop", shunt.diode_drop), []
     for sign in ("", "-"):
-        excess = f"({sign}V(p)-V(dc)-{number(2 * shunt.diode_drop)})"
+        excess = f"({sign}V(p)-V(dc)-2*{drop})"
         pairs.append(f"{conductance}*({excess} + sqrt({excess}*{excess}+{corner}))")
     deck.add(f"Bin p 0 I={pairs[0]} - {pairs[1]}")
     deck.add(f"Bout 0 dc I={pairs[0]} + {pairs[1]}")
@@ -131,31 +189,50 @@ def write_series_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint, node: 
 
     `current` (A) is its peak current.
     """
+    if point.diodes is not None:
+        return _write_real_bridge(deck, shunt, point, node)
     deck.section("bridge in line with the inductor: V(dc) is the voltage behind it")
     deck.comment(
         "V(direction) is the sign of the current, rounded near zero; the bridge opposes it with V(dc) and two drops, "
-        "and passes its magnitude on. To try real diodes, put four of them in the place of Vbridge, Bin and Bout."
+        "and passes its magnitude on. Real diodes stand here with --diodes."
     )
     deck.add(f"Vbridge {node} opposed 0")
     deck.add("Hbridge through 0 Vbridge", 1 / current)
     deck.add(f"Bdirection direction 0 V=V(through)/sqrt(V(through)*V(through)+{number(BRIDGE**2)})")
-    deck.add(f"Bin opposed 0 V=V(direction)*(V(dc)+{number(2 * shunt.diode_drop)})")
+    deck.add(f"Bin opposed 0 V=V(direction)*(V(dc)+2*{deck.parameter('diode_drop', shunt.diode_drop)})")
     deck.add(f"Bout 0 dc I={number(current)}*V(through)*V(direction)")
     return _write_dc_side(deck, shunt, point)
 
 
-def _write_dc_side(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCircuit:
-    """Smoothing capacitor and load, or constant voltage, at the node `dc`, and what leaks there."""
+def _write_real_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint, node: str) -> NetlistCircuit:
+    """Four diodes with a model between `node` and ground."""
+    deck.section("bridge: V(dc) is the voltage behind it, between the nodes dcp and dcn")
+    deck.add(f".model bridge {point.diodes}")
+    for name, plus, minus in (("1", node, "dcp"), ("2", "0", "dcp"), ("3", "dcn", node), ("4", "dcn", "0")):
+        deck.add(f"D{name} {plus} {minus} bridge")
+    deck.add("Edc dc 0 dcp dcn 1")
+    deck.comment("While no diode conducts, strays of its capacitance hold the floating dc side: without, steps vanish.")
+    stray = deck.parameter("capacitance_stray", STRAY * point.transducer.capacitance)
+    deck.add(f"Cstrayp dcp 0 {stray} {point.condition('dc')}")
+    deck.add(f"Cstrayn dcn 0 {stray} IC=0")
+    return _write_dc_side(deck, shunt, point, ("dcp", "dcn"))
+
+
+def _write_dc_side(
+    deck: Deck, shunt: Bridge, point: OperatingPoint, nodes: tuple[str, str] = ("dc", "0")
+) -> NetlistCircuit:
+    """Smoothing capacitor and load, or constant voltage, between two nodes, and what leaks there."""
+    plus, minus = nodes
     if shunt.dc_conductance:
-        deck.add("Rleak dc 0", 1 / shunt.dc_conductance)
+        deck.add(f"Rleak {plus} {minus}", 1 / shunt.dc_conductance)
     if shunt.dc_voltage is not None:
-        deck.add("Vdc dc 0", float(shunt.dc_voltage))
+        deck.add(f"Vdc {plus} {minus} {deck.parameter('dc_voltage', shunt.dc_voltage)}")
         return NetlistCircuit("V(dc)*I(Vdc)", "V(dc)")
     assert shunt.smoothing_capacitance is not None and shunt.load_resistance is not None
-    deck.add("Csmoothing dc 0", shunt.smoothing_capacitance, f"IC={number(point.dc_start)}")
-    deck.add("Rload dc 0", shunt.load_resistance)
+    deck.add(f"Csmoothing {plus} {minus}", shunt.smoothing_capacitance, point.condition("dc"))
+    deck.add(f"Rload {plus} {minus}", shunt.load_resistance)
     slowest = shunt.smoothing_capacitance * shunt.load_resistance
-    return NetlistCircuit(f"V(dc)*V(dc)/{number(shunt.load_resistance)}", "V(dc)", slowest=slowest)
+    return NetlistCircuit("V(dc)*V(dc)/{resistance_load}", "V(dc)", slowest=slowest)
 
 
 def write_discharge(deck: Deck, shunt: SynchronisedShunt, point: OperatingPoint) -> NetlistCircuit:

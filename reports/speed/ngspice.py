@@ -67,7 +67,7 @@ def _netlist(case: Case, times: np.ndarray, step: float) -> str:
     options = {}
     if excitation.period is not None:
         options = {"periods": round(times[-1] / excitation.period), "measured_periods": 1}
-    text = export_spice(system.transducer, system.shunt, excitation, tolerance=RELTOL, **options)
+    text = export_spice(system.transducer, system.shunt, excitation, start="rest", tolerance=RELTOL, **options)
     text, changed = re.subn(r"^\.tran .*$", f".tran {step:.9g} {times[-1]:.15g} 0 {step:.9g} uic", text, flags=re.M)
     if changed != 1:
         raise RuntimeError("the exported netlist has no line .tran to change")

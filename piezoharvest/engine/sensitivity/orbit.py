@@ -85,10 +85,17 @@ def unscheduled_state(shooting: Shooting, orbit: Orbit, span: float) -> tuple[En
         Time (s) after its own in which it is looked for.
     """
     machine = shooting.machine
-    motions, _ = _record(machine, shooting.load(orbit, tape=MAX_MOTIONS), orbit.time + span)
+    motions, _ = record_motions(machine, shooting, orbit, span)
     state = shooting.load(orbit)
     check(machine.run(state, _unscheduled_time(orbit, motions)))
     return state, not all(motion.scheduled for motion in motions)
+
+
+def record_motions(
+    machine: Machine, shooting: Shooting, orbit: Orbit, span: float
+) -> tuple[tuple[Motion, ...], np.ndarray]:
+    """Motions of an orbit over a span (s) after its own time, and the state at its end."""
+    return _record(machine, shooting.load(orbit, tape=MAX_MOTIONS), orbit.time + span)
 
 
 def _unscheduled_time(orbit: Orbit, motions: tuple[Motion, ...]) -> float:
