@@ -579,8 +579,19 @@ class TestExport:
         )
         refused("export", study, "--out", "x", "--shunt", "-1")
 
+    def test_schematic(self, study, run, refused, tmp_path):
+        assert run("export", study, "--out", "s.asc", "--shunt", "1", "--dialect", "ltspice")[0] == 0
+        assert (tmp_path / "s.asc").read_text().startswith("Version 4\nSHEET 1 ")
+        assert "a schematic (.asc) is written with --dialect ltspice" in refused("export", study, "--out", "x.asc")
+
+    def test_without_ngspice_nothing_is_checked(self, study, run, monkeypatch):
+        monkeypatch.setenv("PATH", "/nowhere")
+        status, out, err = run("export", study, "--out", "s.cir", "--shunt", "0", "--check")
+        assert (status, out) == (1, "s.cir\n")
+        assert "shunts.0 (resistor): not checked: ngspice is not on the PATH" in err
+
     def test_what_cannot_be_exported_leaves_the_old_file(self, study, refused, tmp_path, monkeypatch):
-        def export(transducer, shunt, excitation, *, title):
+        def export(transducer, shunt, excitation, **options):
             raise ParameterError("excitation.kind", "found 'record', allowed is a periodic one")
 
         monkeypatch.setattr(piezoharvest.spice, "export_spice", export, raising=False)

@@ -16,6 +16,8 @@ from piezoharvest.description.shunts import SSDV, Open, ParallelSSHI, Resistor, 
 from piezoharvest.linear import frequency_response
 from piezoharvest.spice import export_spice
 from piezoharvest.spice.circuits import WRITERS
+from piezoharvest.spice.comparison import compare
+from piezoharvest.spice.schematic import schematic
 
 # Damped so much that it is steady after a dozen periods.
 DAMPED = {"damping": 0.6, "coupling": 3e-4}
@@ -322,6 +324,55 @@ class TestSteadyStart:
         study = {**WIGGLING, "shunts": [{**WIGGLING["shunts"][0], "load_resistance": 2929.3, "flip_time": 0.018405}]}
         assert not solve(study).converged
         assert " from rest, of which" in netlist(study, start="steady")
+
+
+# Pins of LTspice's own symbols (lib/sym/*.asy), from the symbol's place.
+PINS = {
+    "res": ((16, 16), (16, 96)), "ind": ((16, 16), (16, 96)), "cap": ((16, 0), (16, 64)),
+    "voltage": ((0, 16), (0, 96)), "diode": ((16, 0), (16, 64)),
+}  # fmt: skip
+
+
+def netlist_of(schematic):
+    """Net list of a schematic without wires, as LTspice makes it: nets are the labels at the pins."""
+    labels, parts, directives = {}, [], []
+    for line in schematic.splitlines():
+        match line.split():
+            case ["FLAG", x, y, name]:
+                labels.setdefault((int(x), int(y)), name)
+            case ["SYMBOL", kind, x, y, "R0"]:
+                nets = [labels.pop((int(x) + across, int(y) + down)) for across, down in PINS[kind]]
+                parts.append({"nets": nets})
+            case ["SYMATTR", key, *value]:
+                parts[-1][key] = " ".join(value)
+            case ["TEXT", _, _, "Left", "2", *words] if words[0].startswith("!"):
+                directives += line.partition("!")[2].split("\\n")
+    assert not labels
+    lines = [" ".join([p["InstName"], *p["nets"], p["Value"], p.get("SpiceLine", "")]) for p in parts]
+    return "\n".join(["* from a schematic", *lines, *directives, ".end", ""])
+
+
+@needs_ngspice
+class TestDialects:
+    @pytest.mark.parametrize("kind", ["series_rlc", "rectifier"])
+    def test_a_schematic_is_the_same_circuit(self, kind):
+        text = netlist(bench({**LINEAR, **SWITCHED}[kind], DRIVE), start="steady", periods=2, measured_periods=1)
+        assert run_netlist(netlist_of(schematic(text))) == pytest.approx(run_netlist(text), rel=1e-9)
+
+    def test_each_has_its_own_options(self):
+        text = {d: netlist(bench(SWITCHED["rectifier"], DRIVE), dialect=d) for d in (None, "ngspice", "ltspice")}
+        assert ["plotwinsize" in text[d].replace("plotwinsize=0 keeps", "") for d in text] == [True, False, True]
+        assert "LTspice" not in text["ngspice"].partition("--- values")[0]
+        assert "ngspice" not in text["ltspice"]
+
+    def test_comparison(self):
+        system, excitation = objects(bench(SWITCHED["rectifier"], DRIVE))
+        figures, trusted = compare(system, excitation)
+        assert trusted
+        assert max(abs(figure.difference) for figure in figures) < 2e-3
+        figures, _ = compare(system, excitation, diodes="D(Is=1e-12 N=1)")
+        assert figures[0].name == "harvested_power"
+        assert figures[0].difference < -0.2  # diodes take much of the 2 V that there are
 
 
 @needs_ngspice

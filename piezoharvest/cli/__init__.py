@@ -1,7 +1,7 @@
-"""The command line: `piezoharvest simulate | design | sweep | measure | identify | diagnose | plan | export | demo`.
+"""The command line: `piezoharvest simulate | design | sweep | measure | identify | diagnose | plan | export | import`.
 
-typer only parses the arguments; each command returns the work to be done, which `main` runs. Exit status: 0 done;
-1 done, but the result is unreliable; 2 bad input; 130 interrupted, 143 terminated.
+Beside these there is `demo`. typer only parses the arguments; each command returns the work to be done, which `main`
+runs. Exit status: 0 done; 1 done, but the result is unreliable; 2 bad input; 130 interrupted, 143 terminated.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -57,6 +58,13 @@ EffectFiles = Annotated[
     typer.Option("--effects", metavar="FILE", help="Effects of your own (.py), as --save-effect writes.",
                  callback=_load_effects),
 ]  # fmt: skip
+class Dialect(StrEnum):
+    """Programs that read netlists."""
+
+    NGSPICE = "ngspice"
+    LTSPICE = "ltspice"
+
+
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 
 
@@ -242,13 +250,57 @@ def export(
     shunt: Annotated[
         int | None, typer.Option(metavar="N", min=0, help="Which shunt of the study, from 0.", show_default="0")
     ] = None,
+    dialect: Annotated[
+        Dialect | None, typer.Option(help="For one program alone.", show_default="both at once")
+    ] = None,
+    diodes: Annotated[
+        str | None, typer.Option(metavar="MODEL", help="Real diodes in the bridge, as 'D(Is=2.5n N=1.75 Rs=0.57)'.")
+    ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Run it in ngspice, and print both answers; exit status 1 if they differ.")
+    ] = False,
+    tolerance: Annotated[
+        float, typer.Option(metavar="SHARE", min=0.0, help="Difference that --check allows, relative.")
+    ] = 0.01,
 ) -> Work:
-    """Write a netlist for circuit simulators."""
+    """Write a netlist for circuit simulators, which begins in the steady state.
+
+    With --dialect ltspice and a FILE that ends in .asc it is a schematic.
+    """
     if form != "spice":
         raise typer.BadParameter(f"found {form!r}, the only format is spice", param_hint="--format")
-    from piezoharvest.cli import commands
+    if out.suffix.lower() == ".asc" and dialect is not Dialect.LTSPICE:
+        raise typer.BadParameter("a schematic (.asc) is written with --dialect ltspice", param_hint="--out")
+    from piezoharvest.cli import export_command
 
-    return partial(commands.export, study, out, shunt)
+    options = {"dialect": dialect.value if dialect else None, "diodes": diodes}
+    return partial(export_command.export, study, out, shunt, options, tolerance if check else None)
+
+
+@app.command(name="import")
+def import_netlist(
+    netlist: Annotated[Path, typer.Argument(metavar="NETLIST", help="Net list of ngspice or LTspice.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="File to write, by default to stdout.", show_default=False)
+    ] = None,
+    port: Annotated[
+        str | None, typer.Option(metavar="PLUS,MINUS", help="Nodes of the electrodes.", show_default="p,0 or 1,0")
+    ] = None,
+    load: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Element whose power is harvested; may be repeated.")
+    ] = None,
+    subcircuit: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Subcircuit to take, its first two pins being the electrodes.")
+    ] = None,
+) -> Work:
+    """Read a net list as a shunt: a table [[shunts]] for a study.
+
+    R, L, C, K, D, S, V, I and subcircuits of them, where they are piecewise linear. What is not is refused, by its
+    element and line.
+    """
+    from piezoharvest.cli import export_command
+
+    return partial(export_command.import_netlist, netlist, out, port, tuple(load or ()), subcircuit)
 
 
 @app.command()

@@ -17,7 +17,6 @@ from piezoharvest.output import (
     check_new_directory,
     waveform_table,
     write_table,
-    write_text,
 )
 from piezoharvest.study import DesignOptions, Study, StudyError, load_driven_study, load_study
 
@@ -40,7 +39,7 @@ def simulate(
     """Simulate every shunt of a study, print the results and write the waveforms."""
     if out is not None:
         check_file(out, TABLE_SUFFIXES)
-    study = _with_shunts(load_driven_study(path))
+    study = with_shunts(load_driven_study(path))
     specimen = None if uncertainty is None else _specimen(study)
     responses = [_respond(study, n, transient, waveforms=out is not None) for n in range(len(study.shunts))]
     spread: list[dict[str, Any] | None] = [None] * len(responses)
@@ -135,29 +134,8 @@ def run_design(study: Study, *, as_json: bool, report: Path | None) -> DesignRes
     return result
 
 
-def export(path: Path, out: Path, shunt: int | None) -> int:
-    """Write a study with one of its shunts as a SPICE netlist."""
-    check_file(out)
-    study = _with_shunts(load_driven_study(path))
-    n = shunt or 0
-    if not n < len(study.shunts):
-        raise StudyError(
-            study.path, f"shunts.{n}", f"the study has no such shunt, --shunt may be 0 to {len(study.shunts) - 1}"
-        )
-    from piezoharvest.spice import export_spice
-
-    try:
-        text = export_spice(study.transducer, study.shunts[n], study.excitation, title=study.title)
-    except ParameterError as error:
-        raise StudyError(study.path, f"shunts.{n} ({study.shunts[n].kind})", str(error)) from None
-    write_text(text, out)
-    if shunt is None and len(study.shunts) > 1:
-        note(f"warning: of {len(study.shunts)} shunts only shunts.0 ({study.shunts[0].kind}); --shunt N takes another")
-    print(out)
-    return 0
-
-
-def _with_shunts(study: Study) -> Study:
+def with_shunts(study: Study) -> Study:
+    """The study, which must have shunts."""
     if not study.shunts:
         raise StudyError(study.path, "shunts", "missing tables [[shunts]], at least one is needed")
     return study

@@ -28,6 +28,8 @@ STEADY_PERIODS = 2
 # Steps in a period of the strongest tone, relative to those of the highest of several tones.
 STEP_RATIO = 5
 DIODE_MODEL = re.compile(r"d\s*\(\s*(?:[a-z]\w*\s*=\s*[-+]?[\d.]+(?:e[-+]?\d+)?[a-z]*\s*)+\)", re.IGNORECASE)
+# numdgt above 7 lets LTspice keep waveforms in double precision.
+_OWN_OPTIONS = {None: " plotwinsize=0", "ngspice": "", "ltspice": " plotwinsize=0 numdgt=15"}
 MEASUREMENTS = {
     "harvested_power": "AVG V(harvested)",
     "mechanical_power": "AVG V(mechanical)",
@@ -49,6 +51,7 @@ def export_spice(
     start: Literal["steady", "rest"] = "steady",
     dc_start: float = 0.0,
     diodes: str | None = None,
+    dialect: Literal["ngspice", "ltspice"] | None = None,
     tolerance: float = 1e-5,
 ) -> str:
     """Write a system as a netlist for transient analysis.
@@ -75,6 +78,8 @@ def export_spice(
     diodes : str, optional
         SPICE model of the bridge's diodes, as "D(Is=2.5n N=1.75 Rs=0.57)"; by default they are ideal with a drop. The
         run is then as long as one from rest, since such diodes have another steady state.
+    dialect : str, optional
+        For one of the programs alone, with its own options; by default for both.
     tolerance : float
         Relative tolerance of the time steps (reltol).
 
@@ -97,7 +102,7 @@ def export_spice(
     point = point._replace(diodes=_diode_model(diodes, shunt))
     point.terms.check(shunt, shunt.switch(transducer.capacitance, excitation.period))
     deck = Deck(title or f"piezoharvest: {shunt.kind}")
-    _write_introduction(deck)
+    _write_introduction(deck, dialect)
     deck.section("values")
     deck.comment("Initial conditions (IC=) are those of these values.")
     deck.parameters_here()
@@ -107,7 +112,7 @@ def export_spice(
     _write_readings(deck, point, circuit)
     deck.section("analysis")
     window = _write_window(deck, point, circuit, periods, measured_periods)
-    _write_analysis(deck, point, window, _largest_step(point, circuit, steps_per_period), tolerance)
+    _write_analysis(deck, point, window, _largest_step(point, circuit, steps_per_period), (tolerance, dialect))
     return deck.text()
 
 
@@ -122,13 +127,18 @@ def _diode_model(model: str | None, shunt: Shunt) -> str | None:
     return " ".join(model.split())
 
 
-def _write_introduction(deck: Deck) -> None:
-    deck.comment("Written by piezoharvest, for ngspice (ngspice -b FILE) and LTspice (open FILE, run).")
-    deck.comment("Results of the .meas commands: ngspice prints them; in LTspice, View > SPICE Output Log.")
-    deck.comment(
-        "LTspice gives every inductor 1 milliohm in series and, unless this is turned off (Control Panel > Hacks), "
-        "some damping in parallel; plotwinsize=0 keeps it from compressing waveforms before it measures."
-    )
+def _write_introduction(deck: Deck, dialect: str | None) -> None:
+    programs = {None: "ngspice (ngspice -b FILE) and LTspice (open FILE, run)", "ngspice": "ngspice (ngspice -b FILE)",
+                "ltspice": "LTspice (open FILE, run)"}  # fmt: skip
+    deck.comment(f"Written by piezoharvest, for {programs[dialect]}.")
+    if dialect != "ltspice":
+        deck.comment("ngspice prints the results of the .meas commands.")
+    if dialect != "ngspice":
+        deck.comment("In LTspice results of the .meas commands are in View > SPICE Output Log.")
+        deck.comment(
+            "LTspice gives every inductor 1 milliohm in series and, unless this is turned off (Control Panel > Hacks), "
+            "some damping in parallel; plotwinsize=0 keeps it from compressing waveforms before it measures."
+        )
     deck.comment(
         "All in SI units, a volt or an ampere of the netlist standing for one of them. Signs: force and displacement "
         "are positive in the same direction; m x'' + b x' + k x = F + T v_t, q = C v_t + T x, v_p = v_t + v_h; the "
@@ -197,9 +207,10 @@ def _largest_step(point: OperatingPoint, circuit: NetlistCircuit, steps: int) ->
 
 
 def _write_analysis(
-    deck: Deck, point: OperatingPoint, window: tuple[float, float], step: float, tolerance: float
+    deck: Deck, point: OperatingPoint, window: tuple[float, float], step: float, options: tuple[float, str | None]
 ) -> None:
-    """Simulation command, tolerances and measurements."""
+    """Simulation command, options (relative tolerance and dialect) and measurements."""
+    tolerance, dialect = options
     _write_efficiency(deck, point, window, step)
     begin, end = (number(time) for time in window)
     deck.comment(
@@ -209,8 +220,8 @@ def _write_analysis(
     deck.comment("Gear integration damps what trapezoidal integration lets ring after a switch has opened.")
     charge, voltage = 1e-9 * point.current / point.omega, 1e-7 * min(1.0, point.voltage)
     deck.add(
-        f".options method=gear reltol={number(tolerance)} trtol=1 plotwinsize=0 abstol={number(1e-9 * point.current)} "
-        f"vntol={number(voltage)} chgtol={number(charge)}"
+        f".options method=gear reltol={number(tolerance)} trtol=1 abstol={number(1e-9 * point.current)} "
+        f"vntol={number(voltage)} chgtol={number(charge)}" + _OWN_OPTIONS[dialect]
     )
     deck.add(".save V(drive) V(x) V(p) V(vdc) V(harvested) V(mechanical) V(efficiency) I(Vload)")
     for name, what in MEASUREMENTS.items():

@@ -13,7 +13,7 @@ from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory.state import EngineState
 from piezoharvest.engine.run import Machine
-from piezoharvest.engine.sensitivity.orbit import record_motions
+from piezoharvest.engine.sensitivity.orbit import Motion, record_motions
 from piezoharvest.engine.simulation import search
 from piezoharvest.engine.steady_search import EngineError, Orbit, Shooting, check
 
@@ -49,8 +49,11 @@ class SteadyStart(NamedTuple):
         (m,) array
             Instants at which it changes, s before the start, ascending.
         (m + 1,) array
-            The sign before, between and after them. Changes within the hold-off of one that counted do not count.
+            The sign before, between and after them; there is no turn where nothing moves. Changes within the
+            hold-off of one that counted do not count.
         """
+        if not len(self.turns):
+            return np.zeros(0), np.zeros(1)
         cycles = int(np.ceil((length + hold_off) / self.period)) + 2
         turns = (self.turns + self.period * np.arange(-cycles, 1)[:, None]).ravel()
         signs = (1.0 if self.rising else -1.0) * (-1.0) ** np.arange(len(turns) - 1, -1, -1)
@@ -59,9 +62,9 @@ class SteadyStart(NamedTuple):
             if turn - last >= hold_off * (1 - 1e-9):
                 last = turn
                 counted.append(n)
-        before = [n for n in counted if turns[n] <= -length]
         recent = [n for n in counted if turns[n] > -length]
-        return turns[recent], signs[[before[-1], *recent]]
+        first = [n for n in counted if turns[n] <= -length][-1:]
+        return turns[recent], signs[[*first, *recent]]
 
 
 def steady_start(system: System, excitation: Excitation) -> SteadyStart | None:
@@ -87,10 +90,21 @@ def _start(lowered: Lowered, shooting: Shooting, orbit: Orbit) -> SteadyStart:
     instant = 0.5 * (longest.begins + longest.ends)
     state = shooting.load(orbit, sample_time=np.array([instant]))
     check(machine.run(state, instant))
-    turns = [motion.ends for motion in motions if motion.what == int(machine.L[pg.G])]
-    before = np.sort(np.mod(np.array(turns) - instant, period) - period)
+    before = np.sort(np.mod(np.array(_turns(shooting, orbit, motions)) - instant, period) - period)
     values = _values(lowered, state)
     return SteadyStart(values, float(np.mod(instant, period)), period, bool(state.D[st.DIRECTION] > 0), before)
+
+
+def _turns(shooting: Shooting, orbit: Orbit, motions: tuple[Motion, ...]) -> list[float]:
+    """Instants at which sum T_i x_i turns: between motions, of which several events may end one."""
+    state = shooting.load(orbit)
+    turns, direction = [], state.D[st.DIRECTION]
+    for motion in motions:
+        check(shooting.machine.run(state, 0.5 * (motion.begins + motion.ends)))
+        if state.D[st.DIRECTION] != direction:
+            turns.append(motion.begins)
+            direction = state.D[st.DIRECTION]
+    return turns
 
 
 def _values(lowered: Lowered, state: EngineState) -> dict[str, float]:

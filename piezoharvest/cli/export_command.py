@@ -1,0 +1,62 @@
+"""Commands that write and read netlists of circuit simulators."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from piezoharvest.cli import tables
+from piezoharvest.cli.commands import note, with_shunts
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.system import System
+from piezoharvest.output import check_file, write_text
+from piezoharvest.study import Study, StudyError, load_driven_study
+
+
+def export(path: Path, out: Path, shunt: int | None, options: dict[str, Any], tolerance: float | None) -> int:
+    """Write a study with one of its shunts as a SPICE netlist or schematic; with a tolerance, check it in ngspice."""
+    check_file(out)
+    study = with_shunts(load_driven_study(path))
+    n = shunt or 0
+    if not n < len(study.shunts):
+        raise StudyError(
+            study.path, f"shunts.{n}", f"the study has no such shunt, --shunt may be 0 to {len(study.shunts) - 1}"
+        )
+    from piezoharvest.spice import export_spice
+
+    try:
+        text = export_spice(study.transducer, study.shunts[n], study.excitation, title=study.title, **options)
+    except ParameterError as error:
+        raise StudyError(study.path, f"shunts.{n} ({study.shunts[n].kind})", str(error)) from None
+    if out.suffix.lower() == ".asc":
+        from piezoharvest.spice.schematic import schematic
+
+        text = schematic(text)
+    write_text(text, out)
+    if shunt is None and len(study.shunts) > 1:
+        note(f"warning: of {len(study.shunts)} shunts only shunts.0 ({study.shunts[0].kind}); --shunt N takes another")
+    print(out)
+    return 0 if tolerance is None else _check(study, n, options.get("diodes"), tolerance)
+
+
+def _check(study: Study, n: int, diodes: str | None, tolerance: float) -> int:
+    """Run one shunt of a study in ngspice, and print both answers; 1 if they differ, or one of them cannot be had."""
+    from piezoharvest.spice.comparison import compare
+    from piezoharvest.spice.ngspice import NgspiceError
+
+    where = f"shunts.{n} ({study.shunts[n].kind})"
+    try:
+        figures, trusted = compare(System(study.transducer, study.shunts[n]), study.excitation, diodes)
+    except ParameterError as error:
+        raise StudyError(study.path, where, str(error)) from None
+    except NgspiceError as error:
+        note(f"warning: {where}: not checked: {' '.join(str(error).split())}")
+        return 1
+    rows = [(f.name, f"{f.engine:.6g}", f"{f.ngspice:.6g}", f"{100 * f.difference:+.3f} %", f.unit) for f in figures]
+    tables.print_rows(f"{where} here and in ngspice", ("", "piezoharvest", "ngspice", "difference", "unit"), rows)
+    if not trusted:
+        note(f"warning: {where}: the result of this simulation is not to be trusted: see piezoharvest simulate")
+    wrong = [f.name for f in figures if not abs(f.difference) <= tolerance]
+    if wrong:
+        note(f"warning: {where}: {', '.join(wrong)} differ by more than {100 * tolerance:g} % (--tolerance)")
+    return 1 if wrong or not trusted else 0
