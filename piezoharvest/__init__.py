@@ -29,7 +29,7 @@ _HOMES = {
     "description.shunts": (
         "CurrentBlocking", "CurrentFlowing", "LinearShunt", "NegativeCapacitance", "Network", "Open",
         "ParallelBranches", "ParallelRL", "ParallelRLC", "ParallelSSHI", "Rectifier", "Resistor", "SECE", "SSDI",
-        "SSDS", "SSDV", "SeriesRL", "SeriesRLC", "SeriesSSHI", "Short", "Shunt",
+        "SSDS", "SSDV", "SeriesRL", "SeriesRLC", "SeriesSSHI", "Short", "Shunt", "SpiceCircuit",
     ),
     "description.effects": (
         "BiasCurrent", "ChannelSkew", "Clipping", "ContactCompliance", "CouplingDrift", "Creep",

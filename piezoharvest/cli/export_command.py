@@ -9,8 +9,11 @@ from piezoharvest.cli import tables
 from piezoharvest.cli.commands import note, with_shunts
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.system import System
+from piezoharvest.input import InputError, check_readable
 from piezoharvest.output import check_file, write_text
 from piezoharvest.study import Study, StudyError, load_driven_study
+
+MOST_BYTES = 1 << 20  # of a net list
 
 
 def export(path: Path, out: Path, shunt: int | None, options: dict[str, Any], tolerance: float | None) -> int:
@@ -60,3 +63,56 @@ def _check(study: Study, n: int, diodes: str | None, tolerance: float) -> int:
     if wrong:
         note(f"warning: {where}: {', '.join(wrong)} differ by more than {100 * tolerance:g} % (--tolerance)")
     return 1 if wrong or not trusted else 0
+
+
+def import_netlist(
+    path: Path, out: Path | None, port: str | None, load: tuple[str, ...], subcircuit: str | None
+) -> int:
+    """Read a net list as a shunt, and write it as a table of a study."""
+    import tomli_w
+
+    from piezoharvest.description.shunts.imported.spice import SpiceCircuit
+
+    if out is not None:
+        check_file(out)
+    text, nodes = _text(path), _nodes(port)
+    ports = [nodes] if nodes else [("p", "0"), ("1", "0")]
+    for n, each in enumerate(ports, 1):
+        try:
+            shunt = SpiceCircuit(netlist=text, port=each, load=load, subcircuit=subcircuit)
+            break
+        except ParameterError as error:
+            if error.key != "port" or n == len(ports):
+                raise StudyError(path, "", str(error)) from None
+    own = {"subcircuit": subcircuit} if subcircuit else {"port": list(shunt.port)}
+    table = {"shunts": [{"kind": "spice", **own, "load": list(shunt.load), "netlist": text}]}
+    written = tomli_w.dumps(table, multiline_strings=True)
+    parts, choices = len(shunt.branches), len(shunt.configurations())
+    note(f"{path}: {parts} parts, {len(shunt.states(1.0))} states, {choices} configuration{'s' if choices > 1 else ''}")
+    if out is None:
+        print(written, end="")
+    else:
+        write_text(written, out)
+        print(out)
+    return 0
+
+
+def _nodes(port: str | None) -> tuple[str, ...] | None:
+    return None if port is None else tuple(word.strip() for word in port.split(","))
+
+
+def _text(path: Path) -> str:
+    """Text of a net list: UTF-8, UTF-16 with its mark, or, as LTspice writes, Latin-1."""
+    try:
+        check_readable(path, MOST_BYTES)
+        data = path.read_bytes()
+    except (InputError, OSError) as error:
+        raise StudyError(path, "", f"the file cannot be read ({error})") from None
+    if b"\0" in data and not data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise StudyError(path, "", "found binary data, allowed is a net list, a text")
+    encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
+    try:
+        text = data.decode(encoding)
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")
+    return text.replace("\r\n", "\n").replace("\r", "\n")

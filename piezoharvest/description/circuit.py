@@ -64,11 +64,15 @@ class Product(NamedTuple):
 
 
 class Guard(NamedTuple):
-    """Transition to the configuration `target` when `rises` rises through zero; `cut` names a state set to zero."""
+    """Transition to the configuration `target` when `rises` rises through zero; `cut` names a state set to zero.
+
+    `conducts` tells if something begins to conduct then; by default the sign at the end of the target's name does.
+    """
 
     rises: Row
     target: str
     cut: str | None = None
+    conducts: bool | None = None
 
 
 class Switch(NamedTuple):

@@ -240,7 +240,7 @@ class NormalTree(NamedTuple):
 
 def normal_tree(elements: Iterable[Element]) -> NormalTree:
     """Find a normal tree of a connected network and its fundamental cutsets."""
-    ordered = sorted(elements, key=lambda element: "CRL".index(element.kind))
+    ordered = sorted(elements, key=lambda element: "VCRLI".index(element.kind))
     parts = _Parts()
     parts.join((1, 0))
     chosen = [parts.join(element.nodes) for element in ordered]

@@ -135,6 +135,43 @@ def _condition(element, point):
     return [point.condition(f"{'voltage' if element.kind == 'C' else 'current'}_{element.name}")]
 
 
+def _imported(deck, shunt, point):
+    """A net list again, diodes as the law that the engine has."""
+    numbers = {0: "0", 1: "p"}
+    names = {branch.name.lower(): f"{branch.part.kind}_{_plain(branch.name)}" for branch in shunt.branches}
+    fluxes = [point.initial(f"flux_{n}") for n in range(len(shunt.coils[0]))]
+    currents = dict(zip([coil.name for coil in shunt.coils[0]], shunt.coils[1] @ fluxes, strict=True))
+    harvested = []
+    for branch in shunt.branches:
+        kind, model, name = branch.part.kind, branch.part.model, names[branch.name.lower()]
+        plus, minus = (numbers.get(node, f"net{node}") for node in branch.nodes)
+        across = f"(V({plus})-V({minus}))"
+        if kind == "D":
+            more = f"({number(1 / model['ron'] - 1 / model['roff'])})*max(0, {across}-{number(model['vfwd'])})"
+            deck.add(f"B{name} {plus} {minus} I={across}*{number(1 / model['roff'])} + {more}")
+        elif kind == "S":
+            controls = (numbers.get(shunt.nodes[node], f"net{shunt.nodes[node]}") for node in branch.part.nodes[2:])
+            deck.add(f".model model_{name} SW(" + " ".join(f"{key}={number(v)}" for key, v in model.items()) + ")")
+            deck.add(f"{name} {plus} {minus} {' '.join(controls)} model_{name}")
+        elif kind == "C":
+            deck.add(f"{name} {plus} {minus}", branch.value, point.condition(f"voltage_{branch.name}"))
+        elif kind == "L":
+            deck.add(f"{name} {plus} {minus}", branch.value, f"IC={number(currents[branch.name])}")
+        else:
+            deck.add(f"{name} {plus} {minus}", branch.value)
+        if branch.name.lower() in shunt.load:
+            through = {"R": f"{across}/{number(branch.value or 1)}", "V": f"I({name})", "I": number(branch.value)}
+            harvested.append((1.0, f"{across}*{through[kind]}"))
+    for coupling in shunt.couplings:
+        deck.add(f"K_{_plain(coupling.name)} {' '.join(names[coil] for coil in coupling.of)} {number(coupling.value)}")
+    return NetlistCircuit(total(harvested))
+
+
+def _plain(name):
+    """Name of a part without the dots of subcircuits."""
+    return name.replace(".", "_")
+
+
 def _rectifier(deck, shunt, point):
     return write_bridge(deck, shunt, point)
 
@@ -176,6 +213,7 @@ WRITERS: dict[str, Callable[..., NetlistCircuit]] = {
     "parallel_rlc": _parallel_rlc,
     "negative_capacitance": _negative_capacitance,
     "network": _network,
+    "spice": _imported,
     "current_flowing": _branches,
     "parallel_branches": _branches,
     "current_blocking": _blocking,

@@ -35,9 +35,20 @@ RELATIVE = 0.1  # a pure number of an effect
 SWITCHED_INDUCTANCE = 0.01
 # Fields that have no unit.
 BRANCHES = {"inductances": (300.0, 40.0), "resistances": (3e4, 2e4)}
+SPICE = """* bridge with a filter
+.model d D(Ron=10 Roff=1g Vfwd=0.1)
+D1 p plus d
+D2 0 plus d
+D3 minus p d
+D4 minus 0 d
+C1 plus minus 0.1u
+L1 plus out 10
+Rload out minus 160k
+"""
 GIVEN = {
     "probe_loading": {"capacitance": 4e-9},
     "network": {"netlist": "L1 1 2 150\nC1 2 0 30n\nR1 2 0 100k load"},
+    "spice": {"netlist": SPICE, "load": ("Rload",)},
     "current_flowing": {**BRANCHES, "capacitances": (5e-8, 4e-8)},
     "parallel_branches": {**BRANCHES, "capacitances": (4e-8,)},
     "current_blocking": {**BRANCHES, "blocking_inductances": (25.0, 3.0), "blocking_capacitances": (4e-7, 5e-7)},

@@ -53,7 +53,7 @@ def test_names_its_source_and_its_units(cls):
     assert cls.__doc__
     for field in dataclasses.fields(cls):
         if "unit" not in field.metadata:
-            assert field.name in ("netlist", "topology"), f"{field.name} has no unit"
+            assert field.name in ("netlist", "topology", "port", "load", "subcircuit"), f"{field.name} has no unit"
             continue
         UNITS.parse_units(field.metadata["unit"])
         assert field.metadata["doc"]
@@ -87,6 +87,8 @@ def test_energy_of_a_run_from_rest_closes(shunt):
 @each_device
 @each_shunt
 def test_second_half_of_the_period_mirrors_the_first(shunt, device):
+    if shunt.kind == "spice" and DEVICES[device].hysteresis:
+        pytest.skip("which configurations of a net list mirror each other is not known: operators keep a remanence")
     found = simulate(system_of(device, shunt), DRIVE, samples=250)
     waves = found.waveforms
     assert found.converged, found.message

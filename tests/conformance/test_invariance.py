@@ -20,11 +20,11 @@ UNITS = pint.UnitRegistry()
 DIMENSIONS = ("[mass]", "[length]", "[time]", "[current]")
 DEVICE = Transducer(**BENCH, hysteresis=Hysteresis(**STOPS), effects=(effects.Leakage(resistance=1e6),))
 DRIVE = SineForce(amplitude=DRIVE["amplitude"], frequency=DRIVE["frequency"])
-# A network's elements are not fields; a series negative capacitance is unstable beside a leakage.
+# Elements of a network and a net list are not fields; a series negative capacitance is unstable beside a leakage.
 EXAMPLES = {
     name: shunt
     for name, shunt in examples(shunts.registered()).items()
-    if shunt.kind != "network" and getattr(shunt, "topology", "") != "series"
+    if shunt.kind not in ("network", "spice") and getattr(shunt, "topology", "") != "series"
 }
 VOLTAGE = 2.0  # what strain makes of open electrodes
 decades = st.floats(-3, 3)

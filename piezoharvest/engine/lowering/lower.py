@@ -238,8 +238,14 @@ def _guards(layout: Layout, guards: list[list[Guard]], index: dict[str, int], co
         "guard_d": guard_d / largest,
         "guard_target": _integers(guards, count, lambda g: index[g.target]),
         "guard_cut": _integers(guards, count, lambda g: -1 if g.cut is None else layout.names.index(g.cut)),
-        "guard_code": _integers(guards, count, lambda g: pg.CONDUCT if g.target[-1] in "+-" else pg.BLOCK),
+        "guard_code": _integers(guards, count, _code_of),
     }
+
+
+def _code_of(guard: Guard) -> int:
+    """Code of a guard's event."""
+    conducts = guard.target[-1] in "+-" if guard.conducts is None else guard.conducts
+    return pg.CONDUCT if conducts else pg.BLOCK
 
 
 def _switching(shunt: Shunt, switch: Switch | None, index: dict[str, int], layout: Layout) -> dict[str, Any]:

@@ -1,0 +1,1 @@
+"""Circuits from net lists of ngspice and LTspice: `reading.py` has the language, `spice.py` the shunt."""

@@ -1,0 +1,409 @@
+"""A circuit from a net list as a shunt: linear between the states of its diodes and switches."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import SimpleNamespace
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from piezoharvest.description.circuit import Guard, Port, Product, Row, State
+from piezoharvest.description.netlist import NormalTree, normal_tree
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.imported.reading import Part, read_parts, refusal
+
+# Each diode and switch doubles the number of configurations, all of which are prepared before a simulation.
+MOST_SWITCHING = 7
+MOST_PARTS = 60
+# Least time constant of a conducting part with the electrodes, as a share of the period, and in s without a period.
+# Below a share of 1e-8 conducting diodes missed the end of their current.
+STIFFEST, FASTEST = 5e-8, 1e-9
+PLUS, MINUS = 1, 0  # numbers of the electrodes' nodes
+
+
+class Branch(NamedTuple):
+    """A part between numbered nodes; diodes and switches are resistances with a voltage in series, kind R."""
+
+    name: str
+    kind: str
+    nodes: tuple[int, int]
+    value: float
+    part: Part
+
+
+class _Solution(NamedTuple):
+    """Rows of one configuration: currents of all links, voltages of all tree branches, potentials of nodes."""
+
+    currents: dict[str, Row]
+    voltages: dict[str, Row]
+    potentials: list[Row]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpiceCircuit(Shunt):
+    """Net list of R, L, C, K, D, S, V, I and subcircuits, of which every part is piecewise linear.
+
+    Diodes follow LTspice's law with Ron, Roff and Vfwd; switches close above Vt + Vh and open below Vt - Vh of the
+    voltage that controls them. Sources are constant. Inductors that are coupled are states in the combinations of
+    their currents that store energy by themselves.
+
+    Raises
+    ------
+    ParameterError
+        Something in the net list is not understood or not piecewise linear, with its line, or the circuit has no
+        solution.
+    """
+
+    kind: ClassVar[str] = "spice"
+    source: ClassVar[str] = (
+        "Bryant, Proc. IEE C 106(9), 174-188, 1959 (normal tree); LTspice help, D. Diode, S. Voltage controlled switch"
+    )
+
+    netlist: str
+    port: Sequence[str] = ("p", "0")
+    load: Sequence[str] = ()
+    subcircuit: str | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("port", "load"):
+            value = getattr(self, name)
+            value = (value,) if isinstance(value, str) else value
+            if not isinstance(value, Sequence) or not all(isinstance(word, str) for word in value):
+                raise ParameterError(name, f"found {value!r}, allowed is a list of names")
+            object.__setattr__(self, name, tuple(word.lower() for word in value))
+        if not isinstance(self.netlist, str):
+            raise ParameterError("netlist", f"found {type(self.netlist).__name__}, allowed is a text")
+        self._check_topology()
+
+    @cached_property
+    def _circuit(self) -> tuple[tuple[Branch, ...], dict[str, int], list[Part]]:
+        """Branches, numbers of the nodes, and couplings."""
+        parts, pins = read_parts(self.netlist, self.subcircuit)
+        port = pins[:2] if self.subcircuit else self.port
+        if len(port) != 2 or port[0] == port[1]:
+            raise ParameterError("port", f"found {list(port)}, allowed are two different nodes")
+        if not parts:
+            raise ParameterError("netlist", "it has no elements; the first line is a title")
+        if len(parts) > MOST_PARTS:
+            raise ParameterError("netlist", f"found {len(parts)} elements, allowed are {MOST_PARTS}")
+        numbers = {node: n for n, node in zip((PLUS, MINUS), port, strict=True)}
+        branches, names = [], set()
+        for part in parts:
+            if part.name.lower() in names:
+                raise refusal(part.line, f"{part.name}: found a second time, each name may be used once")
+            names.add(part.name.lower())
+            if part.kind in "RLC" and not part.value > 0:
+                raise refusal(part.line, f"{part.name}: found {part.value:g}, allowed is a value greater than 0")
+            if part.kind == "K":
+                continue
+            ends = tuple(numbers.setdefault(node, len(numbers)) for node in part.nodes)
+            if ends[0] != ends[1]:  # what joins a node to itself does nothing
+                kind = "R" if part.kind in "DS" else part.kind
+                branches.append(Branch(part.name, kind, (ends[0], ends[1]), part.value, part))
+        self._check_names(branches, numbers, port)
+        return tuple(branches), numbers, [part for part in parts if part.kind == "K"]
+
+    def _check_names(self, branches: list[Branch], numbers: Mapping[str, int], port: Sequence[str]) -> None:
+        used = {node for branch in branches for node in branch.nodes}
+        for node, number in zip(port, (PLUS, MINUS), strict=True):
+            if number not in used:
+                raise ParameterError("port", f"no element is connected to node {node!r}")
+        loads = {branch.name.lower(): branch for branch in branches}
+        for name in self.load:
+            if name not in loads or loads[name].part.kind not in "RVI":
+                known = ", ".join(b.name for b in branches if b.part.kind in "RVI") or "none"
+                raise ParameterError("load", f"found {name!r}, allowed are {known}")
+        if len(self._switching_of(branches)) > MOST_SWITCHING:
+            found = f"found {len(self._switching_of(branches))} diodes and switches, allowed are {MOST_SWITCHING}"
+            raise ParameterError("netlist", found)
+        if used != set(range(len(numbers))):
+            node = next(node for node, number in numbers.items() if number not in used)
+            raise ParameterError("netlist", f"nothing but a control is connected to node {node!r}")
+
+    @staticmethod
+    def _switching_of(branches: Iterable[Branch]) -> list[Branch]:
+        return [branch for branch in branches if branch.part.kind in "DS"]
+
+    def _tree(self, configuration: str) -> NormalTree:
+        """Tree with as many sources of voltage and capacitors, and as few of current and inductors, as there can be.
+
+        Of the resistances the small ones are in it: voltages of a conducting diode are then not differences of large
+        ones, whose rounding would let it block at another instant than it conducts.
+        """
+        if configuration not in self._trees:
+            on = self._on(configuration)
+            self._trees[configuration] = normal_tree(  # type: ignore[arg-type]
+                sorted(self.branches, key=lambda branch: self._law(branch, on)[0] if branch.kind == "R" else 0.0)
+            )
+        return self._trees[configuration]
+
+    @cached_property
+    def _trees(self) -> dict[str, NormalTree]:
+        return {}
+
+    def _check_topology(self) -> None:
+        """Raise `ParameterError` for parts that hang in the air, loops of sources and currents without a path."""
+        branches = self._circuit[0]
+        reached, grew = {PLUS, MINUS}, True
+        while grew:
+            grew = False
+            for branch in branches:
+                if len(reached & set(branch.nodes)) == 1:
+                    reached |= set(branch.nodes)
+                    grew = True
+        for branch in branches:
+            if not reached & set(branch.nodes):
+                raise refusal(branch.part.line, f"{branch.name} is not connected to the port, even through others")
+        topology = self._tree("none")
+        for branch in topology.links:
+            if branch.kind == "V":
+                raise refusal(branch.part.line, f"{branch.name} is in a loop of sources, or across the port")  # type: ignore[attr-defined]
+        for branch in topology.tree:
+            if branch.kind == "I":
+                raise refusal(branch.part.line, f"{branch.name} has no path for its current")  # type: ignore[attr-defined]
+        _ = self._inductances
+
+    @cached_property
+    def _inductances(self) -> tuple[list[Branch], np.ndarray, np.ndarray, np.ndarray]:
+        """Inductors, their matrix (H), and its eigenvalues and vectors."""
+        coils = [branch for branch in self._circuit[0] if branch.kind == "L"]
+        places = {coil.name.lower(): n for n, coil in enumerate(coils)}
+        matrix = np.diag([coil.value for coil in coils]) if coils else np.zeros((0, 0))
+        for coupling in self._circuit[2]:
+            if not 0 < abs(coupling.value) < 1:
+                raise refusal(coupling.line, f"{coupling.name}: found {coupling.value:g}, allowed is between 0 and 1")
+            for first, second in itertools.combinations(coupling.of, 2):
+                if first not in places or second not in places:
+                    missing = first if first not in places else second
+                    raise refusal(coupling.line, f"{coupling.name}: found {missing!r}, which is no inductor here")
+                i, j = places[first], places[second]
+                matrix[i, j] = matrix[j, i] = coupling.value * np.sqrt(matrix[i, i] * matrix[j, j])
+        size = np.sqrt(np.diag(matrix))
+        share, vectors = np.linalg.eigh(matrix / np.outer(size, size)) if coils else (np.zeros(0), matrix)
+        if coils and share[0] <= 1e-12:
+            line = self._circuit[2][0].line
+            raise refusal(line, f"{self._circuit[2][0].name}: these couplings together store no positive energy")
+        # Currents are vectors/size @ states, whose energy is share * state^2 / 2: states in units of sqrt(H) A.
+        return coils, matrix, share, vectors / size[:, None]
+
+    @property
+    def branches(self) -> tuple[Branch, ...]:
+        """All parts but couplings, in the order of the net list."""
+        return self._circuit[0]
+
+    @property
+    def coils(self) -> tuple[list[Branch], np.ndarray]:
+        """Inductors, and the matrix that gives their currents from the states."""
+        return self._inductances[0], self._inductances[3]
+
+    @property
+    def couplings(self) -> list[Part]:
+        """Couplings of inductors."""
+        return self._circuit[2]
+
+    @property
+    def nodes(self) -> dict[str, int]:
+        """Numbers of the nodes by name; the port is 1 and 0."""
+        return self._circuit[1]
+
+    def states(self, capacitance: float) -> tuple[State, ...]:
+        odd = not self._switching_of(self.branches)
+        voltages = [State(f"voltage_{b.name}", b.value, odd) for b in self.branches if b.kind == "C"]
+        share = self._inductances[2]
+        return (*voltages, *(State(f"flux_{n}", float(value), odd) for n, value in enumerate(share)))
+
+    def configurations(self) -> tuple[str, ...]:
+        names = [branch.name for branch in self._switching_of(self.branches)]
+        return tuple(_configured(dict(zip(names, on, strict=True))) for on in self._states_of_switches(len(names)))
+
+    @staticmethod
+    def _states_of_switches(count: int) -> list[tuple[bool, ...]]:
+        return list(itertools.product((False, True), repeat=count))
+
+    def _on(self, configuration: str) -> dict[str, bool]:
+        """Whether each diode and switch conducts."""
+        conducting = configuration.split()
+        return {branch.name: branch.name in conducting for branch in self._switching_of(self.branches)}
+
+    @staticmethod
+    def mirrored(configuration: str) -> str:
+        return configuration
+
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
+        tree, links, cut = self._tree(configuration)
+        none, found = 0.0 * port.one, self._solve(configuration, port, z, dz)
+        currents = [found.currents[e.name] for e in links]
+        voltages = [port.v, *(found.voltages[e.name] for e in tree)]
+        coils, _, _, vectors = self._inductances
+        rates = dict(zip([coil.name for coil in coils], _combined(vectors, self._fluxes(dz), none), strict=True))
+        # Only loops of capacitors and cutsets of inductors are differentiated: sources in them are constant.
+        current_rates = [rates[e.name] if e.kind == "L" else none for e in links]
+        voltage_rates = [port.dv, *(getattr(dz, f"voltage_{e.name}") if e.kind == "C" else none for e in tree)]
+        equations = [port.i - _sum(cut[0], currents, none)]
+        for row, e in zip(cut[1:], tree, strict=True):
+            if e.kind == "C":
+                equations.append(e.value * getattr(dz, f"voltage_{e.name}") + _sum(row, currents, none))
+            elif e.kind == "L":
+                equations.append(rates[e.name] + _sum(row, current_rates, none))
+        for column, e in zip(cut.T, links, strict=True):
+            if e.kind == "L":
+                equations.append(self._induced(e.name, rates, none) - _sum(column, voltages, none))
+            elif e.kind == "C":
+                equations.append(getattr(dz, f"voltage_{e.name}") - _sum(column, voltage_rates, none))
+        return equations
+
+    def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
+        found, on = self._solve(configuration, port, z, None), self._on(configuration)
+        guards = []
+        for branch in self._switching_of(self.branches):
+            model, target = branch.part.model, _configured({**on, branch.name: not on[branch.name]})
+            if branch.part.kind == "D" and on[branch.name]:
+                # The current where the two lines of its law meet: as a voltage this would be lost in rounding.
+                least = model["vfwd"] / model["roff"]
+                excess = self._through(branch, found, configuration) - least * port.one
+            elif branch.part.kind == "D":
+                excess = self._across(branch, found, configuration) - model["vfwd"] * port.one
+            else:
+                plus, minus = (found.potentials[self.nodes[node]] for node in branch.part.nodes[2:])
+                level = model["vt"] + (-model["vh"] if on[branch.name] else model["vh"])
+                excess = plus - minus - level * port.one
+            guards.append(Guard(-excess if on[branch.name] else excess, target, conducts=not on[branch.name]))
+        return guards
+
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
+        found = self._solve(configuration, port, z, None)
+        powers: dict[str, list[Product]] = {"harvested": [], "shunt_loss": [], "source": []}
+        for branch in self.branches:
+            if branch.kind in "LC":
+                continue
+            across, through = self._across(branch, found, configuration), self._through(branch, found, configuration)
+            loaded = branch.name.lower() in self.load
+            delivers = branch.kind in "VI" and not loaded
+            category = "harvested" if loaded else "source" if delivers else "shunt_loss"
+            powers[category].append(Product(-1.0 if delivers else 1.0, across, through))
+        return powers
+
+    def switch(self, capacitance: float, period: float | None) -> None:
+        """No synchronised switch; raise `ParameterError` where a part conducts too well to be told from a short."""
+        least = (STIFFEST * period if period is not None else FASTEST) / capacitance
+        for branch in self._switching_of(self.branches):
+            if branch.part.model["ron"] < least:
+                found = f"found Ron={branch.part.model['ron']:g} ohm, allowed is {least:.3g} ohm or more"
+                why = "so that its time constant with the electrodes is not lost in the rounding of a period"
+                raise refusal(branch.part.line, f"{branch.name}: {found}, {why}")
+
+    def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
+        """Voltage of the capacitor across the first load of a circuit with diodes or switches; else zero."""
+        if self._switching_of(self.branches) and self.load:
+            load = next(branch for branch in self.branches if branch.name.lower() == self.load[0])
+            for branch in self.branches:
+                if branch.kind == "C" and set(branch.nodes) == set(load.nodes):
+                    return (1.0 if branch.nodes == load.nodes else -1.0) * getattr(z, f"voltage_{branch.name}")
+        return 0.0 * port.one
+
+    def _fluxes(self, z: SimpleNamespace) -> list[Row]:
+        return [getattr(z, f"flux_{n}") for n in range(len(self._inductances[2]))]
+
+    def _induced(self, name: str, rates: Mapping[str, Row], none: Row) -> Row:
+        """Voltage across an inductor."""
+        coils, matrix, _, _ = self._inductances
+        place = [coil.name for coil in coils].index(name)
+        return _sum(matrix[place], [rates[coil.name] for coil in coils], none)
+
+    def _law(self, branch: Branch, on: Mapping[str, bool]) -> tuple[float, float]:
+        """Resistance and voltage in series of a resistor, a diode or a switch."""
+        if branch.part.kind == "R":
+            return branch.value, 0.0
+        model = branch.part.model
+        resistance = model["ron" if on[branch.name] else "roff"]
+        if branch.part.kind == "D" and on[branch.name]:
+            return resistance, model["vfwd"] * (1 - model["ron"] / model["roff"])
+        return resistance, 0.0
+
+    def _solve(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace | None) -> _Solution:
+        """Resistive part: (R_l + F' R_t F) i_l = voltages of the rest; without dz, rows with rates are left out."""
+        tree, links, cut = self._tree(configuration)
+        none, on, one = 0.0 * port.one, self._on(configuration), port.one
+        coils, _, _, vectors = self._inductances
+        flowing = dict(zip([coil.name for coil in coils], _combined(vectors, self._fluxes(z), none), strict=True))
+        in_tree = ["port", *(e.kind for e in tree)]
+        rows = {kind: [n for n, k in enumerate(in_tree) if k == kind] for kind in ("port", "V", "C", "R", "L")}
+        columns = [n for n, e in enumerate(links) if e.kind == "R"]
+        outer = [n for n, e in enumerate(links) if e.kind in "LI"]
+        sources = [flowing[links[n].name] if links[n].kind == "L" else links[n].value * one for n in outer]
+        held = {0: port.v} | {n: tree[n - 1].value * one for n in rows["V"]}
+        held |= {n: getattr(z, f"voltage_{tree[n - 1].name}") for n in rows["C"]}
+        of_tree = [self._law(tree[n - 1], on) for n in rows["R"]]  # type: ignore[arg-type]
+        of_links = [self._law(links[n], on) for n in columns]  # type: ignore[arg-type]
+        resistances = np.diag([r for r, _ in of_tree]) if of_tree else np.zeros((0, 0))
+        inner, across = cut[np.ix_(rows["R"], columns)], cut[np.ix_(rows["R"], outer)]
+        # Voltage that drives the loop of each link, with no current in the links.
+        driving = [
+            _sum(cut[list(held), n], list(held.values()), none)
+            + sum((cut[row, n] * e * one for row, (_, e) in zip(rows["R"], of_tree, strict=True)), none)
+            - _sum((inner[:, k] @ resistances @ across), sources, none) - of_links[k][1] * one
+            for k, n in enumerate(columns)
+        ]  # fmt: skip
+        matrix = np.diag([r for r, _ in of_links]) + inner.T @ resistances @ inner if columns else np.zeros((0, 0))
+        own = _combined(np.linalg.inv(matrix), driving, none) if columns else []
+        currents = {links[n].name: row for n, row in zip(columns, own, strict=True)}
+        currents |= {links[n].name: row for n, row in zip(outer, sources, strict=True)}
+        voltages = {tree[n - 1].name: row for n, row in held.items() if n}
+        for (resistance, series), n in zip(of_tree, rows["R"], strict=True):
+            through = -(_sum(cut[n, columns], own, none) + _sum(cut[n, outer], sources, none))
+            voltages[tree[n - 1].name] = resistance * through + series * one
+        if dz is not None:
+            rates = dict(zip(flowing, _combined(vectors, self._fluxes(dz), none), strict=True))
+            voltages |= {tree[n - 1].name: self._induced(tree[n - 1].name, rates, none) for n in rows["L"]}
+            currents |= {e.name: e.value * getattr(dz, f"voltage_{e.name}") for e in links if e.kind == "C"}
+        return _Solution(currents, voltages, self._potentials(port, voltages, tree))
+
+    def _potentials(self, port: Port, voltages: Mapping[str, Row], tree: Sequence[Any]) -> list[Row]:
+        """Potentials of the nodes against the negative electrode, where the tree's voltages lead to them."""
+        known: dict[int, Row] = {MINUS: 0.0 * port.one, PLUS: port.v}
+        waiting = [e for e in tree if e.name in voltages]
+        for _ in waiting:
+            for e in waiting:
+                plus, minus = e.nodes
+                if plus in known and minus not in known:
+                    known[minus] = known[plus] - voltages[e.name]
+                elif minus in known and plus not in known:
+                    known[plus] = known[minus] + voltages[e.name]
+        return [known.get(n, 0.0 * port.one) for n in range(len(self.nodes))]
+
+    def _across(self, branch: Branch, found: _Solution, configuration: str) -> Row:
+        """Voltage across a branch that is no inductor."""
+        if branch.name in found.voltages:
+            return found.voltages[branch.name]
+        plus, minus = branch.nodes
+        return found.potentials[plus] - found.potentials[minus]
+
+    def _through(self, branch: Branch, found: _Solution, configuration: str) -> Row:
+        """Current through a resistor, a diode, a switch or a source."""
+        if branch.name in found.currents:
+            return found.currents[branch.name]
+        tree, links, cut = self._tree(configuration)
+        none = 0.0 * found.potentials[PLUS]
+        n = 1 + [e.name for e in tree].index(branch.name)
+        return -_sum(cut[n], [found.currents.get(e.name, none) for e in links], none)
+
+
+def _configured(on: Mapping[str, bool]) -> str:
+    """Name of the configuration in which these conduct."""
+    return " ".join(name for name, conducts in on.items() if conducts) or "none"
+
+
+def _sum(coefficients: Any, rows: Sequence[Row], none: Row) -> Row:
+    """Sum of coefficient * row, without absent terms."""
+    return sum((c * row for c, row in zip(coefficients, rows, strict=True) if c), start=none)
+
+
+def _combined(matrix: np.ndarray, rows: Sequence[Row], none: Row) -> list[Row]:
+    """Rows of a matrix times rows."""
+    return [_sum(line, rows, none) for line in matrix]
