@@ -1,0 +1,123 @@
+"""Waveforms of ngspice and LTspice (.raw), binary or text, of a transient analysis.
+
+A simulator takes steps of its own, records are samples at even times: the waveforms are read at the largest of the
+steps, between them on straight lines, as the simulator's own viewer draws them. Formats: ngspice manual, section "Raw
+file"; LTspice writes the header in UTF-16 and, unless told otherwise, all but the time in single precision.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from piezoharvest.readers.base import Reader, ReadError, check_count
+
+MOST_HEADER = 1 << 20  # bytes in which a header ends
+
+
+class SpiceRaw(Reader):
+    """A transient analysis of a circuit simulator; columns are named as there, "v(p)", "i(vload)"."""
+
+    suffixes: ClassVar[tuple[str, ...]] = (".raw",)
+
+    def __init__(self, path: Path):
+        super().__init__(path)
+        data = path.read_bytes()
+        header, body, binary = _split(data)
+        if "transient" not in header.get("plotname", "").lower():
+            plot = header.get("plotname", "none")
+            raise ReadError(f"found the analysis {plot!r}, allowed is a transient one")
+        for flag in ("complex", "stepped"):
+            if flag in header["flags"].lower().split():
+                raise ReadError(f"found waveforms that are {flag}, allowed is a single real run")
+        try:
+            count, points = int(header["no. variables"]), int(header["no. points"])
+        except (KeyError, ValueError):
+            raise ReadError("the header has no number of variables or points") from None
+        names = header["variables"].split("\n")
+        if not (0 < count == len(names) and points > 1):
+            raise ReadError(f"found {len(names)} variables and {points} points, the header says {count} variables")
+        check_count(count * points)
+        values = _binary(body, count, points, header["flags"]) if binary else _text(body, count, points)
+        time = np.abs(values[0])  # LTspice marks points that compression kept by a minus
+        kept = np.concatenate([[True], np.diff(time) > 0])
+        if not np.all(np.isfinite(values)) or np.any(np.diff(time) < 0) or kept.sum() < 2:
+            raise ReadError("the times do not ascend, or there are values that are no numbers")
+        self._uneven = dict(zip(names, values[:, kept], strict=True)) | {names[0]: time[kept]}
+        self.names = tuple(names)
+        step = float(np.max(np.diff(time[kept])))
+        self._times = time[0] + step * np.arange(int((time[-1] - time[0]) / step * (1 + 1e-12)) + 1)
+
+    def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        times = self._uneven[self.names[0]]
+        return {name: np.interp(self._times, times, self._uneven[name]) for name in names}
+
+    def time_of(self, name: str) -> np.ndarray | None:
+        return self._times
+
+    def resolve(self, column: str | int) -> str:
+        """Name of a column; simulators do not tell upper from lower case."""
+        if isinstance(column, str):
+            column = {name.lower(): name for name in self.names}.get(column.lower(), column)
+        return super().resolve(column)
+
+
+def _split(data: bytes) -> tuple[Mapping[str, str], bytes, bool]:
+    """Header, what follows it, and whether that is binary."""
+    wide = data[:2] in (b"T\0", b"\xff\xfe")
+    encoding = "utf-16-le" if wide else "latin-1"
+    for word, binary in (("Binary:\n", True), ("Values:\n", False)):
+        for end in (word, word.replace("\n", "\r\n")):
+            mark = end.encode(encoding)
+            place = data.find(mark, 0, MOST_HEADER)
+            if place >= 0:
+                body = data[place + len(mark) :]
+                text = data[:place].decode(encoding, "replace").lstrip("\ufeff")
+                return _fields(text), body if binary or not wide else body.decode(encoding, "replace").encode(), binary
+    raise ReadError("not a .raw file of ngspice or LTspice: it has no line 'Binary:' or 'Values:'")
+
+
+def _fields(text: str) -> dict[str, str]:
+    """Fields of a header by name in lower case; the variables are their names, a line for each."""
+    fields: dict[str, str] = {"flags": "", "variables": ""}
+    names: list[str] | None = None
+    for line in text.splitlines():
+        if names is not None and line[:1] in "\t ":
+            words = line.split()
+            if len(words) >= 2:
+                names.append(words[1])
+            continue
+        key, sign, value = line.partition(":")
+        if sign:
+            fields[key.strip().lower()] = value.strip()
+            names = [] if key.strip().lower() == "variables" else names
+    fields["variables"] = "\n".join(names or [])
+    return fields
+
+
+def _binary(body: bytes, count: int, points: int, flags: str) -> np.ndarray:
+    """Values (count, points): doubles, or behind a double time singles."""
+    mixed = np.dtype([("time", "<f8"), ("rest", "<f4", (count - 1,))])
+    if len(body) == 8 * count * points:
+        values = np.frombuffer(body, "<f8")
+        return values.reshape(count, points) if "fastaccess" in flags.lower() else values.reshape(points, count).T
+    if len(body) == mixed.itemsize * points:
+        if "fastaccess" in flags.lower():
+            rest = np.frombuffer(body[8 * points :], "<f4").reshape(count - 1, points)
+            return np.vstack([np.frombuffer(body[: 8 * points], "<f8"), rest])
+        rows = np.frombuffer(body, mixed)
+        return np.vstack([rows["time"], rows["rest"].T])
+    wanted = f"{8 * count * points} or {mixed.itemsize * points} bytes of values"
+    raise ReadError(f"found {len(body)} bytes of values, allowed are {wanted}: cut off, or of several runs")
+
+
+def _text(body: bytes, count: int, points: int) -> np.ndarray:
+    """Values (count, points) from text: the number of each point, then its values."""
+    try:
+        values = np.array(body.split(), float)
+        return values.reshape(points, count + 1)[:, 1:].T
+    except ValueError:
+        raise ReadError(f"the text does not hold {points} points of {count} numbers") from None
