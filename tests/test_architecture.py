@@ -17,6 +17,7 @@ LAYERS = [
     {"callable_package", "former_names", "input", "description.circuit", "description.parameters"},
     {"readers"},
     {"description.excitation", "description.hysteresis", "description.netlist"},
+    {"description.spice_language"},
     {"description.shunts"},
     {"description.protocol"},
     {"description.effects"},

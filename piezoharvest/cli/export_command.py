@@ -71,7 +71,7 @@ def import_netlist(
     """Read a net list as a shunt, and write it as a table of a study."""
     import tomli_w
 
-    from piezoharvest.description.shunts.imported.spice import SpiceCircuit
+    from piezoharvest.description.shunts.spice_circuit import SpiceCircuit
 
     if out is not None:
         check_file(out)

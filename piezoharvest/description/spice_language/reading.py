@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.description.shunts.imported.expressions import value_of
+from piezoharvest.description.spice_language.expressions import value_of
 
 KINDS = "RLCKDSVIX"
 # Commands of an analysis, which are none of the circuit; ".lib" and ".include" name files with models, which are missed

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.netlist import NormalTree, normal_tree
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
-from piezoharvest.description.shunts.imported.reading import Part, read_parts, refusal
+from piezoharvest.description.spice_language.reading import Part, read_parts, refusal
 
 # Each diode and switch doubles the number of configurations, all of which are prepared before a simulation.
 MOST_SWITCHING = 7
@@ -72,12 +72,8 @@ class SpiceCircuit(Shunt):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("port", "load"):
-            value = getattr(self, name)
-            value = (value,) if isinstance(value, str) else value
-            if not isinstance(value, Sequence) or not all(isinstance(word, str) for word in value):
-                raise ParameterError(name, f"found {value!r}, allowed is a list of names")
-            object.__setattr__(self, name, tuple(word.lower() for word in value))
-        if not isinstance(self.netlist, str):
+            object.__setattr__(self, name, _words(name, getattr(self, name)))
+        if type(self.netlist) is not str:
             raise ParameterError("netlist", f"found {type(self.netlist).__name__}, allowed is a text")
         self._check_topology()
 
@@ -93,7 +89,8 @@ class SpiceCircuit(Shunt):
         if len(parts) > MOST_PARTS:
             raise ParameterError("netlist", f"found {len(parts)} elements, allowed are {MOST_PARTS}")
         numbers = {node: n for n, node in zip((PLUS, MINUS), port, strict=True)}
-        branches, names = [], set()
+        branches: list[Branch] = []
+        names: set[str] = set()
         for part in parts:
             if part.name.lower() in names:
                 raise refusal(part.line, f"{part.name}: found a second time, each name may be used once")
@@ -138,9 +135,8 @@ class SpiceCircuit(Shunt):
         """
         if configuration not in self._trees:
             on = self._on(configuration)
-            self._trees[configuration] = normal_tree(  # type: ignore[arg-type]
-                sorted(self.branches, key=lambda branch: self._law(branch, on)[0] if branch.kind == "R" else 0.0)
-            )
+            ordered = sorted(self.branches, key=lambda e: self._law(e, on)[0] if e.kind == "R" else 0.0)
+            self._trees[configuration] = normal_tree(cast(Any, ordered))
         return self._trees[configuration]
 
     @cached_property
@@ -163,11 +159,14 @@ class SpiceCircuit(Shunt):
         topology = self._tree("none")
         for branch in topology.links:
             if branch.kind == "V":
-                raise refusal(branch.part.line, f"{branch.name} is in a loop of sources, or across the port")  # type: ignore[attr-defined]
+                raise refusal(self._line(branch.name), f"{branch.name} is in a loop of sources, or across the port")
         for branch in topology.tree:
             if branch.kind == "I":
-                raise refusal(branch.part.line, f"{branch.name} has no path for its current")  # type: ignore[attr-defined]
+                raise refusal(self._line(branch.name), f"{branch.name} has no path for its current")
         _ = self._inductances
+
+    def _line(self, name: str) -> int:
+        return next(branch.part.line for branch in self.branches if branch.name == name)
 
     @cached_property
     def _inductances(self) -> tuple[list[Branch], np.ndarray, np.ndarray, np.ndarray]:
@@ -260,7 +259,7 @@ class SpiceCircuit(Shunt):
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
         found, on = self._solve(configuration, port, z, None), self._on(configuration)
-        guards = []
+        guards: list[Guard] = []
         for branch in self._switching_of(self.branches):
             model, target = branch.part.model, _configured({**on, branch.name: not on[branch.name]})
             if branch.part.kind == "D" and on[branch.name]:
@@ -339,8 +338,8 @@ class SpiceCircuit(Shunt):
         sources = [flowing[links[n].name] if links[n].kind == "L" else links[n].value * one for n in outer]
         held = {0: port.v} | {n: tree[n - 1].value * one for n in rows["V"]}
         held |= {n: getattr(z, f"voltage_{tree[n - 1].name}") for n in rows["C"]}
-        of_tree = [self._law(tree[n - 1], on) for n in rows["R"]]  # type: ignore[arg-type]
-        of_links = [self._law(links[n], on) for n in columns]  # type: ignore[arg-type]
+        of_tree = [self._law(cast(Any, tree[n - 1]), on) for n in rows["R"]]
+        of_links = [self._law(cast(Any, links[n]), on) for n in columns]
         resistances = np.diag([r for r, _ in of_tree]) if of_tree else np.zeros((0, 0))
         inner, across = cut[np.ix_(rows["R"], columns)], cut[np.ix_(rows["R"], outer)]
         # Voltage that drives the loop of each link, with no current in the links.
@@ -392,6 +391,14 @@ class SpiceCircuit(Shunt):
         none = 0.0 * found.potentials[PLUS]
         n = 1 + [e.name for e in tree].index(branch.name)
         return -_sum(cut[n], [found.currents.get(e.name, none) for e in links], none)
+
+
+def _words(key: str, given: Any) -> tuple[str, ...]:
+    """Names in lower case, from one or a list."""
+    words = cast(Sequence[Any], (given,) if isinstance(given, str) else given)
+    if not isinstance(given, list | tuple | str) or not all(isinstance(word, str) for word in words):
+        raise ParameterError(key, f"found {given!r}, allowed is a list of names")
+    return tuple(str(word).lower() for word in words)
 
 
 def _configured(on: Mapping[str, bool]) -> str:
