@@ -106,8 +106,10 @@ def _text(path: Path) -> str:
     try:
         check_readable(path, MOST_BYTES)
         data = path.read_bytes()
-    except (InputError, OSError) as error:
-        raise StudyError(path, "", f"the file cannot be read ({error})") from None
+    except InputError as error:
+        raise StudyError(path, "", str(error)) from None
+    except OSError as error:
+        raise StudyError(path, "", f"the file cannot be read ({error.strerror})") from None
     if b"\0" in data and not data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise StudyError(path, "", "found binary data, allowed is a net list, a text")
     encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"

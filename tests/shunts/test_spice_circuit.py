@@ -128,6 +128,9 @@ class TestLanguage:
             ("R1 p 0 -5", "line 2: R1: found -5, allowed is a value greater than 0"),
             ("C1 p 0 1u Cpar=1n", "line 2: C1: found cpar, allowed are Rser and IC"),
             (".global vdd", "line 2: found .global, allowed are .param"),
+            ("R1 p 0 1e400", "line 2: R1: found '1e400', allowed is a number"),
+            ("R1 p 0 1e70", "line 2: R1: found 1e.70"),
+            (".subckt a p q\nR1 p q 1\nR2 p q 1\n.ends\n" + "\n".join(f"X{n} p 0 a" for n in range(40)), "than 60"),
             ("R1 a b 1k", "port: no element is connected to node 'p'"),
         ],
     )  # fmt: skip

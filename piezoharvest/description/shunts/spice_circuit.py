@@ -13,13 +13,12 @@ import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.netlist import NormalTree, normal_tree
-from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.parameters import ParameterError, check_range
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.spice_language.reading import Part, read_parts, refusal
 
 # Each diode and switch doubles the number of configurations, all of which are prepared before a simulation.
 MOST_SWITCHING = 7
-MOST_PARTS = 60
 # Least time constant of a conducting part with the electrodes, as a share of the period, and in s without a period.
 # Below a share of 1e-8 conducting diodes missed the end of their current.
 STIFFEST, FASTEST = 5e-8, 1e-9
@@ -86,8 +85,6 @@ class SpiceCircuit(Shunt):
             raise ParameterError("port", f"found {list(port)}, allowed are two different nodes")
         if not parts:
             raise ParameterError("netlist", "it has no elements; the first line is a title")
-        if len(parts) > MOST_PARTS:
-            raise ParameterError("netlist", f"found {len(parts)} elements, allowed are {MOST_PARTS}")
         numbers = {node: n for n, node in zip((PLUS, MINUS), port, strict=True)}
         branches: list[Branch] = []
         names: set[str] = set()
@@ -97,6 +94,9 @@ class SpiceCircuit(Shunt):
             names.add(part.name.lower())
             if part.kind in "RLC" and not part.value > 0:
                 raise refusal(part.line, f"{part.name}: found {part.value:g}, allowed is a value greater than 0")
+            check_range(f"netlist: line {part.line}: {part.name}", part.value, inverted=part.kind in "RLC")
+            for key, value in part.model.items():
+                check_range(f"netlist: line {part.line}: {key} of {part.name}", value, inverted=key in ("ron", "roff"))
             if part.kind == "K":
                 continue
             ends = tuple(numbers.setdefault(node, len(numbers)) for node in part.nodes)

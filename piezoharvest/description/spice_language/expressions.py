@@ -32,7 +32,7 @@ def value_of(text: str, parameters: Mapping[str, float]) -> float:
         It is neither; the message says what was found.
     """
     number = spice_number(text)
-    if number is not None:
+    if number is not None and math.isfinite(number):
         return number
     bare = text.strip()
     if bare[:1] + bare[-1:] in ("{}", "''"):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import NamedTuple
 
 from piezoharvest.description.parameters import ParameterError
@@ -23,7 +24,7 @@ _IGNORED = (
 )  # fmt: skip
 # Properties of LTspice's parts that do not change the circuit.
 _LABELS = {"ic", "mfg", "type", "pn", "irms", "ipk", "vpk", "iave", "tol", "pwr", "temp", "tc", "tc1", "tc2", "m"}
-MOST_LINES, DEPTH = 2000, 8
+MOST_LINES, MOST_PARTS, DEPTH = 2000, 60, 8
 
 
 class Part(NamedTuple):
@@ -86,14 +87,25 @@ def read_parts(text: str, subcircuit: str | None = None) -> tuple[list[Part], tu
     """
     top = _body(text)
     if subcircuit is None:
-        return list(_parts(top, [top], {}, "", {}, 0)), ()
+        return _few(_parts(top, [top], {}, "", {}, 0)), ()
     found = {name.lower(): body for name, body in top.inner.items()}.get(subcircuit.lower())
     if found is None:
         known = ", ".join(top.inner) or "none"
         raise ParameterError("subcircuit", f"found {subcircuit!r}, the net list has {known}")
     outer = _parameters(top, {})
-    own = {key: value_of(text, outer) for key, text in found.defaults.items()}
-    return list(_parts(found, [top, found], {**outer, **own}, "", {}, 0)), found.pins
+    try:
+        own = {key: value_of(text, outer) for key, text in found.defaults.items()}
+    except ValueError as error:
+        raise ParameterError("subcircuit", f"{subcircuit}: {error}") from None
+    return _few(_parts(found, [top, found], {**outer, **own}, "", {}, 0)), found.pins
+
+
+def _few(parts: Iterator[Part]) -> list[Part]:
+    """Parts, counted as they come: subcircuits of subcircuits soon make millions."""
+    found = list(islice(parts, MOST_PARTS + 1))
+    if len(found) > MOST_PARTS:
+        raise ParameterError("netlist", f"found more than {MOST_PARTS} elements, the most that are allowed")
+    return found
 
 
 def _logical_lines(text: str) -> Iterator[tuple[int, str]]:
