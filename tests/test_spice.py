@@ -16,8 +16,8 @@ from piezoharvest.description.shunts import SSDV, Open, ParallelSSHI, Resistor, 
 from piezoharvest.linear import frequency_response
 from piezoharvest.spice import export_spice
 from piezoharvest.spice.circuits import WRITERS
-from piezoharvest.spice.comparison import compare
-from piezoharvest.spice.schematic import schematic
+from piezoharvest.spice.simulators.comparison import compare
+from piezoharvest.spice.simulators.schematic import schematic
 
 # Damped so much that it is steady after a dozen periods.
 DAMPED = {"damping": 0.6, "coupling": 3e-4}

@@ -17,7 +17,7 @@ import tomli_w
 from piezoharvest import Rectifier, Resistor, SineForce, System, Transducer, diagnose, load_campaign, simulate
 from piezoharvest.readers import open_reader
 from piezoharvest.spice import export_spice
-from piezoharvest.spice.ngspice import run_netlist
+from piezoharvest.spice.simulators.ngspice import run_netlist
 
 FREQUENCY, INDUCTANCE, HIDDEN, OPEN_VOLTAGE = 42.0, 31e3, 1e-9, 21.21  # Hz, H, S, V
 # What the source does not state is chosen: capacitance and coupling of a film harvester. The resistance is such that

@@ -32,7 +32,7 @@ def export(path: Path, out: Path, shunt: int | None, options: dict[str, Any], to
     except ParameterError as error:
         raise StudyError(study.path, f"shunts.{n} ({study.shunts[n].kind})", str(error)) from None
     if out.suffix.lower() == ".asc":
-        from piezoharvest.spice.schematic import schematic
+        from piezoharvest.spice.simulators.schematic import schematic
 
         text = schematic(text)
     write_text(text, out)
@@ -44,8 +44,8 @@ def export(path: Path, out: Path, shunt: int | None, options: dict[str, Any], to
 
 def _check(study: Study, n: int, diodes: str | None, tolerance: float) -> int:
     """Run one shunt of a study in ngspice, and print both answers; 1 if they differ, or one of them cannot be had."""
-    from piezoharvest.spice.comparison import compare
-    from piezoharvest.spice.ngspice import NgspiceError
+    from piezoharvest.spice.simulators.comparison import compare
+    from piezoharvest.spice.simulators.ngspice import NgspiceError
 
     where = f"shunts.{n} ({study.shunts[n].kind})"
     try:

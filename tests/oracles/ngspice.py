@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from piezoharvest.spice.ngspice import ABSENT, NgspiceError, available, run_netlist
+from piezoharvest.spice.simulators.ngspice import ABSENT, NgspiceError, available, run_netlist
 
 __all__ = ["NgspiceError", "needs_ngspice", "run_netlist"]
 

@@ -9,7 +9,7 @@ from piezoharvest.cli import main
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import SpiceCircuit
 from piezoharvest.linear import frequency_response
-from piezoharvest.spice.comparison import compare
+from piezoharvest.spice.simulators.comparison import compare
 
 DAMPED = {"damping": 0.6, "coupling": 3e-4}
 BRIDGE = """* bridge

@@ -8,7 +8,7 @@ from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.system import System
 from piezoharvest.engine.simulation import simulate
 from piezoharvest.spice.export import export_spice
-from piezoharvest.spice.ngspice import run_netlist
+from piezoharvest.spice.simulators.ngspice import run_netlist
 
 # The netlist begins where the engine says that the steady state is: were it elsewhere, so many periods would show it.
 PERIODS = 20

@@ -1,0 +1,1 @@
+"""Other programs: ngspice run on a netlist and set beside the engine, and schematics for LTspice."""
