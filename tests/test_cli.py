@@ -476,6 +476,7 @@ class Designed:
     """Stand-in for a design's result."""
 
     converged: bool = True
+    feasible: bool = True
     notes: list[str] = field(default_factory=list)
 
     def as_json(self):
@@ -538,6 +539,13 @@ class TestDesign:
         assert status == 1
         assert "converge" in err
         assert strict(out)["candidates"][0]["gap_to_bound"] is None
+
+    def test_no_candidate_keeps_the_limits(self, study, run, monkeypatch):
+        result = Designed(feasible=False, notes=["no candidate keeps all limits"])
+        monkeypatch.setattr(piezoharvest.design, "design", lambda study, progress=None: result, raising=False)
+        status, out, err = run("design", study, "--json")
+        assert (status, strict(out)["best"]) == (1, 0)
+        assert err == "warning: no candidate keeps all limits\n"
 
     def test_results_are_printed_even_if_the_report_fails(self, study, run, monkeypatch):
         def fail(study, result, folder):

@@ -105,7 +105,7 @@ def _respond(study: Study, n: int, transient: float | None, *, waveforms: bool) 
 def design(path: Path, *, as_json: bool, report: Path | None) -> int:
     """Tune the candidates of a study and print them, best first; 1 if the best is unreliable or breaks a limit."""
     result = run_design(load_study(path), as_json=as_json, report=report)
-    return 0 if result.converged and result.best.feasible else 1
+    return 0 if result.converged and result.feasible else 1
 
 
 def run_design(study: Study, *, as_json: bool, report: Path | None) -> DesignResult:

@@ -178,6 +178,11 @@ class DesignResult:
         """True if the best candidate is reliable."""
         return self.best.converged
 
+    @property
+    def feasible(self) -> bool:
+        """True if the best candidate keeps all limits; none does otherwise."""
+        return self.best.feasible
+
     def as_json(self) -> dict[str, Any]:
         """Result as a table of the JSON output."""
         return {
