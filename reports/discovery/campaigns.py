@@ -174,7 +174,7 @@ def _white(runs: Sequence[Mapping[str, np.ndarray]], noise: Mapping[str, float])
     return np.concatenate([run[name] / noise[name] for run in runs for name in CHANNELS])
 
 
-class Unreachable(ArithmeticError):
+class UnreachableError(ArithmeticError):
     """No strength that leaves the device what it is has the size aimed at."""
 
 
@@ -212,7 +212,7 @@ class Sizes:
             strength *= float(np.clip(sigma / found, 1e-6, 30.0))
             if strength > MOST * first:
                 break
-        raise Unreachable(f"no strength has the size {sigma:g}")
+        raise UnreachableError(f"no strength has the size {sigma:g}")
 
 
 def with_law(on: Specimen, site: Site, law: Law, size: float, slack: float = 0.0) -> Specimen:
@@ -259,9 +259,7 @@ def _with_law(made: Made, site: Site, sizes: Sizes, rng: np.random.Generator) ->
 
     healthy = sizes.made.specimen
     strength = sizes.strength(lambda s: family(s, healthy), _first(site, healthy, sizes, size), made.trial.sigma)
-    return replace(
-        made, specimen=family(strength, made.specimen), site=site, drawn=drawn, size=size, strength=strength
-    )
+    return replace(made, specimen=family(strength, made.specimen), site=site, drawn=drawn, size=size, strength=strength)
 
 
 def _first(site: Site, on: Specimen, sizes: Sizes, size: float) -> float:
@@ -364,4 +362,3 @@ def truth(made: Made) -> dict[str, Any]:
         "size": made.size, "strength": made.strength, "slack": (made.drawn.slack or 0.0) * made.size,
         "stiff": made.kind.stiff,
     }  # fmt: skip
-

@@ -1,4 +1,4 @@
-"""Equations of a specimen with laws at places, written down here and integrated by SciPy: nothing of the package is used.
+"""Equations of a specimen with laws at places, written down here and integrated by SciPy, without the package.
 
     m x'' + b x' + k x = F + (T + c'(x)) v - s(x) - d(x') - k p_k(t) x - b p_b(t) x'
     (C + a'(v)) v' = -(T + c'(x)) x' - v / R - l(v) - e(v)          i = v / R + l(v)

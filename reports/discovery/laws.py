@@ -76,7 +76,7 @@ def _scaled(curve: Function, form: str, low: float, high: float, text: str) -> C
 
 
 def _langevin(y: np.ndarray) -> np.ndarray:
-    """coth y - 1/y, by its series where the two cancel."""
+    """Coth y - 1/y, by its series where the two cancel."""
     near = np.abs(y) < 1e-2
     far = np.where(near, 1.0, y)
     return np.where(near, y / 3.0 - y**3 / 45.0, 1.0 / np.tanh(far) - 1.0 / far)
@@ -88,15 +88,20 @@ def _backlash(rng: np.random.Generator) -> Drawn:
 
 
 def _expression(rng: np.random.Generator) -> Drawn:
-    """A random expression tree that is no straight line."""
+    """A random expression tree that is no straight line, zero at zero, at most one."""
     z = np.linspace(-1.0, 1.0, 201)
     while True:
-        of, text = _tree(rng, DEPTH)
-        values = of(z) - of(np.zeros(1))
+        drawn = _through_zero(*_tree(rng, DEPTH), z)
+        values = drawn.of(z)
         rest = values - np.polyval(np.polyfit(z, values, 1), z)
-        if np.linalg.norm(rest) > STRAIGHT * np.linalg.norm(values) > 0.0:
-            zero, size = float(of(np.zeros(1))[0]), float(np.abs(values).max())
-            return Drawn(lambda x: (of(x) - zero) / size, None, None, text)
+        if np.linalg.norm(rest) > STRAIGHT * np.linalg.norm(values):
+            return drawn
+
+
+def _through_zero(of: Function, text: str, z: np.ndarray) -> Drawn:
+    zero = float(of(np.zeros(1))[0])
+    size = float(np.abs(of(z) - zero).max()) or 1.0
+    return Drawn(lambda x: (of(x) - zero) / size, None, None, text)
 
 
 def _tree(rng: np.random.Generator, depth: int) -> tuple[Function, str]:

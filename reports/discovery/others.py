@@ -99,7 +99,10 @@ def _sparse(x: np.ndarray, y: np.ndarray, far: np.ndarray) -> tuple[np.ndarray, 
         return made.fit(x[rows], t=1.0, x_dot=np.column_stack([y[rows] / size] * x.shape[1]))
 
     tried = {threshold: model(threshold, ~back) for threshold in THRESHOLDS}
-    loss = {threshold: _squares(np.asarray(each.predict(x[back]))[:, 0] * size - y[back]) for threshold, each in tried.items()}
+    loss = {
+        threshold: _squares(np.asarray(each.predict(x[back]))[:, 0] * size - y[back])
+        for threshold, each in tried.items()
+    }
     best = model(min(loss, key=lambda threshold: loss[threshold]), np.ones(len(y), bool))
     terms, weights = np.asarray(best.feature_library.transform(x)), best.coefficients()[0]
     parts = {}

@@ -1,4 +1,4 @@
-"""Which trials there are, in an order fixed beforehand: any first part of it is a stratified random sample of the plan."""
+"""Which trials there are, in an order fixed beforehand, any first part of which is a stratified random sample."""
 
 from __future__ import annotations
 

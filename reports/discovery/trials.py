@@ -18,7 +18,19 @@ from piezoharvest.diagnose.residuals import Residuals, residuals
 from piezoharvest.records import load_campaign
 from piezoharvest.records.campaign import Campaign
 from reports.discovery import others
-from reports.discovery.campaigns import BENT, OWN, PARAMETERS, UNSEEN, Made, Trial, Unreachable, make, named, truth, write
+from reports.discovery.campaigns import (
+    BENT,
+    OWN,
+    PARAMETERS,
+    UNSEEN,
+    Made,
+    Trial,
+    UnreachableError,
+    make,
+    named,
+    truth,
+    write,
+)
 
 POINTS = 25  # of a curve that is kept for the gallery
 BANDS = 3.0  # standard errors
@@ -36,7 +48,7 @@ def attempt(trial: Trial) -> dict[str, Any]:
     try:
         with threadpool_limits(1):  # processes share the machine
             return {**base, **_run(make(trial))}
-    except Unreachable as error:
+    except UnreachableError as error:
         return {**base, "outcome": "not made", "right": False, "error": str(error)}
     except Exception as error:
         return {**base, "outcome": "failed", "right": False, "error": f"{type(error).__name__}: {error}"}
