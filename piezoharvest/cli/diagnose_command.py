@@ -54,15 +54,16 @@ def diagnose(
 
 
 def _save_laws(found: Diagnosis, path: Path) -> None:
-    """Write the laws without a name as effect files: the first as asked, a second beside it."""
+    """Write the laws without a name as effect files: the first as asked, a second beside it; each with its test."""
     from piezoharvest.diagnose.discovery.effect_file import save_effect
+    from piezoharvest.diagnose.discovery.effect_test import save_effect_test
 
     if not found.discovery:
         note(f"warning: no effect file {path}: there is no law without a name")
     for n, law in enumerate(found.discovery, 1):
         target = path if n == 1 else path.with_stem(f"{path.stem}_{n}")
         save_effect(law, found.campaign.path.name, target)
-        note(f"effect: {target}")
+        note(f"effect: {target}, its test: {save_effect_test(target)}")
 
 
 def diagnosis_json(found: Diagnosis) -> dict[str, Any]:

@@ -239,7 +239,13 @@ def make(trial: Trial) -> Made:
     assert site is not None
     if trial.kind == "pair":
         made = replace(made, specimen=_named(named(trial), made.specimen, sizes))
-    return _with_law(made, site, sizes, rng)
+    return _with_law(made, site, sizes)
+
+
+def drawn_of(trial: Trial) -> Drawn:
+    """The law of a trial, drawn from its seed."""
+    passive = _site(trial, np.random.default_rng([trial.seed, 31]))[0] in PORTS
+    return draw(trial.law, np.random.default_rng([trial.seed, 33]), passive=passive)
 
 
 def input_of(site: Site, runs: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
@@ -248,10 +254,10 @@ def input_of(site: Site, runs: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray
     return np.concatenate([run[name] for run in runs])
 
 
-def _with_law(made: Made, site: Site, sizes: Sizes, rng: np.random.Generator) -> Made:
+def _with_law(made: Made, site: Site, sizes: Sizes) -> Made:
     """The law drawn, and as strong as the trial wants it beside what else is there."""
     size = float(np.abs(input_of(site, sizes.runs)).max())
-    drawn = draw(made.trial.law, rng, passive=site[0] in PORTS)
+    drawn = drawn_of(made.trial)
     slack = (drawn.slack or 0.0) * size
 
     def family(strength: float, on: Specimen) -> Specimen:
