@@ -334,6 +334,12 @@ def _aliased(made: Made) -> Made:
     ))  # fmt: skip
 
 
+def noise_of(made: Made, n: int) -> dict[str, np.ndarray]:
+    """The noise that the sensors add to the n-th record."""
+    rng, count = np.random.default_rng([made.trial.seed, 32, n]), round(made.kind.rate * made.kind.duration)
+    return {name: made.kind.noise[name] * rng.standard_normal(count) for name in CHANNELS}
+
+
 def write(made: Made, folder: Path) -> tuple[Path, Path]:
     """Write the files of a campaign, noise added; its nominal values are off.
 
@@ -344,11 +350,11 @@ def write(made: Made, folder: Path) -> tuple[Path, Path]:
     Path
         The same with the record that is no part of it.
     """
-    rng, kind = np.random.default_rng([made.trial.seed, 32]), made.kind
+    kind = made.kind
     text = ["[transducer]", *(f"{name} = {getattr(kind.nominal, name)!r}" for name in PARAMETERS)]
     for n, ((_, load), shown) in enumerate(zip(made.records, channels(made.specimen, made), strict=True)):
-        noisy = {name: shown[name] + kind.noise.get(name, 0.0) * rng.standard_normal(len(shown[name]))
-                 for name in COLUMNS}  # fmt: skip
+        noise = noise_of(made, n)
+        noisy = {name: shown[name] + noise[name] if name in noise else shown[name] for name in COLUMNS}
         times = np.arange(len(shown["force"])) / kind.rate
         write_table({"time_s": times, **{COLUMNS[name]: noisy[name] for name in COLUMNS}}, folder / FILES[n])
         if ROLES[n] == "unseen":

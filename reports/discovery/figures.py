@@ -12,8 +12,16 @@ from reports.discovery.campaigns import BENT
 from reports.discovery.plan import SIGMAS
 from reports.discovery.summary import METHODS, OUTCOMES, Rows, of_kind
 
-COLOURS = dict(zip(OUTCOMES, (style.PALETTE[2], style.PALETTE[5], style.GRID, style.LIMIT), strict=True))
-WORDS = {"right": "right", "among": "told among others", "missed": "said not to know", "wrong": "wrong and confident"}
+COLOURS = dict(
+    zip(OUTCOMES, (style.PALETTE[2], style.PALETTE[4], style.PALETTE[5], style.GRID, style.LIMIT), strict=True)
+)
+WORDS = {
+    "right": "right",
+    "kin": "a known effect of the place",
+    "among": "told among others",
+    "missed": "said not to know",
+    "wrong": "wrong and confident",
+}
 COLUMNS, PANELS = 3, 15  # of the gallery
 
 

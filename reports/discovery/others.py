@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from piezoharvest.diagnose.residuals import Residuals
-from reports.discovery.campaigns import FITTED, UNSEEN, Made
+from reports.discovery.campaigns import FILES, FITTED, UNSEEN, Made, noise_of
 
 SIGNALS = ("force", "displacement", "velocity", "voltage", "current", "time")
 DEGREE = 5
@@ -63,27 +63,35 @@ def _signals(one: Residuals) -> np.ndarray:
     return np.column_stack([known[name] for name in SIGNALS])
 
 
+def errors(unseen: Residuals, made: Made) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of predictions of the unseen record before and after a diagnosis, in units of the noise, without it."""
+    added = noise_of(made, FILES.index(UNSEEN))
+    noise = np.column_stack([added[channel] for channel in unseen.data.channels])
+    sigma = np.array([made.kind.noise[channel] for channel in unseen.data.channels])
+    return (unseen.before - noise) / sigma, (unseen.after - noise) / sigma
+
+
 def _judged(method: Any, fitted: list[Residuals], unseen: Residuals, made: Made) -> dict[str, Any]:
     x, y = (np.concatenate([part(each) for each in fitted]) for part in (_signals, lambda each: each.before))
-    far, left = _signals(unseen), unseen.before / unseen.noise
+    far, (left, _) = _signals(unseen), errors(unseen, made)
     centre, scale = x.mean(axis=0), x.std(axis=0) + 1e-300
-    before, after, best = 0.0, 0.0, (-np.inf, "", "")
+    after, best = np.zeros_like(left), (-np.inf, "", "")
     for c, channel in enumerate(fitted[0].data.channels):
-        noise = fitted[0].noise[c]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of matrices that are ill-conditioned, and of ends of length scales
+            noise = made.kind.noise[channel]
             predicted, of, explained = method((x - centre) / scale, y[:, c] / noise, (far - centre) / scale)
-        before += _squares(left[:, c]) - len(left)
-        after += _squares(left[:, c] - predicted) - len(left)
+        after[:, c] = left[:, c] - predicted
         best = max(best, (explained, channel, of))
     _, channel, of = best
     means = (*PLACES.get((channel, of), ()), (f"reading.{channel}", of))
-    gain = float(np.clip((before - max(after, 0.0)) / before, -1.0, 1.0)) if before > 0.0 else 0.0
-    return {"right": made.site in means, "gain": gain}
+    gain = float(np.clip(1.0 - squares(after) / squares(left), -1.0, 1.0))
+    return {"right": made.site in means, "gain": gain, "said": [channel, of]}
 
 
-def _squares(values: np.ndarray) -> float:
-    return float(values @ values)
+def squares(values: np.ndarray) -> float:
+    """Sum of squares."""
+    return float(np.sum(values**2))
 
 
 def _sparse(x: np.ndarray, y: np.ndarray, far: np.ndarray) -> tuple[np.ndarray, str, float]:
@@ -100,7 +108,7 @@ def _sparse(x: np.ndarray, y: np.ndarray, far: np.ndarray) -> tuple[np.ndarray, 
 
     tried = {threshold: model(threshold, ~back) for threshold in THRESHOLDS}
     loss = {
-        threshold: _squares(np.asarray(each.predict(x[back]))[:, 0] * size - y[back])
+        threshold: squares(np.asarray(each.predict(x[back]))[:, 0] * size - y[back])
         for threshold, each in tried.items()
     }
     best = model(min(loss, key=lambda threshold: loss[threshold]), np.ones(len(y), bool))
@@ -110,7 +118,7 @@ def _sparse(x: np.ndarray, y: np.ndarray, far: np.ndarray) -> tuple[np.ndarray, 
         mine = [j for j, term in enumerate(best.get_feature_names()) if term.split("^")[0] == f"x{k}"]
         parts[name] = float(np.var(terms[:, mine] @ weights[mine]))
     of = max(parts, key=lambda name: parts[name])
-    explained = _squares(y) - _squares(y - np.asarray(best.predict(x))[:, 0] * size)
+    explained = squares(y) - squares(y - np.asarray(best.predict(x))[:, 0] * size)
     return np.asarray(best.predict(far))[:, 0] * size, of, explained
 
 
@@ -125,7 +133,7 @@ def _gaussian(x: np.ndarray, y: np.ndarray, far: np.ndarray) -> tuple[np.ndarray
     model = GaussianProcessRegressor(kernel, random_state=0).fit(x[some], y[some])
     found: Any = model.kernel_
     of = SIGNALS[int(np.argmin(found.k1.k2.length_scale))]
-    explained = _squares(y) - _squares(y - model.predict(x))
+    explained = squares(y) - squares(y - model.predict(x))
     return np.asarray(model.predict(far)), of, explained
 
 

@@ -35,6 +35,13 @@ from reports.discovery.campaigns import (
 POINTS = 25  # of a curve that is kept for the gallery
 BANDS = 3.0  # standard errors
 EXPONENT = 0.05  # largest error of an exponent that is right
+# Known effects of a place.
+KIN = {
+    "spring": ("stiffening", "friction", "creep"), "electrodes": ("leakage", "bias_current", "dielectric_relaxation"),
+    "load": ("load_error",), "capacitor": ("voltage_dependent_capacitance",), "coupling": ("nonlinear_coupling",),
+    "reading.displacement": ("contact_compliance", "displacement_lag"), "reading.voltage": ("clipping",),
+    "reading.current": ("clipping",),
+}  # fmt: skip
 # What of a held-out trial is kept: how it was answered, never the answer.
 KEPT = (
     "key", "kind", "law", "place", "sigma", "seed", "outcome", "right", "banded", "formula_right", "exponent_error",
@@ -79,7 +86,11 @@ def _run(made: Made) -> dict[str, Any]:
     if made.trial.kind in ("law", "pair"):
         each = list(residuals(_with_unseen(found, everything)))
         (unseen,) = (one for one in each if one.data.name == UNSEEN)
-        result |= {"gain": gain_of(unseen), "power_error": _power_errors(unseen), "others": others.answers(each, made)}
+        result |= {
+            "gain": gain_of(unseen, made),
+            "power_error": _power_errors(unseen),
+            "others": others.answers(each, made),
+        }
     return result
 
 
@@ -88,7 +99,11 @@ def _largest(found: Diagnosis) -> Discovery | None:
 
 
 def outcome_of(made: Made, found: Diagnosis) -> str:
-    """How a trial was answered: "right", "among" (what is told as possible), "missed" or "wrong" (and confident)."""
+    """How a trial was answered.
+
+    "right", "kin" (a known effect of the true place, which a law of it may be a small part of), "among" (what is told
+    as possible), "missed", "wrong" (and confident), or for a healthy specimen "alarm".
+    """
     kind, verdict = made.trial.kind, found.verdict
     confident = verdict in ("new_effect", "effect")
     if kind == "healthy" or made.trial.law == "unvisited":
@@ -99,6 +114,8 @@ def outcome_of(made: Made, found: Diagnosis) -> str:
     law, effects = _largest(found), {each.effect.name for each in found.effects}
     if verdict == "new_effect" and law is not None and at_site(law, made) and effects == wanted:
         return "right"
+    if verdict == "effect" and kind == "law" and effects <= set(KIN.get(made.site[0], ())):
+        return "kin"
     if confident:
         return "wrong"
     told = law is not None and (at_site(law, made) or any(_is(r.place, r.input, made) for r in law.rivals))
@@ -171,11 +188,10 @@ def _with_unseen(found: Diagnosis, everything: Campaign) -> Diagnosis:
     return replace(found, campaign=replace(found.campaign, records=(*found.campaign.records, unseen)))
 
 
-def gain_of(unseen: Residuals) -> float:
-    """Share of the squares above the noise that a diagnosis takes off a record that it has not seen."""
-    before, after = (float(np.sum(white**2)) for white in (unseen.white_before, unseen.white_after))
-    count = unseen.white_before.size
-    return float(np.clip((before - max(after, count)) / max(before - count, 1e-300), -1.0, 1.0))
+def gain_of(unseen: Residuals, made: Made) -> float:
+    """Share of the error of a record that it has not seen that a diagnosis takes off: of squares, without the noise."""
+    before, after = (others.squares(error) for error in others.errors(unseen, made))
+    return float(np.clip(1.0 - after / before, -1.0, 1.0))
 
 
 def _power_errors(unseen: Residuals) -> list[float]:

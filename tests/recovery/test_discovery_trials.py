@@ -114,6 +114,7 @@ LOAD, SPRING = ("load", "voltage"), ("spring", "displacement")
      ("law", found("new_effect", SPRING, LOAD), "wrong"),
      ("law", found("new_effect", ("load", "displacement")), "wrong"),
      ("law", found("effect", effects=("leakage",)), "wrong"),
+     ("law", found("effect", effects=("load_error",)), "kin"),
      ("law", found("new_effect", LOAD, effects=("leakage",)), "wrong"),
      ("law", found("ambiguous", SPRING, rivals=(LOAD,)), "among"),
      ("law", found("ambiguous", SPRING), "missed"),
