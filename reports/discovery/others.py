@@ -24,7 +24,7 @@ from reports.discovery.campaigns import FILES, FITTED, UNSEEN, Made, noise_of
 SIGNALS = ("force", "displacement", "velocity", "voltage", "current", "time")
 DEGREE = 5
 THRESHOLDS = (0.3, 0.1, 0.03, 0.01)  # of the sparse regression, in standard deviations of the residual
-SAMPLES = 120  # that a Gaussian process is fitted to: its cost goes with their cube
+SAMPLES = 600  # that a Gaussian process is fitted to: its cost goes with their cube
 KEPT_BACK = 4  # every fourth block of the samples chooses the threshold
 LENGTHS = (1e-2, 1e3)  # of Gaussian processes, in standard deviations of the signals
 # What a user would conclude: channel with the residual, signal that it goes with.

@@ -114,7 +114,8 @@ def outcome_of(made: Made, found: Diagnosis) -> str:
     law, effects = _largest(found), {each.effect.name for each in found.effects}
     if verdict == "new_effect" and law is not None and at_site(law, made) and effects == wanted:
         return "right"
-    if verdict == "effect" and kind == "law" and effects <= set(KIN.get(made.site[0], ())):
+    place = made.site[0] if made.site else ""
+    if verdict == "effect" and kind == "law" and effects <= set(KIN.get(place, ())):
         return "kin"
     if confident:
         return "wrong"
