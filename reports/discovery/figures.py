@@ -40,15 +40,15 @@ def outcome_figure(rows: Rows) -> Figure | None:
         bars = axes.bar(places, mine / total, 0.55, bottom=below, color=COLOURS[outcome], label=WORDS[outcome])
         handles.append(bars)
         below = below + mine / total
-    for name, marker in zip(METHODS, "os", strict=True):
+    for name, marker, beside in zip(METHODS, "os", (-0.34, 0.34), strict=True):
         with_it = [[row["others"][name]["right"] for row in laws if row["sigma"] == sigma and row.get("others")]
                    for sigma in SIGMAS]  # fmt: skip
         rates = [np.mean(flags) if flags else np.nan for flags in with_it]
-        handles += axes.plot(places, rates, color=style.INK, linestyle="none", marker=marker, markersize=6,
-                             markerfacecolor="white", label=f"place right by {name}")  # fmt: skip
+        handles += axes.plot(places + beside, rates, color=style.INK, linestyle="none", marker=marker, markersize=6,
+                             markerfacecolor="white", label=f"place right by a {name}")  # fmt: skip
     axes.set_xticks(places, [f"{sigma:g} σ\n({n} laws)" for sigma, n in zip(SIGMAS, counts, strict=True)])
     axes.set_ylabel("share")
-    axes.set_ylim(0, 1.02)
+    axes.set_ylim(-0.04, 1.04)
     axes.grid(axis="x", visible=False)
     style.legend_above(figure, handles, columns=3)
     return figure
@@ -74,6 +74,7 @@ def gain_figure(rows: Rows) -> Figure | None:
                              color=style.PALETTE[n], label=name)  # fmt: skip
     axes.axhline(0.9, color=style.LIMIT, linewidth=0.8)
     axes.set_xticks(range(len(SIGMAS)), [f"{sigma:g} σ" for sigma in SIGMAS])
+    axes.set_xlim(-0.5, len(SIGMAS) - 0.5)
     axes.set_ylabel("gain on an unseen record")
     axes.set_ylim(-1.05, 1.05)
     axes.grid(axis="x", visible=False)
@@ -123,3 +124,26 @@ def _panel(axes: Any, row: dict[str, Any], law: Any) -> list[Any]:
     axes.xaxis.get_offset_text().set_fontsize(6.5)
     axes.set_ylim(min(-0.15, 1.3 * float(np.min(true / size))), max(0.15, 1.3 * float(np.max(true / size))))
     return [drawn, band]
+
+
+@style.styled
+def real_figure(rows: Rows) -> Figure | None:
+    """Draw the laws that were found in measured data; None where there is none."""
+    found = [(row["name"], law) for row in rows for law in row["laws"]]
+    if not found:
+        return None
+    lines = -(-len(found) // 2)
+    figure, axes = style.grid_of_axes(lines, 2, height=2.1 * lines, squeeze=False)
+    for one, (name, law) in zip(axes.flat, found, strict=False):
+        x, value, std = (np.array(law["curve"][key]) for key in ("input", "value", "std"))
+        one.fill_between(x, value - 3 * std, value + 3 * std, color=style.PALETTE[5], alpha=0.5, linewidth=0)
+        one.plot(x, value, color=style.PALETTE[0])
+        one.set_title(f"{name}\n{law['place']}, gain {law['gain']:.2f}", fontsize=7.5)
+        one.set_xlabel(law["input"].replace("_", " "), fontsize=7.5)
+        one.ticklabel_format(style="sci", scilimits=(-2, 3))
+        one.tick_params(labelsize=6.5)
+        for axis in (one.xaxis, one.yaxis):
+            axis.get_offset_text().set_fontsize(6.5)
+    for one in list(axes.flat)[len(found) :]:
+        one.set_visible(False)
+    return figure

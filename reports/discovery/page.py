@@ -17,7 +17,7 @@ import piezoharvest
 from piezoharvest.output import write_text
 from piezoharvest.report.figures import style
 from reports.discovery.campaigns import Trial, drawn_of
-from reports.discovery.figures import gain_figure, gallery_figure, outcome_figure
+from reports.discovery.figures import gain_figure, gallery_figure, outcome_figure, real_figure
 from reports.discovery.plan import plan
 from reports.discovery.summary import METHODS, OUTCOMES, Rows, summary
 
@@ -32,12 +32,13 @@ def write_page(development: Rows, held_out: Rows, directory: Path) -> Path:
     directory : Path
         Where `real.json` may lie, what was found in real data.
     """
-    figures = {name: figure for name, figure in _figures(development, held_out) if figure is not None}
+    file = directory / "real.json"
+    real = json.loads(file.read_text(encoding="utf-8")) if file.exists() else []
+    figures = {name: figure for name, figure in _figures(development, held_out, real) if figure is not None}
     for name, figure in figures.items():
         style.write_png(figure, directory / f"{name}.png")
     sets = {"held-out": summary(held_out), "development": summary(development)}
     write_text(json.dumps(sets, indent=1, allow_nan=False) + "\n", directory / "results.json")
-    real = directory / "real.json"
     options: dict[str, Any] = {
         "autoescape": True, "undefined": StrictUndefined, "trim_blocks": True, "lstrip_blocks": True,
     }  # fmt: skip
@@ -46,16 +47,17 @@ def write_page(development: Rows, held_out: Rows, directory: Path) -> Path:
     text = environment.get_template("page.html.j2").render(
         css=Markup(css), version=piezoharvest.__version__, figures=list(figures), sets=sets,
         planned=len(plan(held_out=True)), wrong=list(_wrong(development)), outcomes=OUTCOMES, methods=METHODS,
-        real=json.loads(real.read_text(encoding="utf-8")) if real.exists() else [],
+        real=real,
     )  # fmt: skip
     write_text(text, directory / "index.html")
     return directory / "index.html"
 
 
-def _figures(development: Rows, held_out: Rows) -> Iterator[tuple[str, Figure | None]]:
+def _figures(development: Rows, held_out: Rows, real: Rows) -> Iterator[tuple[str, Figure | None]]:
     yield "outcomes", outcome_figure(held_out)
     yield "gains", gain_figure(held_out)
     yield "gallery", gallery_figure(development, _law_of)
+    yield "real", real_figure(real)
 
 
 def _law_of(row: dict[str, Any]) -> Any:

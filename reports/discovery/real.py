@@ -129,5 +129,5 @@ def _row(found: Diagnosis) -> dict[str, Any]:
     return {
         "verdict": found.verdict, "found": "; ".join([*effects, *laws]) or "nothing",
         "rms": [1e6 * each["displacement"] for each in quality],
-        "curves": [as_json(law)["curve"] for law in found.discovery],
+        "laws": [as_json(law) for law in found.discovery],
     }  # fmt: skip

@@ -42,13 +42,17 @@ def summary(rows: Rows) -> dict[str, Any]:
         "not_made": sum(row["outcome"] == "not made" for row in rows),
         "failed": sum(row["outcome"] == "failed" for row in rows),
         "by_size": {f"{sigma:g} σ": _outcomes([r for r in laws if r["sigma"] == sigma]) for sigma in SIGMAS},
-        "by_place": {place: _outcomes([r for r in _strong(laws) if r["place"] == place]) for place in SITES},
-        "by_law": {law: _outcomes([r for r in _strong(laws) if r["law"] == law]) for law in LAWS},
-        "impossible": {name: _outcomes([r for r in of_kind(rows, "impossible") if r["law"] == name])
-                       for name in IMPOSSIBLE},
+        "by_place": _by("place", SITES, _strong(laws)), "by_law": _by("law", LAWS, _strong(laws)),
+        "impossible": _by("law", IMPOSSIBLE, of_kind(rows, "impossible")),
         "comparison": [_compared(laws, sigma) for sigma in SIGMAS],
         "power": _powers(laws), "seconds": _seconds(rows),
     }  # fmt: skip
+
+
+def _by(key: str, names: Iterable[str], rows: Rows) -> dict[str, dict[str, int]]:
+    """Answers by law or place, of those that were tried."""
+    each = {name: _outcomes([row for row in rows if row[key] == name]) for name in names}
+    return {name: counts for name, counts in each.items() if counts["count"]}
 
 
 def _strong(laws: Rows) -> list[dict[str, Any]]:
