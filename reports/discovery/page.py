@@ -46,6 +46,7 @@ def write_page(development: Rows, held_out: Rows, directory: Path) -> Path:
     css = resources.files("piezoharvest.report").joinpath("templates", "report.css").read_text(encoding="utf-8")
     text = environment.get_template("page.html.j2").render(
         css=Markup(css), version=piezoharvest.__version__, figures=list(figures), sets=sets,
+        drawn="held-out" if held_out else "development",
         planned=len(plan(held_out=True)), wrong=list(_wrong(development)), outcomes=OUTCOMES, methods=METHODS,
         real=real,
     )  # fmt: skip
@@ -54,8 +55,9 @@ def write_page(development: Rows, held_out: Rows, directory: Path) -> Path:
 
 
 def _figures(development: Rows, held_out: Rows, real: Rows) -> Iterator[tuple[str, Figure | None]]:
-    yield "outcomes", outcome_figure(held_out)
-    yield "gains", gain_figure(held_out)
+    drawn = held_out or development
+    yield "outcomes", outcome_figure(drawn)
+    yield "gains", gain_figure(drawn)
     yield "gallery", gallery_figure(development, _law_of)
     yield "real", real_figure(real)
 

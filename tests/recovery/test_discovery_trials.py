@@ -152,6 +152,14 @@ def test_other_methods_find_a_square_of_one_signal(method):
     assert explained > 1000.0
 
 
+@pytest.mark.slow
+def test_a_random_expression_at_the_capacitor_is_found_there():
+    result = trials.attempt(Trial("law", "expression_1", "charge", 200.0, 1030364))
+    assert result["outcome"] == "right", result
+    assert result["truth"]["site"] == ["capacitor", "voltage"]
+    assert result["gain"] > 0.95
+
+
 def test_intervals_are_exact():
     assert share([True] * 10) == {"right": 10, "count": 10, "low": pytest.approx(0.025 ** (1 / 10)), "high": 1.0}
     assert share([]) is None
