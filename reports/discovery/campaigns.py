@@ -25,6 +25,7 @@ STEP = 1e-5  # relative, of a parameter, for derivatives of the channels
 REACHED = 0.05  # relative error of a size
 MOST = 300.0  # times the first strength, a thousandth of what there is: more is another device
 NAMED = 40.0  # sigma of the named effect of a pair
+PRECISE, QUIETER = 1e4, 20.0  # sigma from which on sensors have so much less noise: laws stay small beside the device
 UNVISITED = 1.5  # of the largest input: where a knee begins that no record comes to
 
 
@@ -230,6 +231,8 @@ def make(trial: Trial) -> Made:
     site = _site(trial, rng) if trial.kind in ("law", "pair") else None
     name = _kind(site, rng) if trial.law != "aliasing" else "beam"
     kind = KINDS[name]
+    if trial.sigma >= PRECISE:
+        kind = kind._replace(noise={channel: sigma / QUIETER for channel, sigma in kind.noise.items()})
     made = Made(trial, kind, _specimen(kind.nominal, rng), _records(name, rng))
     if trial.kind == "healthy":
         return made
