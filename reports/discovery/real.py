@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from piezoharvest.diagnose import Diagnosis, diagnose
+from piezoharvest.diagnose import Diagnosis, diagnose, thresholds
 from piezoharvest.diagnose.discovery.result import as_json
 from piezoharvest.output import write_table, write_text
 from piezoharvest.records import load_campaign
@@ -21,7 +21,7 @@ EVERY = 4  # sample of the stack's: 50 a second of motions of about 1 Hz
 BAND = (20.0, 200.0)  # Hz: of the mirror, below its modes
 MIRROR_EVERY = 8  # sample of the mirror's after the band pass, 800 a second
 # From the data sheet of the P-885.91; the amplifier's gain is not in the file and only scales the coupling.
-_STACK = """
+STACK_MODEL = """
 [transducer]
 mass = 0.0158
 damping = 1250.0
@@ -29,13 +29,13 @@ stiffness = 2.5e7
 capacitance = 3.1e-6
 coupling = 9.5
 """
-_OPERATORS = """
+OPERATORS = """
 [transducer.hysteresis]
 thresholds = [1e-5, 3e-5, 1e-4]
 weights = [1e5, 6e4, 4e4]
 """
 # One mode for the band below the first resonance; the gain at rest is the coupling over the stiffness.
-_MIRROR = """
+MIRROR_MODEL = """
 [transducer]
 mass = 0.0313
 damping = 7.0
@@ -77,6 +77,12 @@ def there() -> bool:
 
 
 def _diagnosed() -> Iterator[tuple[str, str, Diagnosis]]:
+    yield from _stack()
+    yield from _mirror()
+
+
+def _stack() -> Iterator[tuple[str, str, Diagnosis]]:
+    """Fitted to the sine, judged on the minor loops: without and with hysteresis."""
     with tempfile.TemporaryDirectory() as folder:
         for file, loops in (("sine", sine()), ("minor", minor_loops())):
             write_table(_columns(loops), Path(folder) / f"{file}.csv")
@@ -84,8 +90,12 @@ def _diagnosed() -> Iterator[tuple[str, str, Diagnosis]]:
             _RECORD.format(file=file, role=role, rate=STACK_RATE / EVERY)
             for file, role in (("sine", "fit"), ("minor", "validate"))
         )
-        for name, model in (("linear", _STACK), ("three stop operators", _STACK + _OPERATORS)):
+        for name, model in (("linear", STACK_MODEL), ("three stop operators", STACK_MODEL + OPERATORS)):
             yield f"stack, {name}", LIMITS["stack"], _of(model + entries, Path(folder))
+
+
+def _mirror() -> Iterator[tuple[str, str, Diagnosis]]:
+    """Fitted at the lowest and the highest level, judged at the one between."""
     with tempfile.TemporaryDirectory() as folder:
         for level in LEVELS:
             write_table(_band(level), Path(folder) / f"{level}.csv")
@@ -93,7 +103,7 @@ def _diagnosed() -> Iterator[tuple[str, str, Diagnosis]]:
             _RECORD.format(file=level, role=role, rate=MIRROR_RATE / MIRROR_EVERY)
             for level, role in zip(LEVELS, ("fit", "validate", "fit"), strict=True)
         )
-        yield "mirror, one mode, 100 to 300 mV", LIMITS["mirror"], _of(_MIRROR + entries, Path(folder))
+        yield "mirror, one mode, 100 to 300 mV", LIMITS["mirror"], _of(MIRROR_MODEL + entries, Path(folder))
 
 
 def _of(text: str, folder: Path) -> Diagnosis:
@@ -124,10 +134,13 @@ def _band(level: int) -> dict[str, np.ndarray]:
 
 def _row(found: Diagnosis) -> dict[str, Any]:
     quality = (found.validation_before.rms, found.validation_after.rms, found.validation_after.noise)
-    laws = [f"{law.place} of {law.law.place.input}: {law.formula} (gain {law.gain:.2f})" for law in found.discovery]
-    effects = [named.effect.name for named in found.effects]
+    words = [named.effect.name for named in found.effects]
+    for law in found.discovery:
+        words.append(f"{law.place} of {law.law.place.input}: {law.formula} (gain {law.gain:.2f})")
+        alike = [f"{r.place} of {r.input}" for r in law.rivals if r.log_odds > -thresholds.MIN_LOG_ODDS]
+        words += [f"not told from {' and '.join(alike)}"] if alike else []
     return {
-        "verdict": found.verdict, "found": "; ".join([*effects, *laws]) or "nothing",
+        "verdict": found.verdict, "found": "; ".join(words).replace("_", " ") or "nothing",
         "rms": [1e6 * each["displacement"] for each in quality],
         "laws": [as_json(law) for law in found.discovery],
     }  # fmt: skip
