@@ -45,13 +45,17 @@ def outcome_figure(rows: Rows) -> Figure | None:
                    for sigma in SIGMAS]  # fmt: skip
         rates = [np.mean(flags) if flags else np.nan for flags in with_it]
         handles += axes.plot(places + beside, rates, color=style.INK, linestyle="none", marker=marker, markersize=6,
-                             markerfacecolor="white", label=f"place right by a {name}")  # fmt: skip
+                             markerfacecolor="white", label=f"place right by a {_words(name)}")  # fmt: skip
     axes.set_xticks(places, [f"{sigma:g} σ\n({n} laws)" for sigma, n in zip(SIGMAS, counts, strict=True)])
     axes.set_ylabel("share")
     axes.set_ylim(-0.04, 1.04)
     axes.grid(axis="x", visible=False)
     style.legend_above(figure, handles, columns=3)
     return figure
+
+
+def _words(method: str) -> str:
+    return method.replace("gaussian", "Gaussian")
 
 
 def _answer(row: dict[str, Any]) -> str:
@@ -71,7 +75,7 @@ def gain_figure(rows: Rows) -> Figure | None:
     for n, (name, gain) in enumerate(methods.items()):
         x = [SIGMAS.index(row["sigma"]) + 0.24 * (n - 1) + rng.uniform(-0.07, 0.07) for row in laws]
         handles += axes.plot(x, [gain(row) for row in laws], linestyle="none", marker=".", markersize=6, alpha=0.75,
-                             color=style.PALETTE[n], label=name)  # fmt: skip
+                             color=style.PALETTE[n], label=_words(name))  # fmt: skip
     axes.axhline(0.9, color=style.LIMIT, linewidth=0.8)
     axes.set_xticks(range(len(SIGMAS)), [f"{sigma:g} σ" for sigma in SIGMAS])
     axes.set_xlim(-0.5, len(SIGMAS) - 0.5)

@@ -181,7 +181,7 @@ def row(**changes):
                                        row(outcome="failed", right=False, error="Error: none", found=[])]])  # fmt: skip
 def test_the_page_tells_what_was_run(rows, tmp_path):
     text = write_page(rows, rows, tmp_path).read_text()
-    assert f"{len(rows)} held-out campaigns of a plan of 2200" in text
+    assert f"{len(rows)} {'held-out' if rows else 'development'} campaigns of a plan of 2200" in text
     assert (tmp_path / "gallery.png").exists() == bool(rows)
     if rows:
         assert "1 to 99 %" in text  # of two laws of 40 sigma, one is right
