@@ -45,7 +45,7 @@ def diagnose(
         if found.discovery:
             note("warning: the specimen lacks the law without a name, which --save-effect writes")
     if save_effect is not None:
-        _save_laws(found, save_effect)
+        save_laws(found, save_effect)
     if report is not None:
         from piezoharvest.report import write_diagnosis
 
@@ -53,7 +53,7 @@ def diagnose(
     return 0 if found.search.final.converged else 1
 
 
-def _save_laws(found: Diagnosis, path: Path) -> None:
+def save_laws(found: Diagnosis, path: Path) -> None:
     """Write the laws without a name as effect files: the first as asked, a second beside it; each with its test."""
     from piezoharvest.diagnose.discovery.effect_file import save_effect
     from piezoharvest.diagnose.discovery.effect_test import save_effect_test

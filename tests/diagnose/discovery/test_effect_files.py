@@ -4,12 +4,15 @@ import gc
 import subprocess
 import sys
 from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from piezoharvest import Transducer
 from piezoharvest.cli import main
+from piezoharvest.cli.diagnose_command import save_laws
 from piezoharvest.description.effects import registered
 from piezoharvest.description.effects.nameless.forms import Bends, Corners, Knee, Monomial, Power
 from piezoharvest.description.effects.nameless.law import Law
@@ -102,6 +105,15 @@ def written(law, folder):
     """An effect file with its test."""
     (folder / "law.py").write_text(effect_text(discovered(law), "campaign.toml"))
     return save_effect_test(folder / "law.py")
+
+
+def test_the_command_writes_each_law_with_its_test_and_says_so(tmp_path, capsys):
+    laws, campaign = [discovered(law) for law in LAWS[:2]], SimpleNamespace(path=Path("campaign.toml"))
+    found = SimpleNamespace(discovery=laws, campaign=campaign)
+    save_laws(found, tmp_path / "law.py")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["law.py", "law_2.py", "test_law.py", "test_law_2.py"]
+    assert "law_2.py" in (tmp_path / "test_law_2.py").read_text()
+    assert str(tmp_path / "test_law.py") in capsys.readouterr().err
 
 
 def passed(test):
