@@ -5,6 +5,8 @@
 # make bench  measure speed and error beside ngspice, solve_ivp and NumPy: reports/speed/, table in README.md (10 minutes)
 # make paper  simulate and audit the reference paper's tables: reports/paper/index.html, findings.json (5 minutes)
 # make recovery  diagnose random campaigns and count the right answers: reports/diagnosis/ (hours; goes on where it was stopped)
+# make discovery  hide laws that are in no library in random campaigns, count how often they are found: reports/discovery/
+#             (days; goes on where it was stopped; `.venv/bin/python -m reports.discovery --first N` for a part of it)
 # make actuators  hysteresis and frequency responses of two real data sets: reports/actuators (2 minutes; needs ../shared)
 # make coverage   do standard errors hold? 200 random specimens: reports/identification (resumes where it was)
 # make check  lint and type check
@@ -19,7 +21,7 @@ MEETING := tests/test_cli.py tests/test_study.py tests/test_linear.py tests/test
 	tests/sweep/test_sweep_dask.py tests/identify/test_identify_cli.py tests/identify/test_loops.py \
 	tests/engine/test_vector.py
 
-.PHONY: demo test slow lowest bench paper actuators recovery coverage check clean
+.PHONY: demo test slow lowest bench paper actuators recovery discovery coverage check clean
 
 demo: .venv/.installed
 	$(BIN)/piezoharvest demo --out demo-report
@@ -44,6 +46,9 @@ paper: .venv/.installed
 recovery: .venv/.installed
 	$(BIN)/python -m reports.diagnosis
 
+discovery: .venv/.discovery
+	$(BIN)/python -m reports.discovery
+
 actuators: .venv/.installed
 	$(BIN)/python -m reports.actuators
 
@@ -57,6 +62,10 @@ check: .venv/.installed
 .venv/.installed: pyproject.toml
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,dev]'
+	touch $@
+
+.venv/.discovery: .venv/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[discovery]'
 	touch $@
 
 build/lowest/.installed: pyproject.toml .ci/lowest.txt

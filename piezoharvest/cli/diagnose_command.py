@@ -45,7 +45,7 @@ def diagnose(
         if found.discovery:
             note("warning: the specimen lacks the law without a name, which --save-effect writes")
     if save_effect is not None:
-        _save_laws(found, save_effect)
+        save_laws(found, save_effect)
     if report is not None:
         from piezoharvest.report import write_diagnosis
 
@@ -53,16 +53,17 @@ def diagnose(
     return 0 if found.search.final.converged else 1
 
 
-def _save_laws(found: Diagnosis, path: Path) -> None:
-    """Write the laws without a name as effect files: the first as asked, a second beside it."""
+def save_laws(found: Diagnosis, path: Path) -> None:
+    """Write the laws without a name as effect files: the first as asked, a second beside it; each with its test."""
     from piezoharvest.diagnose.discovery.effect_file import save_effect
+    from piezoharvest.diagnose.discovery.effect_test import save_effect_test
 
     if not found.discovery:
         note(f"warning: no effect file {path}: there is no law without a name")
     for n, law in enumerate(found.discovery, 1):
         target = path if n == 1 else path.with_stem(f"{path.stem}_{n}")
         save_effect(law, found.campaign.path.name, target)
-        note(f"effect: {target}")
+        note(f"effect: {target}, its test: {save_effect_test(target)}")
 
 
 def diagnosis_json(found: Diagnosis) -> dict[str, Any]:

@@ -4,12 +4,15 @@ import gc
 import subprocess
 import sys
 from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from piezoharvest import Transducer
 from piezoharvest.cli import main
+from piezoharvest.cli.diagnose_command import save_laws
 from piezoharvest.description.effects import registered
 from piezoharvest.description.effects.nameless.forms import Bends, Corners, Knee, Monomial, Power
 from piezoharvest.description.effects.nameless.law import Law
@@ -17,6 +20,7 @@ from piezoharvest.description.effects.nameless.places import Coupling, Damper, L
 from piezoharvest.description.effects.nameless.shapes import Shape
 from piezoharvest.description.shunts import Resistor
 from piezoharvest.diagnose.discovery.effect_file import effect_text
+from piezoharvest.diagnose.discovery.effect_test import save_effect_test
 from piezoharvest.diagnose.discovery.result import Discovery, formula
 from piezoharvest.effect_files import load_effects
 from piezoharvest.input import InputError
@@ -95,6 +99,47 @@ def test_a_study_takes_the_effect_of_a_file_by_its_name(tmp_path):
     assert run(command).returncode == 2  # the package has no such effect
     done = run([*command, "--effects", "law.py"])
     assert (done.returncode, "resistor" in done.stdout.lower()) == (0, True), done.stderr
+
+
+def written(law, folder):
+    """An effect file with its test."""
+    (folder / "law.py").write_text(effect_text(discovered(law), "campaign.toml"))
+    return save_effect_test(folder / "law.py")
+
+
+def test_the_command_writes_each_law_with_its_test_and_says_so(tmp_path, capsys):
+    laws, campaign = [discovered(law) for law in LAWS[:2]], SimpleNamespace(path=Path("campaign.toml"))
+    found = SimpleNamespace(discovery=laws, campaign=campaign)
+    save_laws(found, tmp_path / "law.py")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["law.py", "law_2.py", "test_law.py", "test_law_2.py"]
+    assert "law_2.py" in (tmp_path / "test_law_2.py").read_text()
+    assert str(tmp_path / "test_law.py") in capsys.readouterr().err
+
+
+def passed(test):
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", test.name]
+    return subprocess.run(command, cwd=test.parent, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("law", [LAWS[0], *(pytest.param(law, marks=pytest.mark.slow) for law in LAWS[1:])],
+                         ids=lambda law: law.name)  # fmt: skip
+def test_the_test_beside_an_effect_file_passes(law, tmp_path):
+    test = written(law, tmp_path)
+    assert test.name == "test_law.py"
+    done = passed(test)
+    simulated = law.name != "coupling table"  # a product with a broken line
+    assert ("4 passed" if simulated else "2 passed, 2 skipped") in done.stdout, done.stdout
+
+
+def test_the_test_beside_an_effect_file_finds_what_is_there_at_its_null_value(tmp_path):
+    test = written(LAWS[0], tmp_path)
+    text = (tmp_path / "law.py").read_text()
+    wrong = text.replace("        PLACE.add(", "        specimen.draw(1e-6 * specimen.v)\n        PLACE.add(")
+    assert wrong != text
+    (tmp_path / "law.py").write_text(wrong)
+    done = passed(test)
+    assert done.returncode == 1, done.stdout
+    assert "test_it_changes_nothing_at_its_null_value" in done.stdout
 
 
 @pytest.mark.parametrize(
