@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from piezoharvest.engine.compilation.compiled import compiled, entry
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
@@ -55,7 +57,7 @@ def run_ramps(P, L, S, D, ramps, last, piece, t_end):
         piece += 1
 
 
-@entry
+@partial(entry, nogil=True)
 def engine(task, machine, state, ramps, piece, t_end, shooting, followed, mirrored, recorder, batch):
     """Run a state to t_end, or find the periodic steady state from there, or the steady states of many designs.
 

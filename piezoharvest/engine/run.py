@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 
 from piezoharvest.description.excitation import Ramps
@@ -36,6 +38,14 @@ class Machine:
         self.L, length = tb.contents(pg.integers(lowered.program), ledger)
         self.P = lined_up(length)
         self.P[: self.L[pg.LENGTH]] = pg.numbers(pg.part(lowered.program, 0))  # the first design of a batch
+        self._blank = self.L.copy()
+
+    def copied(self, lowered: Lowered) -> Machine:
+        """Machine of the same matrices under another signal, without the tables of its modes."""
+        found = copy.copy(self)
+        found.lowered, found.L, found.P = lowered, self._blank.copy(), lined_up(len(self.P))
+        found.P[: self.L[pg.LENGTH]] = self.P[: self.L[pg.LENGTH]]
+        return found
 
     def state(self, **recorded) -> EngineState:
         """State at rest, under the static part of the excitation; `recorded` as in `EngineState`."""

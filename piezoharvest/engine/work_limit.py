@@ -26,6 +26,9 @@ INTERRUPTED = -(2**62)  # value of the work left after an interrupt by the user
 
 # 1 if Ctrl-C has been pressed since the last call; Python's own handler waits until compiled code returns.
 _ctrl_c = types.ExternalFunction("PyOS_InterruptOccurred", types.int32())
+# It has to hold Python's lock, which compiled code has given up so that other threads run.
+_lock = types.ExternalFunction("PyGILState_Ensure", types.int32())
+_unlock = types.ExternalFunction("PyGILState_Release", types.void(types.int32))
 
 
 @dataclass
@@ -50,8 +53,11 @@ def spend_products(L, count):
 @compiled
 def may_continue(L):
     """True if work is left and the user has not interrupted."""
-    if not interrupted(L) and _ctrl_c() != 0:
-        L[WORK_LEFT] = INTERRUPTED
+    if not interrupted(L):
+        held = _lock()
+        if _ctrl_c() != 0:
+            L[WORK_LEFT] = INTERRUPTED
+        _unlock(held)
     L[NEXT_CHECK] = max(L[WORK_LEFT] - WORK_BETWEEN_CHECKS, 0)
     return L[WORK_LEFT] > 0
 

@@ -59,7 +59,7 @@ class SmoothElement(NamedTuple):
         if self.power == TIMED:
             return 0.0
         if self.power == HINGE:
-            return 0.5 * (first + np.hypot(first, 1.0))
+            return 0.5 * (first + np.sqrt(first**2 + 1.0))
         return first * second if self.power == PRODUCT else first**self.power
 
 

@@ -51,6 +51,9 @@ from piezoharvest.records.record import FrequencyRecord, Record
 
 Progress = Callable[[str], None]
 INITIAL_SAMPLES = 1 << 19  # samples of a record that are fitted first
+# Of many records: those of each kind that are fitted first, and how many times as many there have to be. They determine
+# where the fit of all begins, which then takes a few iterations.
+SOME_RECORDS, MANY_TIMES = 8, 4
 # Behind circuits: periods of the nominal resonance in the first fit, over which one that is 5 % off loses less than
 # half a turn, and the factor by which the records then grow, as the resonance is known that much better.
 FIRST_PERIODS, MIN_FIRST_SAMPLES, GROWTH, MAX_STAGES = 8, 200, 4, 6
@@ -339,7 +342,7 @@ def growing_fit(
     progress: Progress = lambda text: None,
     poor: Callable[[Fit], None] = lambda found: None,
 ) -> Fit:
-    """Fit of all parameters, first to the beginnings of records: of long ones, to save time.
+    """Fit of all parameters, first to the beginnings of some records: of long and many ones, to save time.
 
     Of records behind circuits with events to a few periods, then to more and more: over a whole record a resonance that
     is a per cent off loses the phase, and the cost has many minima.
@@ -348,14 +351,39 @@ def growing_fit(
     if problem.has_events:
         longest = max(len(each) for each in problem.data if isinstance(each, Data))
         lengths = [n for n in _lengths(problem) if n < longest] + lengths
-    part = _beginning(problem, lengths[0])
+    some = _some(problem)
+    part = _beginning(some, lengths[0])
     found = fit_past_jumps(part, model, progress, poor)
-    for length in [*lengths[1:], max(len(each) for each in problem.data)]:
-        before, part = part, _beginning(problem, length)
+    for length in [*lengths[1:], max(len(each) for each in some.data)]:
+        before, part = part, _beginning(some, length)
         if part is not before:
             nuisance = nuisance_for_problem(before, found.nuisance, part, found.model)
             found = fit(part, found.model, nuisance, found.noise, progress=progress, rounds=2)
-    return found
+    if some is problem:
+        return found
+    known = dict(zip(map(id, some.data), found.nuisance, strict=True))
+    nuisance = [known.get(id(each), mine) for each, mine in zip(problem.data, problem.start(found.model), strict=True)]
+    return fit(problem, found.model, nuisance, found.noise, progress=progress, rounds=2)
+
+
+def _some(problem: Problem) -> Problem:
+    """The problem with `SOME_RECORDS` records of each drive, circuit and set of channels, from small to large drives.
+
+    The problem itself if it has not many more.
+    """
+    kinds: dict[tuple, list[Data]] = {}
+    for each in problem.data:
+        if isinstance(each, Data):
+            kinds.setdefault((each.drive, each.setting.shunt, each.channels), []).append(each)
+    kept = set[int]()
+    for alike in kinds.values():
+        alike.sort(key=lambda each: float(np.ptp(each.record[each.drive])))
+        places = np.linspace(0, len(alike) - 1, min(SOME_RECORDS, len(alike))).round().astype(int)
+        kept |= {id(alike[k]) for k in places}
+    some = [each for each in problem.data if not isinstance(each, Data) or id(each) in kept]
+    if len(some) * MANY_TIMES > len(problem.data):
+        return problem
+    return Problem(some, problem.nominal, problem.offset_channels)
 
 
 def _lengths(problem: Problem) -> list[int]:

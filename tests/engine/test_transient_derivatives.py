@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 from studies import STOPS, bench, objects
 
-from piezoharvest import CouplingDrift, Creep, DielectricRelaxation, Leakage, Stiffening
+from piezoharvest import (
+    CouplingDrift,
+    Creep,
+    DielectricRelaxation,
+    Leakage,
+    NonlinearCoupling,
+    Stiffening,
+    VoltageDependentCapacitance,
+)
 from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
 from piezoharvest.predict.circuit.measured_drive import straight_drive
 from piezoharvest.predict.discrete_model import Setting
@@ -30,6 +38,10 @@ STEP = 2.5e-4  # s
 # Central differences of runs that are right to 1e-12: most samples agree to this. Where an event of one run lies on the
 # other side of a sample, the difference is wrong by the height of what jumps there.
 TOLERANCE, SHARE = 5e-5, 0.93
+# From null, SI: differences change the channels by some thousandths, above the error of runs with such effects.
+STEPS_FROM_NULL = {
+    "stiffening": 1e6, "coupling_drift": 1e-3, "nonlinear_coupling": 1e-2, "voltage_dependent_capacitance": 1e-5,
+}  # fmt: skip
 
 
 def setting_of(shunt, free, count=400):
@@ -103,6 +115,53 @@ def test_effects_that_are_linear():
 def test_effects_that_are_nonlinear_between_events(effect):
     """Their runs are right to about 1e-8, so that differences need wide steps."""
     check(*case("rectifier", (effect,)), wide=1e4, tolerance=2e-3)
+
+
+@pytest.mark.parametrize("circuit", ["rectifier", "parallel_sshi late", "sece late"])
+@pytest.mark.parametrize(
+    "effect",
+    [
+        Stiffening(cubic_stiffness=0.0), CouplingDrift(relative_drift=0.0), NonlinearCoupling(quadratic_coupling=0.0),
+        VoltageDependentCapacitance(beta=0.0),
+    ],
+    ids=lambda effect: effect.name,
+)  # fmt: skip
+def test_effects_that_are_nonlinear_at_their_null(circuit, effect):
+    """Their outputs force the derivatives of a motion that is still linear; runs with them are right to about 1e-8."""
+    device, parameters, _, values, block = case(circuit, (effect,))
+    (path,), step = [p.path for p in parameters if p.path[0] == "effects"], STEPS_FROM_NULL[effect.name]
+    upper, lower = (values(put(device, path, sign * step)) for sign in (1.0, -1.0))
+    wanted, found = (upper - lower) / (2.0 * step), block.derivatives[:, :, len(parameters) - 1]
+    close = np.abs(found - wanted) <= TOLERANCE * np.abs(wanted).max(axis=0)
+    assert np.all(np.abs(wanted).max(axis=0)[:2] > 0.0)
+    assert np.all(close.mean(axis=0) > SHARE), close.mean(axis=0)
+
+
+def test_a_preload_moves_the_derivative_of_a_null_stiffening():
+    """Closed form: a static force F at rest displaces by F/k, and by -k3 (F/k)^3/k more with a cubic stiffness k3."""
+    system, _ = objects(bench(CIRCUITS["rectifier"]))
+    device = dataclasses.replace(system.transducer, effects=(Stiffening(cubic_stiffness=0.0),))
+    setting = Setting("force", system.shunt, STEP, 0.02, straight_drive(np.full(50, 0.02)), 50)
+    (field,) = (field for field in dataclasses.fields(Stiffening) if "unit" in field.metadata)
+    parameter = parameter_of(device.effects[0], field, ("effects", 0, field.name))
+    (block,) = CircuitPrediction(device, setting, (parameter,)).blocks(channels=("displacement",))
+    wanted = -((0.02 / device.stiffness) ** 3) / device.stiffness
+    np.testing.assert_allclose(block.derivatives[:, 0, 0], wanted, rtol=1e-9)
+
+
+def test_predictions_of_one_model_share_their_matrices():
+    """The second of two records with other drives is predicted as it is alone."""
+    system, _ = objects(bench(CIRCUITS["parallel_sshi"]))
+    device, parameters, known = system.transducer, parameters_of(system.transducer, {"force"}), {}
+    setting = setting_of(system.shunt, ("x1", "u1", "q", "dc"))
+    other = dataclasses.replace(setting, motion=straight_drive(0.03 + 0.02 * np.sin(np.arange(setting.count))))
+    start = np.array([0.2, 0.1, -0.1, 0.3])
+    for each in (setting, other):
+        (shared,) = CircuitPrediction(device, each, parameters, start, systems=known).blocks()
+        (alone,) = CircuitPrediction(device, each, parameters, start).blocks()
+        np.testing.assert_array_equal(shared.values, alone.values)
+        np.testing.assert_array_equal(shared.derivatives, alone.derivatives)
+    assert len(known) == 1
 
 
 def test_effects_without_influence_a_few_at_a_time():

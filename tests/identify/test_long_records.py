@@ -55,3 +55,56 @@ def test_records_whose_beginning_is_fitted_first_give_the_same(tmp_path, monkeyp
         if one.identifiable:
             assert abs(one.value - other.value) < 0.2 * one.std, one.parameter.name
             assert other.std == pytest.approx(one.std, rel=0.1)
+
+
+MASS, DAMPING, STIFFNESS, COUPLING, CAPACITANCE = BENDER = 0.010, 0.0628, 986.96, -1e-3, 40e-9
+NAMES = ("mass", "damping", "stiffness", "coupling", "capacitance")
+
+
+NOISE = 2e-6, 3e-8, 2e-3  # N, m, V
+
+
+def many_records(folder, count=8, samples=500):
+    """Campaign of sines on a bender from rest behind two loads: matrix exponentials, the sine being two more states."""
+    rng, time = np.random.default_rng(7), np.arange(samples) / 2000.0
+    text = ["[transducer]", *(f"{name} = {1.02 * value}" for name, value in zip(NAMES, BENDER, strict=True))]
+    for k in range(count):
+        load, omega, force = (1e5, 1e6)[k % 2], 2.0 * np.pi * rng.uniform(40.0, 60.0), rng.uniform(0.01, 0.05)
+        moving = np.array([
+            [0.0, 1.0, 0.0, 0.0, 0.0],
+            [-STIFFNESS / MASS, -DAMPING / MASS, COUPLING / MASS, 1.0 / MASS, 0.0],
+            [0.0, -COUPLING / CAPACITANCE, -1.0 / (load * CAPACITANCE), 0.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0, omega],
+            [0.0, 0.0, 0.0, -omega, 0.0],
+        ])  # fmt: skip
+        rates, shapes = np.linalg.eig(moving)
+        start = np.linalg.solve(shapes, np.array([0.0, 0.0, 0.0, 0.0, force], complex))
+        states = np.real((np.exp(np.outer(time, rates)) * start) @ shapes.T)
+        noise = rng.normal(size=(samples, 3)) * NOISE
+        table = np.column_stack([time, states[:, [3, 0, 2]] + noise])
+        header = "time_s,force_N,displacement_m,voltage_V"
+        np.savetxt(folder / f"{k}.csv", table, delimiter=",", header=header, comments="")
+        text += ["[[records]]", f'file = "{k}.csv"', f"load_resistance = {load}"]
+    path = folder / "campaign.toml"
+    path.write_text("\n".join(text))
+    return load_campaign(path)
+
+
+def test_of_many_records_some_of_each_load_are_fitted_first(tmp_path, monkeypatch):
+    campaign, counts, started = many_records(tmp_path), [], identification.fit_past_jumps
+
+    def seen(problem, *rest):
+        counts.append(sorted(each.setting.shunt.resistance for each in problem.data))
+        return started(problem, *rest)
+
+    monkeypatch.setattr(identification, "fit_past_jumps", seen)
+    monkeypatch.setattr(identification, "SOME_RECORDS", 1)
+    found = identify(campaign)
+    assert counts == [[1e5, 1e6]]
+    assert found.converged and len(found.found.nuisance) == 8
+    for estimate, true in zip(found.estimates, BENDER, strict=True):
+        assert estimate.std is not None and estimate.std < 1e-2 * abs(true)
+        assert abs(estimate.value - true) < 4.0 * estimate.std, estimate.parameter.name
+    # Of thousands of samples the noise is known to a few per cent.
+    assert found.noise.sigma["displacement"] == pytest.approx(NOISE[1], rel=0.1)
+    assert found.noise.sigma["voltage"] == pytest.approx(NOISE[2], rel=0.1)

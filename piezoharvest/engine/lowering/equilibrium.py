@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from piezoharvest.description.excitation import Excitation
-from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.parameters import COMPLEX_STEP, ParameterError
 from piezoharvest.engine.lowering.layout import Layout, Physics, rows_of, stack
 from piezoharvest.equations.rows import gains
 from piezoharvest.equations.terms import SmoothElement
@@ -59,16 +59,25 @@ def _nonlinear_equilibrium(elements: list[SmoothElement], rest, follows, by_stat
 
 
 def _element_outputs(elements: list[SmoothElement], inputs: np.ndarray, at_rest: np.ndarray) -> np.ndarray:
-    """Outputs w of smooth elements whose inputs are inputs w + at_rest; time, which some of them take, is zero."""
+    """Outputs w of smooth elements whose inputs are inputs w + at_rest; time, which some of them take, is zero.
+
+    With complex steps of a quantity their derivatives follow by the implicit function theorem.
+    """
     from scipy.optimize import root
 
-    def outputs(w: np.ndarray) -> np.ndarray:
+    def outputs(w: np.ndarray, inputs: np.ndarray, at_rest: np.ndarray) -> np.ndarray:
         pairs = zip(elements, (inputs @ w + at_rest).reshape(-1, 2), strict=True)
         return np.array([element.at_start(first, second) for element, (first, second) in pairs])
 
-    size = np.abs(outputs(np.zeros(len(elements))))
+    count, nominal = len(elements), (np.real(inputs), np.real(at_rest))
+    size = np.abs(outputs(np.zeros(count), *nominal))
     size[size == 0.0] = 1.0
-    solved = root(lambda w: outputs(w * size) / size - w, np.ones(len(elements)), tol=1e-13)
+    solved = root(lambda w: outputs(w * size, *nominal) / size - w, np.ones(count), tol=1e-13)
     if not np.max(np.abs(solved.fun)) < 1e-9:
         raise ParameterError("excitation.offset", "there is no equilibrium under this preload, take a smaller one")
-    return solved.x * size
+    found = solved.x * size
+    step = np.imag(outputs(found, inputs, at_rest))
+    if not np.any(step):
+        return found
+    slopes = [np.imag(outputs(found + 1j * COMPLEX_STEP * unit, *nominal)) / COMPLEX_STEP for unit in np.eye(count)]
+    return found + 1j * np.linalg.solve(np.eye(count) - np.transpose(slopes), step)

@@ -8,6 +8,7 @@ augmented state is [states | exogenous states]: those of the smooth elements, th
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -133,14 +134,14 @@ def integers(program: Program) -> np.ndarray:
     rows = padded(a)
     columns = -(-a // COLUMNS_AT_ONCE) * COLUMNS_AT_ONCE
     shapes = _shapes(program)
-    length = int(sum(np.prod(shape, dtype=int) for shape in shapes.values()))
+    length = sum(map(math.prod, shapes.values()))
     header[:LENGTH] = a, n, c, len(program.stop_state), guards, products, len(program.phase), rows, columns
     elements = len(program.element_power)
     header[LENGTH : SIGNAL + 1] = length, elements, n + DERIVATIVES * elements
     offset = 0
     for k, name in enumerate(NUMBERS, RATE):
         header[k] = offset
-        offset += int(np.prod(shapes[name], dtype=int))
+        offset += math.prod(shapes[name])
     for k, name in enumerate(PLAIN, SIGNAL_KIND):
         header[k] = getattr(program, name)
     lists, offset = [header], len(header)

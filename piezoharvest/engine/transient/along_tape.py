@@ -17,6 +17,7 @@ from piezoharvest.engine.compilation.compiled import compiled, entry
 from piezoharvest.engine.propagation.trajectory import ACTS, NOTHING, OPENS
 
 # The order of a tuple's fields is compiled in: their file has to be among the sources of this one.
+from piezoharvest.engine.transient.forcing import Forcing, set_cubics, set_outputs, set_straight
 from piezoharvest.engine.transient.mode_steps import ModeSteps
 
 TERMS = 5  # of the Taylor series over less than the shortest tabulated step, see `mode_steps.FINEST`
@@ -119,10 +120,10 @@ class Moving(NamedTuple):
 
 
 @compiled
-def _grow(A, dA, factor, own, z, d, z_out, d_out):
+def _grow(A, dA, depends, factor, own, z, d, z_out, d_out):
     """Product of (A, dA) times a factor with a state and its derivatives, into z_out and d_out.
 
-    Only the first `own` states have derivatives: nothing changes the signal.
+    Only the first `own` states have derivatives: nothing changes the signal. dA is zero but where `depends` is true.
     """
     a, lanes, quantities = len(z), d.shape[1], dA.shape[2]
     for i in range(a):
@@ -139,8 +140,8 @@ def _grow(A, dA, factor, own, z, d, z_out, d_out):
                 for s in range(lanes):
                     d_out[i, s] += f * d[j, s]
         for j in range(a):
-            g = factor * z[j]
-            if g != 0.0:
+            if depends[i, j]:
+                g = factor * z[j]
                 for p in range(quantities):
                     d_out[i, p] += g * dA[i, j, p]
 
@@ -166,7 +167,10 @@ def _series(steps, mode, own, left, moving, terms):
         for s in range(lanes):
             d_term[i, s] = moving.d[i, s]
     for k in range(1, TERMS + 1):
-        _grow(steps.rate[mode], steps.d_rate[mode], left / k, own, z_term, d_term, moving.z_next, moving.d_next)
+        _grow(
+            steps.rate[mode], steps.d_rate[mode], steps.depends_rate[mode], left / k, own, z_term, d_term,
+            moving.z_next, moving.d_next,
+        )  # fmt: skip
         for i in range(a):
             z_term[i] = moving.z_next[i]
         for i in range(own):
@@ -176,20 +180,27 @@ def _series(steps, mode, own, left, moving, terms):
 
 
 @compiled
-def _move(steps, mode, own, h, length, moving, terms):
-    """Move on within a mode."""
-    left, step = length, h
+def _move(steps, forcing, mode, own, h, now, length, moving, terms):
+    """Move on within a mode; the outputs of its smooth elements are set at the beginning and at the end."""
+    left, step, forced = length, h, len(forcing.power) > 0
     for level in range(steps.levels[mode]):
         while left >= step * (1.0 - SAME_TIME):
+            time = now + length - left
+            if forced and not set_cubics(forcing, steps, mode, level, step, time, moving.z, moving.z_next):
+                break
             _grow(
-                steps.growth[mode, level], steps.d_growth[mode, level], 1.0, own, moving.z, moving.d, moving.z_next,
-                moving.d_next,
+                steps.growth[mode, level], steps.d_growth[mode, level], steps.depends[mode, level], 1.0, own, moving.z,
+                moving.d, moving.z_next, moving.d_next,
             )  # fmt: skip
             _add(moving, own)
             left -= step
+            if forced:
+                set_outputs(forcing, steps.rate[mode], moving.z, now + length - left)
         step *= 0.5
     if left > 0.0:
+        set_straight(forcing, moving.z)
         _series(steps, mode, own, left, moving, terms)
+        set_outputs(forcing, steps.rate[mode], moving.z, now + length)
 
 
 @compiled
@@ -375,8 +386,8 @@ def _write(steps, mode, moving, Y, dY, sample):
 
 @partial(entry, nogil=True)
 def follow(
-    steps: ModeSteps, switching: Switching, motions: Motions, moving: Moving, terms: tuple, times: np.ndarray,
-    Y: np.ndarray, dY: np.ndarray,
+    steps: ModeSteps, switching: Switching, forcing: Forcing, motions: Motions, moving: Moving, terms: tuple,
+    times: np.ndarray, Y: np.ndarray, dY: np.ndarray,
 ) -> int:  # fmt: skip
     """Follow the motions of a run.
 
@@ -384,7 +395,9 @@ def follow(
     ----------
     steps : ModeSteps
     switching : Switching
+    forcing : Forcing
     motions : Motions
+        The outputs of smooth elements are set in its states.
     moving : Moving
         With the derivatives of the initial state.
     terms : tuple of two arrays
@@ -403,6 +416,8 @@ def follow(
     h, sample, own = times[1] - times[0], 0, switching.n
     near, a = SAME_TIME * h, len(moving.z)
     for k in range(len(motions.begins)):
+        set_outputs(forcing, steps.rate[motions.mode[k]], motions.starts[k], motions.begins[k])
+    for k in range(len(motions.begins)):
         mode = motions.mode[k]
         for i in range(a):
             moving.z[i] = motions.starts[k, i]
@@ -412,10 +427,10 @@ def follow(
         now = motions.begins[k]
         while sample < len(times) and times[sample] <= motions.ends[k] + near:
             there = min(max(times[sample], now), motions.ends[k])
-            _move(steps, mode, own, h, there - now, moving, terms)
+            _move(steps, forcing, mode, own, h, now, there - now, moving, terms)
             _write(steps, mode, moving, Y, dY, sample)
             sample, now = sample + 1, there
-        _move(steps, mode, own, h, motions.ends[k] - now, moving, terms)
+        _move(steps, forcing, mode, own, h, now, motions.ends[k] - now, moving, terms)
         if motions.what[k] != NOTHING and k + 1 < len(motions.begins):
             _event(steps, switching, motions, k, near, moving)
     return sample

@@ -29,6 +29,8 @@ class ModeSteps(NamedTuple):
         forms whose zero is an event of a kind: the circuit's guards, the extremum, and two sides of each stop.
     d_rate, d_growth, d_outputs, d_guards : arrays
         Their derivatives, with the quantities as last axis.
+    depends_rate, depends : (m, a, a) and (m, l, a, a) bool array
+        True where rate and growth have derivatives: a quantity changes few of their elements.
     d_limits : (w, p) array
         Derivatives of the numbers added to the forms.
     levels : (m,) int array
@@ -43,13 +45,13 @@ class ModeSteps(NamedTuple):
     d_growth: np.ndarray
     d_outputs: np.ndarray
     d_guards: np.ndarray
+    depends_rate: np.ndarray
+    depends: np.ndarray
     d_limits: np.ndarray
     levels: np.ndarray
 
 
-def mode_steps(
-    program: pg.Program, count: int, modes: Sequence[tuple[int, np.ndarray]], h: float, rows: Sequence[int]
-) -> ModeSteps:
+def mode_steps(program: pg.Program, count: int, modes: Sequence[Mode]) -> ModeSteps:
     """Tables of modes.
 
     Parameters
@@ -58,18 +60,13 @@ def mode_steps(
         Lowered from complex steps of its quantities.
     count : int
         Number of quantities.
-    modes : sequence of (int, (h,) int array)
-        Configuration of the circuit and stops that slip (not zero).
-    h : float
-        Longest step, s.
-    rows : sequence of int
-        Outputs that are wanted, as places in `pg.OUTPUTS`.
+    modes : sequence of Mode
+        Of this program.
     """
-    found = [_Mode(program, count, *each, h, rows) for each in modes]
-    deepest = max(len(each.growth) for each in found)
+    deepest = max(len(each.growth) for each in modes)
 
     def filled(part: np.ndarray) -> np.ndarray:
-        return np.concatenate([part, np.zeros((deepest - len(part), *part.shape[1:]))])
+        return np.concatenate([part, np.zeros((deepest - len(part), *part.shape[1:]), part.dtype)])
 
     own = program.guard_target.shape[1]
     limits = np.zeros((own + 1 + 2 * len(program.stop_state), count))
@@ -77,23 +74,41 @@ def mode_steps(
         change = _spread(dual(program.stop_limit[..., j], 0).change, count)
         limits[own + 1 + 2 * j], limits[own + 2 + 2 * j] = -change, change
     stacked = {
-        name: np.array([getattr(mode, name) for mode in found])
-        for name in ("rate", "outputs", "guards", "d_rate", "d_outputs", "d_guards")
+        name: np.array([getattr(mode, name) for mode in modes])
+        for name in ("rate", "outputs", "guards", "d_rate", "d_outputs", "d_guards", "depends_rate")
+    }
+    by_level = {
+        name: np.array([filled(getattr(mode, name)) for mode in modes]) for name in ("growth", "d_growth", "depends")
     }
     return ModeSteps(
-        **stacked, growth=np.array([filled(mode.growth) for mode in found]),
-        d_growth=np.array([filled(mode.d_growth) for mode in found]), d_limits=limits,
-        levels=np.array([len(mode.growth) for mode in found]),
+        **stacked, **by_level, d_limits=limits, levels=np.array([len(mode.growth) for mode in modes])
     )  # fmt: skip
 
 
-class _Mode:
-    """Arrays of one mode, as in `ModeSteps`."""
+class Mode:
+    """Arrays of one mode, as in `ModeSteps`.
+
+    Parameters
+    ----------
+    program : Program
+        Lowered from complex steps of its quantities.
+    count : int
+        Number of quantities.
+    configuration : int
+        Of the circuit.
+    slip : (h,) int array
+        Stops that slip (not zero).
+    h : float
+        Longest step, s.
+    rows : sequence of int
+        Outputs that are wanted, as places in `pg.OUTPUTS`.
+    """
 
     def __init__(self, program: pg.Program, count: int, configuration: int, slip: np.ndarray, h: float, rows) -> None:
         mode = DualMode(program, configuration, slip)
         self.rate, self.d_rate = _last(mode.matrix, count)
         self.growth, self.d_growth = _growths(mode.matrix, count, h)
+        self.depends_rate, self.depends = (np.any(change, axis=-1) for change in (self.d_rate, self.d_growth))
         self.outputs, self.d_outputs = _last(Dual(*(part[..., list(rows), :] for part in mode.outputs)), count)
         guards = [_guard(program, mode, what, slip) for what in range(_kinds(program))]
         self.guards = np.array([row.value for row in guards])

@@ -12,31 +12,28 @@ from dataclasses import replace
 import numpy as np
 
 from piezoharvest.description.excitation import Excitation
-from piezoharvest.engine.lowering.lower import Lowered
 from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory.state import EngineState
 from piezoharvest.engine.run import Machine
-from piezoharvest.engine.sensitivity.dual_modes import nominal
 from piezoharvest.engine.sensitivity.orbit import unscheduled_state
 from piezoharvest.engine.simulation import search
 from piezoharvest.engine.steady_search import EngineError, Orbit, Shooting, solve_conserving
 from piezoharvest.engine.steady_state.shooting import ACCEPTED
+from piezoharvest.engine.transient.sampled_system import SampledSystem
 from piezoharvest.engine.transient.variation import SampledRun
 
 
 def periodic_start(
-    lowered: Lowered, excitation: Excitation, count: int, before: float, derivatives: bool = True
+    system: SampledSystem, excitation: Excitation, before: float, derivatives: bool = True
 ) -> tuple[EngineState, np.ndarray]:
     """State in the steady state, less than a period before a time, and its derivatives.
 
     Parameters
     ----------
-    lowered : Lowered
-        From complex steps of the quantities, under the excitation.
+    system : SampledSystem
+        Under the excitation.
     excitation : Excitation
         Periodic.
-    count : int
-        Number of quantities.
     before : float
         s.
     derivatives : bool
@@ -46,7 +43,7 @@ def periodic_start(
     -------
     EngineState
         The switch is open, and no action of it is scheduled.
-    (n, count) array
+    (n, quantities) array
         Derivatives of its scaled states.
 
     Raises
@@ -56,7 +53,7 @@ def periodic_start(
     """
     period = excitation.period
     assert period is not None
-    plain = lowered._replace(program=nominal(lowered.program))
+    plain = system.plain
     orbit, mirrored, _, _, settles = search(plain, excitation)
     if not settles:
         raise EngineError(_why_not(orbit))
@@ -71,9 +68,9 @@ def periodic_start(
         state, _ = unscheduled_state(shooting, orbit, span)
     n = plain.program.rate.shape[-2]
     if not derivatives:
-        return state, np.zeros((n, count))
+        return state, np.zeros((n, system.count))
     parity = plain.program.odd[:, None] if mirrored else 1.0
-    return state, _by_quantities(lowered, state, span, parity, count)
+    return state, _by_quantities(system, state, span, parity)
 
 
 def _why_not(orbit: Orbit) -> str:
@@ -87,13 +84,11 @@ def _why_not(orbit: Orbit) -> str:
     return f"no steady state that repeats with every period of the drive ({reason})"
 
 
-def _by_quantities(
-    lowered: Lowered, state: EngineState, span: float, parity: np.ndarray | float, count: int
-) -> np.ndarray:
+def _by_quantities(system: SampledSystem, state: EngineState, span: float, parity: np.ndarray | float) -> np.ndarray:
     """Derivatives (n, count) of a state that repeats after a span, with the signs `parity`, by the quantities."""
-    n, now = lowered.program.rate.shape[-2], float(state.clock[st.NOW])
+    n, count, now = system.lowered.program.rate.shape[-2], system.count, float(state.clock[st.NOW])
     changes = np.hstack([np.zeros((n, count)), np.eye(n)])
-    run = SampledRun(lowered, count, np.array([now, now + span]), state, changes, ())
+    run = SampledRun(system, np.array([now, now + span]), state, changes, ())
     run.through(0, 1)
     after = parity * run.changes
     return solve_conserving(np.eye(n) - after[:, count:], after[:, :count])

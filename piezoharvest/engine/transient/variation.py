@@ -7,16 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from piezoharvest.engine.lowering.lower import Lowered
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory.state import EngineState
 from piezoharvest.engine.propagation.advance import DONE
 from piezoharvest.engine.run import Machine
-from piezoharvest.engine.sensitivity.dual_modes import dual, nominal
 from piezoharvest.engine.steady_search import EngineError, check
-from piezoharvest.engine.transient.along_tape import REMEMBERED, Motions, Moving, Switching, follow
-from piezoharvest.engine.transient.mode_steps import mode_steps
+from piezoharvest.engine.transient.along_tape import REMEMBERED, Motions, Moving, follow
+from piezoharvest.engine.transient.forcing import forcing_of
+from piezoharvest.engine.transient.sampled_system import SampledSystem
 
 MOTIONS_A_SAMPLE = 3  # room for motions, of which one ends at each sample, enlarged where it is too small
 
@@ -73,7 +72,7 @@ class PlainRun:
 
     Parameters
     ----------
-    lowered : Lowered
+    system : SampledSystem
     times : (samples,) array
         s.
     start : EngineState
@@ -84,10 +83,11 @@ class PlainRun:
     """
 
     def __init__(
-        self, lowered: Lowered, times: np.ndarray, start: EngineState, outputs: Sequence[str],
+        self, system: SampledSystem, times: np.ndarray, start: EngineState, outputs: Sequence[str],
         switch: TimedSwitch | None = None,
     ) -> None:  # fmt: skip
-        self._machine, self._times, self._state, self._switch = _machine(lowered, switch), times, start, switch
+        self._machine = system.machine(timed=switch is not None)
+        self._times, self._state, self._switch = times, start, switch
         self._rows = [pg.OUTPUTS.index(name) for name in outputs]
 
     def through(self, begin: int, end: int) -> np.ndarray:
@@ -114,15 +114,13 @@ class SampledRun:
 
     Parameters
     ----------
-    lowered : Lowered
-        From complex steps of the quantities, under tones or a signal of straight pieces between the samples, without
-        smooth elements.
-    count : int
-        Number of quantities.
+    system : SampledSystem
+        Under tones or a signal of straight pieces between the samples; smooth elements have no influence on the nominal
+        motion.
     times : (samples,) array
         s, evenly spaced.
     start : EngineState
-        State of the nominal system at the first sample.
+        State of the nominal system, without smooth elements, at the first sample.
     changes : (n, lanes) array
         Derivatives of its scaled states: with respect to the quantities, then to what it depends on.
     outputs : sequence of str
@@ -132,17 +130,17 @@ class SampledRun:
     """
 
     def __init__(
-        self, lowered: Lowered, count: int, times: np.ndarray, start: EngineState, changes: np.ndarray,
+        self, system: SampledSystem, times: np.ndarray, start: EngineState, changes: np.ndarray,
         outputs: Sequence[str], switch: TimedSwitch | None = None,
     ) -> None:  # fmt: skip
-        self._program, self._count, self._times = lowered.program, count, times
+        self._system, self._times = system, times
         self._rows = [pg.OUTPUTS.index(name) for name in outputs]
-        self._machine = _machine(lowered._replace(program=nominal(lowered.program)), switch)
+        self._machine = system.machine(timed=switch is not None)
         self._state, self._switch = start, switch
-        (n, lanes), a = changes.shape, lowered.program.rate.shape[-1]
+        (n, lanes), a = changes.shape, system.lowered.program.rate.shape[-1]
         self._moving = _moving(n, a, lanes)
         self._moving.d[:] = changes
-        self._switching = _switching(lowered.program, count)
+        self._switching = system.switching
         if switch is not None:
             self._switching = self._switching._replace(timed=1)
             self._moving = self._moving._replace(cause_time=switch.causes.copy(), cause=switch.changes.copy())
@@ -162,11 +160,12 @@ class SampledRun:
         """
         times = self._times[begin : end + 1]
         motions, modes = self._motions(float(times[-1]), len(times))
-        steps = mode_steps(self._program, self._count, modes, float(times[1] - times[0]), self._rows)
+        steps = self._system.steps(modes, float(times[1] - times[0]), self._rows)
         values = np.empty((len(times), len(self._rows)))
         slopes = np.empty((*values.shape, len(self._moving.shift)))
         memory = np.empty_like(self._moving.z), np.empty_like(self._moving.d)
-        written = follow(steps, self._switching, motions, self._moving, memory, times, values, slopes)
+        forcing = forcing_of(self._system.lowered.program, motions.starts)
+        written = follow(steps, self._switching, forcing, motions, self._moving, memory, times, values, slopes)
         if written < len(times) or not np.all(np.isfinite(values)):
             raise EngineError(f"no solution after {times[max(written - 1, 0)]:g} s")
         return Sampled(values, slopes)
@@ -188,18 +187,15 @@ class SampledRun:
         keys = np.column_stack([kinds[:, 0], kinds[:, 3:] != 0])
         found, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
         modes = [(int(key[0]), kinds[k, 3:].copy()) for key, k in zip(found, first, strict=True)]
+        states = numbers[:, 2:]
+        if a < len(self._moving.z):  # room for the outputs of elements
+            place = self._system.lowered.program.rate.shape[-2]
+            states = np.insert(states, [place] * (len(self._moving.z) - a), 0.0, axis=1)
         columns = (
-            numbers[:, 0], numbers[:, 1], numbers[:, 2:], which.ravel().astype(np.int64), kinds[:, 0], kinds[:, 1],
+            numbers[:, 0], numbers[:, 1], states, which.ravel().astype(np.int64), kinds[:, 0], kinds[:, 1],
             kinds[:, 3:],
         )  # fmt: skip
         return Motions(*map(np.ascontiguousarray, columns)), modes
-
-
-def _machine(lowered: Lowered, switch: TimedSwitch | None) -> Machine:
-    """Machine of a nominal system; with a timed switch no extremum lets it act."""
-    if switch is not None:
-        lowered = lowered._replace(program=lowered.program._replace(threshold=np.inf))
-    return Machine(lowered)
 
 
 def _run(machine: Machine, state: EngineState, t_end: float, switch: TimedSwitch | None) -> int:
@@ -211,23 +207,4 @@ def _moving(n: int, a: int, lanes: int) -> Moving:
     return Moving(
         np.zeros(a), np.zeros((n, lanes)), np.zeros(a), np.zeros((n, lanes)), np.zeros(lanes), np.zeros(lanes),
         np.zeros(lanes), np.full(REMEMBERED, -np.inf), np.zeros((REMEMBERED, lanes)),
-    )  # fmt: skip
-
-
-def _switching(program: pg.Program, count: int) -> Switching:
-    """Tables of the events."""
-
-    def change(value: np.ndarray | float, rank: int) -> np.ndarray:
-        """Derivatives with respect to the quantities, these as last axis."""
-        found = dual(np.asarray(value), rank).change
-        return np.ascontiguousarray(np.moveaxis(np.broadcast_to(found, (count, *found.shape[1:])), 0, -1))
-
-    stops = np.asarray(program.stop_state, np.int64)
-    return Switching(
-        program.rate.shape[-2], program.guard_target.shape[1], int(program.switched), int(program.cut),
-        int(program.charge), float(dual(np.asarray(program.lag), 0).value), 0,
-        np.asarray(program.opened, np.int64),
-        np.asarray(program.guard_cut, np.int64), stops, np.ascontiguousarray(dual(program.voltage_row, 1).value),
-        change(program.lag, 0), change(program.on_time, 0), change(program.voltage_row, 1),
-        change(program.stop_limit, 1),
     )  # fmt: skip

@@ -47,11 +47,15 @@ def sums_of(
         The model cannot follow a record.
     """
     if len(white) == 1:  # a thread's memory is kept for the next one, which adds up for a long record
-        return (white[0].sums(model, nuisance[0], scatter),)
+        found = (white[0].sums(model, nuisance[0], scatter),)
+        model.forget()
+        return found
     for data in problem.data:
         if isinstance(data, Data) and not by_engine(data.setting):
             model.lowered(data)
-    return map_records(lambda each, mine: each.sums(model, mine, scatter), white, nuisance)
+    found = map_records(lambda each, mine: each.sums(model, mine, scatter), white, nuisance)
+    model.forget()
+    return found
 
 
 def map_records(function: Callable[..., R], *each: Iterable) -> tuple[R, ...]:

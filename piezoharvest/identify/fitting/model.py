@@ -13,7 +13,7 @@ from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.noise.noise_gain import small_response, specimen_gain
 from piezoharvest.predict.any_prediction import AnyPrediction
-from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
+from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction, Systems
 from piezoharvest.predict.circuit.periodic_prediction import PeriodicPrediction
 from piezoharvest.predict.circuit.setting import by_engine
 from piezoharvest.predict.discrete_model import DiscreteModel
@@ -56,19 +56,25 @@ class Model:
     at_rest: bool = True
     felt: int | None = None
     _lowered: dict = field(init=False, repr=False, compare=False, default_factory=dict)
+    _systems: Systems = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def prediction(self, data: Data, nuisance: np.ndarray | None = None) -> AnyPrediction:
         """Prediction of a record with its nuisance parameters, in the order of its `nuisance_names`."""
         if by_engine(data.setting):
             of_engine = CircuitPrediction if data.setting.harmonics is None else PeriodicPrediction
             return of_engine(
-                self.transducer, data.setting, self.parameters, nuisance, relaxed=self.relaxed, felt=self.felt
-            )
+                self.transducer, data.setting, self.parameters, nuisance, relaxed=self.relaxed, felt=self.felt,
+                systems=self._systems,
+            )  # fmt: skip
         lowered = self.lowered(data)
         return Prediction(
             self.transducer, data.setting, self.parameters, nuisance, lowered, relaxed=self.relaxed,
             at_rest=self.at_rest,
         )  # fmt: skip
+
+    def forget(self) -> None:
+        """Forget the systems of circuits, whose tables take a megabyte each."""
+        self._systems.clear()
 
     def lowered(self, data: Data) -> DiscreteModel:
         """Equations for a record, shared by records with the same settings."""

@@ -52,8 +52,7 @@ def sample_weights(
     base, squares, count = _values(prediction, channels), np.zeros((len(drive), len(channels))), 0
     drives = noisy_drives(signal, drive, noise, REALISATIONS) if noise > 0.0 else [drive] * REALISATIONS
     for seed, noisy in enumerate(drives):
-        setting = _retimed(redriven(prediction.setting, noisy), seed)
-        again = type(prediction)(prediction.transducer, setting, (), prediction.nuisance, relaxed=prediction.relaxed)
+        again = prediction.with_drive(_retimed(redriven(prediction.setting, noisy), seed))
         try:
             off = _values(again, channels) - base - small_response(prediction, channels, noisy - drive)
         except PredictionError:

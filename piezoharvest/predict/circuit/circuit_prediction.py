@@ -1,9 +1,10 @@
 """Predicted response of a transducer behind a circuit with diodes or switches, with derivatives to its parameters.
 
 The engine gives the events and, between them, exact motion; derivatives are exact through the events
-(`engine.transient`). With effects that are nonlinear between events they are central differences. Where a small change
-of a parameter lets the switch act at another extremum, the prediction jumps, and no derivative tells: it is then that
-of the present sequence of events, and the fit, which takes a step only if the cost falls, goes on from there.
+(`engine.transient`). With effects that make the motion between events nonlinear they are central differences. Where a
+small change of a parameter lets the switch act at another extremum, the prediction jumps, and no derivative tells: it
+is then that of the present sequence of events, and the fit, which takes a step only if the cost falls, goes on from
+there.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -21,24 +22,24 @@ from piezoharvest.description.parameters import COMPLEX_STEP
 from piezoharvest.description.shunts import Resistor, Shunt
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.engine.lowering.lower import Lowered, lower
+from piezoharvest.engine.lowering.lower import lower
 from piezoharvest.engine.memory import program as pg
-from piezoharvest.engine.sensitivity.dual_modes import nominal
 from piezoharvest.engine.steady_search import EngineError
+from piezoharvest.engine.transient.sampled_system import SampledSystem
 from piezoharvest.engine.transient.variation import PlainRun, SampledRun, TimedSwitch
 from piezoharvest.equations.rows import connected
-from piezoharvest.equations.terms import Terms
 from piezoharvest.predict.circuit.differences import differences
 from piezoharvest.predict.circuit.effect_groups import by_groups
 from piezoharvest.predict.circuit.initial_state import initial_state
 from piezoharvest.predict.circuit.measured_drive import MeasuredDrive
-from piezoharvest.predict.circuit.readings import NEEDED, read_displacement
+from piezoharvest.predict.circuit.readings import NEEDED, read_displacement, reads_more
 from piezoharvest.predict.discrete_model import Setting
 from piezoharvest.predict.drive import drive_of
 from piezoharvest.predict.parameters import STEP, Parameter, put, stepped, value_at
 from piezoharvest.predict.prediction import BLOCK, Block, Prediction, PredictionError
 
 T = TypeVar("T")
+Systems: TypeAlias = dict[tuple[Hashable, ...], SampledSystem]
 CHANNELS = ("displacement", "velocity", "acceleration", "voltage", "current", "dc_voltage", "dc_current")
 # Channels that are read from an output of another name: a current through a load, a force that an imposed motion takes.
 OUTPUT_OF = {"dc_current": "dc_voltage", "force": "drive"}
@@ -68,6 +69,10 @@ class CircuitPrediction:
     felt : int, optional
         Number of effects that have an influence by themselves; those behind them are at or next to their null values,
         so that only derivatives with respect to their parameters count. Default: all.
+    systems : dict, optional
+        Systems that other predictions have made, to which these are added.
+    begin_given : bool
+        Derivatives are those with respect to the parameters alone.
     """
 
     channels = CHANNELS
@@ -77,9 +82,12 @@ class CircuitPrediction:
     def __init__(
         self, transducer: Transducer, setting: Setting, parameters: Sequence[Parameter] = (),
         nuisance: np.ndarray | None = None, *, relaxed: bool = False, felt: int | None = None,
+        systems: Systems | None = None, begin_given: bool = False,
     ) -> None:  # fmt: skip
         self.transducer, self.setting, self.parameters, self.relaxed = transducer, setting, tuple(parameters), relaxed
         self.felt = len(transducer.effects) if felt is None else felt
+        self.systems: Systems = {} if systems is None else systems
+        self.begin_given, self._shared = begin_given, dict[Hashable, Any]()
         hysteresis = transducer.hysteresis
         stops = 0 if relaxed or hysteresis is None else len(hysteresis.thresholds)
         memories = tuple(f"history q{k}" for k in range(stops))
@@ -117,21 +125,6 @@ class CircuitPrediction:
         return found
 
     @cached_property
-    def _smooth(self) -> tuple[int, ...]:
-        """Parameters whose derivatives are differences: those of effects that are nonlinear between events.
-
-        Where such an effect is not at its null value, they are all.
-        """
-        device, passes = replace(self._device, effects=()), self.record_time is not None
-        smooth = [
-            n for n, effect in enumerate(self._stepped.effects)
-            if Terms(replace(device, effects=(effect,)), self.setting.drive, passes=passes).elements
-        ]  # fmt: skip
-        if not all(self.transducer.effects[n].absent for n in smooth):
-            return tuple(range(len(self.parameters)))
-        return tuple(k for k, p in enumerate(self.parameters) if p.path[0] == "effects" and p.path[1] in smooth)
-
-    @cached_property
     def excitation(self) -> Excitation:
         """The drive of the record; of an imposed displacement the acceleration of its spline."""
         setting, step = self.setting, self.setting.sample_time
@@ -147,18 +140,34 @@ class CircuitPrediction:
         return self.setting.sample_time * (self.setting.count - 1)
 
     @cached_property
-    def lowered(self) -> Lowered:
-        """Matrices of all modes, with complex steps of the parameters."""
+    def system(self) -> SampledSystem:
+        """Matrices of all modes, with complex steps of the parameters, and tables that other records may have, too."""
+        if self.setting.harmonics is not None:
+            return self._lowered(self.excitation)
+        key = self.transducer, self.parameters, self._shunt, self.setting.drive, self.setting.sample_time
+        known = self.systems.get(key)
+        if known is None:
+            known = self._lowered(replace(self.excitation, values=np.ones(2)))
+            if known.is_linear:
+                self.systems[key] = known
+        return known.under(self.excitation) if known.is_linear else self._lowered(self.excitation)
+
+    def _lowered(self, excitation: Excitation) -> SampledSystem:
         with np.errstate(all="ignore"):  # the energy of an effect at its null value, which no motion depends on
-            found = lower(System(self._stepped, self._shunt), self.excitation, self.record_time)
-            return found._replace(program=_magnified(found.program))
+            found = lower(System(self._stepped, self._shunt), excitation, self.record_time)
+        return SampledSystem(found._replace(program=_magnified(found.program)), len(self.parameters))
 
     @cached_property
     def plain(self) -> CircuitPrediction:
         """The same without parameters."""
         if not self.parameters:
             return self
-        return type(self)(self.transducer, self.setting, (), self.nuisance, relaxed=self.relaxed)
+        return self.with_drive(self.setting)
+
+    def with_drive(self, setting: Setting) -> CircuitPrediction:
+        """The same without parameters under another drive."""
+        systems = self.systems
+        return type(self)(self.transducer, setting, (), self.nuisance, relaxed=self.relaxed, systems=systems)
 
     # Prediction.
 
@@ -183,13 +192,12 @@ class CircuitPrediction:
         if self.felt < len(self.transducer.effects):
             yield from by_groups(self, wanted, size, derivatives)
             return
-        smooth = self._smooth if derivatives else ()
-        if smooth:
-            yield from differences(self, smooth, wanted, size)
+        if derivatives and self.system.is_bent:
+            yield from differences(self, wanted, size)
             return
         of = self if derivatives else self.plain
         outputs = [OUTPUT_OF.get(name, name) for name in wanted]
-        names = list(dict.fromkeys([*NEEDED, *outputs]))
+        names = list(dict.fromkeys([*(NEEDED if of._sensing else ()), *outputs]))
         places = [names.index(name) for name in outputs]
         for begin, values, slopes in of._run(names, size, derivatives):
             values, slopes = values[:, places], slopes[:, places]
@@ -198,21 +206,23 @@ class CircuitPrediction:
 
     def _run(self, names: Sequence[str], size: int, derivatives: bool) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """Blocks (first sample, outputs, derivatives) of the engine's outputs; the displacement is its sensor's."""
-        count, last = len(self.parameters), self.setting.count - 1
-        signal = self.lowered.signal
+        system, last = self.system, self.setting.count - 1
+        signal = system.lowered.signal
         assert isinstance(signal, Ramps)
         times = signal.times  # one for each sample
         try:
             edges = loose_edges(self.setting)
             begun = self.nuisance[: len(self.nuisance) - edges]
-            state, changes = initial_state(self.lowered, self.setting, count, begun)
-            changes = np.pad(changes, ((0, 0), (0, edges)))
-            plain = self.lowered._replace(program=nominal(self.lowered.program))
-            switch = self._timed(plain.program)
+            state, changes = initial_state(system, self.setting, begun)
+            if self.begin_given:
+                changes = changes[:, : system.count]
+            elif edges:
+                changes = np.pad(changes, ((0, 0), (0, edges)))
+            switch = self._timed(system.plain.program, changes.shape[1])
             if derivatives:
-                run = SampledRun(self.lowered, count, times, state, changes, names, switch)
+                run = SampledRun(system, times, state, changes, names, switch)
             else:
-                run = PlainRun(plain, times, state, names, switch)
+                run = PlainRun(system, times, state, names, switch)
             for begin, end in pairwise([0, *range(size - 1, last, size), last]):
                 first = 0 if begin == 0 else 1  # the sample before a block is not written again
                 if isinstance(run, SampledRun):
@@ -226,20 +236,26 @@ class CircuitPrediction:
         except EngineError as error:
             raise PredictionError(str(error)) from None
 
-    def _timed(self, program: pg.Program) -> TimedSwitch | None:
+    def _timed(self, program: pg.Program, lanes: int) -> TimedSwitch | None:
         """The switch of the circuit where a recorded gate times it."""
-        gate, lanes = self.setting.gate, len(self.parameters) + len(self.nuisance)
+        gate = self.setting.gate
         if gate is None:
             return None
         causes, changes, loose = gate.times.copy(), np.zeros((len(gate.times), lanes)), loose_edges(self.setting)
         if loose:
             causes += gate.error * self.nuisance[-loose:]
+        if loose and not self.begin_given:
             changes[:, -loose:] = gate.error * np.eye(loose)
         return TimedSwitch(causes, changes, program)
 
+    @cached_property
+    def _sensing(self) -> bool:
+        """True if the displacement sensor may read anything but the displacement."""
+        return self.setting.drive != "displacement" and reads_more(self._device, self.setting.drive)
+
     def _read(self, drive: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> None:
         """Let the displacement sensor read in some samples, with these values of the drive."""
-        if not self.transducer.effects or self.setting.drive == "displacement":
+        if not self._sensing:
             return
         lanes, device = slopes.shape[2], self._device
         tangents = [stepped(device, p, p.inner(value_at(self.transducer, p.path))) for p in self.parameters[:lanes]]
@@ -267,6 +283,8 @@ class CircuitPrediction:
 
         Its conductance is that of the describing function, the mean of v i over that of v^2.
         """
+        if self.parameters:
+            return self.plain.linear
         setting, device = self.setting, self._device
         power = square = 0.0
         for block in self.blocks(derivatives=False, channels=("voltage", "current")):
@@ -278,8 +296,12 @@ class CircuitPrediction:
         return Prediction(device, replace(setting, shunt=shunt, motion=drive_of(self._drive), free=(), sizes=()))
 
     def shared(self, key: Hashable, make: Callable[[], T]) -> T:
-        """What is made once for all predictions with the same equations; those of circuits depend on the record."""
-        return make()
+        """What is made once for a prediction: the resistor that stands for its circuit depends on the record."""
+        if self.parameters:
+            return self.plain.shared(key, make)
+        if key not in self._shared:
+            self._shared[key] = make()
+        return self._shared[key]
 
     def settle(self) -> None:
         """Propagate through the record unless already done, so that `linear` is known."""

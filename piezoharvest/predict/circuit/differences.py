@@ -1,4 +1,4 @@
-"""Derivatives of a prediction behind a circuit by differences, where effects are nonlinear between events."""
+"""Derivatives of a prediction behind a circuit by differences, where the motion between events is nonlinear."""
 
 from __future__ import annotations
 
@@ -20,24 +20,13 @@ MIN_STEP = 1e-8  # first step of a variable, in its unit, enlarged until the cha
 MAX_TRIALS = 8  # of steps up to 1e3 times as large as the one before
 
 
-def differences(of: CircuitPrediction, which: Sequence[int], channels: Sequence[str], size: int) -> Iterator[Block]:
-    """Blocks of a prediction with central differences for some parameters, or for all and the nuisance parameters.
+def differences(of: CircuitPrediction, channels: Sequence[str], size: int) -> Iterator[Block]:
+    """Blocks of a prediction with central differences for all parameters and nuisance parameters.
 
     Where an event of one of the runs lies on the other side of a sample, the difference of the other side is taken.
     """
-    base, count = _values(of, channels), len(of.parameters) + len(of.nuisance)
-    slopes = np.zeros((*base.shape, count))
-    rest = [k for k in range(count) if k not in which]
-    if len(which) < len(of.parameters):
-        others = type(of)(
-            of.transducer, of.setting, [of.parameters[k] for k in rest if k < len(of.parameters)], of.nuisance,
-            relaxed=of.relaxed,
-        )  # fmt: skip
-        slopes[..., rest] = np.concatenate([block.derivatives for block in others.blocks(channels=channels)])
-    else:
-        which = range(count)
-    for k in which:
-        slopes[..., k] = _lane(of, k, base, channels)
+    base = _values(of, channels)
+    slopes = np.stack([_lane(of, k, base, channels) for k in range(len(of.parameters) + len(of.nuisance))], axis=-1)
     for begin in range(0, len(base), size):
         yield Block(begin, base[begin : begin + size], slopes[begin : begin + size], None)
 

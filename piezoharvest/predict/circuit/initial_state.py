@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from piezoharvest.engine.lowering.lower import Lowered
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory.state import EngineState
-from piezoharvest.engine.run import Machine
-from piezoharvest.engine.sensitivity.dual_modes import Dual, dual, nominal
+from piezoharvest.engine.sensitivity.dual_modes import Dual, dual
+from piezoharvest.engine.transient.sampled_system import SampledSystem
 from piezoharvest.equations.terms import PRODUCT, TIMED
 from piezoharvest.predict.discrete_model import Setting
 
@@ -16,18 +15,14 @@ ITERATIONS = 30  # of elements that depend on each other: they are small beside 
 MARGIN = 1e-9  # of the largest charge: far below what a sensor resolves
 
 
-def initial_state(
-    lowered: Lowered, setting: Setting, count: int, nuisance: np.ndarray
-) -> tuple[EngineState, np.ndarray]:
+def initial_state(system: SampledSystem, setting: Setting, nuisance: np.ndarray) -> tuple[EngineState, np.ndarray]:
     """State at the first sample: rest under the first value of the drive, or what is known, and deviations from it.
 
     Parameters
     ----------
-    lowered : Lowered
-        From complex steps of the parameters.
+    system : SampledSystem
+        Lowered from complex steps of the parameters.
     setting : Setting
-    count : int
-        Number of parameters.
     nuisance : (n,) array
         Deviations of `setting.free` in units of `setting.sizes`, then outputs of the stops as fractions of their
         limits.
@@ -35,9 +30,10 @@ def initial_state(
     Returns
     -------
     EngineState
-    (states, count + n) array
+    (states, parameters + n) array
         Derivatives of its scaled states with respect to the parameters and these numbers.
     """
+    lowered, plain, count = system.lowered, system.plain, system.count
     program = lowered.program
     scale, rest = (_of(program, name, count) for name in ("scale", "equilibrium"))
     z, d = rest.value.copy(), np.zeros((len(rest.value), count + len(nuisance)))
@@ -57,10 +53,10 @@ def initial_state(
         row, k = program.stop_state[j], len(setting.free) + j
         z[row] = nuisance[k] * limits.value[j]
         d[row, :count], d[row, count + k] = nuisance[k] * limits.change[:, j], limits.value[j]
-    state = Machine(lowered._replace(program=nominal(program))).state()
+    state = system.machine().state()
     state.z[: len(z)] = z
     charge = next((size for name, size in zip(setting.free, setting.sizes, strict=True) if name == "q"), 0.0)
-    _discharge(program, state, len(z), MARGIN * charge / scale.value[program.charge])
+    _discharge(plain.program, state, len(z), MARGIN * charge / scale.value[program.charge])
     return state, d
 
 

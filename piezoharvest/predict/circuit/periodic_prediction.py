@@ -11,11 +11,10 @@ import numpy as np
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.engine.sensitivity.dual_modes import nominal
 from piezoharvest.engine.steady_search import EngineError
 from piezoharvest.engine.transient.periodic_start import periodic_start
 from piezoharvest.engine.transient.variation import PlainRun, SampledRun
-from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
+from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction, Systems
 from piezoharvest.predict.circuit.periodic_drive import PeriodicDrive
 from piezoharvest.predict.discrete_model import Setting
 from piezoharvest.predict.parameters import Parameter
@@ -32,17 +31,18 @@ class PeriodicPrediction(CircuitPrediction):
 
     Parameters
     ----------
-    transducer, setting, parameters, felt
+    transducer, setting, parameters, felt, systems
         As in `CircuitPrediction`.
-    nuisance, relaxed
+    nuisance, relaxed, begin_given
         Without influence: there are no such numbers, and stops begin where the period before has left them.
     """
 
     def __init__(
         self, transducer: Transducer, setting: Setting, parameters: Sequence[Parameter] = (),
         nuisance: np.ndarray | None = None, *, relaxed: bool = False, felt: int | None = None,
+        systems: Systems | None = None, begin_given: bool = False,
     ) -> None:  # fmt: skip
-        super().__init__(transducer, setting, parameters, np.zeros(0), relaxed=True, felt=felt)
+        super().__init__(transducer, setting, parameters, np.zeros(0), relaxed=True, felt=felt, systems=systems)
 
     @cached_property
     def excitation(self) -> PeriodicDrive:
@@ -57,17 +57,17 @@ class PeriodicPrediction(CircuitPrediction):
 
     def _run(self, names: Sequence[str], size: int, derivatives: bool) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """Blocks (first sample, outputs, derivatives), after a period in which a lagging sensor comes to follow."""
-        count, step, harmonics = len(self.parameters), self.setting.sample_time, self.excitation.harmonics
+        step, harmonics = self.setting.sample_time, self.excitation.harmonics
         early = int(np.ceil(harmonics.period / step)) if self.transducer.effects else 0
         times = step * np.arange(-early, self.setting.count)
         try:
-            start, changes = periodic_start(self.lowered, self.excitation, count, float(times[0]), derivatives)
+            start, changes = periodic_start(self.system, self.excitation, float(times[0]), derivatives)
             # From there to the first sample, then on through all.
             times = np.concatenate([[start.clock[0]], times])
             if derivatives:
-                run = SampledRun(self.lowered, count, times, start, changes, names)
+                run = SampledRun(self.system, times, start, changes, names)
             else:
-                run = PlainRun(self.lowered._replace(program=nominal(self.lowered.program)), times, start, names)
+                run = PlainRun(self.system, times, start, names)
             run.through(0, 1)
             last = len(times) - 1
             for begin, end in pairwise([1, *range(early + size, last, size), last]):

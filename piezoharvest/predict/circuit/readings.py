@@ -118,6 +118,12 @@ class Readings:
         """Ignore a force on the specimen."""
 
 
+def reads_more(transducer: Transducer, drive_name: str) -> bool:
+    """True if the displacement sensor reads anything but the displacement."""
+    nothing = dict.fromkeys(("drive", *NEEDED), np.zeros(1))
+    return bool(transducer.effects) and Readings(transducer, drive_name, nothing, 1.0).differs
+
+
 def read_displacement(
     devices: Sequence[Transducer], drive_name: str, drive: np.ndarray, values: np.ndarray, slopes: np.ndarray,
     sample_time: float,
