@@ -58,6 +58,8 @@ EffectFiles = Annotated[
     typer.Option("--effects", metavar="FILE", help="Effects of your own (.py), as --save-effect writes.",
                  callback=_load_effects),
 ]  # fmt: skip
+
+
 class Dialect(StrEnum):
     """Programs that read netlists."""
 
@@ -250,9 +252,7 @@ def export(
     shunt: Annotated[
         int | None, typer.Option(metavar="N", min=0, help="Which shunt of the study, from 0.", show_default="0")
     ] = None,
-    dialect: Annotated[
-        Dialect | None, typer.Option(help="For one program alone.", show_default="both at once")
-    ] = None,
+    dialect: Annotated[Dialect | None, typer.Option(help="For one program alone.", show_default="both at once")] = None,
     diodes: Annotated[
         str | None, typer.Option(metavar="MODEL", help="Real diodes in the bridge, as 'D(Is=2.5n N=1.75 Rs=0.57)'.")
     ] = None,

@@ -71,8 +71,7 @@ def _drawn(line: str, x: int, y: int) -> list[str]:
     symbol = _SYMBOLS[name[0]]
     value, condition, initial = value.partition(" IC=")
     labels = [
-        f"FLAG {x + across} {y + down} {node}"
-        for node, (across, down) in ((plus, symbol.plus), (minus, symbol.minus))
+        f"FLAG {x + across} {y + down} {node}" for node, (across, down) in ((plus, symbol.plus), (minus, symbol.minus))
     ]
     drawn = [f"SYMBOL {symbol.name} {x} {y} R0", f"SYMATTR InstName {name}", f"SYMATTR Value {value}"]
     return [*labels, *drawn, *([f"SYMATTR SpiceLine IC={initial}"] if condition else [])]
