@@ -97,7 +97,15 @@ class SpecimenRows(Protocol):
 
 
 class EquationBuilder(SpecimenRows, Protocol):
-    """A builder of equations, to which effects add states, elements and terms."""
+    """A builder of equations, to which effects add states, elements and terms.
+
+    Attributes
+    ----------
+    reads : bool
+        It has sensors, whose readings effects may change.
+    """
+
+    reads: bool
 
     def state(self, name: str, storage: complex) -> tuple[Row, Row]:
         """Add a state with energy of about storage z^2/2, and give it an equation; return rows of it and its rate."""

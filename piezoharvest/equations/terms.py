@@ -102,6 +102,8 @@ class Terms:
         An effect takes a power that is no whole number, or time by itself.
     """
 
+    reads = False
+
     def __init__(
         self, transducer: Transducer, drive: str = "force", *, linearised: bool = False, passes: bool = False
     ) -> None:

@@ -125,6 +125,8 @@ class RecordModel:
         The shunt is not a linear circuit, or requires a capacitance that a record does not determine.
     """
 
+    reads = True
+
     def __init__(self, transducer: Transducer, shunt: Shunt | None, drive: str, sample_time: float) -> None:
         transducer = transducer.settled(sample_time) if transducer.quasi_static else transducer
         self.transducer, self.sample_time, self.drive_name = transducer, sample_time, drive

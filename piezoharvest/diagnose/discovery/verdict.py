@@ -31,8 +31,12 @@ class Explained:
 
     Attributes
     ----------
-    verdict : "new_effect" or "ambiguous"
+    verdict : "new_effect", "effect" (the laws are known ones), or "ambiguous"
     discoveries : tuple of Discovery
+    known : tuple of int
+        Places in `search.order` of the laws that are effects of the library.
+    squares : tuple of (float, float)
+        Squares of unseen records and their number, before each effect of the search and after the last.
     search : Search
         With the laws in the place of effects.
     validation : Quality
@@ -46,6 +50,8 @@ class Explained:
 
     verdict: str
     discoveries: tuple[Discovery, ...]
+    known: tuple[int, ...]
+    squares: tuple[tuple[float, float], ...]
     search: Search
     validation: Quality
     unexplained: float
@@ -97,7 +103,7 @@ def _laws(
     """
     kept: _Laws | None = None
     while kept is None or (len(kept.found) < MAX_LAWS and _much_is_left(kept)):
-        more = search(problem, kept.found[-1].best.found if kept else start, progress)
+        more = search(problem, kept.found[-1].final if kept else start, progress)
         if more is None:
             break
         try:
@@ -114,7 +120,7 @@ def _laws(
 
 def _judged(campaign: Campaign, before: Identification, start: Fit, found: tuple[Found, ...]) -> _Laws:
     """Laws with the squares that they leave of unseen records."""
-    fits = [start, *(each.best.found for each in found)]
+    fits = [start, *(each.final for each in found)]
     unseen, checks = validated(campaign, before, fits if start is before.found else [before.found, *fits])
     checks = checks[-len(fits) :]
     return _Laws(found, tuple(whitened_squares(unseen, each) for each in checks), unseen, checks[-1])
@@ -138,30 +144,35 @@ def _gain(before: tuple[float, float], after: tuple[float, float], last: tuple[f
 
 
 def _as_diagnosed(campaign: Campaign, before: Identification, problem: Problem, done: Search, laws: _Laws) -> Explained:
-    discoveries = []
-    for n, each in enumerate(laws.found):
-        first, last = laws.squares[0], laws.squares[-1]
-        share = _gain(first, last, last) * (laws.squares[n][0] - laws.squares[n + 1][0]) / (first[0] - last[0])
-        rivals = tuple(Rival(r.place.name, r.place.input, r.form.word, each.log_odds(r)) for r in each.rivals)
-        fitted = LawFit(laws.found[-1].best.found, each.best.visited, n - len(laws.found))
-        discoveries.append(discovery(fitted, float(np.clip(share, -1.0, 1.0)), _p_value(each), rivals))
-    final, close = laws.found[-1].best.found, [rival for each in laws.found for rival in each.close]
-    given, left = done.given_effects, failed_tests(problem, final)
-    kept = bool(done.nested) and laws.found[0].start is done.final
+    final, close = laws.found[-1].final, [rival for each in laws.found for rival in each.close]
+    given, kept = done.given_effects, bool(done.nested) and laws.found[0].start is done.final
+    earlier = len(final.model.transducer.effects) - given - len(laws.found)  # effects that were found on the way
     extended = replace(
         done,
-        nested=(*(done.nested if kept else ()), *(each.best.found for each in laws.found)),
+        nested=(*(done.nested if kept else ()), *(each.final for each in laws.found)),
         order=final.model.transducer.effects[given:],
-        p_values=(*(done.p_values if kept else ()), *(each.p_value for each in discoveries)),
-        left=left,
+        p_values=(*(done.p_values if kept else ()), *map(_p_value, laws.found)),
+        left=failed_tests(problem, final),
         alternatives=tuple((EffectChange(rival.found), 0.0) for rival in close),
     )
+    known = tuple(earlier + n for n, each in enumerate(laws.found) if each.known is not None)
+    discoveries = tuple(_discovered(laws, n) for n, each in enumerate(laws.found) if each.known is None)
     squares, count = laws.squares[-1]
     return Explained(
-        "ambiguous" if close else "new_effect", tuple(discoveries), extended,
+        "ambiguous" if close else "new_effect" if discoveries else "effect", discoveries, known,
+        (*(laws.squares[:1] * earlier), *laws.squares), extended,
         combined_quality(judged(laws.unseen.data, laws.check)), max(0.0, (squares - count) / squares),
         failed_on(laws.unseen, laws.check), kept,
     )  # fmt: skip
+
+
+def _discovered(laws: _Laws, n: int) -> Discovery:
+    """The n-th law as a result, with its values in the last fit."""
+    each, (first, last) = laws.found[n], (laws.squares[0], laws.squares[-1])
+    share = _gain(first, last, last) * (laws.squares[n][0] - laws.squares[n + 1][0]) / (first[0] - last[0])
+    rivals = tuple(Rival(r.place.name, r.place.input, r.form.word, each.log_odds(r)) for r in each.rivals)
+    fitted = LawFit(laws.found[-1].final, each.best.visited, n - len(laws.found))
+    return discovery(fitted, float(np.clip(share, -1.0, 1.0)), _p_value(each), rivals, each.forms)
 
 
 def _p_value(found: Found) -> float:

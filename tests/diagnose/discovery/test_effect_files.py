@@ -17,7 +17,8 @@ from piezoharvest.description.effects.nameless.places import Coupling, Damper, L
 from piezoharvest.description.effects.nameless.shapes import Shape
 from piezoharvest.description.shunts import Resistor
 from piezoharvest.diagnose.discovery.effect_file import effect_text
-from piezoharvest.diagnose.discovery.result import Discovery, formula
+from piezoharvest.diagnose.discovery.result import Discovery
+from piezoharvest.diagnose.discovery.wording import formula
 from piezoharvest.effect_files import load_effects
 from piezoharvest.input import InputError
 from piezoharvest.predict.record_model import RecordModel

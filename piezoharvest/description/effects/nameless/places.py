@@ -7,7 +7,8 @@ from typing import ClassVar
 
 from piezoharvest.description.circuit import Row
 from piezoharvest.description.effects.nameless.forms import Form
-from piezoharvest.description.protocol import EquationBuilder
+from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE
+from piezoharvest.description.protocol import EquationBuilder, SpecimenRows
 
 UNITS = {
     "force": "N", "base_acceleration": "m/s^2", "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2",
@@ -34,8 +35,8 @@ def input_row(specimen: EquationBuilder, name: str) -> Row | None:
 class Place:
     """A place of the model.
 
-    Subclasses define `name`, `input` (its name), `unit` of what a law adds, and `add`. Where `bent` the linear part of
-    a law is that of a parameter of the model: a law that is a straight line is none.
+    Subclasses define `name`, `input` (its name), `unit` of what a law adds, and `add`; ports also `rows`. Where `bent`
+    the linear part of a law is that of a parameter of the model: a law that is a straight line is none.
     """
 
     name: ClassVar[str]
@@ -43,6 +44,11 @@ class Place:
     unit: ClassVar[str]
     bent: ClassVar[bool] = True
     needs_slope: ClassVar[bool] = False
+    port: ClassVar[str] = ""  # how power follows from a law here (`memory`); empty where none does
+
+    def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
+        """Rows of the input of a port and of its rate."""
+        raise NotImplementedError
 
     @property
     def input_unit(self) -> str:
@@ -61,6 +67,10 @@ class Spring(Place):
     name: ClassVar[str] = "spring"
     input: ClassVar[str] = "displacement"
     unit: ClassVar[str] = "N"
+    port: ClassVar[str] = RATE
+
+    def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
+        return terms.x, terms.u
 
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         specimen.push(-form.row(specimen, specimen.x))
@@ -73,6 +83,10 @@ class Damper(Place):
     name: ClassVar[str] = "damper"
     input: ClassVar[str] = "velocity"
     unit: ClassVar[str] = "N"
+    port: ClassVar[str] = DIRECT
+
+    def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
+        return terms.u, 0.0 * terms.u
 
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         specimen.push(-form.row(specimen, specimen.u))
@@ -86,6 +100,10 @@ class Electrodes(Place):
     input: ClassVar[str] = "voltage"
     unit: ClassVar[str] = "A"
     bent: ClassVar[bool] = False  # a straight line is a leakage, which is no parameter of the model
+    port: ClassVar[str] = DIRECT
+
+    def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
+        return terms.v, 0.0 * terms.v
 
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         specimen.draw(form.row(specimen, specimen.v))
@@ -99,6 +117,10 @@ class Load(Place):
     input: ClassVar[str] = "voltage"
     unit: ClassVar[str] = "A"
     bent: ClassVar[bool] = False
+    port: ClassVar[str] = DIRECT
+
+    def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
+        return terms.v, 0.0 * terms.v
 
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         specimen.conduct(form.row(specimen, specimen.v))
@@ -111,6 +133,10 @@ class Capacitor(Place):
     name: ClassVar[str] = "capacitor"
     input: ClassVar[str] = "voltage"
     unit: ClassVar[str] = "C"
+    port: ClassVar[str] = CHARGE
+
+    def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
+        return terms.v_t, 0.0 * terms.v_t
 
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         specimen.charge(form.row(specimen, specimen.v_t))
