@@ -7,7 +7,7 @@ An effect acts on `Terms` as it acts on the specimen of a predicted record. Rows
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -74,6 +74,8 @@ class Terms:
         For small motions about rest, in which smooth elements have no influence.
     passes : bool
         Time passes from the beginning of a record to its end, for effects that change during it.
+    size : (float, float), optional
+        Amplitude and frequency of the drive, for effects that depend on these.
 
     Attributes
     ----------
@@ -105,9 +107,10 @@ class Terms:
     reads = False
 
     def __init__(
-        self, transducer: Transducer, drive: str = "force", *, linearised: bool = False, passes: bool = False
-    ) -> None:
-        self.transducer, self.drive_name = transducer, drive
+        self, transducer: Transducer, drive: str = "force", *, linearised: bool = False, passes: bool = False,
+        size: Any = None,
+    ) -> None:  # fmt: skip
+        self.transducer, self.drive_name, self.size = transducer, drive, size
         self._linearised, self._passes = linearised, passes
         self.columns: dict[str, int] = {}
         self.states: list[State] = []

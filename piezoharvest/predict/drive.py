@@ -37,6 +37,20 @@ class Drive(NamedTuple):
     jumps: np.ndarray
 
 
+def size_of(values: np.ndarray, sample_time: float) -> tuple[float, float]:
+    """Amplitude of a drive, half of its range, and the frequency in Hz of its strongest line; zero where it is still.
+
+    The line is interpolated in a windowed spectrum (Harris, Proc. IEEE 66(1), 51-83, 1978).
+    """
+    power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
+    peak = int(np.argmax(power)) if len(power) > 2 else 0
+    if not 0 < peak < len(power) - 1 or not np.all(power[peak - 1 : peak + 2] > 0.0):
+        return 0.5 * float(np.ptp(values)), 0.0
+    a, b, c = np.log(power[peak - 1 : peak + 2])
+    line = peak + (0.5 * (a - c) / (a - 2.0 * b + c) if a + c < 2.0 * b else 0.0)
+    return 0.5 * float(np.ptp(values)), float(line / (len(values) * sample_time))
+
+
 def drive_of(values: np.ndarray) -> Drive:
     """Interpolate the samples of a drive.
 

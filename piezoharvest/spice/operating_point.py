@@ -93,7 +93,7 @@ def estimate_operating_point(transducer: Transducer, excitation: Excitation, dc_
         omega, tones = own, [(0.0, 2 * float(np.max(np.abs(signal.starts))))]
     voltage = sum(_voltage(transducer, excitation.base, w, a) for w, a in tones)
     passes = excitation.period is None
-    terms = Terms(transducer, "base_acceleration" if excitation.base else "force", passes=passes)
+    terms = Terms(transducer, "base_acceleration" if excitation.base else "force", passes=passes, size=excitation.size)
     rest = _rest(transducer, excitation)
     return OperatingPoint(transducer, excitation, signal, omega, max(voltage, dc_start) or 1.0, dc_start, terms, rest)
 

@@ -42,6 +42,7 @@ class Effect(Component):
     # Its strength decides which events there are: it has no derivative anywhere, and values are tried instead.
     scanned: ClassVar[bool] = False
     of_specimen: ClassVar[bool] = True
+    of_drive: ClassVar[bool] = False  # it depends on the amplitude or the frequency of a record's drive
     delay_path: ClassVar[tuple[str, ...]] = ("delay",)  # to the value that `late` returns
 
     def act(self, specimen: EquationBuilder) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from piezoharvest.description.effects.nameless.forms import Bends, Corners, Form
 from piezoharvest.description.effects.nameless.law import Law
-from piezoharvest.description.effects.nameless.memory import Play
+from piezoharvest.description.effects.nameless.memory import Memory, Play
 from piezoharvest.description.effects.nameless.places import Place
 from piezoharvest.description.parameters import Component, ParameterError
 from piezoharvest.diagnose.discovery.smoothness import Smoothness, projected, smoothness
@@ -129,7 +129,21 @@ def law_parameters(law: Law, n: int, deviation: float = np.inf) -> list[Paramete
     if sign:
         bounds = {"lower": 0.0} if sign > 0 else {"upper": 0.0}
         found = [replace(p, **bounds) if p.path[-1] == "factor" else p for p in found]
-    return [*found, *(_quantities(memory, ("effects", n, "memory")) if memory is not None else ())]
+    if memory is None:
+        return found
+    return [*found, *(_near(p, memory) for p in _quantities(memory, ("effects", n, "memory")))]
+
+
+def _near(parameter: Parameter, memory: Memory) -> Parameter:
+    """Parameter of a memory within a decade of its start: starts are closer, and far from them fits run away.
+
+    More than critically damped, what resonates is none.
+    """
+    if parameter.scaling != "log":
+        return parameter
+    start = parameter.inner(getattr(memory, str(parameter.path[-1])))
+    upper = 0.0 if parameter.path[-1] == "damping_ratio" else start + np.log(10.0)
+    return replace(parameter, lower=start - np.log(10.0), upper=upper)
 
 
 def _quantities(component: Component, path: Path) -> list[Parameter]:

@@ -15,6 +15,7 @@ from piezoharvest.diagnose.discovery.knots import table_for
 from piezoharvest.diagnose.discovery.known import named
 from piezoharvest.diagnose.discovery.law_fits import LawFit, Scored, best_of, fitted, score
 from piezoharvest.diagnose.discovery.memories import memories_at, score_memories
+from piezoharvest.diagnose.discovery.passivity import takes_energy
 from piezoharvest.diagnose.discovery.places import places_of
 from piezoharvest.diagnose.discovery.visited import visited_inputs
 from piezoharvest.diagnose.start_values import campaign_scales
@@ -44,7 +45,7 @@ class Found:
     rivals: tuple[LawFit, ...]
     start: Fit
     tried: int
-    forms: tuple[LawFit, ...] = ()
+    forms: tuple[LawFit, ...]
     known: Fit | None = None
 
     @property
@@ -53,8 +54,9 @@ class Found:
         return self.best.found if self.known is None else self.known
 
     def log_odds(self, rival: LawFit) -> float:
-        """Logarithm of the odds of another place against the best, both with tables."""
-        return 0.5 * (self.table.evidence - rival.evidence)
+        """Logarithm of the odds of another place against the best, both with tables; with a memory it is a formula."""
+        best = self.table.evidence if rival.law.memory is None else self.forms[0].criterion
+        return 0.5 * (best - rival.evidence)
 
     @property
     def close(self) -> tuple[LawFit, ...]:
@@ -81,16 +83,27 @@ def search(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Fou
     done = _fits(problem, start, promising(scored, mean_square(start)), progress)
     if not done:
         return None
-    table, *rivals = best_of(done)
-    table = min((table, *_smoother(problem, start, table)), key=lambda each: each.evidence)
-    forms = ranked(problem, table) if table.law.memory is None else [table]
+    table, forms = _likeliest(problem, start, done)
+    rivals = [each for each in best_of(done) if not _alike(each, table)]
     progress(f"the likeliest law is at {_words(forms[0].law)}: {forms[0].law.name}")
     best = _with_its_noise(problem, forms[0])
     as_known = named(problem, best)
     if as_known is not None:
         progress(f"it is {as_known.model.transducer.effects[-1].name}")
-    elsewhere = [each for each in rivals if not _alike(each, table)]
-    return Found(best, table, tuple(elsewhere[:RIVALS]), start, len(scored), tuple(forms), as_known)
+    return Found(best, table, tuple(rivals[:RIVALS]), start, len(scored), tuple(forms), as_known)
+
+
+def _likeliest(problem: Problem, start: Fit, done: Sequence[LawFit]) -> tuple[LawFit, list[LawFit]]:
+    """The likeliest law as it was fitted first, and its forms: a free function, or a memory if that does better.
+
+    A memory is a formula already; of the free functions the likeliest is condensed to one before the two are compared.
+    """
+    with_memory = best_of([each for each in done if each.law.memory is not None])[:1]
+    found = [(each, [each]) for each in with_memory]
+    for table in best_of([each for each in done if each.law.memory is None])[:1]:
+        smooth = min((table, *_smoother(problem, start, table)), key=lambda each: each.evidence)
+        found.append((smooth, ranked(problem, smooth)))
+    return min(found, key=lambda each: each[1][0].criterion)
 
 
 def _alike(first: LawFit, second: LawFit) -> bool:
@@ -104,9 +117,13 @@ def _fits(problem: Problem, start: Fit, chosen: Sequence[Scored], progress: Call
     for each in chosen:
         best = min((one.evidence for one in done), default=np.inf)
         found = fitted(problem, start, each.law, each.visited, each.smoothness.deviation, best + thresholds.CLOSE_COST)
-        if found is not None:
-            progress(f"tried a law at {_words(each.law)}: -2 ln L {found.found.cost - start.cost:+.1f}")
+        if found is None:
+            continue
+        progress(f"tried a law at {_words(each.law)}: -2 ln L {found.found.cost - start.cost:+.1f}")
+        if takes_energy(problem, found):
             done.append(found)
+        else:
+            progress(f"there it would give energy, so that it is no law of the {found.place.name}")
     return done
 
 

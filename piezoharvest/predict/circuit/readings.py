@@ -30,7 +30,7 @@ class Readings:
         s.
     """
 
-    reads = True
+    reads, size = True, None
 
     def __init__(
         self, transducer: Transducer, drive_name: str, samples: Mapping[str, np.ndarray], sample_time: float

@@ -1,4 +1,4 @@
-"""Records of specimens with a law that has a memory, made with SciPy alone."""
+"""Records of specimens with a law that has a memory, made with SciPy alone; and the search for a law by itself."""
 
 from __future__ import annotations
 
@@ -7,6 +7,11 @@ from nameless import BEAM
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.signal import lsim
+
+from piezoharvest.diagnose.discovery.search import search
+from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.identification import identify, prepared
+from piezoharvest.identify.threads import single_threaded
 
 FINER = 20  # values of a reading for each sample, while it is filtered
 
@@ -86,11 +91,10 @@ def delayed(t, x, delay):
 
 
 def lagging(t, x, time_constant):
-    """A first-order lag that has followed its input since long."""
+    """A first-order lag, at rest with its first input."""
     t, x = finely(t, x)
-    start = x[0] - time_constant * (x[1] - x[0]) / (t[1] - t[0])
-    _, y, _ = lsim(([[-1.0 / time_constant]], [[1.0 / time_constant]], [[1.0]], [[0.0]]), x, t, [start])
-    return y[::FINER]
+    system = ([[-1.0 / time_constant]], [[1.0 / time_constant]], [[1.0]], [[0.0]])
+    return lsim(system, x, t, [x[0]])[1][::FINER]
 
 
 def ringing(t, x, frequency, damping):
@@ -98,3 +102,11 @@ def ringing(t, x, frequency, damping):
     (t, x), w = finely(t, x), 2.0 * np.pi * frequency
     system = ([[0.0, 1.0], [-(w**2), -2.0 * damping * w]], [[0.0], [w**2]], [[1.0, 0.0]], [[0.0]])
     return lsim(system, x, t, [x[0], 0.0])[1][::FINER]
+
+
+@single_threaded
+def searched(campaign):
+    """What a search finds in the fitted records of a campaign."""
+    before = identify(campaign, offsets=("displacement",))
+    problem = Problem(prepared(before.campaign, "fit"), before.campaign.transducer, before.offsets)
+    return search(problem, before.found, lambda text: None)

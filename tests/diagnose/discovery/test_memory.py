@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from nameless import BEAM, Drive, Laws, nameless_campaign
-from remembering import delayed, lagging, relaxing, resonating, ringing, rubbing, spring_with, with_play
+from remembering import delayed, lagging, relaxing, resonating, ringing, rubbing, searched, spring_with, with_play
 
 from piezoharvest import Resistor, SineForce, System, Transducer, simulate
 from piezoharvest.description.effects.nameless.forms import Line
@@ -12,10 +12,6 @@ from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RAT
 from piezoharvest.description.effects.nameless.places import Capacitor, Electrodes, Load, Reading, Spring
 from piezoharvest.diagnose.discovery.law_fits import law_parameters
 from piezoharvest.diagnose.discovery.result import as_json, discovery
-from piezoharvest.diagnose.discovery.search import search
-from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.identify.identification import identify, prepared
-from piezoharvest.identify.threads import single_threaded
 from piezoharvest.predict.discrete_model import setting_of
 from piezoharvest.predict.prediction import Prediction
 
@@ -121,17 +117,9 @@ STACK = [
 ]
 
 
-def found_in(folder, laws, records=STACK, kind="stack", rate=400.0, duration=1.5):
+def found_in(folder, laws):
     """What a search finds in the fitted records of a campaign."""
-    campaign = nameless_campaign(folder, kind, laws, records, rate=rate, duration=duration)
-
-    @single_threaded
-    def run():
-        before = identify(campaign, offsets=("displacement",))
-        problem = Problem(prepared(before.campaign, "fit"), before.campaign.transducer, before.offsets)
-        return search(problem, before.found, lambda text: None)
-
-    return run()
+    return searched(nameless_campaign(folder, "stack", laws, STACK, rate=400.0, duration=1.5))
 
 
 def test_a_backlash_in_the_fixture_is_a_play_in_the_reading_of_the_displacement(tmp_path):

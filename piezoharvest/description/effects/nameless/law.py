@@ -10,7 +10,7 @@ from piezoharvest.description.circuit import Product, Row
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.effects.nameless.forms import Form, Line
 from piezoharvest.description.effects.nameless.memory import Delay, Memory
-from piezoharvest.description.effects.nameless.places import Place, Reading
+from piezoharvest.description.effects.nameless.places import SIZES, Place, Reading
 from piezoharvest.description.protocol import EnergyRows, EquationBuilder
 
 
@@ -48,6 +48,11 @@ class Law(Effect):
     def of_specimen(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
         """False for what a sensor shows."""
         return not self.place.name.startswith("reading.")
+
+    @property
+    def of_drive(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """True if the input is the size of the drive, which is one number in a record."""
+        return self.place.input in SIZES
 
     @property
     def absent(self) -> bool:
