@@ -10,8 +10,8 @@ import numpy as np
 
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.diagnose import thresholds
+from piezoharvest.diagnose.discovery.forms.wording import Value, formula, in_si, memory_values, unit_of
 from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit, derivative, inputs_and_values
-from piezoharvest.diagnose.discovery.wording import Value, formula, in_si, memory_values, unit_of
 from piezoharvest.identify.fitting.output_error import covariance
 from piezoharvest.predict.parameters import value_at
 
@@ -90,11 +90,23 @@ def discovery(
     scatter = covariance(best.found)[np.ix_(best.own, best.own)]
     x, value = inputs_and_values(best, CURVE_POINTS)
     slopes = derivative(best, x)
-    std = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", slopes, scatter, slopes), 0.0))
+    std = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", slopes, scatter, slopes), 0.0) + _spread(forms, x))
     values = _values(best, np.sqrt(np.maximum(np.diag(scatter), 0.0)))
     return Discovery(
         best.law, formula(best.law), best.form.word, values, x, value, std, gain, p_value, rivals, _alike(forms)
     )
+
+
+def _spread(forms: Sequence[LawFit], x: np.ndarray) -> np.ndarray:
+    """Variance of a law by the choice of its form: that of all forms about the first, by their odds.
+
+    Source: Hoeting, Madigan, Raftery & Volinsky, Stat. Sci. 14(4), 382-401, 1999 (model averaging).
+    """
+    if len(forms) < 2:
+        return np.zeros(len(x))
+    odds = np.exp(-0.5 * np.array([each.criterion - forms[0].criterion for each in forms]))
+    curves = np.array([np.real(each.form.values(x)) for each in forms])
+    return odds / odds.sum() @ (curves - curves[0]) ** 2
 
 
 def _alike(forms: Sequence[LawFit]) -> tuple[Alike, ...]:

@@ -10,9 +10,9 @@ import numpy as np
 from piezoharvest.description.effects.nameless.forms import Bends
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.diagnose import thresholds
-from piezoharvest.diagnose.discovery.formulas import ranked
+from piezoharvest.diagnose.discovery.forms.formulas import ranked
+from piezoharvest.diagnose.discovery.forms.known import named
 from piezoharvest.diagnose.discovery.knots import table_for
-from piezoharvest.diagnose.discovery.known import named
 from piezoharvest.diagnose.discovery.law_fits import LawFit, Scored, best_of, fitted, score
 from piezoharvest.diagnose.discovery.memories import memories_at, score_memories
 from piezoharvest.diagnose.discovery.passivity import takes_energy

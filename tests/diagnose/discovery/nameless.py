@@ -50,6 +50,15 @@ class Drive:
         return self.offset + sum(terms)
 
 
+@dataclass(frozen=True)
+class Gentle(Drive):
+    """The same from its lowest value on, where it stands still: nothing jumps as a record begins."""
+
+    def __call__(self, t):
+        terms = (a * np.cos(2 * np.pi * f * t) for a, f in zip(self.amplitudes, self.frequencies, strict=True))
+        return self.offset - sum(terms)
+
+
 def record(specimen, laws, drive, load, duration, rate):
     """True channels of one record, from equilibrium under the offset: m x'' + b x' + k x = F + T v, q' = -i."""
     m, b, k, T, C = (specimen[name] for name in ("mass", "damping", "stiffness", "coupling", "capacitance"))
@@ -61,7 +70,7 @@ def record(specimen, laws, drive, load, duration, rate):
         return [u, force / m, -(out + coupling * u) / (C + laws.capacitance(v))]
 
     t = np.arange(round(duration * rate)) / rate
-    start = [drive.offset / k, 0.0, 0.0]
+    start = [drive(0.0) / k, 0.0, 0.0]
     # Absolute errors far below the noise of the sensors.
     run = solve_ivp(slopes, (0, t[-1]), start, "LSODA", t, rtol=1e-9, atol=[1e-13, 1e-9, 1e-8])
     x, _, v = run.y

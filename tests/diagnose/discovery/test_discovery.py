@@ -10,7 +10,7 @@ from remembering import searched
 from piezoharvest.cli.diagnose_command import diagnosis_json
 from piezoharvest.description.effects import Leakage
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.discovery.formulas import candidates
+from piezoharvest.diagnose.discovery.forms.formulas import candidates
 from piezoharvest.diagnose.discovery.result import discovery
 from piezoharvest.diagnose.summary import sentence
 from piezoharvest.report import write_diagnosis

@@ -40,8 +40,8 @@ def test_springs_and_sensors_may_have_any_law():
 
 
 def test_a_reading_that_turns_back_is_not_named_a_law_of_the_load(tmp_path):
-    """A current sensor falls, beyond a level, twice as fast as it should rise: as a load this would be a source."""
-    level = 1.5e-5
+    """A current sensor falls, beyond a level, three times as fast as it should rise: no load does so."""
+    level = 2.2e-5
     records = [
         (Drive((450.0,), (4.0,), 550.0), 97780.0),
         (Drive((300.0, 150.0), (3.0, 7.3), 500.0), 97780.0),
@@ -50,7 +50,7 @@ def test_a_reading_that_turns_back_is_not_named_a_law_of_the_load(tmp_path):
 
     def turns_back(true):
         i = true["current"]
-        return -3.0 * np.sign(i) * np.maximum(np.abs(i) - level, 0.0)
+        return -4.0 * np.sign(i) * np.maximum(np.abs(i) - level, 0.0)
 
     laws = Laws(reading={"current": turns_back})
     found = searched(nameless_campaign(tmp_path, "stack", laws, records, rate=400.0, duration=1.0))

@@ -102,7 +102,11 @@ class Bends(Form):
     def row(self, specimen: EquationBuilder, x: Row) -> Row:
         total = 0.0 * x
         for knot, side, kink in zip(self.knots, outward(self.knots), self.kinks, strict=True):
-            total = total + 0.5 * kink * specimen.power(side * (x - knot * specimen.one), 2.0, positive=True)
+            above = specimen.power(side * (x - knot * specimen.one), 2.0, positive=True)
+            if np.any(np.isnan(above)):  # the engine has whole powers of rows, not of their positive parts
+                width = ROUNDED * max(float(np.max(np.abs(self.knots))), 1e-30)
+                above = specimen.power(specimen.hinge(side * x, side * knot, width), 2)
+            total = total + 0.5 * kink * above
         return total
 
     def slope(self, specimen: EquationBuilder, x: Row) -> Row:

@@ -16,14 +16,14 @@ from piezoharvest.description.protocol import EquationBuilder
 _SERIES = 1e-2  # argument below which the Langevin function is its series: both are exact to 1e-10 there
 
 
-def langevin(z: Array) -> Array:
+def langevin(z: np.ndarray) -> np.ndarray:
     """Coth z - 1/z: polarisation of free dipoles (Langevin, Ann. Chim. Phys. 5, 70-127, 1905)."""
     small: Array = np.abs(np.real(z)) < _SERIES
     safe = np.where(small, 1.0, z)
     return np.where(small, z / 3.0 - z**3 / 45.0, 1.0 / np.tanh(safe) - 1.0 / safe)
 
 
-def _logarithm(z: Array) -> Array:
+def _logarithm(z: np.ndarray) -> np.ndarray:
     """Sign(z) log(1 + |z|): creep (Ge & Jouaneh, Precis. Eng. 17(3), 211-221, 1995)."""
     side: Array = np.sign(np.real(z))
     return side * np.log(1.0 + side * z)
