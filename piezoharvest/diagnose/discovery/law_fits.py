@@ -236,6 +236,28 @@ def without_law(some: LawFit) -> Fit:
     )  # fmt: skip
 
 
+def without_effect(problem: Problem, found: Fit, n: int) -> Fit | None:
+    """Fit of the same model without its n-th effect; None where it has no solution or comes to no end."""
+    model = found.model
+    effects = model.transducer.effects
+    kept = [p for p in model.parameters if p.path[:2] != ("effects", n)]
+    moved = tuple(
+        replace(p, path=("effects", int(p.path[1]) - 1, *p.path[2:]))
+        if p.path[0] == "effects" and int(p.path[1]) > n
+        else p
+        for p in kept
+    )
+    less = replace(
+        model, transducer=replace(model.transducer, effects=(*effects[:n], *effects[n + 1 :])), parameters=moved
+    )
+    nuisance = nuisance_for_model(problem, model, found.nuisance, less)
+    try:
+        again = fit(problem, less, nuisance, found.noise, estimate_noise=False, enough=FIT_TOLERANCE)
+    except (PredictionError, ParameterError, np.linalg.LinAlgError):
+        return None
+    return again if again.converged else None
+
+
 def inputs_and_values(some: LawFit, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Inputs over the visited range, evenly, and the law there; with play, of by how much the input is ahead of it."""
     low, high, memory = some.visited.min(), some.visited.max(), some.law.memory

@@ -53,6 +53,12 @@ class Found:
         """The fit with the law, or the known effect that it is."""
         return self.best.found if self.known is None else self.known
 
+    def with_final(self, final: Fit) -> Found:
+        """The same law in another fit of it."""
+        if self.known is not None:
+            return replace(self, known=final)
+        return replace(self, best=replace(self.best, found=final))
+
     def log_odds(self, rival: LawFit) -> float:
         """Logarithm of the odds of another place against the best, both with tables; with a memory it is a formula."""
         best = self.table.evidence if rival.law.memory is None else self.forms[0].criterion

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.candidate_fits import CandidateFits, EffectChange
-from piezoharvest.diagnose.discovery.law_fits import LawFit
+from piezoharvest.diagnose.discovery.law_fits import LawFit, without_effect
 from piezoharvest.diagnose.discovery.result import Discovery, Rival, discovery
 from piezoharvest.diagnose.discovery.search import Found, can_search, search
 from piezoharvest.diagnose.residual_tests import ResidualTest, failed_tests, whitened_squares
@@ -44,8 +44,8 @@ class Explained:
     unexplained : float
         Share of the residual variance above the noise.
     unseen : tuple of ResidualTest
-    keeps_effects : bool
-        The effects that were found on the way are in the model, too.
+    kept : tuple of str
+        Names of the effects that were found on the way and are in the model, too.
     """
 
     verdict: str
@@ -56,7 +56,7 @@ class Explained:
     validation: Quality
     unexplained: float
     unseen: tuple[ResidualTest, ...]
-    keeps_effects: bool
+    kept: tuple[str, ...]
 
 
 def explained(campaign: Campaign, before: Identification, trials: CandidateFits, done: Search) -> Explained | None:
@@ -78,9 +78,11 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
         return None
     nominal = trials.at_nominal(EffectChange(done.base))
     for start in (nominal.found if nominal else done.base, *([done.final] if done.nested else [])):
-        found = _laws(campaign, before, problem, start, progress)
+        found = found_laws(campaign, before, problem, start, progress)
         if found is not None:
-            return _as_diagnosed(campaign, before, problem, done, found)
+            kept = tuple(range(done.given_effects, len(start.model.transducer.effects)))
+            found, kept = without_riders(campaign, before, problem, found, kept, progress)
+            return _as_diagnosed(campaign, before, problem, done, found, kept)
     return None
 
 
@@ -93,8 +95,15 @@ class _Laws:
     unseen: Problem
     check: Fit
 
+    def with_final(self, final: Fit, squares: tuple[float, float], check: Fit) -> _Laws:
+        """The same laws in another last fit."""
+        return replace(
+            self, found=(*self.found[:-1], self.found[-1].with_final(final)), squares=(*self.squares[:-1], squares),
+            check=check,
+        )  # fmt: skip
 
-def _laws(
+
+def found_laws(
     campaign: Campaign, before: Identification, problem: Problem, start: Fit, progress: Callable[[str], None]
 ) -> _Laws | None:
     """Laws from a fit on that explain enough of what it leaves on records that were not fitted.
@@ -116,6 +125,32 @@ def _laws(
             break
         kept = laws
     return kept if kept and _total_gain(kept) >= thresholds.MIN_LAW_GAIN else None
+
+
+def without_riders(
+    campaign: Campaign, before: Identification, problem: Problem, laws: _Laws, kept: tuple[int, ...],
+    progress: Callable[[str], None],
+) -> tuple[_Laws, tuple[int, ...]]:  # fmt: skip
+    """Laws without the effects found on the way that do nothing for unseen records, and the numbers of those that do.
+
+    Before a dominant law was known, an effect may have taken a little of its place.
+    """
+    for n in reversed(kept):
+        final = laws.found[-1].final
+        less = without_effect(problem, final, n)
+        if less is None:
+            continue
+        try:
+            unseen, (_, check) = validated(campaign, before, [before.found, less])
+        except PredictionError:  # the records need it
+            continue
+        squares, (first, count) = whitened_squares(unseen, check), laws.squares[0]
+        scatter = thresholds.NOISE_DEVIATIONS * np.sqrt(2.0 * count)
+        if squares[0] - laws.squares[-1][0] < max(thresholds.MIN_EXPLAINED_SHARE * (first - count), scatter):
+            progress(f"{final.model.transducer.effects[n].name} does nothing for records that were not fitted")
+            laws = laws.with_final(less, squares, check)
+            kept = tuple(m - (m > n) for m in kept if m != n)
+    return laws, kept
 
 
 def _judged(campaign: Campaign, before: Identification, start: Fit, found: tuple[Found, ...]) -> _Laws:
@@ -143,15 +178,19 @@ def _gain(before: tuple[float, float], after: tuple[float, float], last: tuple[f
     return float(np.clip((before[0] - after[0]) / max(before[0] - noise, 1e-300), -1.0, 1.0))
 
 
-def _as_diagnosed(campaign: Campaign, before: Identification, problem: Problem, done: Search, laws: _Laws) -> Explained:
+def _as_diagnosed(
+    campaign: Campaign, before: Identification, problem: Problem, done: Search, laws: _Laws, kept: tuple[int, ...]
+) -> Explained:
+    """What a diagnosis becomes; `kept` are the numbers in the last fit of the effects found on the way."""
     final, close = laws.found[-1].final, [rival for each in laws.found for rival in each.close]
-    given, kept = done.given_effects, bool(done.nested) and laws.found[0].start is done.final
-    earlier = len(final.model.transducer.effects) - given - len(laws.found)  # effects that were found on the way
+    given, earlier = done.given_effects, len(kept)
+    named = tuple(final.model.transducer.effects[n].name for n in kept)
+    p_values = dict(zip((effect.name for effect in done.order), done.p_values, strict=True))
     extended = replace(
         done,
-        nested=(*(done.nested if kept else ()), *(each.final for each in laws.found)),
+        nested=(*(laws.found[0].start,) * earlier, *(each.final for each in laws.found)),
         order=final.model.transducer.effects[given:],
-        p_values=(*(done.p_values if kept else ()), *map(_p_value, laws.found)),
+        p_values=(*(p_values[name] for name in named), *map(_p_value, laws.found)),
         left=failed_tests(problem, final),
         alternatives=tuple((EffectChange(rival.found), 0.0) for rival in close),
     )
@@ -162,7 +201,7 @@ def _as_diagnosed(campaign: Campaign, before: Identification, problem: Problem, 
         "ambiguous" if close else "new_effect" if discoveries else "effect", discoveries, known,
         (*(laws.squares[:1] * earlier), *laws.squares), extended,
         combined_quality(judged(laws.unseen.data, laws.check)), max(0.0, (squares - count) / squares),
-        failed_on(laws.unseen, laws.check), kept,
+        failed_on(laws.unseen, laws.check), named,
     )  # fmt: skip
 
 

@@ -125,19 +125,23 @@ def broken_line(specimen: EquationBuilder, x: Row, knots: tuple[float, ...], kin
 
 @dataclass(frozen=True, kw_only=True)
 class Line(Form):
-    """A straight line through zero, where the model has no parameter for one: a leakage, a gain, a ramp over time."""
+    """A straight line where the model has no parameter for one: a leakage, a gain, a ramp over time.
+
+    It goes through zero, or through `start`: a parameter that changes with the drive's frequency is that of the lowest.
+    """
 
     label: ClassVar[str] = "linear"
     strengths: ClassVar[tuple[str, ...]] = ("factor",)
     smooth: ClassVar[bool] = True
 
     factor: float = quantity("", "slope, in units of what is added by the input's", null=0.0)
+    start: float = 0.0  # input at which nothing is added: fixed
 
     def values(self, x: np.ndarray) -> Array:
-        return self.factor * np.asarray(x)
+        return self.factor * (np.asarray(x) - self.start)
 
     def row(self, specimen: EquationBuilder, x: Row) -> Row:
-        return self.factor * x
+        return self.factor * (x - self.start * specimen.one)
 
     def slope(self, specimen: EquationBuilder, x: Row) -> Row:
         return self.factor * specimen.one

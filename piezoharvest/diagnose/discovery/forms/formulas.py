@@ -27,6 +27,7 @@ from piezoharvest.description.effects.nameless.forms import (
     Power,
     outward,
 )
+from piezoharvest.description.effects.nameless.places import SIZES
 from piezoharvest.description.effects.nameless.shapes import CURVES, SATURATING, Coulomb, Shape, Stribeck
 from piezoharvest.diagnose.discovery.knots import fine_knots
 from piezoharvest.diagnose.discovery.law_fits import LawFit, fitted, without_law
@@ -136,7 +137,8 @@ def _families(table: LawFit) -> Iterator[list[Start]]:
     size = max(abs(low), abs(high))
     sides = [side for side in (1, -1) if side * (high if side > 0 else low) > 0.0]
     if not place.bent:
-        yield [(lambda z: Line(factor=z[0]), np.zeros(0))]
+        begin = low if place.input in SIZES else 0.0  # the model's parameter is that under the least drive
+        yield [(lambda z: Line(factor=z[0], start=begin), np.zeros(0))]
     yield from _powers(size, sides)
     if place.needs_slope:
         return  # a corner has no slope, and neither has its reciprocal force

@@ -74,7 +74,7 @@ def _electrodes(law: Law, device: Transducer) -> Iterator[Effect]:
 
 
 def _drift(law: Law, device: Transducer) -> Iterator[Effect]:
-    if isinstance(law.form, Line) and law.place.input == "time":
+    if isinstance(law.form, Line) and law.place.input == "time" and not law.form.start:
         yield CouplingDrift(relative_drift=law.form.factor)
 
 

@@ -84,7 +84,8 @@ def formula(law: Law) -> str:
     if isinstance(law.memory, Delay):
         return f"{symbol}(t - {law.memory.delay:.4g} s) - {symbol}(t)"
     if isinstance(form, Line):
-        return f"{form.factor:.5g} {per(unit, of)}".rstrip() + f" * {s}"
+        since = f"({s} - {form.start:.4g} {of}".rstrip() + ")" if form.start else s
+        return f"{form.factor:.5g} {per(unit, of)}".rstrip() + f" * {since}"
     if isinstance(form, DeadZone):
         return f"{form.factor:.4g} {per(unit, of)} * clip({s}, +-{form.zone:.4g} {of})"
     if isinstance(form, Knee):
