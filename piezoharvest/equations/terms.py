@@ -6,6 +6,7 @@ An effect acts on `Terms` as it acts on the specimen of a predicted record. Rows
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -134,7 +135,8 @@ class Terms:
 
     def _take(self, effect: Effect, n: int) -> bool:
         """Let an effect act; return True if it acts on the specimen."""
-        self._effect, self._prefix, self._felt = effect.name, f"effect{n}_{effect.name}_", 0
+        word = re.sub(r"\W", "_", effect.name)  # a law without a name has blanks and points in it, a netlist's node none
+        self._effect, self._prefix, self._felt = effect.name, f"effect{n}_{word}_", 0
         if effect.absent:
             return True
         effect.act(self)
