@@ -135,7 +135,7 @@ class Terms:
 
     def _take(self, effect: Effect, n: int) -> bool:
         """Let an effect act; return True if it acts on the specimen."""
-        word = re.sub(r"\W", "_", effect.name)  # a law without a name has blanks and points in it, a netlist's node none
+        word = re.sub(r"\W", "_", effect.name)  # blanks and points are for no node of a netlist
         self._effect, self._prefix, self._felt = effect.name, f"effect{n}_{word}_", 0
         if effect.absent:
             return True
