@@ -4,10 +4,10 @@ import pytest
 from oracles.ngspice import needs_ngspice, run_netlist
 
 from piezoharvest import Resistor, SineForce, System, Transducer, simulate
-from piezoharvest.description.effects.nameless.forms import Bends, Corners, Knee, Line, Power
+from piezoharvest.description.effects.nameless.forms import Corners, Knee, Line
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.effects.nameless.memory import Play, Relaxation, Resonance
-from piezoharvest.description.effects.nameless.places import Capacitor, Coupling, Damper, Load, Spring
+from piezoharvest.description.effects.nameless.places import Capacitor, Damper, Load, Spring
 from piezoharvest.description.effects.nameless.shapes import Coulomb
 from piezoharvest.spice import export_spice
 
@@ -15,12 +15,10 @@ DAMPED = {"mass": 0.010, "damping": 0.6, "stiffness": 986.96, "coupling": 3e-4, 
 SINE = SineForce(amplitude=0.02, frequency=48.0)
 LAWS = [
     Law(place=Load(), form=Knee(factor=2e-5, knee=0.3)),
-    Law(place=Spring(), form=Power(factor=2e-3, exponent=1.7, scale=1e-4)),
     Law(place=Spring(), form=Line(factor=80.0), memory=Play(threshold=2e-5)),
     Law(place=Spring(), form=Line(factor=-60.0), memory=Relaxation(time_constant=4e-3)),
     Law(place=Spring(), form=Line(factor=-60.0), memory=Resonance(frequency=70.0, damping_ratio=0.3)),
     Law(place=Capacitor(), form=Line(factor=2e-8), memory=Relaxation(time_constant=4e-3)),
-    Law(place=Coupling(), form=Bends(knots=(2e-5, -2e-5), kinks=(2.0, 2.0))),
     Law(place=Damper(), form=Coulomb(factor=2e-3, width=2e-3, knots=(0.0, 2e-3, 0.05, -0.0, -2e-3, -0.05))),
     Law(place=Damper(), form=Corners(knots=(0.01, -0.01), kinks=(0.1, -0.1))),
 ]  # fmt: skip
