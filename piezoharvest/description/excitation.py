@@ -74,6 +74,11 @@ class Excitation(Component):
         return None if self.period is None else 1.0 / self.period
 
     @property
+    def size(self) -> tuple[Any, Any] | None:
+        """Amplitude and frequency (Hz) of a single sine, arrays in a batch; None for any other signal."""
+        return None
+
+    @property
     def length(self) -> float | None:
         """Length of the signal in s, or None if it is endless."""
         return None
@@ -109,6 +114,10 @@ class _Sine(Excitation):
     @property
     def period(self):
         return 1.0 / self.frequency
+
+    @property
+    def size(self):
+        return self.amplitude, self.frequency
 
     @property
     def rest(self):

@@ -7,7 +7,7 @@ for the prediction of measured records; what effects write is checked against it
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 from piezoharvest.description.circuit import Row
 from piezoharvest.description.shunts.base import Shunt
@@ -97,7 +97,18 @@ class SpecimenRows(Protocol):
 
 
 class EquationBuilder(SpecimenRows, Protocol):
-    """A builder of equations, to which effects add states, elements and terms."""
+    """A builder of equations, to which effects add states, elements and terms.
+
+    Attributes
+    ----------
+    reads : bool
+        It has sensors, whose readings effects may change.
+    size : (float, float) or None
+        Amplitude and frequency (Hz) of the drive, arrays in a batch of designs; None where it has none.
+    """
+
+    reads: bool
+    size: Any
 
     def state(self, name: str, storage: complex) -> tuple[Row, Row]:
         """Add a state with energy of about storage z^2/2, and give it an equation; return rows of it and its rate."""

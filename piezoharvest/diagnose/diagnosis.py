@@ -286,8 +286,10 @@ def _explained(found: Diagnosis, progress: Callable[[str], None]) -> Diagnosis |
     if any(map(_is_implausible, deviating)):
         return None
     alternatives = tuple(step.effects for step, _ in more.search.alternatives)
+    named = tuple(_named(trials.problem, more.search, n, more.squares) for n in more.known)
+    earlier = tuple(each for each in found.effects if each.effect.name in more.kept)
     return replace(
-        found, verdict=more.verdict, effects=found.effects if more.keeps_effects else (),
+        found, verdict=more.verdict, effects=(*earlier, *named),
         alternatives=alternatives, estimates=estimates,
         validation_after=more.validation, unexplained=more.unexplained, told_by=None, search=more.search,
         unseen=more.unseen, deviating=deviating, discovery=more.discoveries,

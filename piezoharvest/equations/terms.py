@@ -6,8 +6,9 @@ An effect acts on `Terms` as it acts on the specimen of a predicted record. Rows
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -74,6 +75,8 @@ class Terms:
         For small motions about rest, in which smooth elements have no influence.
     passes : bool
         Time passes from the beginning of a record to its end, for effects that change during it.
+    size : (float, float), optional
+        Amplitude and frequency of the drive, for effects that depend on these.
 
     Attributes
     ----------
@@ -102,10 +105,13 @@ class Terms:
         An effect takes a power that is no whole number, or time by itself.
     """
 
+    reads = False
+
     def __init__(
-        self, transducer: Transducer, drive: str = "force", *, linearised: bool = False, passes: bool = False
-    ) -> None:
-        self.transducer, self.drive_name = transducer, drive
+        self, transducer: Transducer, drive: str = "force", *, linearised: bool = False, passes: bool = False,
+        size: Any = None,
+    ) -> None:  # fmt: skip
+        self.transducer, self.drive_name, self.size = transducer, drive, size
         self._linearised, self._passes = linearised, passes
         self.columns: dict[str, int] = {}
         self.states: list[State] = []
@@ -129,7 +135,8 @@ class Terms:
 
     def _take(self, effect: Effect, n: int) -> bool:
         """Let an effect act; return True if it acts on the specimen."""
-        self._effect, self._prefix, self._felt = effect.name, f"effect{n}_{effect.name}_", 0
+        word = re.sub(r"\W", "_", effect.name)  # blanks and points are for no node of a netlist
+        self._effect, self._prefix, self._felt = effect.name, f"effect{n}_{word}_", 0
         if effect.absent:
             return True
         effect.act(self)

@@ -11,7 +11,7 @@ import numpy as np
 
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.predict.drive import JUMP_PARTS, Drive, drive_of
+from piezoharvest.predict.drive import JUMP_PARTS, Drive, drive_of, size_of
 from piezoharvest.predict.parameters import STEP, Parameter, stepped, value_at
 from piezoharvest.predict.record_model import Matrices, RecordModel
 from piezoharvest.predict.sample_step import SampleStep, inverse_of, step_of
@@ -59,6 +59,8 @@ class Setting:
         The drive jumps to its first value at the first sample, from a free value.
     fine : int
         Steps per sample for models with elements, whose outputs are linear in time within a step.
+    size : (float, float) or None
+        Amplitude and frequency (Hz) of the drive, which laws of a parameter may be functions of.
     """
 
     drive: str
@@ -76,6 +78,7 @@ class Setting:
     fixed: tuple[tuple[str, float], ...] = ()
     harmonics: Harmonics | None = None
     gate: Edges | None = None
+    size: tuple[float, float] | None = None
 
     @property
     def jumps(self) -> np.ndarray:
@@ -108,6 +111,7 @@ def setting_of(
     """
     motion = drive_of(values)
     setting = Setting(drive, shunt, sample_time, float(values[0]), motion, len(values), abrupt=abrupt)
+    setting = replace(setting, size=size_of(values, sample_time))
     if transducer is None:
         return setting
     bare = DiscreteModel(replace(transducer, effects=()), setting, ())
@@ -140,13 +144,14 @@ class DiscreteModel:
         self.inverse = inverse_of(self.matrices)
 
     @staticmethod
-    def key(setting: Setting) -> tuple:
+    def key(setting: Setting, transducer: Transducer) -> tuple:
         """Properties that the records of one model have in common."""
-        return setting.shunt, setting.drive, setting.sample_time, setting.count
+        size = setting.size if any(effect.of_drive for effect in transducer.effects) else None
+        return setting.shunt, setting.drive, setting.sample_time, setting.count, size
 
     def _matrices(self, transducer: Transducer) -> Matrices:
         setting = self.setting
-        return RecordModel(transducer, setting.shunt, setting.drive, setting.sample_time).matrices()
+        return RecordModel(transducer, setting.shunt, setting.drive, setting.sample_time, setting.size).matrices()
 
     @cached_property
     def tangents(self) -> list[Matrices]:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+SINE_ITERATIONS = 5  # of the fit of a sine, which doubles its digits with each
 MIN_JUMP = 0.1  # of the range: a larger change between two samples is a jump if the others are slower
 MIN_JUMP_RATIO = 8.0  # smallest ratio of a jump to the changes beside it
 MIN_CORNER = 1e-3  # of the range: least change of slope per sample at a corner
@@ -35,6 +36,37 @@ class Drive(NamedTuple):
 
     coefficients: np.ndarray
     jumps: np.ndarray
+
+
+def size_of(values: np.ndarray, sample_time: float) -> tuple[float, float]:
+    """Amplitude of a drive, half of its range, and the frequency in Hz of its strongest line; zero where it is still.
+
+    The line is interpolated in a windowed spectrum (Harris, Proc. IEEE 66(1), 51-83, 1978), and refined by the fit of a
+    sine (IEEE Std 1057, 2017, annex B) where that stays within a line of it.
+    """
+    power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
+    peak = int(np.argmax(power)) if len(power) > 2 else 0
+    if not 0 < peak < len(power) - 1 or not np.all(power[peak - 1 : peak + 2] > 0.0):
+        return 0.5 * float(np.ptp(values)), 0.0
+    a, b, c = np.log(power[peak - 1 : peak + 2])
+    line = peak + (0.5 * (a - c) / (a - 2.0 * b + c) if a + c < 2.0 * b else 0.0)
+    length = len(values) * sample_time
+    found = _refined(values, sample_time, line / length)
+    return 0.5 * float(np.ptp(values)), found if abs(found * length - line) < 1.0 else float(line / length)
+
+
+def _refined(values: np.ndarray, sample_time: float, frequency: float) -> float:
+    """Frequency in Hz of the sine that is closest to samples, from one nearby on."""
+    t = sample_time * (np.arange(len(values)) - 0.5 * len(values))
+    sine = np.zeros(3)
+    for _ in range(SINE_ITERATIONS):
+        angle = 2.0 * np.pi * frequency * t
+        basis = np.column_stack([np.cos(angle), np.sin(angle), np.ones(len(t))])
+        slope = t * (basis[:, 0] * sine[1] - basis[:, 1] * sine[0])
+        columns = np.column_stack([basis, slope]) if np.any(sine) else basis
+        *sine, move = [*np.linalg.lstsq(columns, values, rcond=None)[0], 0.0][:4]
+        frequency += move / (2.0 * np.pi)
+    return float(frequency)
 
 
 def drive_of(values: np.ndarray) -> Drive:

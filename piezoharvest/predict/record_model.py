@@ -110,6 +110,8 @@ class RecordModel:
         The imposed channel.
     sample_time : float
         s between samples.
+    size : (float, float), optional
+        Amplitude and frequency of the drive.
 
     Attributes
     ----------
@@ -125,9 +127,15 @@ class RecordModel:
         The shunt is not a linear circuit, or requires a capacitance that a record does not determine.
     """
 
-    def __init__(self, transducer: Transducer, shunt: Shunt | None, drive: str, sample_time: float) -> None:
+    reads = True
+
+    def __init__(
+        self, transducer: Transducer, shunt: Shunt | None, drive: str, sample_time: float,
+        size: tuple[float, float] | None = None,
+    ) -> None:  # fmt: skip
         transducer = transducer.settled(sample_time) if transducer.quasi_static else transducer
         self.transducer, self.sample_time, self.drive_name = transducer, sample_time, drive
+        self.size = size
         self._width = COLUMNS
         while True:
             try:

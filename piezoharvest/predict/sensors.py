@@ -12,7 +12,7 @@ from scipy.ndimage import spline_filter1d
 from scipy.special import ndtr
 
 from piezoharvest.description.effects.base import Effect
-from piezoharvest.predict.parameters import Parameter, put
+from piezoharvest.predict.parameters import Parameter
 
 CLIPPING_SIGMAS = 8.0  # standard deviations from the end of a range, beyond which it has no influence
 MIN_SPLINE_SAMPLES = 8  # samples: a shorter piece is dominated by its ends
@@ -70,7 +70,7 @@ def sensed(
     for n, effect in enumerate(effects):
         for c, (channel, scatter) in enumerate(noise.items()):
             delay, span = effect.late(channel), effect.span(channel)
-            place = _place(parameters, n, "delay") if delays(effect, channel) else None
+            place = _place(parameters, n, *effect.delay_path) if effect.delays(channel) else None
             if delay or place is not None:
                 _delay(values, slopes, c, course, delay, place)
             if np.isfinite(span):
@@ -78,14 +78,9 @@ def sensed(
     return values, slopes
 
 
-def delays(effect: Effect, channel: str) -> bool:
-    """True if the delay of an effect acts on a channel, even if it is zero at present."""
-    return type(effect).late is not Effect.late and put(effect, ("delay",), 1.0).late(channel) == 1.0
-
-
-def _place(parameters: Sequence[Parameter], effect: int, field: str) -> int | None:
+def _place(parameters: Sequence[Parameter], effect: int, *fields: str) -> int | None:
     """Column of an effect's parameter."""
-    path = ("effects", effect, field)
+    path = ("effects", effect, *fields)
     return next((k for k, parameter in enumerate(parameters) if parameter.path == path), None)
 
 

@@ -108,7 +108,7 @@ def estimate_operating_point(
         omega, tones = own, [(0.0, 2 * float(np.max(np.abs(signal.starts))))]
     voltage = sum(_voltage(transducer, excitation.base, w, a) for w, a in tones)
     passes = excitation.period is None
-    terms = Terms(transducer, "base_acceleration" if excitation.base else "force", passes=passes)
+    terms = Terms(transducer, "base_acceleration" if excitation.base else "force", passes=passes, size=excitation.size)
     begins = start.values if start else _rest(transducer, excitation) | {"dc": dc_start}
     most = max(voltage, dc_start) or 1.0
     return OperatingPoint(transducer, excitation, signal, omega, most, terms, begins, start)

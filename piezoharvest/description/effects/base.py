@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -41,6 +42,8 @@ class Effect(Component):
     # Its strength decides which events there are: it has no derivative anywhere, and values are tried instead.
     scanned: ClassVar[bool] = False
     of_specimen: ClassVar[bool] = True
+    of_drive: ClassVar[bool] = False  # it depends on the amplitude or the frequency of a record's drive
+    delay_path: ClassVar[tuple[str, ...]] = ("delay",)  # to the value that `late` returns
 
     def act(self, specimen: EquationBuilder) -> None:
         """Add terms to the equations of the specimen."""
@@ -68,6 +71,14 @@ class Effect(Component):
     def late(self, channel: str) -> float:
         """Delay of a channel in s."""
         return 0.0
+
+    def delays(self, channel: str) -> bool:
+        """True if the effect may delay a channel, even if its delay is zero at present."""
+        if type(self).late is Effect.late:
+            return False
+        moved = copy.copy(self)
+        object.__setattr__(moved, self.delay_path[0], 1.0)
+        return moved.late(channel) == 1.0
 
     def span(self, channel: str) -> float:
         """Largest value that a channel can read, in its SI unit."""

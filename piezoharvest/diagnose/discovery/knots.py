@@ -41,11 +41,17 @@ def table_for(place: Place, visited: np.ndarray, *, smooth: bool = False) -> Cor
     return kind(knots=chosen, kinks=(0.0,) * len(chosen))
 
 
-def fine_knots(visited: np.ndarray, count: int = PIECES) -> tuple[float, ...]:
-    """Corners of a broken line that stands for a smooth curve, from zero to both ends of what was visited."""
+def fine_knots(visited: np.ndarray, count: int = PIECES, *, dense: bool = False) -> tuple[float, ...]:
+    """Corners of a broken line that stands for a smooth curve, from zero to both ends of what was visited.
+
+    They are evenly spaced, or `dense` near zero, where a curve that saturates is most bent: in squares.
+    """
     low, high = float(visited.min()), float(visited.max())
-    below = -np.linspace(0.0, -low, 1 + round(count * -low / (high - low)))[::1] if low < 0 < high else np.zeros(0)
-    if low < 0.0 < high:
-        above = np.linspace(0.0, high, count - len(below) + 1)
-        return (*map(float, above), *(-float(k) for k in -below))
-    return tuple(map(float, np.linspace(0.0, high if high > 0 else low, count)))
+    if not low < 0.0 < high:
+        return tuple(map(float, _spaced(high if high > 0 else low, count, dense)))
+    below = 1 + round(count * -low / (high - low))
+    return (*map(float, _spaced(high, count - below + 1, dense)), *(-float(k) for k in _spaced(-low, below, dense)))
+
+
+def _spaced(end: float, count: int, dense: bool) -> np.ndarray:
+    return end * np.linspace(0.0, 1.0, max(count, 2)) ** (2 if dense else 1)

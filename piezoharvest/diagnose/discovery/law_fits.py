@@ -11,8 +11,9 @@ import numpy as np
 
 from piezoharvest.description.effects.nameless.forms import Bends, Corners, Form
 from piezoharvest.description.effects.nameless.law import Law
+from piezoharvest.description.effects.nameless.memory import Memory, Play
 from piezoharvest.description.effects.nameless.places import Place
-from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.parameters import Component, ParameterError
 from piezoharvest.diagnose.discovery.smoothness import Smoothness, projected, smoothness
 from piezoharvest.diagnose.score_tests import extended
 from piezoharvest.identify.fitting.evaluation import total_information
@@ -20,7 +21,7 @@ from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import inner_values
 from piezoharvest.identify.fitting.output_error import fit, linearised
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
-from piezoharvest.predict.parameters import STEP, Parameter, parameter_of, put, value_at
+from piezoharvest.predict.parameters import STEP, Parameter, Path, parameter_of, put, value_at
 from piezoharvest.predict.prediction import PredictionError
 
 FIT_TOLERANCE = 0.5  # of -2 ln L, as of other trial fits
@@ -82,8 +83,13 @@ class LawFit:
 
     @property
     def evidence(self) -> float:
-        """-2 ln of the marginal likelihood up to a constant (Laplace), for tables at several places."""
+        """-2 ln of the marginal likelihood up to a constant (Laplace), for laws at several places.
+
+        Of a formula, whose parameters have no prior, with that of one sample, as Schwarz's criterion has it.
+        """
         own, found = self.own, self.found
+        if not isinstance(self.form, TABLES):
+            return self.criterion
         inside, _ = self.normal
         precision = np.diag(found.prior)[own]
         ratio = np.linalg.slogdet(np.eye(len(own)) + inside / np.sqrt(np.outer(precision, precision)))[1]
@@ -98,12 +104,19 @@ class LawFit:
     @property
     def criterion(self) -> float:
         """Bayes's information criterion, for forms at one place (Schwarz, Ann. Stat. 6(2), 461-464, 1978)."""
-        count = sum(float(sums.count.sum()) for sums in self.found.sums)
-        return self.found.cost + self.freedom * np.log(count)
+        return self.found.cost + self.freedom * np.log(self.samples)
+
+    @property
+    def samples(self) -> float:
+        """Number of samples of all channels in the fitted records."""
+        return sum(float(sums.count.sum()) for sums in self.found.sums)
 
 
 def law_parameters(law: Law, n: int, deviation: float = np.inf) -> list[Parameter]:
-    """Parameters of a law that is the n-th effect: the kinks of a table, or the quantities of a formula."""
+    """Parameters of a law that is the n-th effect: the kinks of a table, or the quantities of formula and memory.
+
+    The factor of a memory at a port has the sign of one that takes energy.
+    """
     form, path = law.form, ("effects", n, "form")
     if isinstance(form, TABLES):
         unit = f"{law.place.unit}/({law.place.input_unit or '1'})"
@@ -111,8 +124,32 @@ def law_parameters(law: Law, n: int, deviation: float = np.inf) -> list[Paramete
             Parameter((*path, "kinks", j), unit, "linear", -np.inf, np.inf, deviation=deviation)
             for j in range(len(form.kinks))
         ]
-    fields = [field for field in dataclasses.fields(form) if "unit" in field.metadata]
-    return [parameter_of(form, field, (*path, field.name)) for field in fields]
+    memory, sign = law.memory, law.passive_sign
+    found = [] if memory is not None and memory.alone else _quantities(form, path)
+    if sign:
+        bounds = {"lower": 0.0} if sign > 0 else {"upper": 0.0}
+        found = [replace(p, **bounds) if p.path[-1] == "factor" else p for p in found]
+    if memory is None:
+        return found
+    return [*found, *(_near(p, memory) for p in _quantities(memory, ("effects", n, "memory")))]
+
+
+def _near(parameter: Parameter, memory: Memory) -> Parameter:
+    """Parameter of a memory within a decade of its start: starts are closer, and far from them fits run away.
+
+    More than critically damped, what resonates is none.
+    """
+    if parameter.scaling != "log":
+        return parameter
+    start = parameter.inner(getattr(memory, str(parameter.path[-1])))
+    upper = 0.0 if parameter.path[-1] == "damping_ratio" else start + np.log(10.0)
+    return replace(parameter, lower=start - np.log(10.0), upper=upper)
+
+
+def _quantities(component: Component, path: Path) -> list[Parameter]:
+    """Parameters for the quantities of a form or a memory."""
+    fields = [field for field in dataclasses.fields(component) if "unit" in field.metadata]
+    return [parameter_of(component, field, (*path, field.name)) for field in fields]
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,9 +223,47 @@ def fitted(
     return done
 
 
+def without_law(some: LawFit) -> Fit:
+    """The fit without its law: a start for another one, whose parameters are those with the law."""
+    found, model = some.found, some.found.model
+    kept = tuple(p for k, p in enumerate(model.parameters) if k not in some.own)
+    effects = model.transducer.effects[:-1]
+    bare = replace(model, transducer=replace(model.transducer, effects=effects), parameters=kept, felt=None)
+    places = [k for k in range(len(found.information)) if k not in some.own]
+    return replace(
+        found, model=bare, information=found.information[np.ix_(places, places)],
+        prior=found.prior[np.ix_(places, places)],
+    )  # fmt: skip
+
+
+def without_effect(problem: Problem, found: Fit, n: int) -> Fit | None:
+    """Fit of the same model without its n-th effect; None where it has no solution or comes to no end."""
+    model = found.model
+    effects = model.transducer.effects
+    kept = [p for p in model.parameters if p.path[:2] != ("effects", n)]
+    moved = tuple(
+        replace(p, path=("effects", int(p.path[1]) - 1, *p.path[2:]))
+        if p.path[0] == "effects" and int(p.path[1]) > n
+        else p
+        for p in kept
+    )
+    less = replace(
+        model, transducer=replace(model.transducer, effects=(*effects[:n], *effects[n + 1 :])), parameters=moved
+    )
+    nuisance = nuisance_for_model(problem, model, found.nuisance, less)
+    try:
+        again = fit(problem, less, nuisance, found.noise, estimate_noise=False, enough=FIT_TOLERANCE)
+    except (PredictionError, ParameterError, np.linalg.LinAlgError):
+        return None
+    return again if again.converged else None
+
+
 def inputs_and_values(some: LawFit, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Inputs over the visited range, evenly, and the law there."""
-    x = np.linspace(some.visited.min(), some.visited.max(), count)
+    """Inputs over the visited range, evenly, and the law there; with play, of by how much the input is ahead of it."""
+    low, high, memory = some.visited.min(), some.visited.max(), some.law.memory
+    if isinstance(memory, Play):
+        low, high = -memory.threshold, memory.threshold
+    x = np.linspace(low, high, count)
     return x, np.real(some.form.values(x))
 
 
@@ -198,6 +273,9 @@ def derivative(some: LawFit, x: np.ndarray) -> np.ndarray:
     transducer = some.found.model.transducer
     for k in some.own:
         parameter = some.found.model.parameters[k]
+        if parameter.path[2] == "memory":  # moves no value of the function that follows it
+            columns.append(np.zeros(len(x)))
+            continue
         inner = parameter.inner(value_at(transducer, parameter.path))
         form = put(some.form, parameter.path[3:], parameter.outer(inner + 1j * STEP))
         columns.append(np.imag(form.values(x)) / STEP)

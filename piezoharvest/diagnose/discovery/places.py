@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from piezoharvest.description.effects.nameless.places import (
     PARAMETERS_OVER_TIME,
+    SIZES,
     Capacitor,
     Coupling,
     Damper,
@@ -21,6 +24,7 @@ from piezoharvest.diagnose.discovery.visited import Visited
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.problem import Problem
 
+MIN_DIFFERENCE = 0.05  # of amplitude or frequency, relative: a law over less is told by no other record
 READ_OF = ("displacement", "voltage", "current")  # what a reading may depend on, beside the drive, rates and time
 
 
@@ -31,8 +35,15 @@ def places_of(problem: Problem, visited: Visited) -> list[Place]:
     inside: list[Place] = [Spring(), Electrodes(), Capacitor(), Coupling()]
     inside += [] if quasi_static else [Damper()]
     inside += [Load()] if any(isinstance(data.setting.shunt, Resistor) for data in records) else []
-    inside += [OverTime(name) for name in PARAMETERS_OVER_TIME if not (quasi_static and name == "damping")]
+    moving = [of for of in ("time", *SIZES) if of in visited and _differs(visited[of])]
+    names = [name for name in PARAMETERS_OVER_TIME if not (quasi_static and name == "damping")]
+    inside += [OverTime(name, of) for name in names for of in moving]
     return [place for place in (*inside, *_readings(records)) if place.input in visited]
+
+
+def _differs(values: np.ndarray) -> bool:
+    """True if an input, one number in a record, differs well between records."""
+    return float(np.ptp(values)) > MIN_DIFFERENCE * float(np.abs(values).max())
 
 
 def _readings(records: list[Data]) -> Iterator[Reading]:

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from piezoharvest.description.effects.nameless.forms import Form, Knee, Monomial, Power
 from piezoharvest.description.effects.nameless.law import Law
-from piezoharvest.description.effects.nameless.shapes import Shape
-from piezoharvest.diagnose.discovery.law_fits import LawFit, derivative, inputs_and_values
+from piezoharvest.diagnose import thresholds
+from piezoharvest.diagnose.discovery.forms.wording import Value, formula, in_si, memory_values, unit_of
+from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit, derivative, inputs_and_values
 from piezoharvest.identify.fitting.output_error import covariance
 from piezoharvest.predict.parameters import value_at
 
 CURVE_POINTS = 61
-SYMBOLS = {
-    "force": "F", "displacement": "x", "velocity": "x'", "displacement_rate": "x'", "voltage": "v", "current": "i",
-    "base_acceleration": "a", "force_rate": "F'", "base_acceleration_rate": "a'", "time": "t",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -28,6 +25,15 @@ class Rival:
     place: str
     input: str
     form: str
+    log_odds: float
+
+
+@dataclass(frozen=True)
+class Alike:
+    """Another form of a law at its place, and the logarithm of its odds against the best."""
+
+    form: str
+    formula: str
     log_odds: float
 
 
@@ -50,6 +56,8 @@ class Discovery:
         Of adding it, corrected for the number of places tried.
     rivals : tuple of Rival
         The likeliest first.
+    forms : tuple of Alike
+        Other forms at this place that the records do not tell from this one, the table among them.
     """
 
     law: Law
@@ -62,6 +70,7 @@ class Discovery:
     gain: float
     p_value: float
     rivals: tuple[Rival, ...]
+    forms: tuple[Alike, ...] = ()
 
     @property
     def visited(self) -> tuple[float, float]:
@@ -74,88 +83,72 @@ class Discovery:
         return self.law.place.name
 
 
-def discovery(best: LawFit, gain: float, p_value: float, rivals: tuple[Rival, ...]) -> Discovery:
-    """Result of a fit of a law."""
+def discovery(
+    best: LawFit, gain: float, p_value: float, rivals: tuple[Rival, ...], forms: Sequence[LawFit] = ()
+) -> Discovery:
+    """Result of a fit of a law; `forms` are those that were fitted at its place, the likeliest first."""
     scatter = covariance(best.found)[np.ix_(best.own, best.own)]
     x, value = inputs_and_values(best, CURVE_POINTS)
     slopes = derivative(best, x)
-    std = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", slopes, scatter, slopes), 0.0))
+    std = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", slopes, scatter, slopes), 0.0) + _spread(forms, x))
     values = _values(best, np.sqrt(np.maximum(np.diag(scatter), 0.0)))
-    return Discovery(best.law, formula(best.law), best.form.word, values, x, value, std, gain, p_value, rivals)
+    return Discovery(
+        best.law, formula(best.law), best.form.word, values, x, value, std, gain, p_value, rivals, _alike(forms)
+    )
 
 
-def _values(best: LawFit, std: np.ndarray) -> dict[str, tuple[float, float | None, str]]:
+def _spread(forms: Sequence[LawFit], x: np.ndarray) -> np.ndarray:
+    """Variance of a law by the choice of its form: that of all forms about the first, by their odds.
+
+    Source: Hoeting, Madigan, Raftery & Volinsky, Stat. Sci. 14(4), 382-401, 1999 (model averaging).
+    """
+    if len(forms) < 2:
+        return np.zeros(len(x))
+    odds = np.exp(-0.5 * np.array([each.criterion - forms[0].criterion for each in forms]))
+    curves = np.array([np.real(each.form.values(x)) for each in forms])
+    return odds / odds.sum() @ (curves - curves[0]) ** 2
+
+
+def _alike(forms: Sequence[LawFit]) -> tuple[Alike, ...]:
+    """Forms that the records do not tell from the first one."""
+    odds = ((each, 0.5 * (forms[0].criterion - each.criterion)) for each in forms[1:])
+    close = [(each, chance) for each, chance in odds if chance > -thresholds.MIN_LOG_ODDS]
+    return tuple(Alike(each.form.word, formula(each.law), float(chance)) for each, chance in close)
+
+
+def _values(best: LawFit, std: np.ndarray) -> dict[str, Value]:
     """Values of the law's parameters with standard errors, in SI units; none for a table, whose curve says all."""
-    found: dict[str, tuple[float, float | None, str]] = {}
-    form, place = best.form, best.law.place
-    if not isinstance(form, Knee | Power | Monomial | Shape):
+    found: dict[str, Value] = {}
+    form, law = best.form, best.law
+    if isinstance(form, TABLES):
         return found
     for k, error in zip(best.own, std, strict=True):
         parameter = best.found.model.parameters[k]
+        name, part = str(parameter.path[-1]), law.memory if parameter.path[2] == "memory" else form
+        assert part is not None
         value = float(np.real(value_at(best.found.model.transducer, parameter.path)))
         slope = parameter.slope(parameter.inner(value))
-        found[str(parameter.path[-1])] = value, float(slope * error), _unit(form, str(parameter.path[-1]), place)
-    return _in_si(form, place, found)
+        found[name] = value, float(slope * error), unit_of(name, part, law.place)
+    return in_si(form, law.place, found)
 
 
-def _unit(form: Form, name: str, place: Any) -> str:
-    if name == "exponent":
-        return ""
-    return place.unit if name == "factor" else place.input_unit
-
-
-def _in_si(form: Form, place: Any, found: dict[str, Any]) -> dict[str, tuple[float, float | None, str]]:
-    """The factor of powers as it stands before |x|^n, and that of a knee as a slope."""
-    value, std, _ = found["factor"]
-    if isinstance(form, Knee):
-        found["factor"] = value, std, _per(place.unit, place.input_unit)
-        found = {"slope": found.pop("factor"), **found}
-    elif isinstance(form, Monomial):
-        size = form.scale**form.exponent
-        found = {"factor": (value / size, std / size, _per(place.unit, place.input_unit, form.exponent))}
-    elif isinstance(form, Power):
-        # At the reference input, where factor and exponent are told apart.
-        found["reference"] = form.scale, None, place.input_unit
-    return found
-
-
-def _per(unit: str, other: str, power: int = 1) -> str:
-    if not other:
-        return unit
-    below = f"({other})" if "/" in other else other
-    return f"{unit or '1'}/{below}" + (f"^{power}" if power != 1 else "")
-
-
-def formula(law: Law) -> str:
-    """The law as a formula with units."""
-    form, place = law.form, law.place
-    s, unit, of = SYMBOLS.get(place.input, place.input), place.unit, place.input_unit
-    if isinstance(form, Knee):
-        name, sign = _per(unit, of), "-" if form.knee >= 0 else "+"
-        inside = f"{s} {sign} {abs(form.knee):.4g} {of}".rstrip()
-        side = {2: ", odd", 1: "", -1: ", below"}[form.sides]
-        return f"{form.factor:.4g} {name} * hinge({inside}){side}"
-    if isinstance(form, Monomial):
-        return f"{form.factor / form.scale**form.exponent:.4g} {_per(unit, of, form.exponent)} * {s}^{form.exponent}"
-    if isinstance(form, Power):
-        sign = f" * sign({s})" if form.odd else ""
-        return f"{form.factor:.4g} {unit} * |{s} / {form.scale:.4g} {of}|^{form.exponent:.4g}{sign}"
-    if isinstance(form, Shape):
-        inside, words = f"{s} / {form.scale:.4g} {of}".rstrip(), {"exponential": "exp"}
-        less = (" - 1" if form.curve == "exponential" else "") + (f" - {inside}" if form.bent else "")
-        return f"{form.factor:.4g} {unit} * ({words.get(form.curve, form.curve)}({inside}){less})"
-    return f"table of {s} ({of or 'share of a record'}) to {unit or 'a relative change'}"
+def _memory_json(law: Law) -> dict[str, Any] | None:
+    """Kind of a law's memory, and its values in SI units."""
+    if law.memory is None:
+        return None
+    return {"kind": law.memory.kind, **{name: float(value) for name, value in memory_values(law.memory).items()}}
 
 
 def as_json(found: Discovery) -> dict[str, Any]:
     """The entry of `diagnose --json`."""
     return {
-        "place": found.place, "input": found.law.place.input, "memory": None, "formula": found.formula,
-        "form": found.form,
+        "place": found.place, "input": found.law.place.input, "memory": _memory_json(found.law),
+        "formula": found.formula, "form": found.form,
         "parameters": {n: {"value": v, "std": s, "unit": u} for n, (v, s, u) in found.parameters.items()},
         "curve": {"input": found.input.tolist(), "value": found.value.tolist(), "std": found.std.tolist()},
         "visited": list(found.visited), "gain": found.gain, "p_value": found.p_value,
         "rivals": [
             {"place": r.place, "input": r.input, "form": r.form, "log_odds": r.log_odds} for r in found.rivals
         ],
+        "forms": [{"form": f.form, "formula": f.formula, "log_odds": f.log_odds} for f in found.forms],
     }  # fmt: skip

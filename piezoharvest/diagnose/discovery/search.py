@@ -10,11 +10,15 @@ import numpy as np
 from piezoharvest.description.effects.nameless.forms import Bends
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.diagnose import thresholds
-from piezoharvest.diagnose.discovery.formulas import condensed
+from piezoharvest.diagnose.discovery.forms.formulas import ranked
+from piezoharvest.diagnose.discovery.forms.known import named
 from piezoharvest.diagnose.discovery.knots import table_for
 from piezoharvest.diagnose.discovery.law_fits import LawFit, Scored, best_of, fitted, score
+from piezoharvest.diagnose.discovery.memories import memories_at, score_memories
+from piezoharvest.diagnose.discovery.passivity import takes_energy
 from piezoharvest.diagnose.discovery.places import places_of
 from piezoharvest.diagnose.discovery.visited import visited_inputs
+from piezoharvest.diagnose.start_values import campaign_scales
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import fit, mean_square
@@ -22,7 +26,7 @@ from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.predict.circuit.setting import by_engine
 from piezoharvest.predict.prediction import PredictionError
 
-FITS = 5  # places with the highest scores that are fitted in full
+FITS, MEMORY_FITS = 5, 4  # places with the highest scores that are fitted in full, without a memory and with one
 MIN_SCORE = 20.0  # of -2 ln L: below it a place may owe its score to chance among some thirty
 RIVALS = 4  # other places that are reported
 
@@ -31,7 +35,9 @@ RIVALS = 4  # other places that are reported
 class Found:
     """The best law, and other places by increasing loss; `tried` is the number of places that were scored.
 
-    `start` is the fit before it, `table` that of its table, from which the odds of the rivals are.
+    `start` is the fit before it, `table` that of its table, from which the odds of the rivals are. `forms` are those
+    that were fitted at the place, the likeliest first, and `known` is a fit with the effect that the law is, if it is
+    one of the library.
     """
 
     best: LawFit
@@ -39,10 +45,24 @@ class Found:
     rivals: tuple[LawFit, ...]
     start: Fit
     tried: int
+    forms: tuple[LawFit, ...]
+    known: Fit | None = None
+
+    @property
+    def final(self) -> Fit:
+        """The fit with the law, or the known effect that it is."""
+        return self.best.found if self.known is None else self.known
+
+    def with_final(self, final: Fit) -> Found:
+        """The same law in another fit of it."""
+        if self.known is not None:
+            return replace(self, known=final)
+        return replace(self, best=replace(self.best, found=final))
 
     def log_odds(self, rival: LawFit) -> float:
-        """Logarithm of the odds of another place against the best, both with tables."""
-        return 0.5 * (self.table.evidence - rival.evidence)
+        """Logarithm of the odds of another place against the best, both with tables; with a memory it is a formula."""
+        best = self.table.evidence if rival.law.memory is None else self.forms[0].criterion
+        return 0.5 * (best - rival.evidence)
 
     @property
     def close(self) -> tuple[LawFit, ...]:
@@ -66,45 +86,89 @@ def search(problem: Problem, start: Fit, progress: Callable[[str], None]) -> Fou
     progress : callable
     """
     scored = _scored(problem, start)
-    chosen = _promising(scored, start)
+    done = _fits(problem, start, promising(scored, mean_square(start)), progress)
+    if not done:
+        return None
+    table, forms = _likeliest(problem, start, done)
+    rivals = [each for each in best_of(done) if not _alike(each, table)]
+    progress(f"the likeliest law is at {_words(forms[0].law)}: {forms[0].law.name}")
+    best = _with_its_noise(problem, forms[0])
+    as_known = named(problem, best)
+    if as_known is not None:
+        progress(f"it is {as_known.model.transducer.effects[-1].name}")
+    return Found(best, table, tuple(rivals[:RIVALS]), start, len(scored), tuple(forms), as_known)
+
+
+def _likeliest(problem: Problem, start: Fit, done: Sequence[LawFit]) -> tuple[LawFit, list[LawFit]]:
+    """The likeliest law as it was fitted first, and its forms: a free function, or a memory if that does better.
+
+    A memory is a formula already; of the free functions the likeliest is condensed to one before the two are compared.
+    """
+    with_memory = best_of([each for each in done if each.law.memory is not None])[:1]
+    found = [(each, [each]) for each in with_memory]
+    for table in best_of([each for each in done if each.law.memory is None])[:1]:
+        smooth = min((table, *_smoother(problem, start, table)), key=lambda each: each.evidence)
+        found.append((smooth, ranked(problem, smooth)))
+    return min(found, key=lambda each: each[1][0].criterion)
+
+
+def _alike(first: LawFit, second: LawFit) -> bool:
+    """True if two laws are at one place and of one input, whatever their memory."""
+    return (first.place.name, first.place.input) == (second.place.name, second.place.input)
+
+
+def _fits(problem: Problem, start: Fit, chosen: Sequence[Scored], progress: Callable[[str], None]) -> list[LawFit]:
+    """Full fits of laws; those that will not come close to the best so far are abandoned."""
     done: list[LawFit] = []
     for each in chosen:
         best = min((one.evidence for one in done), default=np.inf)
         found = fitted(problem, start, each.law, each.visited, each.smoothness.deviation, best + thresholds.CLOSE_COST)
-        if found is not None:
-            progress(f"tried a law at {_words(each.law)}: -2 ln L {found.found.cost - start.cost:+.1f}")
+        if found is None:
+            continue
+        progress(f"tried a law at {_words(each.law)}: -2 ln L {found.found.cost - start.cost:+.1f}")
+        if takes_energy(problem, found):
             done.append(found)
-    if not done:
-        return None
-    table, *rivals = best_of(done)
-    table = min((table, *_smoother(problem, start, table)), key=lambda each: each.evidence)
-    best = condensed(problem, start, table)
-    progress(f"the likeliest law is at {_words(best.law)}: {best.form.word}")
-    return Found(_with_its_noise(problem, best), table, tuple(rivals[:RIVALS]), start, len(scored))
+        else:
+            progress(f"there it would give energy, so that it is no law of the {found.place.name}")
+    return done
 
 
 def _words(law: Law) -> str:
-    return f"{law.place.name}, of {law.place.input.replace('_', ' ')}"
+    memory = f", with {law.memory.kind}" if law.memory is not None else ""
+    return f"{law.place.name}, of {law.place.input.replace('_', ' ')}{memory}"
 
 
 def _scored(problem: Problem, start: Fit) -> list[Scored]:
-    """Scores of all places, the highest first."""
+    """Scores of all places, without a memory and with each kind at its best start, the highest first."""
     visited = visited_inputs(problem, start)
-    found = []
+    scales = campaign_scales(problem.data, start)
+    found: list[Scored] = []
     for place in places_of(problem, visited):
         table = table_for(place, visited[place.input])
         each = table and score(problem, start, Law(place=place, form=table), visited[place.input])
-        found += [each] if each is not None and each.gain > MIN_SCORE else []
-    return sorted(found, key=lambda each: -each.gain)
+        found += [each] if each is not None else []
+        found += _best_memories(problem, start, memories_at(place, visited, scales), visited[place.input])
+    return sorted((each for each in found if each.gain > MIN_SCORE), key=lambda each: -each.gain)
 
 
-def _promising(scored: Sequence[Scored], start: Fit) -> list[Scored]:
+def _best_memories(problem: Problem, start: Fit, laws: Sequence[Law], visited: np.ndarray) -> list[Scored]:
+    """The best start of each kind of memory at a place."""
+    best: dict[str, Scored] = {}
+    for each in sorted(score_memories(problem, start, laws, visited), key=lambda each: -each.gain) if laws else []:
+        assert each.law.memory is not None
+        best.setdefault(each.law.memory.kind, each)
+    return list(best.values())
+
+
+def promising(scored: Sequence[Scored], misfit: float) -> list[Scored]:
     """Scores whose places are fitted: the highest, and where the misfit is large the best of each place.
 
     A score is a linearisation, which tells little where the fitted parameters have gone far to make up for a law.
     """
-    chosen = list(scored[:FITS])
-    if mean_square(start) > thresholds.LARGE_MISFIT:
+    free = [each for each in scored if each.law.memory is None]
+    chosen = free[:FITS] + [each for each in scored if each.law.memory is not None][:MEMORY_FITS]
+    chosen.sort(key=lambda each: -each.gain)
+    if misfit > thresholds.LARGE_MISFIT:
         for each in scored:
             if each.law.place.name not in {one.law.place.name for one in chosen}:
                 chosen.append(each)

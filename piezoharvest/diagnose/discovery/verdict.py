@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.candidate_fits import CandidateFits, EffectChange
-from piezoharvest.diagnose.discovery.law_fits import LawFit
+from piezoharvest.diagnose.discovery.law_fits import LawFit, without_effect
 from piezoharvest.diagnose.discovery.result import Discovery, Rival, discovery
 from piezoharvest.diagnose.discovery.search import Found, can_search, search
 from piezoharvest.diagnose.residual_tests import ResidualTest, failed_tests, whitened_squares
@@ -31,8 +31,12 @@ class Explained:
 
     Attributes
     ----------
-    verdict : "new_effect" or "ambiguous"
+    verdict : "new_effect", "effect" (the laws are known ones), or "ambiguous"
     discoveries : tuple of Discovery
+    known : tuple of int
+        Places in `search.order` of the laws that are effects of the library.
+    squares : tuple of (float, float)
+        Squares of unseen records and their number, before each effect of the search and after the last.
     search : Search
         With the laws in the place of effects.
     validation : Quality
@@ -40,17 +44,19 @@ class Explained:
     unexplained : float
         Share of the residual variance above the noise.
     unseen : tuple of ResidualTest
-    keeps_effects : bool
-        The effects that were found on the way are in the model, too.
+    kept : tuple of str
+        Names of the effects that were found on the way and are in the model, too.
     """
 
     verdict: str
     discoveries: tuple[Discovery, ...]
+    known: tuple[int, ...]
+    squares: tuple[tuple[float, float], ...]
     search: Search
     validation: Quality
     unexplained: float
     unseen: tuple[ResidualTest, ...]
-    keeps_effects: bool
+    kept: tuple[str, ...]
 
 
 def explained(campaign: Campaign, before: Identification, trials: CandidateFits, done: Search) -> Explained | None:
@@ -72,9 +78,11 @@ def explained(campaign: Campaign, before: Identification, trials: CandidateFits,
         return None
     nominal = trials.at_nominal(EffectChange(done.base))
     for start in (nominal.found if nominal else done.base, *([done.final] if done.nested else [])):
-        found = _laws(campaign, before, problem, start, progress)
+        found = found_laws(campaign, before, problem, start, progress)
         if found is not None:
-            return _as_diagnosed(campaign, before, problem, done, found)
+            kept = tuple(range(done.given_effects, len(start.model.transducer.effects)))
+            found, kept = without_riders(campaign, before, problem, found, kept, progress)
+            return _as_diagnosed(campaign, before, problem, done, found, kept)
     return None
 
 
@@ -87,8 +95,15 @@ class _Laws:
     unseen: Problem
     check: Fit
 
+    def with_final(self, final: Fit, squares: tuple[float, float], check: Fit) -> _Laws:
+        """The same laws in another last fit."""
+        return replace(
+            self, found=(*self.found[:-1], self.found[-1].with_final(final)), squares=(*self.squares[:-1], squares),
+            check=check,
+        )  # fmt: skip
 
-def _laws(
+
+def found_laws(
     campaign: Campaign, before: Identification, problem: Problem, start: Fit, progress: Callable[[str], None]
 ) -> _Laws | None:
     """Laws from a fit on that explain enough of what it leaves on records that were not fitted.
@@ -97,7 +112,7 @@ def _laws(
     """
     kept: _Laws | None = None
     while kept is None or (len(kept.found) < MAX_LAWS and _much_is_left(kept)):
-        more = search(problem, kept.found[-1].best.found if kept else start, progress)
+        more = search(problem, kept.found[-1].final if kept else start, progress)
         if more is None:
             break
         try:
@@ -112,9 +127,35 @@ def _laws(
     return kept if kept and _total_gain(kept) >= thresholds.MIN_LAW_GAIN else None
 
 
+def without_riders(
+    campaign: Campaign, before: Identification, problem: Problem, laws: _Laws, kept: tuple[int, ...],
+    progress: Callable[[str], None],
+) -> tuple[_Laws, tuple[int, ...]]:  # fmt: skip
+    """Laws without the effects found on the way that do nothing for unseen records, and the numbers of those that do.
+
+    Before a dominant law was known, an effect may have taken a little of its place.
+    """
+    for n in reversed(kept):
+        final = laws.found[-1].final
+        less = without_effect(problem, final, n)
+        if less is None:
+            continue
+        try:
+            unseen, (_, check) = validated(campaign, before, [before.found, less])
+        except PredictionError:  # the records need it
+            continue
+        squares, (first, count) = whitened_squares(unseen, check), laws.squares[0]
+        scatter = thresholds.NOISE_DEVIATIONS * np.sqrt(2.0 * count)
+        if squares[0] - laws.squares[-1][0] < max(thresholds.MIN_EXPLAINED_SHARE * (first - count), scatter):
+            progress(f"{final.model.transducer.effects[n].name} does nothing for records that were not fitted")
+            laws = laws.with_final(less, squares, check)
+            kept = tuple(m - (m > n) for m in kept if m != n)
+    return laws, kept
+
+
 def _judged(campaign: Campaign, before: Identification, start: Fit, found: tuple[Found, ...]) -> _Laws:
     """Laws with the squares that they leave of unseen records."""
-    fits = [start, *(each.best.found for each in found)]
+    fits = [start, *(each.final for each in found)]
     unseen, checks = validated(campaign, before, fits if start is before.found else [before.found, *fits])
     checks = checks[-len(fits) :]
     return _Laws(found, tuple(whitened_squares(unseen, each) for each in checks), unseen, checks[-1])
@@ -137,31 +178,40 @@ def _gain(before: tuple[float, float], after: tuple[float, float], last: tuple[f
     return float(np.clip((before[0] - after[0]) / max(before[0] - noise, 1e-300), -1.0, 1.0))
 
 
-def _as_diagnosed(campaign: Campaign, before: Identification, problem: Problem, done: Search, laws: _Laws) -> Explained:
-    discoveries = []
-    for n, each in enumerate(laws.found):
-        first, last = laws.squares[0], laws.squares[-1]
-        share = _gain(first, last, last) * (laws.squares[n][0] - laws.squares[n + 1][0]) / (first[0] - last[0])
-        rivals = tuple(Rival(r.place.name, r.place.input, r.form.word, each.log_odds(r)) for r in each.rivals)
-        fitted = LawFit(laws.found[-1].best.found, each.best.visited, n - len(laws.found))
-        discoveries.append(discovery(fitted, float(np.clip(share, -1.0, 1.0)), _p_value(each), rivals))
-    final, close = laws.found[-1].best.found, [rival for each in laws.found for rival in each.close]
-    given, left = done.given_effects, failed_tests(problem, final)
-    kept = bool(done.nested) and laws.found[0].start is done.final
+def _as_diagnosed(
+    campaign: Campaign, before: Identification, problem: Problem, done: Search, laws: _Laws, kept: tuple[int, ...]
+) -> Explained:
+    """What a diagnosis becomes; `kept` are the numbers in the last fit of the effects found on the way."""
+    final, close = laws.found[-1].final, [rival for each in laws.found for rival in each.close]
+    given, earlier = done.given_effects, len(kept)
+    named = tuple(final.model.transducer.effects[n].name for n in kept)
+    p_values = dict(zip((effect.name for effect in done.order), done.p_values, strict=True))
     extended = replace(
         done,
-        nested=(*(done.nested if kept else ()), *(each.best.found for each in laws.found)),
+        nested=(*(laws.found[0].start,) * earlier, *(each.final for each in laws.found)),
         order=final.model.transducer.effects[given:],
-        p_values=(*(done.p_values if kept else ()), *(each.p_value for each in discoveries)),
-        left=left,
+        p_values=(*(p_values[name] for name in named), *map(_p_value, laws.found)),
+        left=failed_tests(problem, final),
         alternatives=tuple((EffectChange(rival.found), 0.0) for rival in close),
     )
+    known = tuple(earlier + n for n, each in enumerate(laws.found) if each.known is not None)
+    discoveries = tuple(_discovered(laws, n) for n, each in enumerate(laws.found) if each.known is None)
     squares, count = laws.squares[-1]
     return Explained(
-        "ambiguous" if close else "new_effect", tuple(discoveries), extended,
+        "ambiguous" if close else "new_effect" if discoveries else "effect", discoveries, known,
+        (*(laws.squares[:1] * earlier), *laws.squares), extended,
         combined_quality(judged(laws.unseen.data, laws.check)), max(0.0, (squares - count) / squares),
-        failed_on(laws.unseen, laws.check), kept,
+        failed_on(laws.unseen, laws.check), named,
     )  # fmt: skip
+
+
+def _discovered(laws: _Laws, n: int) -> Discovery:
+    """The n-th law as a result, with its values in the last fit."""
+    each, (first, last) = laws.found[n], (laws.squares[0], laws.squares[-1])
+    share = _gain(first, last, last) * (laws.squares[n][0] - laws.squares[n + 1][0]) / (first[0] - last[0])
+    rivals = tuple(Rival(r.place.name, r.place.input, r.form.word, each.log_odds(r)) for r in each.rivals)
+    fitted = LawFit(laws.found[-1].final, each.best.visited, n - len(laws.found))
+    return discovery(fitted, float(np.clip(share, -1.0, 1.0)), _p_value(each), rivals, each.forms)
 
 
 def _p_value(found: Found) -> float:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from piezoharvest.description.effects.nameless.places import SIZES
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.model import prediction_of
@@ -35,4 +36,6 @@ def _of_record(data: Data, found: Fit, nuisance: np.ndarray) -> dict[str, np.nda
     signals[data.drive] = data.record[data.drive] - data.rest
     step = data.setting.sample_time
     rates = {f"{name}_rate": np.gradient(signals[name], step) for name in (data.drive, "displacement")}
-    return {**signals, **rates, "time": np.linspace(0.0, 1.0, len(data))}
+    sizes = zip(SIZES, data.setting.size or (), strict=False)
+    constant = {name: np.full(len(data), value) for name, value in sizes}
+    return {**signals, **rates, **constant, "time": np.linspace(0.0, 1.0, len(data))}

@@ -60,7 +60,7 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     if excitation.imposed and system.transducer.modes:
         message = "found further modes, but only one is allowed where the displacement is imposed"
         raise ParameterError("transducer.modes", message)
-    terms = Terms(system.transducer, drive, passes=record is not None)
+    terms = Terms(system.transducer, drive, passes=record is not None, size=excitation.size)
     layout = Layout(system, terms, signal)
     physics = Physics(system, excitation, layout, signal)
     shunt, capacitance = system.shunt, system.transducer.capacitance

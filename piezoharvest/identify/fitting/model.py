@@ -78,7 +78,7 @@ class Model:
 
     def lowered(self, data: Data) -> DiscreteModel:
         """Equations for a record, shared by records with the same settings."""
-        key = DiscreteModel.key(data.setting)
+        key = DiscreteModel.key(data.setting, self.transducer)
         if key not in self._lowered:
             self._lowered[key] = DiscreteModel(self.transducer, data.setting, self.parameters)
         return self._lowered[key]

@@ -30,6 +30,8 @@ class Readings:
         s.
     """
 
+    reads, size = True, None
+
     def __init__(
         self, transducer: Transducer, drive_name: str, samples: Mapping[str, np.ndarray], sample_time: float
     ) -> None:

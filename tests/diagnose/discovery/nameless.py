@@ -50,6 +50,15 @@ class Drive:
         return self.offset + sum(terms)
 
 
+@dataclass(frozen=True)
+class Gentle(Drive):
+    """The same from its lowest value on, where it stands still: nothing jumps as a record begins."""
+
+    def __call__(self, t):
+        terms = (a * np.cos(2 * np.pi * f * t) for a, f in zip(self.amplitudes, self.frequencies, strict=True))
+        return self.offset - sum(terms)
+
+
 def record(specimen, laws, drive, load, duration, rate):
     """True channels of one record, from equilibrium under the offset: m x'' + b x' + k x = F + T v, q' = -i."""
     m, b, k, T, C = (specimen[name] for name in ("mass", "damping", "stiffness", "coupling", "capacitance"))
@@ -61,7 +70,7 @@ def record(specimen, laws, drive, load, duration, rate):
         return [u, force / m, -(out + coupling * u) / (C + laws.capacitance(v))]
 
     t = np.arange(round(duration * rate)) / rate
-    start = [drive.offset / k, 0.0, 0.0]
+    start = [drive(0.0) / k, 0.0, 0.0]
     # Absolute errors far below the noise of the sensors.
     run = solve_ivp(slopes, (0, t[-1]), start, "LSODA", t, rtol=1e-9, atol=[1e-13, 1e-9, 1e-8])
     x, _, v = run.y
@@ -69,15 +78,18 @@ def record(specimen, laws, drive, load, duration, rate):
 
 
 def nameless_campaign(folder, kind, laws, records, *, rate=1000.0, duration=2.0, seed=0, off=0.05):
-    """Campaign of `records`, (drive, load resistance), the last of which is for validation; nominal values are off."""
+    """Campaign of `records`, (drive, load resistance), the last of which is for validation; nominal values are off.
+
+    `laws` may be a function of the drive of a record.
+    """
     specimen, rng, folder = {"stack": STACK, "beam": BEAM}[kind], np.random.default_rng(seed), Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     nominal = {name: value * (1.0 + off * rng.uniform(-1, 1)) for name, value in specimen.items()}
     text = ["[transducer]", *(f"{name} = {value!r}" for name, value in nominal.items())]
     for n, (drive, load) in enumerate(records):
-        true = record(specimen, laws, drive, load, duration, rate)
-        read = {name: true[name] + laws.reading.get(name, nothing)(true) if name in laws.reading else true[name]
-                for name in true}  # fmt: skip
+        own = laws(drive) if callable(laws) else laws
+        true = record(specimen, own, drive, load, duration, rate)
+        read = {name: true[name] + (own.reading[name](true) if name in own.reading else 0.0) for name in true}
         noisy = [read[name] + NOISE[kind][name] * rng.standard_normal(len(read["time_s"])) for name in COLUMNS]
         table = np.column_stack([read["time_s"], *noisy])
         header = ",".join(["time_s", *COLUMNS.values()])

@@ -5,16 +5,14 @@ import json
 import numpy as np
 import pytest
 from nameless import Drive, Laws, nameless_campaign
+from remembering import searched
 
 from piezoharvest.cli.diagnose_command import diagnosis_json
 from piezoharvest.description.effects import Leakage
 from piezoharvest.diagnose import diagnose
-from piezoharvest.diagnose.discovery.formulas import candidates
+from piezoharvest.diagnose.discovery.forms.formulas import candidates
 from piezoharvest.diagnose.discovery.result import discovery
-from piezoharvest.diagnose.discovery.search import search
 from piezoharvest.diagnose.summary import sentence
-from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.identify.identification import identify, prepared
 from piezoharvest.report import write_diagnosis
 
 STACK = [
@@ -69,9 +67,7 @@ def measured(folder, kind, laws, records=None):
 def knee(tmp_path_factory):
     """The first law, by the search alone."""
     campaign = measured(tmp_path_factory.mktemp("knee"), "stack", LAWS["load"][1])
-    before = identify(campaign, offsets=("displacement",))
-    problem = Problem(prepared(before.campaign, "fit"), before.campaign.transducer, before.offsets)
-    return search(problem, before.found, lambda text: None)
+    return searched(campaign)
 
 
 def within_its_band(found, true):

@@ -14,14 +14,16 @@ from piezoharvest import Transducer
 from piezoharvest.cli import main
 from piezoharvest.cli.diagnose_command import save_laws
 from piezoharvest.description.effects import registered
-from piezoharvest.description.effects.nameless.forms import Bends, Corners, Knee, Monomial, Power
+from piezoharvest.description.effects.nameless.forms import Bends, Corners, Hertz, Knee, Line, Monomial, Power
 from piezoharvest.description.effects.nameless.law import Law
-from piezoharvest.description.effects.nameless.places import Coupling, Damper, Load, Reading, Spring
-from piezoharvest.description.effects.nameless.shapes import Shape
+from piezoharvest.description.effects.nameless.memory import Delay, Play, Resonance
+from piezoharvest.description.effects.nameless.places import Coupling, Damper, Load, OverTime, Reading, Spring
+from piezoharvest.description.effects.nameless.shapes import Shape, Stribeck
 from piezoharvest.description.shunts import Resistor
 from piezoharvest.diagnose.discovery.effect_file import effect_text
 from piezoharvest.diagnose.discovery.effect_test import save_effect_test
-from piezoharvest.diagnose.discovery.result import Discovery, formula
+from piezoharvest.diagnose.discovery.forms.wording import formula
+from piezoharvest.diagnose.discovery.result import Discovery
 from piezoharvest.effect_files import load_effects
 from piezoharvest.input import InputError
 from piezoharvest.predict.record_model import RecordModel
@@ -34,7 +36,16 @@ LAWS = [
     Law(place=Coupling(), form=Bends(knots=(0.0, -0.0), kinks=(np.float64(0.5), 0.5))),
     Law(place=Reading("voltage", "displacement"), form=Corners(knots=(1e-4,), kinks=(3.0,))),
     Law(place=Spring(), form=Shape(factor=1e-3, scale=8e-4, curve="exponential", bent=True, knots=(0.0, 1e-3))),
+    Law(place=Spring(), form=Hertz(factor=1e-3, scale=8e-4, odd=False, side=-1)),
+    Law(place=Damper(), form=Stribeck(factor=1e-3, excess=0.5, speed=0.1, width=1e-3, knots=(0.0, 0.1, 0.2))),
+    Law(place=OverTime("stiffness", "amplitude"), form=Line(factor=np.float64(0.3))),
+    Law(place=Reading("displacement", "displacement"), form=Line(factor=-1.0), memory=Play(threshold=np.float64(1e-6))),
+    Law(place=Spring(), form=Line(factor=-3.0), memory=Resonance(frequency=70.0, damping_ratio=0.1)),
+    Law(place=Reading("voltage", "voltage"), form=Line(factor=1.0), memory=Delay(delay=1e-4)),
 ]
+
+
+CHANNELS = ("displacement", "voltage", "current")
 
 
 @pytest.fixture(autouse=True)
@@ -53,7 +64,8 @@ def discovered(law):
 
 
 def equations(effect):
-    return RecordModel(Transducer(**BEAM, effects=(effect,)), Resistor(resistance=1e5), "force", 1e-3).matrices()
+    device = Transducer(**BEAM, effects=(effect,))
+    return RecordModel(device, Resistor(resistance=1e5), "force", 1e-3, (0.02, 50.0)).matrices()
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
@@ -64,6 +76,8 @@ def test_a_file_acts_as_the_law_that_it_is_of(law, tmp_path):
     made = registered()[name]()
     assert made.of_specimen == law.of_specimen
     assert not made.absent
+    assert [made.late(channel) for channel in CHANNELS] == [law.late(channel) for channel in CHANNELS]
+    assert [made.delays(channel) for channel in CHANNELS] == [law.delays(channel) for channel in CHANNELS]
     wanted, found = equations(law), equations(made)
     for part in ("A", "B", "W", "O", "parameters"):
         assert np.allclose(getattr(found, part), getattr(wanted, part), rtol=1e-12), part

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from piezoharvest.description.circuit import Row
-from piezoharvest.description.parameters import Component, quantity
+from piezoharvest.description.parameters import Component, altered, quantity
 from piezoharvest.description.protocol import EquationBuilder
 
 Array = Any  # a float array, complex where a parameter has a complex step
@@ -102,7 +102,11 @@ class Bends(Form):
     def row(self, specimen: EquationBuilder, x: Row) -> Row:
         total = 0.0 * x
         for knot, side, kink in zip(self.knots, outward(self.knots), self.kinks, strict=True):
-            total = total + 0.5 * kink * specimen.power(side * (x - knot * specimen.one), 2.0, positive=True)
+            above = specimen.power(side * (x - knot * specimen.one), 2.0, positive=True)
+            if np.any(np.isnan(above)):  # the engine has whole powers of rows, not of their positive parts
+                width = ROUNDED * max(float(np.max(np.abs(self.knots))), 1e-30)
+                above = specimen.power(specimen.hinge(side * x, side * knot, width), 2)
+            total = total + 0.5 * kink * above
         return total
 
     def slope(self, specimen: EquationBuilder, x: Row) -> Row:
@@ -117,6 +121,30 @@ def broken_line(specimen: EquationBuilder, x: Row, knots: tuple[float, ...], kin
     for knot, side, kink in zip(knots, outward(knots), kinks, strict=True):
         total = total + kink * specimen.hinge(side * x, side * knot, width)
     return total
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line(Form):
+    """A straight line where the model has no parameter for one: a leakage, a gain, a ramp over time.
+
+    It goes through zero, or through `start`: a parameter that changes with the drive's frequency is that of the lowest.
+    """
+
+    label: ClassVar[str] = "linear"
+    strengths: ClassVar[tuple[str, ...]] = ("factor",)
+    smooth: ClassVar[bool] = True
+
+    factor: float = quantity("", "slope, in units of what is added by the input's", null=0.0)
+    start: float = 0.0  # input at which nothing is added: fixed
+
+    def values(self, x: np.ndarray) -> Array:
+        return self.factor * (np.asarray(x) - self.start)
+
+    def row(self, specimen: EquationBuilder, x: Row) -> Row:
+        return self.factor * (x - self.start * specimen.one)
+
+    def slope(self, specimen: EquationBuilder, x: Row) -> Row:
+        return self.factor * specimen.one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,8 +176,28 @@ class Knee(Form):
 
 
 @dataclass(frozen=True, kw_only=True)
+class DeadZone(Form):
+    """A straight line through zero that goes on level beyond a zone; with a slope of -1 it takes the zone out."""
+
+    label: ClassVar[str] = "dead_zone"
+    strengths: ClassVar[tuple[str, ...]] = ("factor",)
+
+    factor: float = quantity("", "slope within the zone, in units of what is added by the input's", null=0.0)
+    zone: float = quantity("", "half width of the zone, in the input's unit", above=0)
+
+    def values(self, x: np.ndarray) -> Array:
+        x = np.asarray(x)
+        return self.factor * np.where(np.abs(x) < np.real(self.zone), x, np.sign(x) * self.zone)
+
+    def row(self, specimen: EquationBuilder, x: Row) -> Row:
+        width = ROUNDED * float(np.real(self.zone))
+        beyond = specimen.hinge(x, self.zone, width) - specimen.hinge(-1.0 * x, self.zone, width)
+        return self.factor * (x - beyond)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Power(Form):
-    """a |x|^n: odd (with the sign of x) or even, with any n."""
+    """a |x|^n with any n: odd (with the sign of x) or even; or on one side of zero only."""
 
     label: ClassVar[str] = "power"
     strengths: ClassVar[tuple[str, ...]] = ("factor",)
@@ -159,9 +207,10 @@ class Power(Form):
     exponent: float = quantity("", "n", above=0)
     scale: float  # input of reference, in its unit: fixed, so that factor and exponent are told apart
     odd: bool = True
+    side: int = 0  # 1: above zero only; -1: below it; 0: both
 
     def values(self, x: np.ndarray) -> Array:
-        size = np.abs(x) / self.scale
+        size = (self.side * np.asarray(x) if self.side else np.abs(x)) / self.scale
         powers = np.where(size > 0, np.where(size > 0, size, 1.0) ** self.exponent, 0.0)
         return self.factor * (np.sign(x) * powers if self.odd else powers)
 
@@ -174,19 +223,36 @@ class Power(Form):
 
     def _powers(self, specimen: EquationBuilder, x: Row, exponent: Any, *, odd: bool) -> Row:
         size = (1.0 / self.scale) * x
-        above = specimen.power(size, exponent, positive=True)
-        if np.any(np.isnan(above)):  # the engine has whole powers only
+        halves = {side: specimen.power(side * size, exponent, positive=True) for side in self._sides}
+        if any(np.any(np.isnan(half)) for half in halves.values()):  # the engine has whole powers only
             return self._broken(specimen, size, exponent, odd=odd)
-        below = specimen.power(-1.0 * size, exponent, positive=True)
-        return above - below if odd else above + below
+        return sum(((side if odd else 1.0) * half for side, half in halves.items()), 0.0 * x)
 
-    @staticmethod
-    def _broken(specimen: EquationBuilder, size: Row, exponent: Any, *, odd: bool) -> Row:
+    @property
+    def _sides(self) -> tuple[float, ...]:
+        return (float(self.side),) if self.side else (1.0, -1.0)
+
+    def _broken(self, specimen: EquationBuilder, size: Row, exponent: Any, *, odd: bool) -> Row:
         """The same as a broken line, with corners that are close together where the power is most curved."""
         knots = np.linspace(0.0, 1.0, PIECES + 1) ** 2 * REACH
         kinks = np.diff(np.diff(knots**exponent) / np.diff(knots), prepend=0.0)
-        both = [*knots[:-1], *(-knots[:-1])]
-        return broken_line(specimen, size, tuple(both), (*kinks, *(-kinks if odd else kinks)))
+        both = [side * knot for side in self._sides for knot in knots[:-1]]  # -0.0 begins a piece below zero
+        return broken_line(
+            specimen, size, tuple(both), tuple((side if odd else 1.0) * kink for side in self._sides for kink in kinks)
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hertz(Power):
+    """a |x|^(3/2) or a |x|^(2/3) on one side of zero: two curved bodies pressed together, nothing once they part.
+
+    Source: Johnson, Contact Mechanics, 1985, section 4.2.
+    """
+
+    label: ClassVar[str] = "hertz"
+
+    exponent: float = 1.5  # not fitted: force of an approach; 2/3: approach of a force
+    side: int = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,3 +278,32 @@ class Monomial(Form):
         if self.exponent == 2:
             return (factor / self.scale) * x
         return factor * specimen.power((1.0 / self.scale) * x, self.exponent - 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Polynomial(Form):
+    """a x^m + b x^n with two whole exponents from 2 on."""
+
+    label: ClassVar[str] = "polynomial"
+    strengths: ClassVar[tuple[str, ...]] = ("factor", "second")
+    smooth: ClassVar[bool] = True
+
+    factor: float = quantity("", "what the first power adds where the input is `scale`", null=0.0)
+    second: float = quantity("", "what the second power adds there", null=0.0)
+    scale: float  # input of reference, in its unit: fixed
+    exponents: tuple[int, int] = (2, 3)
+
+    @property
+    def _terms(self) -> tuple[Monomial, Monomial]:
+        (m, n), size = self.exponents, self.scale
+        terms = (Monomial(factor=0.0, scale=size, exponent=m), Monomial(factor=0.0, scale=size, exponent=n))
+        return altered(terms[0], factor=self.factor), altered(terms[1], factor=self.second)
+
+    def values(self, x: np.ndarray) -> Array:
+        return sum((term.values(x) for term in self._terms), np.zeros(len(x)))
+
+    def row(self, specimen: EquationBuilder, x: Row) -> Row:
+        return sum((term.row(specimen, x) for term in self._terms), 0.0 * x)
+
+    def slope(self, specimen: EquationBuilder, x: Row) -> Row:
+        return sum((term.slope(specimen, x) for term in self._terms), 0.0 * x)

@@ -2,25 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
+from piezoharvest.description.circuit import Product, Row
 from piezoharvest.description.effects.base import Effect
-from piezoharvest.description.effects.nameless.forms import Form
-from piezoharvest.description.effects.nameless.places import Place
-from piezoharvest.description.protocol import EquationBuilder
+from piezoharvest.description.effects.nameless.forms import Form, Line
+from piezoharvest.description.effects.nameless.memory import Delay, Memory
+from piezoharvest.description.effects.nameless.places import SIZES, Place, Reading
+from piezoharvest.description.protocol import EnergyRows, EquationBuilder
+
+
+@dataclass(frozen=True, kw_only=True)
+class Remembered(Form):
+    """A function of what a memory makes of an input."""
+
+    form: Form
+    memory: Memory
+    of: str
+
+    def row(self, specimen: EquationBuilder, x: Row) -> Row:
+        return self.form.row(specimen, self.memory.row(specimen, x, self.of))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Law(Effect):
-    """A function of one input that is added at a place; none of the library, as its name is that of the object."""
+    """A function of one input that is added at a place; none of the library, as its name is that of the object.
+
+    With a memory it is a straight line of what that makes of the input, whose energy is known.
+    """
+
+    delay_path: ClassVar[tuple[str, ...]] = ("memory", "delay")
 
     place: Place
     form: Form
+    memory: Memory | None = None
 
     @property
     def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The place, and the form of the function: "load knee"."""
-        return f"{self.place.name} {self.form.word}"
+        """The place, and the form of the function or its memory: "load knee", "spring play"."""
+        return f"{self.place.name} {self.form.word if self.memory is None else self.memory.kind}"
 
     @property
     def of_specimen(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -28,9 +50,43 @@ class Law(Effect):
         return not self.place.name.startswith("reading.")
 
     @property
+    def of_drive(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """True if the input is the size of the drive, which is one number in a record."""
+        return self.place.input in SIZES
+
+    @property
     def absent(self) -> bool:
         """True if the function is zero everywhere."""
-        return self.form.absent
+        return not self.memory.delay if isinstance(self.memory, Delay) else self.form.absent
+
+    @property
+    def passive_sign(self) -> int:
+        """Sign of the factor of a memory at a port that takes energy and gives none; 0 where any is allowed."""
+        return self.memory.signs.get(self.place.port, 0) if self.memory is not None else 0
 
     def act(self, specimen: EquationBuilder) -> None:
-        self.place.add(specimen, self.form)
+        if isinstance(self.memory, Delay) or not (self.of_specimen or specimen.reads):
+            return
+        form = self.form
+        if self.memory is not None:
+            form = Remembered(form=form, memory=self.memory, of=self.place.input)
+        self.place.add(specimen, form)
+
+    def stores(self, terms: EnergyRows) -> Sequence[Product]:
+        if self.memory is None or not self.place.port:
+            return ()
+        assert isinstance(self.form, Line)
+        return self.memory.stores(self.place.port, self.form.factor, terms, self.place.rows(terms)[0])
+
+    def losses(self, terms: EnergyRows) -> Sequence[Product]:
+        if self.memory is None or not self.place.port:
+            return ()
+        assert isinstance(self.form, Line)
+        return self.memory.losses(self.place.port, self.form.factor, terms, self.place.rows(terms)[1])
+
+    def late(self, channel: str) -> float:
+        mine = isinstance(self.place, Reading) and self.place.channel == channel
+        return self.memory.delay if mine and isinstance(self.memory, Delay) else 0.0
+
+    def delays(self, channel: str) -> bool:
+        return isinstance(self.memory, Delay) and isinstance(self.place, Reading) and self.place.channel == channel

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from piezoharvest.description.circuit import Row
 from piezoharvest.description.effects.nameless.forms import Form
-from piezoharvest.description.protocol import EquationBuilder
+from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE
+from piezoharvest.description.protocol import EquationBuilder, SpecimenRows
 
 UNITS = {
     "force": "N", "base_acceleration": "m/s^2", "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2",
-    "voltage": "V", "current": "A", "time": "",
+    "voltage": "V", "current": "A", "time": "", "amplitude": "", "frequency": "Hz",
 }  # fmt: skip
 
 
 def input_unit(name: str) -> str:
-    """Unit of an input by its name: that of a channel, of its rate, or of time as a share of the record."""
+    """Unit of an input by its name: that of a channel, of its rate, or of time as a share of the record.
+
+    An amplitude is in the unit of the record's drive.
+    """
     return UNITS[name] if name in UNITS else f"{UNITS[name.removesuffix('_rate')]}/s"
 
 
@@ -34,8 +41,8 @@ def input_row(specimen: EquationBuilder, name: str) -> Row | None:
 class Place:
     """A place of the model.
 
-    Subclasses define `name`, `input` (its name), `unit` of what a law adds, and `add`. Where `bent` the linear part of
-    a law is that of a parameter of the model: a law that is a straight line is none.
+    Subclasses define `name`, `input` (its name), `unit` of what a law adds, and `add`; ports also `rows`. Where `bent`
+    the linear part of a law is that of a parameter of the model: a law that is a straight line is none.
     """
 
     name: ClassVar[str]
@@ -43,6 +50,11 @@ class Place:
     unit: ClassVar[str]
     bent: ClassVar[bool] = True
     needs_slope: ClassVar[bool] = False
+    port: ClassVar[str] = ""  # how power follows from a law here (`memory`); empty where none does
+
+    def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
+        """Rows of the input of a port and of its rate."""
+        raise NotImplementedError
 
     @property
     def input_unit(self) -> str:
@@ -61,6 +73,10 @@ class Spring(Place):
     name: ClassVar[str] = "spring"
     input: ClassVar[str] = "displacement"
     unit: ClassVar[str] = "N"
+    port: ClassVar[str] = RATE
+
+    def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
+        return terms.x, terms.u
 
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         specimen.push(-form.row(specimen, specimen.x))
@@ -73,6 +89,10 @@ class Damper(Place):
     name: ClassVar[str] = "damper"
     input: ClassVar[str] = "velocity"
     unit: ClassVar[str] = "N"
+    port: ClassVar[str] = DIRECT
+
+    def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
+        return terms.u, 0.0 * terms.u
 
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         specimen.push(-form.row(specimen, specimen.u))
@@ -86,6 +106,10 @@ class Electrodes(Place):
     input: ClassVar[str] = "voltage"
     unit: ClassVar[str] = "A"
     bent: ClassVar[bool] = False  # a straight line is a leakage, which is no parameter of the model
+    port: ClassVar[str] = DIRECT
+
+    def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
+        return terms.v, 0.0 * terms.v
 
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         specimen.draw(form.row(specimen, specimen.v))
@@ -99,6 +123,10 @@ class Load(Place):
     input: ClassVar[str] = "voltage"
     unit: ClassVar[str] = "A"
     bent: ClassVar[bool] = False
+    port: ClassVar[str] = DIRECT
+
+    def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
+        return terms.v, 0.0 * terms.v
 
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         specimen.conduct(form.row(specimen, specimen.v))
@@ -111,6 +139,10 @@ class Capacitor(Place):
     name: ClassVar[str] = "capacitor"
     input: ClassVar[str] = "voltage"
     unit: ClassVar[str] = "C"
+    port: ClassVar[str] = CHARGE
+
+    def rows(self, terms: SpecimenRows) -> tuple[Row, Row]:
+        return terms.v_t, 0.0 * terms.v_t
 
     def add(self, specimen: EquationBuilder, form: Form) -> None:
         specimen.charge(form.row(specimen, specimen.v_t))
@@ -165,10 +197,10 @@ class Reading(Place):
 
 @dataclass(frozen=True)
 class OverTime(Place):
-    """Relative change of a parameter over the time of a record."""
+    """Relative change of a parameter over the time of a record, or with amplitude or frequency of its drive."""
 
     parameter: str
-    input: ClassVar[str] = "time"
+    of: str = "time"
     unit: ClassVar[str] = ""
     bent: ClassVar[bool] = False
 
@@ -177,17 +209,37 @@ class OverTime(Place):
         """`parameter.` and the name."""
         return f"parameter.{self.parameter}"
 
+    @property
+    def input(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """What it changes with: time, amplitude or frequency."""
+        return self.of
+
     def add(self, specimen: EquationBuilder, form: Form) -> None:
-        change, device = form.row(specimen, specimen.time), specimen.transducer
+        device = specimen.transducer
+        changed = self._product(specimen, form)
+        if changed is None:
+            return
         if self.parameter == "stiffness":
-            specimen.push(-device.stiffness * specimen.product(change, specimen.x))
+            specimen.push(-device.stiffness * changed(specimen.x))
         elif self.parameter == "damping":
-            specimen.push(-device.damping * specimen.product(change, specimen.u))
+            specimen.push(-device.damping * changed(specimen.u))
         elif self.parameter == "capacitance":
-            specimen.charge(device.capacitance * specimen.product(change, specimen.v_t))
+            specimen.charge(device.capacitance * changed(specimen.v_t))
         else:
-            specimen.charge(device.coupling * specimen.product(change, specimen.x))
-            specimen.push(device.coupling * specimen.product(change, specimen.v_t))
+            specimen.charge(device.coupling * changed(specimen.x))
+            specimen.push(device.coupling * changed(specimen.v_t))
+
+    def _product(self, specimen: EquationBuilder, form: Form) -> Callable[[Row], Row] | None:
+        """The relative change times a row: in a record one number, but over time; None where the drive has no size."""
+        if self.of == "time":
+            change = form.row(specimen, specimen.time)
+            return lambda row: specimen.product(change, row)
+        if specimen.size is None:
+            return None
+        size = np.asarray(specimen.size[SIZES.index(self.of)], float)
+        number = form.values(size.ravel()).reshape(size.shape)
+        return lambda row: number * row
 
 
+SIZES = ("amplitude", "frequency")  # of a drive, in this order
 PARAMETERS_OVER_TIME = ("stiffness", "damping", "coupling", "capacitance")

@@ -14,19 +14,33 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from piezoharvest.description.effects.nameless.forms import Bends, Corners, Form, Knee, Monomial, Power, outward
-from piezoharvest.description.effects.nameless.shapes import CURVES, Shape
+from piezoharvest.description.effects.nameless.forms import (
+    Bends,
+    Corners,
+    DeadZone,
+    Form,
+    Hertz,
+    Knee,
+    Line,
+    Monomial,
+    Polynomial,
+    Power,
+    outward,
+)
+from piezoharvest.description.effects.nameless.places import SIZES
+from piezoharvest.description.effects.nameless.shapes import CURVES, SATURATING, Coulomb, Shape, Stribeck
 from piezoharvest.diagnose.discovery.knots import fine_knots
-from piezoharvest.diagnose.discovery.law_fits import LawFit, fitted
-from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.diagnose.discovery.law_fits import LawFit, fitted, without_law
 from piezoharvest.identify.fitting.problem import Problem
 
 SAMPLES = 400  # inputs at which formula and table are compared
 REFITTED = 3  # formulas, the best on the table, that are fitted in the model
-WHOLE_EXPONENTS = (2, 3, 4, 5)  # of a polynomial
+WHOLE_EXPONENTS, POLYNOMIALS = (2, 3, 4, 5), ((2, 3), (3, 5))  # of monomials, and of those with two terms
+HERTZ = (1.5, 2.0 / 3.0)  # exponents of a contact
+WIDTH = 0.01  # of the largest velocity: within it dry friction is rounded off
 EXPONENTS = (0.5, 1.5, 2.5, 3.5)  # start values of an exponent
 KNEES = 12  # start values of a knee over the visited range
-SCALES = (0.15, 0.4, 1.0)  # start values of a curve's scale, of the largest input
+SCALES = (0.05, 0.15, 0.4, 1.0)  # start values of a curve's scale, of the largest input
 
 
 @dataclass(frozen=True)
@@ -38,6 +52,7 @@ class Candidate:
 
 
 Made = Callable[[np.ndarray], Form]
+Start = tuple[Made, np.ndarray]
 
 
 def candidates(table: LawFit) -> list[Candidate]:
@@ -51,29 +66,14 @@ def candidates(table: LawFit) -> list[Candidate]:
     return sorted(found, key=lambda each: each.criterion)
 
 
-def condensed(problem: Problem, base: Fit, table: LawFit) -> LawFit:
-    """The table, or the formula that stands for it with fewer parameters, fitted in the model."""
+def ranked(problem: Problem, table: LawFit) -> list[LawFit]:
+    """The table and the formulas that stand for it with fewer parameters, fitted in the model, the likeliest first."""
     tried = [table]
     for each in candidates(table)[:REFITTED]:
         law = dataclasses.replace(table.law, form=each.form)
-        found = fitted(problem, _with_law_left_out(table, base), law, table.visited, aim=table.criterion)
+        found = fitted(problem, without_law(table), law, table.visited, aim=table.criterion)
         tried += [found] if found is not None and found.found.converged else []
-    return min(tried, key=lambda each: each.criterion)
-
-
-def _with_law_left_out(table: LawFit, base: Fit) -> Fit:
-    """The table's fit without its law: a start for a formula, whose parameters are those with the law."""
-    found, model = table.found, table.found.model
-    kept = tuple(p for k, p in enumerate(model.parameters) if k not in table.own)
-    effects = model.transducer.effects[:-1]
-    bare = dataclasses.replace(
-        model, transducer=dataclasses.replace(model.transducer, effects=effects), parameters=kept, felt=None
-    )
-    places = [k for k in range(len(found.information)) if k not in table.own]
-    return dataclasses.replace(
-        found, model=bare, information=found.information[np.ix_(places, places)],
-        prior=found.prior[np.ix_(places, places)],
-    )  # fmt: skip
+    return sorted(tried, key=lambda each: each.criterion)
 
 
 class _Loss:
@@ -97,7 +97,6 @@ class _Loss:
         self.size = np.abs(self.basis).max(axis=0)
         self.size[self.size == 0.0] = 1.0
         self.inverse = np.linalg.pinv(self.basis / self.size, rcond=1e-10)
-        self.samples = sum(float(sums.count.sum()) for sums in table.found.sums)
 
     def residual(self, form: Form) -> np.ndarray:
         """Difference of the kinks that stand for a formula from those found, whitened."""
@@ -129,28 +128,62 @@ class _Loss:
             form = make(done.x * scale)
         except ValueError:
             return None
-        return Candidate(form, 2.0 * float(done.cost) + len(first) * np.log(self.samples))
+        return Candidate(form, 2.0 * float(done.cost) + len(first) * np.log(self.table.samples))
 
 
-def _families(table: LawFit) -> Iterator[list[tuple[Made, np.ndarray]]]:
+def _families(table: LawFit) -> Iterator[list[Start]]:
     """Families of formulas, each with its starts."""
     place, low, high = table.place, float(table.visited.min()), float(table.visited.max())
     size = max(abs(low), abs(high))
+    sides = [side for side in (1, -1) if side * (high if side > 0 else low) > 0.0]
+    if not place.bent:
+        begin = low if place.input in SIZES else 0.0  # the model's parameter is that under the least drive
+        yield [(lambda z: Line(factor=z[0], start=begin), np.zeros(0))]
+    yield from _powers(size, sides)
+    if place.needs_slope:
+        return  # a corner has no slope, and neither has its reciprocal force
+    for sides_of in (2, *sides):
+        reach = size if sides_of == 2 else high if sides_of == 1 else -low
+        begin = 0.0 if sides_of == 2 or low < 0 < high else (low if sides_of == 1 else -high)
+        knees = begin + (reach - begin) * np.linspace(0.04, 0.96, KNEES)
+        make = lambda z, s=sides_of: Knee(factor=z[0], knee=z[1], sides=s)  # noqa: E731
+        yield [(make, np.array([knee if sides_of != -1 else -knee])) for knee in knees]
+    if not place.bent:  # else it is a knee beside the model's straight line
+        zones = size * np.linspace(0.04, 0.96, KNEES)
+        yield [(lambda z: DeadZone(factor=z[0], zone=z[1]), np.array([zone])) for zone in zones]
+    yield from _curves(table, size)
+
+
+def _powers(size: float, sides: list[int]) -> Iterator[list[Start]]:
+    """Powers and polynomials, all of which have a slope."""
     for exponent in WHOLE_EXPONENTS:
         yield [(lambda z, n=exponent: Monomial(factor=z[0], scale=size, exponent=n), np.zeros(0))]
+    for pair in POLYNOMIALS:
+        make = lambda z, n=pair: Polynomial(factor=z[0], second=z[1] * z[0], scale=size, exponents=n)  # noqa: E731
+        yield [(make, np.array([ratio])) for ratio in (-1.0, -0.1, 0.1, 1.0)]
     for odd in (True, False):
         make = lambda z, odd=odd: Power(factor=z[0], exponent=z[1], scale=size, odd=odd)  # noqa: E731
         yield [(make, np.array([n])) for n in EXPONENTS]
-    if place.needs_slope:
-        return  # a corner has no slope, and neither has its reciprocal force
-    for sides in (2, 1, -1):
-        reach = size if sides == 2 else high if sides == 1 else -low
-        begin = 0.0 if sides == 2 or low < 0 < high else (low if sides == 1 else -high)
-        knees = begin + (reach - begin) * np.linspace(0.04, 0.96, KNEES)
-        make = lambda z, s=sides: Knee(factor=z[0], knee=z[1], sides=s)  # noqa: E731
-        yield [(make, np.array([knee if sides != -1 else -knee])) for knee in knees]
-    knots = fine_knots(table.visited)
+    for side in sides:
+        make = lambda z, s=side: Power(factor=z[0], exponent=z[1], scale=size, odd=False, side=s)  # noqa: E731
+        yield [(make, np.array([n])) for n in EXPONENTS]
+        for exponent in HERTZ:
+            make = lambda z, n=exponent, s=side: Hertz(  # noqa: E731
+                factor=z[0], exponent=n, scale=size, odd=False, side=s
+            )
+            yield [(make, np.zeros(0))]
+
+
+def _curves(table: LawFit, size: float) -> Iterator[list[Start]]:
+    """Curves with a scale, which equations have as broken lines."""
+    place, even, dense = table.place, fine_knots(table.visited), fine_knots(table.visited, dense=True)
     for curve in CURVES:
-        make = lambda z, c=curve: Shape(factor=z[0], scale=z[1], curve=c, bent=place.bent, knots=knots)  # noqa: E731
+        knots = dense if curve in SATURATING else even
+        make = lambda z, c=curve, k=knots: Shape(factor=z[0], scale=z[1], curve=c, bent=place.bent, knots=k)  # noqa: E731
         both = (1.0, -1.0) if curve == "exponential" else (1.0,)
         yield [(make, np.array([sign * share * size])) for share in SCALES for sign in both]
+    if place.input in ("velocity", "displacement_rate"):
+        width = WIDTH * size
+        yield [(lambda z: Coulomb(factor=z[0], width=width, knots=dense), np.zeros(0))]
+        make = lambda z: Stribeck(factor=z[0], excess=z[1], speed=z[2], width=width, knots=dense)  # noqa: E731
+        yield [(make, np.array([excess, share * size])) for excess in (0.5, 2.0) for share in (0.05, 0.15, 0.4)]

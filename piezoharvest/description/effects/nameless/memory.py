@@ -1,0 +1,166 @@
+"""Memories that a law at a place may have: its function is then not of the input, but of what a memory makes of it.
+
+Each says which sign its factor has at a port that takes energy and gives none, and accounts for that energy. A port is
+told by how power follows from a law f of its input: `RATE` f x' (a force over a displacement), `CHARGE` x f' (a charge
+over a voltage), `DIRECT` x f (a current over a voltage, a force over a velocity).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from piezoharvest.description.circuit import Product, Row
+from piezoharvest.description.parameters import Component, quantity
+from piezoharvest.description.protocol import EnergyRows, EquationBuilder
+
+RATE, CHARGE, DIRECT = "rate", "charge", "direct"
+_STORAGE = {"displacement": "stiffness", "voltage": "capacitance", "velocity": "mass"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Memory(Component):
+    """A memory: a row of what it makes of its input, its passive signs, and its energy.
+
+    Subclasses define `kind`, `row`, and where they are of ports `signs` (port to the sign of a passive factor) with
+    `stores` and `losses` of a law `factor` times the row, as an effect has them.
+    """
+
+    kind: ClassVar[str]
+    signs: ClassVar[Mapping[str, int]] = {}
+    alone: ClassVar[bool] = False  # True: no function follows, as its strength is its own
+
+    def row(self, specimen: EquationBuilder, x: Row, of: str) -> Row:
+        """What the memory makes of the row of an input, which is named `of`."""
+        raise NotImplementedError
+
+    def stores(self, port: str, factor: Any, terms: EnergyRows, x: Row) -> Sequence[Product]:
+        """Energy in J at a port."""
+        return ()
+
+    def losses(self, port: str, factor: Any, terms: EnergyRows, dx: Row) -> Sequence[Product]:
+        """Power in W that is lost at a port."""
+        return ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Play(Memory):
+    """The stop operator of the input, by which it is ahead of one with play: of a backlash r it is at most r.
+
+    Source: Visintin, Differential Models of Hysteresis, 1994, chapter III.
+    """
+
+    kind: ClassVar[str] = "play"
+    signs: ClassVar[Mapping[str, int]] = {RATE: 1}
+
+    threshold: float = quantity("", "half the play, in the input's unit", above=0)
+
+    def row(self, specimen: EquationBuilder, x: Row, of: str) -> Row:
+        return specimen.stop(x, self.threshold)
+
+    def stores(self, port: str, factor: Any, terms: EnergyRows, x: Row) -> Sequence[Product]:
+        s, _ = terms.own("stop")
+        return [Product(0.5 * factor, s, s)]
+
+    def losses(self, port: str, factor: Any, terms: EnergyRows, dx: Row) -> Sequence[Product]:
+        s, ds = terms.own("stop")
+        return [Product(factor, s, dx - ds)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Relaxation(Memory):
+    """A first-order lag y of the input, tau y' + y = x; where `behind`, by how much it is behind: y - x.
+
+    Source: Fluegge, Viscoelasticity, 1975, chapter 1.
+    """
+
+    signs: ClassVar[Mapping[str, int]] = {RATE: -1, CHARGE: 1, DIRECT: 1}
+
+    time_constant: float = quantity("s", "time constant", above=0)
+    behind: bool = False
+
+    @property
+    def kind(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """`lag` of what a sensor shows, `relaxation` of a port."""
+        return "lag" if self.behind else "relaxation"
+
+    def row(self, specimen: EquationBuilder, x: Row, of: str) -> Row:
+        y, dy = specimen.state("lag", _storage(specimen, of))
+        specimen.equation(self.time_constant * dy + y - x)
+        return y - x if self.behind else y
+
+    def stores(self, port: str, factor: Any, terms: EnergyRows, x: Row) -> Sequence[Product]:
+        y, _ = terms.own("lag")
+        if port == RATE:
+            return [Product(factor, x, y), Product(-0.5 * factor, y, y)]
+        return [Product(0.5 * factor * (1.0 if port == CHARGE else self.time_constant), y, y)]
+
+    def losses(self, port: str, factor: Any, terms: EnergyRows, dx: Row) -> Sequence[Product]:
+        y, dy = terms.own("lag")
+        if port == DIRECT:
+            return [Product(factor, y, y)]
+        return [Product((-1.0 if port == RATE else 1.0) * factor * self.time_constant, dy, dy)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resonance(Memory):
+    """A second-order lag y of the input, y''/w^2 + 2 d y'/w + y = x; where `behind`, by how much it is behind: y - x.
+
+    Source: Den Hartog, Mechanical Vibrations, 1956, chapter 2. A current that follows a voltage like this would give
+    energy above the resonance, so that there is none.
+    """
+
+    kind: ClassVar[str] = "resonance"
+    signs: ClassVar[Mapping[str, int]] = {RATE: -1, CHARGE: 1}
+
+    frequency: float = quantity("Hz", "natural frequency", above=0)
+    damping_ratio: float = quantity("", "damping ratio d", above=0)
+    behind: bool = False
+
+    def row(self, specimen: EquationBuilder, x: Row, of: str) -> Row:
+        w, storage = self._w, _storage(specimen, of)
+        (y, dy), (z, dz) = specimen.state("resonance", storage), specimen.state("rate", storage)
+        specimen.equation(dy - w * z)
+        specimen.equation(dz + 2.0 * self.damping_ratio * w * z + w * (y - x))
+        return y - x if self.behind else y
+
+    @property
+    def _w(self) -> Any:
+        return 2.0 * np.pi * self.frequency
+
+    def stores(self, port: str, factor: Any, terms: EnergyRows, x: Row) -> Sequence[Product]:
+        (y, _), (z, _) = terms.own("resonance"), terms.own("rate")
+        if port == RATE:
+            return [Product(factor, x, y), Product(-0.5 * factor, y, y), Product(-0.5 * factor, z, z)]
+        return [Product(0.5 * factor, y, y), Product(0.5 * factor, z, z)]
+
+    def losses(self, port: str, factor: Any, terms: EnergyRows, dx: Row) -> Sequence[Product]:
+        z, _ = terms.own("rate")
+        return [Product((-2.0 if port == RATE else 2.0) * factor * self.damping_ratio * self._w, z, z)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Delay(Memory):
+    """A sensor's reading is that of a while ago; no equation has it, as nothing but the reading is late.
+
+    Source: Doebelin, Measurement Systems, 2003, section 3.3.
+    """
+
+    kind: ClassVar[str] = "delay"
+    alone: ClassVar[bool] = True
+
+    delay: float = quantity("s", "delay", at_least=0, null=0.0)
+
+    def row(self, specimen: EquationBuilder, x: Row, of: str) -> Row:
+        return 0.0 * x
+
+
+def _storage(specimen: EquationBuilder, of: str) -> Any:
+    """Energy of half a square of an input, for the scale of a state that follows it."""
+    device, kind = specimen.transducer, _STORAGE.get(of)
+    if kind == "capacitance":
+        return device.capacitance
+    return 1.0 if kind is None else device.stiffness if kind == "stiffness" else device.mass

@@ -1,0 +1,127 @@
+"""Laws with a memory at the places of the records: their starts, and the scores of all of a place by one linearisation.
+
+A memory has no influence at a factor of zero, and its own values no derivative there: like the time constants of named
+effects these are tried at several starts (Davies, Biometrika 74(1), 33-43, 1987).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from piezoharvest.description.effects.nameless.forms import Line
+from piezoharvest.description.effects.nameless.law import Law
+from piezoharvest.description.effects.nameless.memory import Delay, Memory, Play, Relaxation, Resonance
+from piezoharvest.description.effects.nameless.places import Place, Reading
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.diagnose.discovery.law_fits import Scored, law_parameters
+from piezoharvest.diagnose.discovery.smoothness import Smoothness, projected
+from piezoharvest.diagnose.discovery.visited import Visited
+from piezoharvest.diagnose.score_tests import extended
+from piezoharvest.diagnose.start_values import CampaignScales
+from piezoharvest.identify.fitting.levenberg_marquardt import Fit
+from piezoharvest.identify.fitting.model import Model
+from piezoharvest.identify.fitting.output_error import linearised
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
+from piezoharvest.predict.parameters import Parameter, put
+from piezoharvest.predict.prediction import PredictionError
+
+PLAYS = (0.01, 0.03, 0.1, 0.25)  # thresholds that are tried, of half the visited range
+RESONANCES = 5  # frequencies that are tried between the slowest and the fastest that the records resolve
+DAMPING_RATIO = 0.2  # at the start: resonances that are apart by a factor of three overlap
+FASTEST = 0.3  # of the rate of samples: highest frequency of a resonance that is tried
+
+
+def memories_at(place: Place, visited: Visited, scales: CampaignScales) -> list[Law]:
+    """Laws with a memory that are tried at a place: those of sensors are of a reading's own true value."""
+    own = isinstance(place, Reading) and place.of == place.channel
+    if not (own or place.port):
+        return []
+    kinds = _of_sensor(place, visited, scales) if own else _of_port(place, visited, scales)
+    return [Law(place=place, form=Line(factor=0.0), memory=each) for each in kinds]
+
+
+def _of_sensor(place: Place, visited: Visited, scales: CampaignScales) -> Iterator[Memory]:
+    yield Delay(delay=0.0)
+    yield from _plays(visited[place.input])
+    yield from (Relaxation(time_constant=each, behind=True) for each in scales.times)
+    yield from _resonances(scales, behind=True)
+
+
+def _of_port(place: Place, visited: Visited, scales: CampaignScales) -> Iterator[Memory]:
+    """Memories of a port; a damper's relaxation is that of the spring."""
+    if place.port in Play.signs:
+        yield from _plays(visited[place.input])
+    if place.port in Relaxation.signs and place.name != "damper":
+        yield from (Relaxation(time_constant=each) for each in scales.times)
+    if place.port in Resonance.signs:
+        yield from _resonances(scales, behind=False)
+
+
+def _plays(visited: np.ndarray) -> Iterator[Play]:
+    half = 0.5 * float(np.ptp(visited))
+    yield from (Play(threshold=share * half) for share in PLAYS if half > 0.0)
+
+
+def _resonances(scales: CampaignScales, *, behind: bool) -> Iterator[Resonance]:
+    highest, lowest = FASTEST / scales.sample_time, 1.0 / scales.longest
+    for frequency in np.geomspace(max(lowest, 1e-3 * highest), highest, RESONANCES):
+        yield Resonance(frequency=float(frequency), damping_ratio=DAMPING_RATIO, behind=behind)
+
+
+def score_memories(problem: Problem, base: Fit, laws: Sequence[Law], visited: np.ndarray) -> list[Scored]:
+    """Scores of laws with a memory at one place, those of the wrong sign at a port left out: they would give energy."""
+    first, at = len(base.model.transducer.effects), len(base.model.parameters)
+    strengths = [_strength(law, n) for n, law in enumerate(laws, first)]
+    model = replace(extended(base.model, laws, strengths), felt=first)
+    nuisance = nuisance_for_model(problem, base.model, base.nuisance, model)
+    try:
+        information, gradient, _ = linearised(problem, model, nuisance, base)
+    except (PredictionError, ParameterError, np.linalg.LinAlgError):
+        return []
+    kept, prior = _known(problem, base, model, information)
+    found = []
+    for k, (law, strength) in enumerate(zip(laws, strengths, strict=True), at):
+        some = [*kept, k]
+        inside, slope = projected(
+            information[np.ix_(some, some)], gradient[some], prior[np.ix_(some, some)], [len(kept)]
+        )
+        if not inside[0, 0] > 1e-8 * information[k, k]:
+            continue  # in the span of the fitted parameters
+        step = float(slope[0] / inside[0, 0])
+        if step * law.passive_sign < 0.0 or not strength.lower <= step <= strength.upper:
+            continue
+        begun = put(law, strength.path[2:], step)
+        found.append(Scored(begun, visited, Smoothness(np.inf, float(slope[0] * step))))
+    return found
+
+
+def _strength(law: Law, n: int) -> Parameter:
+    """The parameter at whose zero a law with a memory is absent."""
+    names = ("delay", "factor")
+    return next(p for p in law_parameters(law, n) if p.path[-1] in names)
+
+
+def _known(problem: Problem, base: Fit, model: Model, information: np.ndarray) -> tuple[list[int], np.ndarray]:
+    """Columns of what was fitted before the laws, which keep their priors, and these in the size of the whole."""
+    at, before = len(base.model.parameters), len(model.parameters)
+    kept, prior, own = list(range(at)), np.zeros_like(information), at
+    prior[:at, :at] = base.prior[:at, :at]
+    place = before
+    for data in problem.data:
+        old, new = problem.nuisance_names(base.model, data), problem.nuisance_names(model, data)
+        # New ones, such as what a stop began with, are not felt without a factor.
+        shared = {name: k for k, name in enumerate(_counted(new))}
+        for k, name in enumerate(_counted(old)):
+            column = place + shared[name]
+            kept.append(column)
+            prior[column, column] = base.prior[own + k, own + k]
+        own, place = own + len(old), place + len(new)
+    return kept, prior
+
+
+def _counted(names: Sequence[str]) -> list[tuple[str, int]]:
+    """Names with their number among the same ones."""
+    return [(name, names[:k].count(name)) for k, name in enumerate(names)]

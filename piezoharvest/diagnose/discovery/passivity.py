@@ -1,0 +1,71 @@
+"""Energy at ports: a free law that gives some where nothing can give any is no law of that port, but a sensor's fault.
+
+A force over a displacement and a charge over a voltage return what they take: as functions they give nothing. A current
+over a voltage, or a force over a velocity, f(x), gives energy wherever x f(x) < 0. The closest table that gives none is
+a convex problem, and what it costs in -2 ln L says whether the records insist on giving. Sources: Brogliato et al.,
+Dissipative Systems Analysis and Control, 2007, section 2.1; Diamond & Boyd, J. Mach. Learn. Res. 17(83), 2016 (cvxpy).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from piezoharvest.description.effects.nameless.memory import DIRECT
+from piezoharvest.description.shunts import Resistor
+from piezoharvest.diagnose import thresholds
+from piezoharvest.diagnose.discovery.law_fits import TABLES, LawFit
+from piezoharvest.identify.fitting.data import Data
+from piezoharvest.identify.fitting.problem import Problem
+
+POINTS = 81  # inputs over the visited range at which a table may give no energy: twice as dense as its corners and more
+ROUNDING = 1e-9  # of the largest power: less is none
+
+
+def takes_energy(problem: Problem, table: LawFit) -> bool:
+    """False if a table at a port gives energy, beyond the odds at which a place is ruled out."""
+    return price_of_passivity(table, own_slope(problem, table)) < 2.0 * thresholds.MIN_LOG_ODDS
+
+
+def own_slope(problem: Problem, table: LawFit) -> float:
+    """What the model has at the port beside the law, for each unit of the input: the law may take that back, not more.
+
+    A load takes part of what its label says; what is beside it, at the electrodes, has nothing to take back.
+    """
+    if table.place.name == "damper":
+        return float(np.real(table.found.model.transducer.damping))
+    if table.place.name != "load":
+        return 0.0
+    shunts: list[Any] = [data.setting.shunt for data in problem.data if isinstance(data, Data)]
+    return min((1.0 / shunt.resistance for shunt in shunts if isinstance(shunt, Resistor)), default=0.0)
+
+
+def price_of_passivity(table: LawFit, slope: float) -> float:
+    """Rise of -2 ln L by the condition that a table with a straight line of this slope gives no energy."""
+    form = table.form
+    if table.place.port != DIRECT or not isinstance(form, TABLES):
+        return 0.0
+    x = np.linspace(table.visited.min(), table.visited.max(), POINTS)
+    pieces = np.column_stack([replace(form, kinks=tuple(unit)).values(x) for unit in np.eye(len(form.kinks))])
+    inside, right = table.normal
+    weight = inside + np.diag(np.diag(table.found.prior)[table.own])
+    size = 1.0 / np.sqrt(np.diag(weight))
+    values, vectors = np.linalg.eigh(weight * np.outer(size, size))
+    root = (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    found = np.linalg.lstsq(weight * np.outer(size, size), size * right, rcond=1e-13)[0]
+    power, own = x[:, None] * pieces * size, slope * x**2
+    unit = float(np.abs(power @ found).max() + own.max())
+    if unit == 0.0 or np.all(power @ found + own >= -ROUNDING * unit):
+        return 0.0
+    return _distance(root, found, power / unit, own / unit)
+
+
+def _distance(root: np.ndarray, found: np.ndarray, power: np.ndarray, own: np.ndarray) -> float:
+    """Least |root (k - found)|^2 of kinks k whose powers are not negative."""
+    import cvxpy as cp
+
+    kinks = cp.Variable(len(found))
+    problem = cp.Problem(cp.Minimize(cp.sum_squares(root @ (kinks - found))), [power @ kinks + own >= 0.0])
+    return float(problem.solve(solver=cp.CLARABEL))  # pyright: ignore[reportArgumentType]

@@ -1,0 +1,112 @@
+"""Records of specimens with a law that has a memory, made with SciPy alone; and the search for a law by itself."""
+
+from __future__ import annotations
+
+import numpy as np
+from nameless import BEAM
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+from scipy.signal import lsim
+
+from piezoharvest.diagnose.discovery.search import search
+from piezoharvest.identify.fitting.problem import Problem
+from piezoharvest.identify.identification import identify, prepared
+from piezoharvest.identify.threads import single_threaded
+
+FINER = 20  # values of a reading for each sample, while it is filtered
+
+
+def spring_with(memory, drive, load, duration, rate):
+    """True channels of a beam whose spring has a memory: `memory(t, x, u, m)` returns its force and the rates of m.
+
+    `memory.states` is their number. From rest; Radau with errors far below those that a test tolerates.
+    """
+    m, b, k, T, C = (BEAM[name] for name in ("mass", "damping", "stiffness", "coupling", "capacitance"))
+
+    def slopes(t, y):
+        x, u, v, own = y[0], y[1], y[2], y[3:]
+        force, rates = memory(t, x, u, own)
+        return [u, (drive(t) - b * u - k * x - force + T * v) / m, -(v / load + T * u) / C, *rates]
+
+    t = np.arange(round(duration * rate)) / rate
+    # A memory may have corners, which a method of high order would step over.
+    run = solve_ivp(
+        slopes, (0, t[-1]), [0.0] * (3 + memory.states), "Radau", t, rtol=1e-8, atol=1e-13, max_step=0.25 / rate
+    )
+    x, _, v = run.y[:3]
+    return {"time_s": t, "force": drive(t), "displacement": x, "voltage": v, "current": v / load}
+
+
+def relaxing(weight, time_constant):
+    """A Maxwell element: weight (x - y) beside the spring, of which weight x is the spring's own part."""
+
+    def memory(t, x, u, own):
+        return -weight * own[0], [(x - own[0]) / time_constant]
+
+    memory.states = 1
+    return memory
+
+
+def resonating(weight, frequency, damping):
+    """A second-order element that follows x."""
+    w = 2.0 * np.pi * frequency
+
+    def memory(t, x, u, own):
+        return -weight * own[0], [w * own[1], w * (x - own[0] - 2.0 * damping * own[1])]
+
+    memory.states = 2
+    return memory
+
+
+def rubbing(weight, threshold):
+    """A stop: it follows x between its ends."""
+
+    def memory(t, x, u, own):
+        stuck = abs(own[0]) < threshold or own[0] * u < 0.0
+        return weight * np.clip(own[0], -threshold, threshold), [u if stuck else 0.0]
+
+    memory.states = 1
+    return memory
+
+
+def with_play(x, half):
+    """A reading with a backlash: it stays until the truth has moved by half of it to one side."""
+    found = np.empty_like(x)
+    at = x[0]
+    for n, value in enumerate(x):
+        at = min(max(at, value - half), value + half)
+        found[n] = at
+    return found
+
+
+def finely(t, x):
+    """Times and values between the samples: a filter takes straight lines between those that it is given."""
+    fine = np.linspace(t[0], t[-1], FINER * (len(t) - 1) + 1)
+    return fine, CubicSpline(t, x)(fine)
+
+
+def delayed(t, x, delay):
+    """What was a while ago; before the record it was as at its first sample."""
+    return CubicSpline(t, x)(np.maximum(t - delay, t[0]))
+
+
+def lagging(t, x, time_constant):
+    """A first-order lag, at rest with its first input."""
+    t, x = finely(t, x)
+    system = ([[-1.0 / time_constant]], [[1.0 / time_constant]], [[1.0]], [[0.0]])
+    return lsim(system, x, t, [x[0]])[1][::FINER]
+
+
+def ringing(t, x, frequency, damping):
+    """A second-order lag of a sensor, at rest with its first input."""
+    (t, x), w = finely(t, x), 2.0 * np.pi * frequency
+    system = ([[0.0, 1.0], [-(w**2), -2.0 * damping * w]], [[0.0], [w**2]], [[1.0, 0.0]], [[0.0]])
+    return lsim(system, x, t, [x[0], 0.0])[1][::FINER]
+
+
+@single_threaded
+def searched(campaign):
+    """What a search finds in the fitted records of a campaign."""
+    before = identify(campaign, offsets=("displacement",))
+    problem = Problem(prepared(before.campaign, "fit"), before.campaign.transducer, before.offsets)
+    return search(problem, before.found, lambda text: None)

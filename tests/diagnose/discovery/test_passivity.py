@@ -1,0 +1,58 @@
+"""Energy tells a port from a sensor: what gives energy is no law of a port, however well it fits."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from nameless import Drive, Laws, nameless_campaign
+from remembering import searched
+
+from piezoharvest.description.effects.nameless.forms import Corners
+from piezoharvest.description.effects.nameless.places import Damper, Electrodes, Load, Reading, Spring
+from piezoharvest.diagnose.discovery.passivity import price_of_passivity
+
+
+def table(place, kinks, knots=(1.0, -1.0), information=None):
+    """A fitted table, with the information of its kinks and no prior."""
+    inside = np.eye(len(kinks)) * 4.0 if information is None else information
+    return SimpleNamespace(
+        place=place, form=Corners(knots=knots, kinks=kinks), visited=np.linspace(-2.0, 2.0, 11), own=[0, 1],
+        normal=(inside, inside @ np.array(kinks)), found=SimpleNamespace(prior=np.zeros((2, 2))),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("place", [Load(), Electrodes(), Damper()])
+def test_a_law_that_takes_energy_costs_nothing(place):
+    assert price_of_passivity(table(place, (0.5, -0.5)), 0.0) == 0.0
+
+
+def test_a_law_that_gives_energy_costs_what_its_kinks_are_away_from_none():
+    # The closest table without energy has no kinks: 4 k^2 for each of two.
+    assert price_of_passivity(table(Load(), (-0.5, 0.5)), 0.0) == pytest.approx(2.0, rel=1e-6)
+    # Beside a conductance of 0.2 at 2 V it may take 0.4 of the 0.5 back: kinks of 0.4 remain.
+    assert price_of_passivity(table(Load(), (-0.5, 0.5)), 0.2) == pytest.approx(2 * 4 * 0.1**2, rel=1e-6)
+    assert price_of_passivity(table(Load(), (-0.5, 0.5)), 0.3) == 0.0
+
+
+def test_springs_and_sensors_may_have_any_law():
+    assert price_of_passivity(table(Spring(), (-0.5, 0.5)), 0.0) == 0.0
+    assert price_of_passivity(table(Reading("current", "current"), (-0.5, 0.5)), 0.0) == 0.0
+
+
+def test_a_reading_that_turns_back_is_not_named_a_law_of_the_load(tmp_path):
+    """A current sensor falls, beyond a level, three times as fast as it should rise: no load does so."""
+    level = 2.2e-5
+    records = [
+        (Drive((450.0,), (4.0,), 550.0), 97780.0),
+        (Drive((300.0, 150.0), (3.0, 7.3), 500.0), 97780.0),
+        (Drive((350.0,), (5.0,), 450.0), 97780.0),
+    ]
+
+    def turns_back(true):
+        i = true["current"]
+        return -4.0 * np.sign(i) * np.maximum(np.abs(i) - level, 0.0)
+
+    laws = Laws(reading={"current": turns_back})
+    found = searched(nameless_campaign(tmp_path, "stack", laws, records, rate=400.0, duration=1.0))
+    assert found.best.place.name == "reading.current"
+    assert not {"load", "electrodes"} & {rival.place.name for rival in found.close}

@@ -1,0 +1,141 @@
+"""Which laws are fitted, which effects beside them are dropped, and which get the name of a known effect."""
+
+import numpy as np
+import pytest
+from nameless import Drive, Laws, nameless_campaign
+
+from piezoharvest import Transducer
+from piezoharvest.description.effects import (
+    Clipping,
+    ContactCompliance,
+    CouplingDrift,
+    Creep,
+    DielectricRelaxation,
+    DisplacementLag,
+    Friction,
+    Leakage,
+    NonlinearCoupling,
+    Stiffening,
+    VoltageDependentCapacitance,
+)
+from piezoharvest.description.effects.nameless.forms import Hertz, Knee, Line, Monomial
+from piezoharvest.description.effects.nameless.law import Law
+from piezoharvest.description.effects.nameless.memory import Play, Relaxation
+from piezoharvest.description.effects.nameless.places import (
+    Capacitor,
+    Coupling,
+    Damper,
+    Electrodes,
+    Load,
+    OverTime,
+    Reading,
+    Spring,
+)
+from piezoharvest.description.shunts import Resistor
+from piezoharvest.diagnose.discovery.forms.known import known_effects
+from piezoharvest.diagnose.discovery.law_fits import Scored
+from piezoharvest.diagnose.discovery.search import FITS, promising
+from piezoharvest.diagnose.discovery.smoothness import Smoothness
+from piezoharvest.diagnose.discovery.verdict import found_laws, without_riders
+from piezoharvest.diagnose.score_tests import effect_parameters, extended
+from piezoharvest.identify.fitting.output_error import fit
+from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
+from piezoharvest.identify.identification import identify, prepared
+from piezoharvest.identify.threads import single_threaded
+from piezoharvest.predict.discrete_model import setting_of
+from piezoharvest.predict.prediction import Prediction
+
+DEVICE = {"mass": 0.010, "damping": 0.0628, "stiffness": 986.96, "coupling": 1e-3, "capacitance": 40e-9}
+NAMED = [
+    (Law(place=Spring(), form=Monomial(factor=0.05, scale=1e-3, exponent=3)), Stiffening),
+    (Law(place=Spring(), form=Line(factor=30.0), memory=Play(threshold=1e-5)), Friction),
+    (Law(place=Spring(), form=Line(factor=-90.0), memory=Relaxation(time_constant=0.2)), Creep),
+    (Law(place=Capacitor(), form=Monomial(factor=1e-9, scale=2.0, exponent=3)), VoltageDependentCapacitance),
+    (Law(place=Capacitor(), form=Line(factor=4e-9), memory=Relaxation(time_constant=0.2)), DielectricRelaxation),
+    (Law(place=Coupling(), form=Monomial(factor=1e-7, scale=1e-3)), NonlinearCoupling),
+    (Law(place=Electrodes(), form=Line(factor=2e-6)), Leakage),
+    (Law(place=OverTime("coupling"), form=Line(factor=0.1)), CouplingDrift),
+    (Law(place=Reading("displacement", "force"), form=Hertz(factor=1e-6, exponent=2 / 3, scale=0.02, odd=False)),
+     ContactCompliance),
+]  # fmt: skip
+
+
+def predicted(effect):
+    drive = 0.015 + 0.02 * np.sin(2 * np.pi * 48.0 * np.arange(400) / 4000.0)  # pressed and pulled
+    setting = setting_of("force", Resistor(resistance=1e5), 1.0 / 4000.0, drive)
+    run = Prediction(Transducer(**DEVICE, effects=(effect,)), setting, relaxed=True)
+    (block,) = run.blocks(False, channels=["displacement", "voltage", "current"])
+    return block.values
+
+
+@pytest.mark.parametrize(("law", "name"), NAMED, ids=lambda each: getattr(each, "__name__", ""))
+def test_a_law_that_is_a_known_effect_is_called_so_and_acts_alike(law, name):
+    (effect,) = known_effects(law, Transducer(**DEVICE))
+    assert type(effect) is name
+    mine, its, plain = predicted(law), predicted(effect), predicted(Leakage(resistance=1e15))
+    size = np.ptp(its, axis=0)
+    assert np.all(np.abs(mine - its).max(axis=0) < 1e-9 * size)
+    assert np.any(np.abs(its - plain).max(axis=0) > 1e-4 * size)  # it matters
+
+
+def test_sensors_that_cut_off_or_lag_have_names():
+    device = Transducer(**DEVICE)
+    cut = Law(place=Reading("voltage", "voltage"), form=Knee(factor=-1.0, knee=3.0))
+    assert list(known_effects(cut, device)) == [Clipping(limit=3.0, channel="voltage")]
+    late = Law(
+        place=Reading("displacement", "displacement"), form=Line(factor=1.0),
+        memory=Relaxation(time_constant=0.01, behind=True),
+    )  # fmt: skip
+    assert list(known_effects(late, device)) == [DisplacementLag(time_constant=0.01)]
+
+
+def test_what_no_file_has_or_has_with_another_sign_gets_no_name():
+    device = Transducer(**DEVICE)
+    assert not list(known_effects(Law(place=Load(), form=Knee(factor=1e-6, knee=2.0)), device))
+    assert not list(known_effects(Law(place=Electrodes(), form=Line(factor=-1e-6)), device))
+
+
+def scored(place, gain):
+    law = Law(place=place, form=Line(factor=0.0))
+    return Scored(law, np.zeros(1), Smoothness(1.0, gain))
+
+
+def test_where_the_misfit_is_large_the_best_start_of_each_place_is_fitted():
+    many = [scored(Reading("voltage", of), 1e6 - n) for n, of in enumerate(("force", "current", "time", "voltage"))]
+    many += [scored(Reading("current", of), 1e5 - n) for n, of in enumerate(("force", "current", "time"))]
+    poor = [scored(place, 8e4 - n) for n, place in enumerate((Load(), Spring(), Damper()))]
+    few = promising([*many, *poor], 99.0)
+    assert len(few) == FITS
+    assert not {"load", "spring"} & {each.law.place.name for each in few}
+    all_of_them = [each.law.place.name for each in promising([*many, *poor], 101.0)]
+    assert set(all_of_them) == {"reading.voltage", "reading.current", "load", "spring", "damper"}
+    assert all_of_them.count("reading.current") == 1  # its best start
+
+
+@single_threaded
+def _beside_a_rider(campaign):
+    before = identify(campaign, offsets=("displacement",))
+    problem = Problem(prepared(before.campaign, "fit"), before.campaign.transducer, before.offsets)
+    base, rider = before.found, Stiffening(cubic_stiffness=0.0)
+    model = extended(base.model, [rider], effect_parameters([rider], 0))
+    start = fit(problem, model, nuisance_for_model(problem, base.model, base.nuisance, model), base.noise)
+    laws = found_laws(campaign, before, problem, start, lambda text: None)
+    return laws, *without_riders(campaign, before, problem, laws, (0,), lambda text: None)
+
+
+@pytest.mark.slow
+def test_an_effect_that_does_nothing_for_unseen_records_beside_a_law_is_dropped(tmp_path):
+    """A load that conducts beyond 2.19 V, with a stiffening that was found while the load was not known."""
+    records = [
+        (Drive((450.0,), (4.0,), 550.0), 97780.0), (Drive((300.0, 150.0), (3.0, 7.3), 500.0), 51430.0),
+        (Drive((350.0,), (5.0,), 450.0), 97780.0),
+    ]  # fmt: skip
+    laws = Laws(load=lambda v: 5e-5 * np.sign(v) * np.maximum(np.abs(v) - 2.19, 0.0))
+    with_it, without, kept = _beside_a_rider(
+        nameless_campaign(tmp_path, "stack", laws, records, rate=400.0, duration=1.0)
+    )
+    assert with_it.found[-1].final.model.transducer.effects[0].name == "stiffening"
+    (law,) = without.found[-1].final.model.transducer.effects
+    assert (law.name, kept) == ("load knee", ())
+    assert law.form.knee == pytest.approx(2.19, abs=0.01)
+    assert without.squares[-1][0] < 1.01 * with_it.squares[-1][0]
