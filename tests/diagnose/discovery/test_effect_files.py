@@ -148,7 +148,9 @@ def test_the_test_beside_an_effect_file_passes(law, tmp_path):
 def test_the_test_beside_an_effect_file_finds_what_is_there_at_its_null_value(tmp_path):
     test = written(LAWS[0], tmp_path)
     text = (tmp_path / "law.py").read_text()
-    wrong = text.replace("        PLACE.add(", "        specimen.draw(1e-6 * specimen.v)\n        PLACE.add(")
+    wrong = text.replace(
+        "        self.law.act(specimen)", "        specimen.draw(1e-6 * specimen.v)\n        self.law.act(specimen)"
+    )
     assert wrong != text
     (tmp_path / "law.py").write_text(wrong)
     done = passed(test)
