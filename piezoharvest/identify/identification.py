@@ -45,6 +45,7 @@ from piezoharvest.identify.start_values.quasi_static import (
 )
 from piezoharvest.identify.threads import single_threaded
 from piezoharvest.predict.parameters import Parameter, is_of_circuit, parameters_of, value_at
+from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.record import FrequencyRecord, Record
@@ -358,7 +359,10 @@ def growing_fit(
         before, part = part, _beginning(some, length)
         if part is not before:
             nuisance = nuisance_for_problem(before, found.nuisance, part, found.model)
-            found = fit(part, found.model, nuisance, found.noise, progress=progress, rounds=2)
+            try:
+                found = fit(part, found.model, nuisance, found.noise, progress=progress, rounds=2)
+            except PredictionError:  # what fits the beginning best cannot follow the rest
+                found = fit_past_jumps(part, model, progress, poor)
     if some is problem:
         return found
     known = dict(zip(map(id, some.data), found.nuisance, strict=True))

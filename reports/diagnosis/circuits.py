@@ -221,7 +221,18 @@ def _table(shunt: Shunt) -> dict[str, Any]:
 
 
 attempt = partial(trials.attempt, bench=bench_of)
-KEPT = ("key", "kind", "names", "sigma", "seed", "diagnosed", "cpu", "reached", "right")
+KEPT = (
+    "key",
+    "kind",
+    "names",
+    "sigma",
+    "seed",
+    "diagnosed",
+    "cpu",
+    "reached",
+    "right",
+    "error",
+)  # an error is no answer
 
 
 def held_out(trial: Trial) -> dict[str, Any]:

@@ -122,7 +122,7 @@ class Readings:
 
 def reads_more(transducer: Transducer, drive_name: str) -> bool:
     """True if the displacement sensor reads anything but the displacement."""
-    nothing = dict.fromkeys(("drive", *NEEDED), np.zeros(1))
+    nothing: dict[str, np.ndarray] = dict.fromkeys(("drive", *NEEDED), np.zeros(1))
     return bool(transducer.effects) and Readings(transducer, drive_name, nothing, 1.0).differs
 
 
