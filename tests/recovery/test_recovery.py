@@ -7,7 +7,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from selection import with_slow
 
 from reports.diagnosis import trials
 from reports.diagnosis.trials import DRAWS, Trial, run
@@ -41,9 +40,8 @@ def half_the_samples(monkeypatch):
 QUICK = [(Trial("single", *drawn(0, 1), 300), "effect"), (Trial("withheld", ("mains_hum",), 60.0, 331), "unexplained")]
 
 
-@pytest.mark.parametrize(
-    ("trial", "verdict"), with_slow(QUICK, slow=lambda trial, _: trial.kind == "single"), ids=["single", "withheld"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("trial", "verdict"), QUICK, ids=["single", "withheld"])
 def test_a_fifth_of_the_samples_tells_what_is_large(trial, verdict, monkeypatch):
     read_at(200.0, monkeypatch)
     result = run(trial)

@@ -123,6 +123,7 @@ def found_in(folder, laws, drive=Drive):
     return searched(nameless_campaign(folder, "stack", laws, records, rate=400.0, duration=1.5))
 
 
+@pytest.mark.slow
 def test_a_backlash_in_the_fixture_is_a_play_in_the_reading_of_the_displacement(tmp_path):
     half = 0.17638e-6
     laws = Laws(reading={"displacement": lambda true: with_play(true["displacement"], half) - true["displacement"]})

@@ -39,6 +39,7 @@ def test_springs_and_sensors_may_have_any_law():
     assert price_of_passivity(table(Reading("current", "current"), (-0.5, 0.5)), 0.0) == 0.0
 
 
+@pytest.mark.slow
 def test_a_reading_that_turns_back_is_not_named_a_law_of_the_load(tmp_path):
     """A current sensor falls, beyond a level, three times as fast as it should rise: no load does so."""
     level = 2.2e-5
