@@ -22,14 +22,16 @@ _HOMES = {
     "description.hysteresis": ("Hysteresis",),
     "description.system": ("System",),
     "description.circuit": ("Port", "Product", "State"),
+    "description.diode": ("DiodeLine", "exponential_diode", "measured_diode"),
     "description.parameters": ("Component", "ParameterError", "quantity"),
     "description.excitation": (
         "Excitation", "Multisine", "RandomBase", "RandomForce", "Record", "SineBase", "SineForce", "StepForce",
     ),
     "description.shunts": (
-        "CurrentBlocking", "CurrentFlowing", "LinearShunt", "NegativeCapacitance", "Network", "Open",
-        "ParallelBranches", "ParallelRL", "ParallelRLC", "ParallelSSHI", "Rectifier", "Resistor", "SECE", "SSDI",
-        "SSDS", "SSDV", "SeriesRL", "SeriesRLC", "SeriesSSHI", "Short", "Shunt", "SpiceCircuit",
+        "Battery", "BiasFlip", "CurrentBlocking", "CurrentFlowing", "DSSH", "Doubler", "HalfWave", "LinearShunt",
+        "NegativeCapacitance", "Network", "Open", "ParallelBranches", "ParallelRL", "ParallelRLC", "ParallelSSHI",
+        "Rectifier", "Resistor", "SCSECE", "SECE", "SICE", "SSDI", "SSDS", "SSDV", "SSHC", "SeriesRL", "SeriesRLC",
+        "SeriesSSHI", "Short", "Shunt", "SpiceCircuit",
     ),
     "description.effects": (
         "BiasCurrent", "ChannelSkew", "Clipping", "ContactCompliance", "CouplingDrift", "Creep",

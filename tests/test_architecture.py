@@ -22,7 +22,10 @@ LAYERS = [
     {"description.protocol"},
     {"description.effects"},
     {"description.transducer"},
-    {"description.catalogue", "description.limits", "description.paths", "description.system", "description.tolerance"},
+    {
+        "description.catalogue", "description.diode", "description.limits", "description.paths", "description.system",
+        "description.tolerance",
+    },
     {"equations.laws"},
     {"equations.terms"},
     {"equations.rows"},

@@ -22,7 +22,7 @@ _MIN_COST = 1e-4  # of the power, or dB: what is less is within the accuracy of 
 _RESULT = (
     "shunt", "converged", "period", "harvested_power", "mechanical_power", "efficiency", "displacement_amplitude",
     "voltage_amplitude", "dc_voltage", "attenuation_db", "energy", "events_per_period", "periods_evaluated", "message",
-    "displacement_rms", "standard_error",
+    "displacement_rms", "standard_error", "figure_of_merit",
 )  # fmt: skip
 
 _QUANTILES = {"p5": "5 %", "p50": "50 %", "p95": "95 %"}
@@ -66,6 +66,7 @@ def print_responses(title: str, responses: Sequence[Response]) -> None:
         *_error_column(responses, "harvested_power", "W"),
         Column("mech. power", "W", [r.mechanical_power for r in responses]),
         Column("effi- ciency", "%", [100 * r.efficiency for r in responses]),
+        Column("figure of merit", "", [r.figure_of_merit for r in responses]),
         Column("displace- ment", "m", [r.displacement_amplitude for r in responses]),
         *([Column("rms displ.", "m", [r.displacement_rms for r in responses])] if noisy else []),
         *_error_column(responses, "displacement_rms", "m"),

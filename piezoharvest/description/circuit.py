@@ -48,11 +48,15 @@ class State(NamedTuple):
         Stored energy is storage * z^2 / 2: an inductance, a capacitance (negative for a negative one).
     odd : bool
         True if the state changes sign when excitation and electrodes are mirrored (a rectified voltage does not).
+    recovered : float, optional
+        With a value, the state is set to zero when the switch opens or steps on, and this share of its energy is
+        harvested; the rest is lost. A state named "current" is cut so without one, and all of it is lost.
     """
 
     name: str
     storage: float
     odd: bool = True
+    recovered: Number | None = None
 
 
 class Product(NamedTuple):

@@ -44,6 +44,7 @@ def quantity(
     below: float | None = None,
     at_most: float | None = None,
     null: float | str | None = None,
+    other_law_at_zero: bool = False,
 ) -> Any:
     """Declare a dataclass field that holds a quantity in SI units.
 
@@ -59,9 +60,11 @@ def quantity(
         Open and closed bounds.
     null : float or `AS_LABELLED`, optional
         Value at which the described effect is absent.
+    other_law_at_zero : bool
+        At zero the equations have another form, so that there is no derivative there.
     """
     bounds = {"above": above, "at_least": at_least, "below": below, "at_most": at_most}
-    metadata = {"unit": unit, "doc": doc, "null": null, **bounds}
+    metadata = {"unit": unit, "doc": doc, "null": null, "other_law_at_zero": other_law_at_zero, **bounds}
     return dataclasses.field(default=default, metadata=metadata)
 
 

@@ -151,7 +151,7 @@ class CandidateMaker:
         return isinstance(shunt, LinearShunt) and self.is_exact(self.view.working(shunt), shunt)
 
     def _phase(self, draft: Draft) -> PhaseTuning:
-        loads = isinstance(draft.shunt, Bridge) and len(draft.free) > 1
+        loads = isinstance(draft.shunt, Bridge) and draft.shunt.tuned_side in draft.free and len(draft.free) > 1
         found = bridge_starts(self.view, draft) if loads else []
         return PhaseTuning(self._trial_of(draft), draft, phase_start(draft, found), self._region(draft))
 

@@ -20,7 +20,7 @@ from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.shunts.switching import InductiveSwitch, SynchronisedShunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.design.operation import Operation
-from piezoharvest.design.places import lists_of, value_at, with_values
+from piezoharvest.design.places import lists_of, unit_at, value_at, with_values
 from piezoharvest.study import SYNTHESISED, DesignOptions
 
 QUALITY = 6.0  # inverts to exp(-pi/(2 Q)) = 0.77 of the voltage: between the 0.6 of a small coil and 0.9 of a good one
@@ -31,6 +31,7 @@ STEADY_PERIODS, TRANSIENT_PERIODS = 100.0, 20.0
 NEGATIVE_SHARE = 0.5  # of the capacitance: doubles K^2, with as much again to the limit of stability
 _MOST_BRANCHES = 3  # of assumed shunts with a branch for each mode: more parts than that take long to tune
 _TUNED_UNITS = ("ohm", "H", "F")
+DIODE = ("diode_drop", "diode_resistance", "diode_leakage")  # parts that all candidates share
 ANGLES = ("phase_lag", "on_time_error")  # fields that may be negative: they are not tuned as logarithms
 
 
@@ -154,8 +155,8 @@ class Drafting:
     def _free(self, shunt: Shunt) -> tuple[str, ...]:
         """Fields to tune: parts of linear circuits except active ones, the load of a bridge, the lag of a switch."""
         names: list[str] = []
-        if isinstance(shunt, Bridge):
-            names.append("load_resistance" if shunt.dc_voltage is None else "dc_voltage")
+        if isinstance(shunt, Bridge) and shunt.tuned_side:
+            names.append(shunt.tuned_side)
         if isinstance(shunt, SynchronisedShunt) and self._lag_is_free(shunt):
             names.append("phase_lag")
         if isinstance(shunt, LinearShunt):
@@ -187,12 +188,13 @@ class Drafting:
     def _assume(self, cls: type[Shunt], wanted: bool) -> list[Draft]:
         """Draft of a kind without a template, with typical values; empty where a value cannot be assumed."""
         modes = self.operation.modes(self.transducer)[:_MOST_BRANCHES]
-        if lists_of(cls) and len(modes) < 2:
+        branches = lists_of(cls) if issubclass(cls, LinearShunt) else ()
+        if branches and len(modes) < 2:
             if wanted:
                 self.left_out.append(f"{cls.kind}, as fewer than two modes are in the band")
             return []
         values, notes = self._typical(cls)
-        for name in lists_of(cls):  # the tuning begins elsewhere: only the number of branches counts
+        for name in branches:  # the tuning begins elsewhere: only the number of branches counts
             values[name] = (values[name],) * (len(modes) - (name == "capacitances" and cls.kind == "parallel_branches"))
         needed = [
             f.name for f in dataclasses.fields(cls)
@@ -230,18 +232,24 @@ class Drafting:
             return values, ()
         values, notes = {}, []
         if issubclass(cls, Bridge):
-            load = np.pi / (2 * omega * capacitance)
+            load = cls.gain**2 * np.pi / (2 * omega * capacitance)
             values |= {"load_resistance": load, "smoothing_capacitance": self._smoothing / load}
             notes.append(f"R C_s = {self._smoothing * self.frequency:g} periods")
-        if "diode_drop" in cls.__dataclass_fields__:
-            values["diode_drop"], origin = self._device("diode_drop", 0.0)
-            notes.append(f"diodes of {values['diode_drop']:g} V{origin}" if values["diode_drop"] else "ideal diodes")
+        parts = [name for name in DIODE if name in cls.__dataclass_fields__]
+        if parts:
+            found = {name: self._device(name, 0.0) for name in parts}
+            values |= {name: value for name, (value, _) in found.items()}
+            words = [f"{value:g} {unit_at(cls, name)}{origin}" for name, (value, origin) in found.items() if value]
+            notes.append(f"diodes of {', '.join(words)}" if words else "ideal diodes")
         if issubclass(cls, InductiveSwitch):
             values["quality"], origin = self._device("quality", QUALITY)
             values["inductance"] = self._switched_inductance(values["quality"])
             inversion = np.exp(-np.pi / (2 * values["quality"]))
             notes.append(f"switched loop of quality {values['quality']:g}{origin} (inverts to {inversion:.2f} of the "
                          f"voltage) and {values['inductance']:.3g} H")  # fmt: skip
+        own, note = cls.assumed(capacitance, self.frequency)
+        values |= own
+        notes += [note] if note else []
         if issubclass(cls, SynchronisedShunt) and self.operation.periodic and not self.operation.apart:
             # The default, a quarter of the common period of all tones, would let most extrema pass.
             values["hold_off"] = 0.25 / self.frequency
@@ -261,7 +269,7 @@ class Drafting:
     def _unlike(self, drafts: Sequence[Draft]) -> list[str]:
         """Remarks on device properties that are not the same in all drafts."""
         found = []
-        for name in ("diode_drop", "quality"):
+        for name in (*DIODE, "quality"):
             have = [d for d in drafts if name in type(d.shunt).__dataclass_fields__]
             values = {getattr(d.shunt, name) for d in have}
             if len(values) > 1:
@@ -278,6 +286,8 @@ class Drafting:
 
 def harvests(shunt: Shunt, capacitance: float, period: float | None) -> bool:
     """True if any configuration of a circuit, or its switch, delivers power to a load."""
+    if any(np.any(state.recovered) for state in shunt.states(capacitance) if state.recovered is not None):
+        return True
     states = [state.name for state in shunt.states(capacitance)]
     rows = np.eye(len(states) + 4)
     v, dv, i, one = rows[-4:]

@@ -16,6 +16,7 @@ from piezoharvest.engine.lowering.lower import Lowered, lower, symmetric
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory.state import QUEUE_LENGTH
 from piezoharvest.engine.plausibility import Bounds, bounds, closure, faults, harvest
+from piezoharvest.engine.response import figure_of_merit
 from piezoharvest.engine.run import Machine
 from piezoharvest.engine.simulation import simulate
 from piezoharvest.engine.steady_state import many_designs
@@ -26,7 +27,7 @@ DESIGNS_AT_ONCE = 128  # designs whose programs are laid out at one time, so tha
 LOG_LENGTH = 512  # events of a span whose times are kept
 NAMES = (
     "harvested_power", "mechanical_power", "efficiency", "displacement_amplitude", "voltage_amplitude", "dc_voltage",
-    "attenuation_db", "events_per_period",
+    "attenuation_db", "events_per_period", "figure_of_merit",
 )  # fmt: skip
 
 
@@ -61,8 +62,9 @@ def simulate_many(
     -------
     dict of (designs,) array
         `converged` and, as in `Response`, harvested_power and mechanical_power in W, efficiency, displacement_amplitude
-        in m, voltage_amplitude and dc_voltage in V, attenuation_db, events_per_period, periods_evaluated, closure, and
-        the energies of a period in J under names such as "energy.damping". NaN for a design without a solution.
+        in m, voltage_amplitude and dc_voltage in V, attenuation_db, events_per_period, figure_of_merit,
+        periods_evaluated, closure, and the energies of a period in J under names such as "energy.damping". NaN for a
+        design without a solution.
 
     Raises
     ------
@@ -86,6 +88,8 @@ def simulate_many(
     slow = _one_by_one(system, excitation, left, designs, budget)
     for name, column in slow.items():
         found.setdefault(name, np.full(designs, np.nan))[left] = column[left]
+    power, moved = found["harvested_power"], found["displacement_amplitude"]
+    found["figure_of_merit"] = figure_of_merit(power, moved, system.transducer, excitation)
     if attenuation:
         _attenuate(found, system, excitation, designs)
     return found

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
+
+from piezoharvest.description.excitation import Excitation, SineBase, SineForce
+from piezoharvest.description.transducer import Transducer
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +100,8 @@ class Response:
     standard_error : dict or None
         Standard errors of "harvested_power" (W) and "displacement_rms" (m), as averages of a piece of a stationary
         signal, by batch means; NaN where the run is shorter than nine decays of the motion. None for other excitations.
+    figure_of_merit : float
+        P/(C V_oc^2 f): see `figure_of_merit`; NaN but in the steady state of one mode under a sine.
     exhausted : bool
         The simulation was stopped because it exceeded the work limit (`engine.work_limit`).
     """
@@ -117,8 +123,43 @@ class Response:
     exhausted: bool = False
     displacement_rms: float | None = None
     standard_error: dict[str, float] | None = None
+    figure_of_merit: float = float("nan")
 
     @property
     def efficiency(self) -> float:
         """Harvested over mechanical power, P_out/P_in; 0 where no power comes in."""
         return self.harvested_power / self.mechanical_power if self.mechanical_power > 0 else 0.0
+
+
+def has_merit(transducer: Transducer, excitation: Excitation) -> bool:
+    """True if there is a figure of merit: for one mode under one sine."""
+    return not transducer.modes and isinstance(excitation, SineForce | SineBase)
+
+
+def figure_of_merit(power: Any, displacement: Any, transducer: Transducer, excitation: Excitation) -> Any:
+    """Harvested power over C V_oc^2 f, what a bridge with ideal diodes harvests at most where the coupling is weak.
+
+    V_oc = T U/C is the voltage of open electrodes at the displacement amplitude U that the circuit leaves: the figure
+    compares circuits at the same motion, and does not count what they take of it (Ramadass & Chandrakasan 2010;
+    Sanchez et al., IEEE J. Solid-State Circuits 51(12), 2016).
+
+    Parameters
+    ----------
+    power, displacement : float or array
+        W, m.
+
+    Returns
+    -------
+    float or array
+        NaN where nothing moves, and for further modes or an excitation that is not one sine.
+    """
+    if not has_merit(transducer, excitation):
+        return np.nan * np.asarray(power)
+    assert isinstance(excitation, SineForce | SineBase)  # has_merit
+    coupling, capacitance, frequency = (
+        np.squeeze(value, axis=-1) if np.ndim(value) else value
+        for value in (transducer.coupling, transducer.capacitance, excitation.frequency)
+    )
+    unit = (coupling * displacement) ** 2 / capacitance * frequency
+    with np.errstate(all="ignore"):
+        return np.where(unit > 0, power / unit, np.nan)

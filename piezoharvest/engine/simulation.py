@@ -27,7 +27,7 @@ from piezoharvest.engine.plausibility import (
     uncertainty_message,
     without_rounding,
 )
-from piezoharvest.engine.response import Response, Waveforms
+from piezoharvest.engine.response import Response, Waveforms, figure_of_merit
 from piezoharvest.engine.run import Machine
 from piezoharvest.engine.steady_search import EngineError, Orbit, Shooting, check
 from piezoharvest.engine.steady_state.shooting import ACCEPTED
@@ -93,6 +93,9 @@ def simulate(
         if length is None:
             most = bounds(system.transducer, excitation, lowered)
             response = _steady(lowered, excitation, samples, system.shunt.kind, most)
+            power, moved = response.harvested_power, response.displacement_amplitude
+            merit = float(figure_of_merit(power, moved, system.transducer, excitation))
+            response = _replaced(response, figure_of_merit=merit)
         else:
             response = _transient(lowered, system, excitation, length, samples)
     except EngineError as error:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from piezoharvest.report.limits import Limit
 from piezoharvest.report.spans import design_band, drive_frequency, frequency_range
 from piezoharvest.report.subjects import Subject, values_of
@@ -94,6 +96,9 @@ def _cards(best: Subject, limit: Limit | None, band: bool, damping: bool) -> lis
     harvest = [("harvested power", engineering(c.harvested_power, "W"), remark)] if best.harvests or not damping else []
     if r is not None and best.harvests:
         harvest.append(("efficiency", percent(r.efficiency), "electrical out over mechanical in"))
+        if np.isfinite(r.figure_of_merit):
+            merit = f"{r.figure_of_merit:.3g}"
+            harvest.append(("figure of merit", merit, "P/(C V_oc² f) at this motion; 1 is the most of an ideal bridge"))
     amplitude = "worst amplitude in the band" if band else "amplitude"
     motion = [
         ("vibration", decibel(c.attenuation_db), "against shorted electrodes"),

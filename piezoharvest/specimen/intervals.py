@@ -18,7 +18,7 @@ from piezoharvest.specimen.file import Specimen
 
 FIGURES = (
     "harvested_power", "mechanical_power", "efficiency", "displacement_amplitude", "voltage_amplitude", "dc_voltage",
-    "attenuation_db",
+    "attenuation_db", "figure_of_merit",
 )  # fmt: skip
 QUANTILES = {"p5": 0.05, "p50": 0.5, "p95": 0.95}
 SEED = 1  # of all draws: the same specimens for every shunt, so that differences between shunts are theirs

@@ -6,9 +6,18 @@ from collections.abc import Callable
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.spice.bridges import write_bridge, write_doubler, write_half_wave, write_series_bridge
 from piezoharvest.spice.deck import Deck, number, total
 from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
-from piezoharvest.spice.switching import write_bridge, write_discharge, write_loop, write_series_bridge
+from piezoharvest.spice.stages import (
+    write_bias_flip,
+    write_dssh,
+    write_sc_sece,
+    write_sece,
+    write_sice,
+    write_sshc,
+)
+from piezoharvest.spice.switching import write_discharge, write_loop
 
 
 def write_shunt(deck: Deck, shunt: Shunt, point: OperatingPoint) -> NetlistCircuit:
@@ -172,10 +181,6 @@ def _plain(name):
     return name.replace(".", "_")
 
 
-def _rectifier(deck, shunt, point):
-    return write_bridge(deck, shunt, point)
-
-
 def _parallel_sshi(deck, shunt, point):
     loop = write_loop(deck, shunt, point, "0")
     return write_bridge(deck, shunt, point)._replace(fastest=loop.on_time)
@@ -217,10 +222,18 @@ WRITERS: dict[str, Callable[..., NetlistCircuit]] = {
     "current_flowing": _branches,
     "parallel_branches": _branches,
     "current_blocking": _blocking,
-    "rectifier": _rectifier,
+    "rectifier": write_bridge,
+    "doubler": write_doubler,
+    "half_wave": write_half_wave,
+    "battery": write_bridge,
     "parallel_sshi": _parallel_sshi,
     "series_sshi": _series_sshi,
-    "sece": write_discharge,
+    "sshc": write_sshc,
+    "bias_flip": write_bias_flip,
+    "sece": write_sece,
+    "sice": write_sice,
+    "sc_sece": write_sc_sece,
+    "dssh": write_dssh,
     "ssds": write_discharge,
     "ssdi": _ssdi,
     "ssdv": _ssdv,

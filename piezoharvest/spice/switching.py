@@ -1,4 +1,4 @@
-"""Synchronised switches, bridges and negative capacitances as netlist elements."""
+"""Synchronised switches as netlist elements."""
 
 from __future__ import annotations
 
@@ -9,17 +9,11 @@ import numpy as np
 
 from piezoharvest.description.circuit import Switch
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.description.shunts.switching import InductiveSwitch, SynchronisedShunt
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.device import coupled_acceleration, coupled_velocity
 from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
 
-# Bridge: ratio of its resistance to 1/(w C), and of the smoothing of its corner to the expected voltage.
-BRIDGE = 1e-4
-CORNER = 1e-5
-# Strays to ground of a dc side behind real diodes, as a share of the clamped capacitance.
-STRAY = 1e-5
 # Switched loop: ratio to sqrt(L/C) of the resistance that absorbs the current cut when the switch opens, inverse ratio
 # of that of the closed switch, and conductance of the open switch relative to 1/sqrt(L/C).
 IDEAL, OPEN = 1e4, 1e-8
@@ -33,8 +27,8 @@ STEEPNESS = 200.0
 DISCHARGE, DECAY = 1 / 200, 14.0
 
 
-def write_timing(deck: Deck, switch: Switch, on_time: float, point: OperatingPoint) -> None:
-    """Node `pulse`: +1 (after a maximum) or -1 (after a minimum of sum T_i x_i) while the switch is closed.
+def write_timing(deck: Deck, switch: Switch, on_time: float, point: OperatingPoint) -> Timing:
+    """Write the sign of the motion by which the switch acts; `on_time` (s) is that of its shortest pulse.
 
     Raises
     ------
@@ -44,7 +38,7 @@ def write_timing(deck: Deck, switch: Switch, on_time: float, point: OperatingPoi
     if switch.threshold > 0:
         found = f"found {switch.threshold:g} V, of which a netlist has no element"
         raise ParameterError("detector_threshold", f"{found}, allowed is 0: a switch that acts at every extremum")
-    deck.section("timing of the switch: V(pulse) is 1 after a maximum and -1 after a minimum of sum T_i x_i, else 0")
+    deck.section("timing of the switch: V(pulse...) is 1 after a maximum and -1 after a minimum of sum T_i x_i, else 0")
     deck.comment(
         f"V(extremum) is the sign of sum T_i x_i', rounded over {number(EDGE * on_time)} s to each side of a crossing, "
         "and delayed by ideal lines; both edges of the pulse are rounded alike, so that its length is exact."
@@ -58,10 +52,26 @@ def write_timing(deck: Deck, switch: Switch, on_time: float, point: OperatingPoi
     if switch.hold_off > 2 * lines.settled:
         _write_hold_off(deck, lines, switch.hold_off)
         taken = "taken"
-    begin = lines.write("begin", taken, switch.lag) if switch.lag > 1e-4 * on_time else taken
-    finish = lines.write("finish", taken, switch.lag + on_time)
-    # Timed from the previous extremum, of the other kind, the pulse has the other sign.
-    deck.add(f"Bpulse pulse 0 V={'(-0.5)' if switch.early else '0.5'}*(V({finish})-V({begin}))")
+    return Timing(lines, taken, switch)
+
+
+class Timing(NamedTuple):
+    """Where the netlist has the sign of the motion by which the switch acts."""
+
+    lines: _Lines
+    taken: str
+    switch: Switch
+
+    def pulse(self, name: str, begins: float, ends: float) -> None:
+        """Node `pulse` with `name` behind it: 1 or -1 between two times (s) counted from the action."""
+        nodes = []
+        for place, time in (("begin", begins), ("finish", ends)):
+            delay = self.switch.lag + time
+            late = delay > 1e-4 * self.lines.on_time
+            nodes.append(self.lines.write(f"{place}{name}", self.taken, delay) if late else self.taken)
+        # Timed from the previous extremum, of the other kind, the pulse has the other sign.
+        half = "(-0.5)" if self.switch.early else "0.5"
+        self.lines.deck.add(f"Bpulse{name} pulse{name} 0 V={half}*(V({nodes[1]})-V({nodes[0]}))")
 
 
 class _Lines(NamedTuple):
@@ -69,7 +79,7 @@ class _Lines(NamedTuple):
 
     deck: Deck
     point: OperatingPoint
-    on_time: float
+    on_time: float  # of the shortest pulse, s
     hold_off: float
 
     @property
@@ -116,16 +126,21 @@ def _write_hold_off(deck: Deck, lines: _Lines, hold_off: float) -> None:
     deck.add(f"Bstored 0 stored I=(V(extremum)-V(stored))*{free}")
 
 
-def write_switch(deck: Deck, nodes: tuple[str, str], critical: float, closed: float, opened: float) -> str:
-    """Write a conductance that follows the pulse, and return an expression of its power.
+def write_conductance(deck: Deck, name: str, critical: float, closed: float, opened: float) -> str:
+    """Return an expression of a conductance (S) that follows the pulse of this name.
 
     Its logarithm changes steeply around the pulse's value 1/2, at which it is `critical` (S), the conductance at which
     the circuit responds, so that it closes and opens at the intended times.
     """
     low, high = number(math.log(opened / critical)), number(math.log(closed / critical))
-    deck.add(f"Bswitch switch 0 V=min({high}, max({low}, {number(STEEPNESS)}*(abs(V(pulse))-0.5)))")
+    deck.add(f"Bswitch{name} switch{name} 0 V=min({high}, max({low}, {number(STEEPNESS)}*(abs(V(pulse{name}))-0.5)))")
+    return f"{number(critical)}*exp(V(switch{name}))"
+
+
+def write_switch(deck: Deck, nodes: tuple[str, str], critical: float, closed: float, opened: float) -> str:
+    """Write a conductance that follows the pulse, and return an expression of its power."""
+    conductance = write_conductance(deck, "", critical, closed, opened)
     across = f"V({nodes[0]})" if nodes[1] == "0" else f"(V({nodes[0]})-V({nodes[1]}))"
-    conductance = f"{number(critical)}*exp(V(switch))"
     deck.add(f"Bcontact {nodes[0]} {nodes[1]} I={across}*{conductance}")
     return f"{across}*{across}*{conductance}"
 
@@ -140,10 +155,16 @@ class SwitchedLoop(NamedTuple):
 def write_loop(deck: Deck, shunt: InductiveSwitch, point: OperatingPoint, end: str) -> SwitchedLoop:
     """Inductor, its resistance and switch from `p` to the node `end`."""
     capacitance = point.transducer.capacitance
+    switch = shunt.switch(capacitance, point.excitation.period)
+    write_timing(deck, switch, switch.on_time, point).pulse("", 0.0, switch.on_time)
+    return SwitchedLoop(switch.on_time, write_coil(deck, shunt, point, end, switch.on_time))
+
+
+def write_coil(deck: Deck, shunt: InductiveSwitch, point: OperatingPoint, end: str, on_time: float) -> float:
+    """Inductor, its resistance and a switch that follows V(pulse); return the impedance sqrt(L/C)."""
+    capacitance = point.transducer.capacitance
     inductance, resistance = shunt.loop(capacitance)
     impedance = math.sqrt(inductance / capacitance)
-    switch = shunt.switch(capacitance, point.excitation.period)
-    write_timing(deck, switch, switch.on_time, point)
     deck.section("switched inductor")
     deck.comment(
         "Rsnubber takes up the current that still flows when the switch opens; what it takes while the switch is "
@@ -156,83 +177,9 @@ def write_loop(deck: Deck, shunt: InductiveSwitch, point: OperatingPoint, end: s
     # The switch changes by a factor e in the time 2 EDGE on_time/STEEPNESS. A current cut by a resistance kappa L/time
     # * exp(t/time) carries the charge as if it ended at t = -(ln kappa + Euler's gamma) time, and one that begins
     # through it starts at the mirror image: with kappa = exp(-gamma) both happen at t = 0.
-    change = math.exp(-np.euler_gamma) * inductance * STEEPNESS / (2 * EDGE * switch.on_time)
+    change = math.exp(-np.euler_gamma) * inductance * STEEPNESS / (2 * EDGE * on_time)
     write_switch(deck, ("k", end), 1 / change, ideal / impedance**2, OPEN / impedance)
-    return SwitchedLoop(switch.on_time, impedance)
-
-
-def write_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCircuit:
-    """Bridge across the electrodes, with currents that depend on the voltage."""
-    if point.diodes is not None:
-        return _write_real_bridge(deck, shunt, point, "p")
-    conductance = number(0.5 * point.omega * point.transducer.capacitance / BRIDGE)
-    corner = number((CORNER * point.voltage) ** 2)
-    deck.section("bridge: V(dc) is the voltage behind it")
-    deck.comment(
-        "Each pair of diodes is a current through a small resistance above V(dc) and two drops, with a rounded corner; "
-        "real diodes stand here with --diodes."
-    )
-    drop, pairs = deck.parameter("diode_drop", shunt.diode_drop), []
-    for sign in ("", "-"):
-        excess = f"({sign}V(p)-V(dc)-2*{drop})"
-        pairs.append(f"{conductance}*({excess} + sqrt({excess}*{excess}+{corner}))")
-    deck.add(f"Bin p 0 I={pairs[0]} - {pairs[1]}")
-    deck.add(f"Bout 0 dc I={pairs[0]} + {pairs[1]}")
-    if shunt.diode_leakage:
-        deck.comment("What all four diodes conduct backwards: Rback between the leads, and Rleak of the dc side.")
-        deck.add("Rback p 0", 1 / shunt.diode_leakage)
-    return _write_dc_side(deck, shunt, point)
-
-
-def write_series_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint, node: str, current: float) -> NetlistCircuit:
-    """Bridge from `node` to ground, in series with an inductor, with a voltage that depends on the current.
-
-    `current` (A) is its peak current.
-    """
-    if point.diodes is not None:
-        return _write_real_bridge(deck, shunt, point, node)
-    deck.section("bridge in line with the inductor: V(dc) is the voltage behind it")
-    deck.comment(
-        "V(direction) is the sign of the current, rounded near zero; the bridge opposes it with V(dc) and two drops, "
-        "and passes its magnitude on. Real diodes stand here with --diodes."
-    )
-    deck.add(f"Vbridge {node} opposed 0")
-    deck.add("Hbridge through 0 Vbridge", 1 / current)
-    deck.add(f"Bdirection direction 0 V=V(through)/sqrt(V(through)*V(through)+{number(BRIDGE**2)})")
-    deck.add(f"Bin opposed 0 V=V(direction)*(V(dc)+2*{deck.parameter('diode_drop', shunt.diode_drop)})")
-    deck.add(f"Bout 0 dc I={number(current)}*V(through)*V(direction)")
-    return _write_dc_side(deck, shunt, point)
-
-
-def _write_real_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint, node: str) -> NetlistCircuit:
-    """Four diodes with a model between `node` and ground."""
-    deck.section("bridge: V(dc) is the voltage behind it, between the nodes dcp and dcn")
-    deck.add(f".model bridge {point.diodes}")
-    for name, plus, minus in (("1", node, "dcp"), ("2", "0", "dcp"), ("3", "dcn", node), ("4", "dcn", "0")):
-        deck.add(f"D{name} {plus} {minus} bridge")
-    deck.add("Edc dc 0 dcp dcn 1")
-    deck.comment("While no diode conducts, strays of its capacitance hold the floating dc side: without, steps vanish.")
-    stray = deck.parameter("capacitance_stray", STRAY * point.transducer.capacitance)
-    deck.add(f"Cstrayp dcp 0 {stray} {point.condition('dc')}")
-    deck.add(f"Cstrayn dcn 0 {stray} IC=0")
-    return _write_dc_side(deck, shunt, point, ("dcp", "dcn"))
-
-
-def _write_dc_side(
-    deck: Deck, shunt: Bridge, point: OperatingPoint, nodes: tuple[str, str] = ("dc", "0")
-) -> NetlistCircuit:
-    """Smoothing capacitor and load, or constant voltage, between two nodes, and what leaks there."""
-    plus, minus = nodes
-    if shunt.dc_conductance:
-        deck.add(f"Rleak {plus} {minus}", 1 / shunt.dc_conductance)
-    if shunt.dc_voltage is not None:
-        deck.add(f"Vdc {plus} {minus} {deck.parameter('dc_voltage', shunt.dc_voltage)}")
-        return NetlistCircuit("V(dc)*I(Vdc)", "V(dc)")
-    assert shunt.smoothing_capacitance is not None and shunt.load_resistance is not None
-    deck.add(f"Csmoothing {plus} {minus}", shunt.smoothing_capacitance, point.condition("dc"))
-    deck.add(f"Rload {plus} {minus}", shunt.load_resistance)
-    slowest = shunt.smoothing_capacitance * shunt.load_resistance
-    return NetlistCircuit("V(dc)*V(dc)/{resistance_load}", "V(dc)", slowest=slowest)
+    return impedance
 
 
 def write_discharge(deck: Deck, shunt: SynchronisedShunt, point: OperatingPoint) -> NetlistCircuit:
@@ -240,7 +187,7 @@ def write_discharge(deck: Deck, shunt: SynchronisedShunt, point: OperatingPoint)
     capacitance = point.transducer.capacitance
     switch = shunt.switch(capacitance, point.excitation.period)
     on_time = DISCHARGE * 2 * math.pi / point.omega
-    write_timing(deck, switch, on_time, point)
+    write_timing(deck, switch, on_time, point).pulse("", 0.0, on_time)
     deck.section("discharge: takes V(p) to zero within the pulse; its energy is what is harvested or lost")
     closed = DECAY * capacitance / on_time
     power = write_switch(deck, ("p", "0"), closed, closed, 1e-7 * point.omega * capacitance)

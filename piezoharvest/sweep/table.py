@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from piezoharvest.engine.response import has_merit
 from piezoharvest.study import Study
 from piezoharvest.sweep.place import parameters
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 _FIGURES = {
     "harvested_power": "W", "mechanical_power": "W", "efficiency": "", "displacement_amplitude": "m",
-    "voltage_amplitude": "V", "dc_voltage": "V", "attenuation_db": "dB", "closure": "",
+    "voltage_amplitude": "V", "dc_voltage": "V", "attenuation_db": "dB", "closure": "", "figure_of_merit": "",
 }  # fmt: skip
 _COUNTS = ("events_per_period",)
 _ENERGY = ("mechanical_in", "harvested", "damping", "hysteresis", "shunt_loss", "source")
@@ -29,7 +30,10 @@ def known_outputs(study: Study) -> dict[str, str]:
 
 def wanted_outputs(study: Study) -> tuple[str, ...]:
     """Outputs of a sweep; unless the study names them, the averages of `simulate` and the energy balance error."""
-    return tuple(_FIGURES) if study.sweep is None or study.sweep.outputs is None else study.sweep.outputs
+    if study.sweep is not None and study.sweep.outputs is not None:
+        return study.sweep.outputs
+    merit = has_merit(study.transducer, study.excitation)
+    return tuple(name for name in _FIGURES if merit or name != "figure_of_merit")
 
 
 def paths(study: Study) -> tuple[str, ...]:

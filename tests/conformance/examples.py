@@ -46,6 +46,7 @@ L1 plus out 10
 Rload out minus 160k
 """
 GIVEN = {
+    "sshc": {"flip_capacitances": (40e-9, 60e-9), "switch_resistance": 100.0},
     "probe_loading": {"capacitance": 4e-9},
     "network": {"netlist": "L1 1 2 150\nC1 2 0 30n\nR1 2 0 100k load"},
     "spice": {"netlist": SPICE, "load": ("Rload",)},
@@ -53,13 +54,38 @@ GIVEN = {
     "parallel_branches": {**BRANCHES, "capacitances": (4e-8,)},
     "current_blocking": {**BRANCHES, "blocking_inductances": (25.0, 3.0), "blocking_capacitances": (4e-7, 5e-7)},
 }
+COIL = {"inductance": 0.01, "quality": 6.0}
 LEAKING = {"diode_leakage": 1e-6, "dc_leakage": 1e-6}
 # Combinations beside the plainest ones that are worth a run.
 VARIANTS = {
-    "rectifier": [{"dc_voltage": 1.0, "diode_drop": 0.2, **LEAKING}],
-    "parallel_sshi": [{"phase_lag": 0.2, "on_time_error": 0.2}, {"phase_lag": -0.2, "on_time_error": -0.2, **LEAKING}],
-    "series_sshi": [{"phase_lag": 0.2, "on_time_error": 0.4, **LEAKING}, {"phase_lag": -0.2, "on_time_error": -0.2}],
-    "sece": [{"efficiency": 0.7, "phase_lag": -0.2}, {"diode_drop": 0.3}],
+    "rectifier": [
+        {"dc_voltage": 1.0, "diode_drop": 0.2, **LEAKING}, {"diode_drop": 0.2, "diode_resistance": 3e3},
+    ],
+    "doubler": [
+        {"diode_drop": 0.2, **LEAKING}, {"diode_drop": 0.2, "diode_resistance": 3e3},
+    ],
+    "half_wave": [{"diode_drop": 0.2, **LEAKING}, {"diode_drop": 0.2, "diode_resistance": 3e3}],
+    "battery": [{"diode_drop": 0.2, "internal_resistance": 3e3, **LEAKING}],
+    "parallel_sshi": [
+        {"phase_lag": 0.2, "on_time_error": 0.2, "diode_resistance": 3e3},
+        {"phase_lag": -0.2, "on_time_error": -0.2, **LEAKING},
+    ],
+    "series_sshi": [
+        {"phase_lag": 0.2, "on_time_error": 0.4, **LEAKING},
+        {"phase_lag": -0.2, "on_time_error": -0.2, "diode_resistance": 200.0},
+    ],
+    "sshc": [
+        {"phase_lag": 0.2, "diode_resistance": 3e3, "on_time_error": -0.2, **LEAKING},
+        {"phase_lag": -0.2, "flip_capacitances": (30e-9,) * 4},
+    ],
+    "bias_flip": [{"steps": 4, "phase_lag": 0.2, "on_time_error": 0.1}, {"steps": 2, "bias_capacitance": 1e-6}],
+    "sice": [{"phase_lag": 0.2, "on_time_error": -0.3, "diode_drop": 0.1}, {"phase_lag": -0.2, "efficiency": 0.7}],
+    "sc_sece": [{"phase_lag": 0.2, "short_time": 3e-3, "diode_resistance": 50.0}],
+    "dssh": [{"phase_lag": 0.2, "on_time_error": -0.5}, {"phase_lag": -0.2, "diode_drop": 0.1, "efficiency": 0.7}],
+    "sece": [
+        {"efficiency": 0.7, "phase_lag": -0.2}, {"diode_drop": 0.3}, {**COIL, "phase_lag": 0.2, "diode_drop": 0.1},
+        {**COIL, "on_time_error": -0.3, "phase_lag": -0.2},
+    ],
     "ssds": [{"phase_lag": 0.2, "detector_threshold": 1.0}],
     "ssdi": [{"phase_lag": 0.2, "on_time_error": 0.4}],
     "ssdv": [{"phase_lag": -0.1, "on_time_error": -0.2}],

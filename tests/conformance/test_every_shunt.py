@@ -53,7 +53,8 @@ def test_names_its_source_and_its_units(cls):
     assert cls.__doc__
     for field in dataclasses.fields(cls):
         if "unit" not in field.metadata:
-            assert field.name in ("netlist", "topology", "port", "load", "subcircuit"), f"{field.name} has no unit"
+            without = ("netlist", "topology", "port", "load", "subcircuit", "steps")
+            assert field.name in without, f"{field.name} has no unit"
             continue
         UNITS.parse_units(field.metadata["unit"])
         assert field.metadata["doc"]
@@ -89,6 +90,8 @@ def test_energy_of_a_run_from_rest_closes(shunt):
 def test_second_half_of_the_period_mirrors_the_first(shunt, device):
     if shunt.kind == "spice" and DEVICES[device].hysteresis:
         pytest.skip("which configurations of a net list mirror each other is not known: operators keep a remanence")
+    if not shunt.mirrors:
+        pytest.skip("its half waves differ")
     found = simulate(system_of(device, shunt), DRIVE, samples=250)
     waves = found.waveforms
     assert found.converged, found.message
@@ -109,10 +112,15 @@ def test_second_half_of_the_period_mirrors_the_first(shunt, device):
         assert np.allclose(first, second, rtol=0, atol=1e-7 * half), kind
 
 
+def samples_of(shunt):
+    """Samples a period: more where a current jumps, which a coil's does when it is cut at its largest."""
+    return 200000 if getattr(shunt, "efficiency", None) and hasattr(shunt, "on_time_error") else 20000
+
+
 @each_shunt
 def test_hysteresis_loses_the_area_of_its_loop(shunt):
     """By trapezoids, exact but where the loop has a corner between two samples (some 60 of them in a flip)."""
-    found = simulate(System(DEVICES["hysteresis"], shunt), DRIVE, samples=20000)
+    found = simulate(System(DEVICES["hysteresis"], shunt), DRIVE, samples=samples_of(shunt))
     q, v = found.waveforms.charge, found.waveforms.hysteresis_voltage
     area = 0.5 * np.dot(v + np.roll(v, -1), np.roll(q, -1) - q)
     if "voltage extracted" in found.waveforms.event_names:
@@ -133,7 +141,7 @@ def test_hysteresis_of_a_charge_that_jumps_from_end_to_end(kind):
 def test_hysteresis_voltage_is_that_of_the_operators(shunt):
     """From rest, through samples that miss the turning points by little."""
     system, length = System(DEVICES["hysteresis"], shunt), 3 / DRIVE.frequency
-    waves = simulate(system, DRIVE, transient=length, samples=20000).waveforms
+    waves = simulate(system, DRIVE, transient=length, samples=samples_of(shunt)).waveforms
     assert distance(Hysteresis(**STOPS).voltage(waves.charge), waves.hysteresis_voltage) < 1e-3
 
 
@@ -164,20 +172,24 @@ def test_linear_shunt_matches_its_frequency_response(name, device):
 @pytest.mark.parametrize("name", [name for name, shunt in EXAMPLES.items() if hasattr(shunt, "phase_lag")])
 def test_switch_acts_twice_a_period_and_in_time(name):
     shunt = EXAMPLES[name]
-    found = simulate(System(BENCH, shunt), DRIVE, samples=4000)
+    found = simulate(System(BENCH, shunt), DRIVE, samples=40000)
     waves = found.waveforms
     events = list(zip(waves.event_names, waves.event_times, strict=True))
     acts = [t for name, t in events if name in ("switch closes", "voltage extracted")]
     opens = [t for name, t in events if name == "switch opens"]
     assert len(acts) == 2
     on_time = shunt.switch(BENCH.capacitance, found.period).on_time
+    # Of all stages together, or of an action that has stages of its own.
+    shares = [1.0, *(shunt.stage(c, BENCH.capacitance) for c in shunt.configurations() if not shunt.mirrors)]
     for closed in acts:
         at = np.mod(closed - shunt.phase_lag / (2 * np.pi) * found.period, found.period)
         # The extremum is where the velocity changes sign; an early switch expects it half a period after the last.
         u = np.interp(at, waves.time, waves.velocity, period=found.period)
-        assert abs(u) < 2e-5 * np.abs(waves.velocity).max()
+        if shunt.mirrors or shunt.phase_lag >= 0:  # else the half periods differ
+            assert abs(u) < 2e-5 * np.abs(waves.velocity).max()
         if opens:
-            assert min(abs(np.mod(o - closed, found.period) - on_time) for o in opens) < 1e-9 * found.period
+            lasted = [np.mod(o - closed, found.period) for o in opens]
+            assert min(abs(time - share * on_time) for time in lasted for share in shares) < 1e-9 * found.period
 
 
 def test_better_loops_harvest_more():

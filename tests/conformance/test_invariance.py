@@ -123,6 +123,8 @@ def test_mirrored_coupling_is_mirrored_electrodes(name):
 @each_shunt
 def test_swapped_leads_from_rest(name):
     """Leaving rest is no extremum, whichever way it goes: only the signs of what is electrical change."""
+    if not EXAMPLES[name].mirrors:
+        pytest.skip("its half waves differ")
     length = 3.2 / DRIVE.frequency
     plain = simulate(System(DEVICE, EXAMPLES[name]), DRIVE, transient=length, samples=100).waveforms
     swapped = dataclasses.replace(DEVICE, coupling=-DEVICE.coupling)

@@ -209,6 +209,8 @@ class Rectifier(Circuit):
     diode_drop: float
     diode_leakage: float
     dc_leakage: float
+    diode_resistance: float
+    diodes = 2  # in a path
     guard_count = 2
 
     def __init__(self, shunt):
@@ -238,7 +240,9 @@ class Rectifier(Circuit):
     def bridge_flow(self, z, v, free, elastance, beside):
         """Load current with a current `beside` the bridge: conducting, v changes as the dc voltage does."""
         past, sign, through = beside + self.diode_leakage * v, self.conducting, 0.0 * v
-        if sign:
+        if sign and self.path_resistance:
+            through = (v - sign * self.limit(z)) / self.path_resistance
+        elif sign:
             (rate,) = self.dc_rates(z, 0.0) or (0.0,)
             through = (free - elastance * past - sign * rate) / (elastance + self.charging)
         return past + through, self.dc_rates(z, sign * through)
@@ -246,14 +250,134 @@ class Rectifier(Circuit):
     def guards(self, z, v, i):
         if self.conducting:
             return [-self.conducting * (i - self.diode_leakage * v), 0.0 * i - 1.0]
-        limit = self.dc(z) + 2.0 * self.diode_drop
+        limit = self.limit(z)
         return [v - limit, -v - limit]
+
+    @property
+    def path_resistance(self):
+        """Resistance of all parts of a path, ohm."""
+        return self.diodes * self.diode_resistance
+
+    def limit(self, z):
+        """Voltage above which the diodes conduct."""
+        return self.dc(z) + self.diodes * self.diode_drop
 
     def fire(self, guard):
         self.branch = 0 if self.branch else 1 - 2 * guard
 
     def tied(self, z):
-        return self.conducting * (self.dc(z) + 2.0 * self.diode_drop) if self.conducting else None
+        return self.conducting * self.limit(z) if self.conducting and not self.path_resistance else None
+
+
+class Battery(Rectifier):
+    """Bridge into a constant voltage with a resistance, which lies in line with the diodes."""
+
+    internal_resistance: float
+
+    @property
+    def path_resistance(self):
+        return 2.0 * self.diode_resistance + self.internal_resistance
+
+
+class HalfWave(Rectifier):
+    """Series diode to the dc side, and a diode across the leads."""
+
+    diodes = 1
+
+    def parts(self, z, v, free, elastance):
+        """Currents through the series diode and backwards through the one across the leads."""
+        dc, g = self.dc(z), self.diode_leakage
+        series, across, sign = g * (v - dc), g * v, self.branch
+        limit = sign * self.diode_drop + (dc if sign > 0 else 0.0)
+        if not sign:
+            return series, across
+        if self.path_resistance:
+            through = (v - limit) / self.path_resistance
+        else:
+            charging = self.charging if sign > 0 else 0.0
+            (rate,) = (self.dc_rates(z, series) or (0.0,)) if sign > 0 else (0.0,)
+            through = (free - elastance * (series + across) - rate) / (elastance + charging)
+        return (series + through, across) if sign > 0 else (series, across + through)
+
+    def dc_rates(self, z, rectified):
+        if self.dc_voltage is not None:
+            return ()
+        return (self.charging * (rectified - (self.conductance + self.dc_leakage) * self.dc(z)),)
+
+    def flow(self, z, v, free, elastance):
+        series, across = self.parts(z, v, free, elastance)
+        return series + across, self.dc_rates(z, series)
+
+    def guards(self, z, v, i):
+        if self.branch:
+            forward = i - self.diode_leakage * (2.0 * v - self.dc(z))
+            return [-self.branch * forward, 0.0 * i - 1.0]
+        return [v - self.dc(z) - self.diode_drop, -v - self.diode_drop + 0.0 * i]
+
+    def tied(self, z):
+        if not self.branch or self.path_resistance:
+            return None
+        return self.dc(z) + self.diode_drop if self.branch > 0 else -self.diode_drop + 0.0 * self.dc(z)
+
+    def dc_current(self, z, v, i):
+        if self.load_resistance is not None:
+            return self.conductance * self.dc(z)
+        g = self.diode_leakage
+        return i - g * v if self.branch > 0 else g * (v - self.dc(z))
+
+
+class Doubler(Rectifier):
+    """Two capacitors in series with one lead between them; states are their voltages, that of the upper one first."""
+
+    diodes = 1
+
+    def __init__(self, shunt):
+        super().__init__(shunt)
+        self.storage = self.storage * 2
+
+    def sides(self, z):
+        """Voltages of both capacitors."""
+        if self.dc_voltage is None:
+            return z[-2], z[-1]
+        return 0.5 * self.dc_voltage + 0.0 * z.sum(axis=0), 0.5 * self.dc_voltage + 0.0 * z.sum(axis=0)
+
+    def dc(self, z):
+        upper, lower = self.sides(z)
+        return upper + lower
+
+    def flow(self, z, v, free, elastance):
+        upper, lower = self.sides(z)
+        g, sign, charging = self.diode_leakage, self.branch, self.charging
+        up, down = g * (v - upper), g * (-v - lower)
+        drain = (self.conductance + self.dc_leakage) * (upper + lower)
+        if sign:
+            side, into = (upper, up) if sign > 0 else (lower, down)
+            if self.path_resistance:
+                through = (sign * v - side - self.diode_drop) / self.path_resistance
+            else:
+                held = sign * (free - elastance * (up - down)) - charging * (into - drain)
+                through = held / (elastance + charging)
+            up, down = (up + through, down) if sign > 0 else (up, down + through)
+        rates = () if self.dc_voltage is not None else (charging * (up - drain), charging * (down - drain))
+        return up - down, rates
+
+    def guards(self, z, v, i):
+        upper, lower = self.sides(z)
+        if self.branch:
+            return [-self.branch * (i - self.diode_leakage * (2.0 * v - upper + lower)), 0.0 * i - 1.0]
+        return [v - upper - self.diode_drop, -v - lower - self.diode_drop]
+
+    def tied(self, z):
+        upper, lower = self.sides(z)
+        if not self.branch or self.path_resistance:
+            return None
+        return upper + self.diode_drop if self.branch > 0 else -lower - self.diode_drop
+
+    def dc_current(self, z, v, i):
+        if self.load_resistance is not None:
+            return self.conductance * self.dc(z)
+        upper, lower = self.sides(z)
+        return 0.5 * self.branch * (i - self.diode_leakage * (2.0 * v - upper + lower))
 
 
 UNSWITCHED: dict[str, type[Circuit]] = {
@@ -268,4 +392,7 @@ UNSWITCHED: dict[str, type[Circuit]] = {
     "parallel_branches": CurrentFlowing,
     "current_blocking": CurrentBlocking,
     "rectifier": Rectifier,
+    "battery": Battery,
+    "half_wave": HalfWave,
+    "doubler": Doubler,
 }

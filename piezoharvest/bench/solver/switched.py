@@ -71,6 +71,7 @@ class Switched:
     detector_threshold: float
     closed = 0
     on_time = 0.0
+    stage = 0  # while it is closed it goes through stages
 
     def driven(self, period: float | None) -> None:
         """Set the switch's timing for an excitation of this period (s), or of none."""
@@ -82,24 +83,35 @@ class Switched:
         """Carry out what is due; True if the electrodes are to be discharged at once."""
         switch = self.switch
         if switch.opening <= switch.due:
-            switch.opening, self.closed = math.inf, 0
+            times, self.stage = self.stage_times(), self.stage + 1
+            if self.stage < len(times):
+                switch.opening += times[self.stage]
+            else:
+                switch.opening, self.closed, self.stage = math.inf, 0, 0
             self.opened(z)
             return False
         when, kind = switch.planned.pop(0)
         if self.closed:
             return False
-        switch.pulses.append((when, when + self.on_time))
-        if not self.on_time:
+        self.closed = kind
+        times = self.stage_times()
+        switch.pulses.append((when, when + sum(times)))
+        if not sum(times):
+            self.closed = 0
             return True
-        self.closed, switch.opening = kind, when + self.on_time
+        switch.opening = when + times[0]
         return False
 
+    def stage_times(self) -> tuple[float, ...]:
+        """Length of each stage of the switch that has just closed, s."""
+        return (self.on_time,)
+
     def opened(self, z: np.ndarray) -> None:
-        """Change the circuit's states when the switch opens."""
+        """Change the circuit's states when the switch opens or goes on to its next stage."""
 
 
 class Discharge(Switched, Circuit):
-    """SSDS and SECE: open electrodes whose voltage is taken to zero at once."""
+    """SSDS: open electrodes whose voltage is taken to zero at once."""
 
 
 class SSDI(Switched, Circuit):
@@ -150,6 +162,75 @@ class SSDV(SSDI):
     source_voltage: float
 
 
+class Staged(Switched):
+    """Diodes, whose conducting sign is `sign`, and a switch with stages."""
+
+    sign = 0
+
+    @property
+    def branch(self) -> int:
+        """Sign of the diodes, kind of the extremum and stage in one number."""
+        return self.sign + 3 * self.closed + 9 * self.stage
+
+    @branch.setter
+    def branch(self, value: int) -> None:
+        self.stage = round(value / 9)
+        self.closed = round((value - 9 * self.stage) / 3)
+        self.sign = value - 9 * self.stage - 3 * self.closed
+
+    @property
+    def conducting(self) -> int:
+        """Sign of the voltage at which the bridge conducts."""
+        return self.sign
+
+    def fire(self, guard: int) -> None:
+        """Begin or cease to conduct."""
+        self.sign = 0 if self.sign else 1 - 2 * guard
+
+
+class SSHC(Staged, Rectifier):
+    """Bridge and switched capacitors; states are their voltages and the dc voltage.
+
+    Stage k of 2 n + 1 connects capacitor k, later 2 n - k, with the other sign; the middle one shorts the electrodes.
+    """
+
+    flip_capacitances: tuple[float, ...]
+    switch_resistance: float
+    phase_time: float | None
+    on_time_error: float
+
+    def meet(self, capacitance):
+        phase = 10.0 * self.switch_resistance * capacitance if self.phase_time is None else self.phase_time
+        self.phase = phase * (1.0 + self.on_time_error)
+        self.storage = (*self.flip_capacitances, *self.storage)
+
+    def stage_times(self):
+        return (self.phase,) * (2 * len(self.flip_capacitances) + 1)
+
+    def path(self, z, v):
+        """Current of the closed switches, with the number of the capacitor they lead to, if any, and its sign."""
+        count = len(self.flip_capacitances)
+        if not self.closed:
+            return 0.0 * v, None, 0
+        if self.stage == count:
+            return v / self.switch_resistance, None, 0
+        first = self.stage < count
+        which, side = (self.stage, -self.closed) if first else (2 * count - self.stage, self.closed)
+        return (v - side * z[which]) / self.switch_resistance, which, side
+
+    def flow(self, z, v, free, elastance):
+        beside, which, side = self.path(z, v)
+        i, rates = self.bridge_flow(z, v, free, elastance, beside=beside)
+        own = (side * beside / c if n == which else 0.0 * v for n, c in enumerate(self.flip_capacitances))
+        return i, (*own, *rates)
+
+    def guards(self, z, v, i):
+        return super().guards(z, v, i - self.path(z, v)[0])
+
+    def dc_current(self, z, v, i):
+        return super().dc_current(z, v, i - self.path(z, v)[0])
+
+
 class ParallelSSHI(SSDI, Rectifier):
     """Bridge and switched loop side by side; states are the loop's current and the dc voltage.
 
@@ -190,7 +271,7 @@ class SeriesSSHI(ParallelSSHI):
     """Bridge in line with the switched loop: it conducts while the switch is closed, and blocks at zero current."""
 
     def flow(self, z, v, free, elastance):
-        opposed = v - self.sign * (self.dc(z) + 2.0 * self.diode_drop)
+        opposed = v - self.sign * self.limit(z) - self.path_resistance * z[0]
         rate = self.loop_rate(z[0], opposed) if self.sign else 0.0 * v
         return z[0], (rate, *self.dc_rates(z, self.sign * z[0]))
 
@@ -199,7 +280,7 @@ class SeriesSSHI(ParallelSSHI):
             return [0.0 * v - 1.0, 0.0 * v - 1.0]
         if self.sign:
             return [-self.sign * z[0], 0.0 * v - 1.0]
-        limit = self.dc(z) + 2.0 * self.diode_drop
+        limit = self.limit(z)
         return [v - limit, -v - limit]
 
     def dc_current(self, z, v, i):
@@ -216,10 +297,205 @@ class SeriesSSHI(ParallelSSHI):
         z[0], self.sign = 0.0, 0
 
 
+class BiasFlip(Staged, SSDI, Rectifier):
+    """Bridge and a coil that swings in steps; states are its current, the bias capacitors and the dc voltage."""
+
+    steps: int
+    bias_capacitance: float | None
+
+    def meet(self, capacitance):
+        super().meet(capacitance)
+        bias = 1e5 * capacitance if self.bias_capacitance is None else self.bias_capacitance
+        coil, *rest = self.storage
+        stiffness = 1.0 / capacitance + 1.0 / bias
+        assert self.inductance is not None  # set above
+        swing = math.sqrt(stiffness / self.inductance - (0.5 * self.resistance / self.inductance) ** 2)
+        self.biased_time = math.pi / swing * (1.0 + self.on_time_error)
+        self.bias, self.storage = bias, (coil, *(bias for _ in range(self.steps // 2)), *rest)
+
+    def stage_times(self):
+        middle = [2 * k == self.steps - 1 for k in range(self.steps)]
+        return tuple(self.on_time if alone else self.biased_time for alone in middle)
+
+    def side(self):
+        """The bias capacitor in line, or None, and the sign with which it is."""
+        if not self.closed or 2 * self.stage == self.steps - 1:
+            return None, 0
+        first = 2 * self.stage < self.steps
+        return (self.stage, -self.closed) if first else (self.steps - 1 - self.stage, self.closed)
+
+    def flow(self, z, v, free, elastance):
+        which, sign = self.side()
+        i, rates = self.bridge_flow(z, v, free, elastance, beside=z[0])
+        across = v if which is None else v - sign * z[1 + which]
+        own = (sign * z[0] / self.bias if n == which else 0.0 * v for n in range(self.steps // 2))
+        return i, (self.loop_rate(z[0], across), *own, *rates)
+
+    def guards(self, z, v, i):
+        return super(SSDI, self).guards(z, v, i - z[0])
+
+    def dc_current(self, z, v, i):
+        return super().dc_current(z, v, i - z[0])
+
+
+def emptying(inductance: float, resistance: float, capacitance: float) -> float:
+    """First time at which a capacitance, discharged through a coil and its resistance, has no voltage, s."""
+    poles = np.roots([inductance, resistance, 1.0 / capacitance])
+    swing, decay = abs(poles[0].imag), -poles[0].real
+    return float((math.pi - math.atan2(swing, decay)) / swing)
+
+
+class Extracting(Staged, SSDI):
+    """Charge goes through a bridge into a coil while the switch is closed; the state is the coil's current."""
+
+    diode_drop: float
+    diode_resistance: float
+
+    def meet(self, capacitance):
+        super().meet(capacitance)
+        time = emptying(self.inductance or 0.0, self.resistance, capacitance)
+        self.emptying = time * (1.0 + self.on_time_error)
+
+    def act(self, z):
+        discharged = super().act(z)
+        self.sign = self.way()
+        return discharged
+
+    def way(self) -> int:
+        """Sign of the voltage for which the bridge leads to the coil: it is lowest at a maximum."""
+        return -self.closed if self.closed and not self.stage else 0
+
+    def stage_times(self):
+        return (self.emptying,)
+
+    def flow(self, z, v, free, elastance):
+        lost = (self.resistance + 2.0 * self.diode_resistance) * z[0] + 2.0 * self.diode_drop * self.sign
+        return z[0], ((v - lost) / self.inductance if self.sign else 0.0 * v,)
+
+    guard_count = 2
+
+    def guards(self, z, v, i):
+        return [-self.sign * z[0] if self.sign else 0.0 * v - 1.0, 0.0 * v - 1.0]
+
+    def fire(self, guard):
+        self.sign = 0
+
+    def blocked(self, z):
+        if not self.sign:
+            z[0] = 0.0
+
+
+class SECE(Extracting):
+    """At once without a coil."""
+
+    quality: float | None
+
+    def meet(self, capacitance):
+        if self.inductance is None:
+            self.guard_count, self.emptying = 0, 0.0
+        else:
+            super().meet(capacitance)
+
+    def flow(self, z, v, free, elastance):
+        return (0.0 * v, ()) if self.inductance is None else super().flow(z, v, free, elastance)
+
+    def guards(self, z, v, i):
+        return [] if self.inductance is None else super().guards(z, v, i)
+
+    def opened(self, z):
+        z[:] = 0.0
+
+    def blocked(self, z):
+        if self.inductance is not None:
+            super().blocked(z)
+
+
+class SICE(Extracting):
+    """After a minimum the coil inverts the voltage; both currents are states, that of the inversion first."""
+
+    def meet(self, capacitance):
+        super().meet(capacitance)
+        self.storage = self.storage * 2
+
+    def way(self):
+        return -1 if self.closed > 0 else 0
+
+    def stage_times(self):
+        return (self.emptying,) if self.closed > 0 else (self.on_time,)
+
+    def flow(self, z, v, free, elastance):
+        i, (rate,) = super().flow(z[1:], v, free, elastance)
+        swing = (v - self.resistance * z[0]) / self.inductance if self.closed < 0 else 0.0 * v
+        return z[0] + i, (swing, rate)
+
+    def guards(self, z, v, i):
+        return super().guards(z[1:], v, i)
+
+    def blocked(self, z):
+        super().blocked(z[1:])
+
+    def opened(self, z):
+        z[:2] = 0.0
+
+
+class SCSECE(Extracting):
+    """After the extraction the loop's resistance shorts the electrodes."""
+
+    short_time: float
+
+    def stage_times(self):
+        return self.emptying, self.short_time
+
+    def flow(self, z, v, free, elastance):
+        i, rates = super().flow(z, v, free, elastance)
+        return (i + v / self.resistance if self.stage else i), rates
+
+
+class DSSH(Staged, SSDI):
+    """A bridge in line with the coil charges a capacitor, which is emptied when the switch opens; its state is last."""
+
+    intermediate_capacitance: float
+    diode_drop: float
+    diode_resistance: float
+    guard_count = 2
+
+    def meet(self, capacitance):
+        super().meet(capacitance)
+        self.storage = (*self.storage, self.intermediate_capacitance)
+
+    def dc(self, z):
+        return z[1]
+
+    def flow(self, z, v, free, elastance):
+        opposed = v - self.sign * (z[1] + 2.0 * self.diode_drop) - 2.0 * self.diode_resistance * z[0]
+        rate = self.loop_rate(z[0], opposed) if self.sign else 0.0 * v
+        return z[0], (rate, self.sign * z[0] / self.intermediate_capacitance)
+
+    def guards(self, z, v, i):
+        if not self.closed:
+            return [0.0 * v - 1.0, 0.0 * v - 1.0]
+        if self.sign:
+            return [-self.sign * z[0], 0.0 * v - 1.0]
+        limit = z[1] + 2.0 * self.diode_drop
+        return [v - limit, -v - limit]
+
+    def blocked(self, z):
+        if not self.sign:
+            z[0] = 0.0
+
+    def opened(self, z):
+        z[:2], self.sign = 0.0, 0
+
+
 SWITCHED: dict[str, type[Circuit]] = {
     "parallel_sshi": ParallelSSHI,
     "series_sshi": SeriesSSHI,
-    "sece": Discharge,
+    "sshc": SSHC,
+    "bias_flip": BiasFlip,
+    "sece": SECE,
+    "sice": SICE,
+    "sc_sece": SCSECE,
+    "dssh": DSSH,
     "ssds": Discharge,
     "ssdi": SSDI,
     "ssdv": SSDV,

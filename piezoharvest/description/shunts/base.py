@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State, Switch
 from piezoharvest.description.parameters import Component
@@ -23,6 +23,15 @@ class Shunt(Component):
 
     kind: ClassVar[str]
     source: ClassVar[str]
+    mirrors: ClassVar[bool] = True  # swapped leads make no difference
+
+    @classmethod
+    def assumed(cls, capacitance: float, frequency: float) -> tuple[dict[str, Any], str]:
+        """Values that a design may assume for keys without a default, and a remark on them.
+
+        `capacitance` is the transducer's clamped one, F; `frequency` that of the operation, Hz.
+        """
+        return {}, ""
 
     def states(self, capacitance: float) -> tuple[State, ...]:
         """States of the circuit; `capacitance` is the transducer's clamped one, F."""
@@ -62,8 +71,15 @@ class Shunt(Component):
         return configuration
 
     def opened(self, configuration: str) -> str:
-        """Configuration after the switch opens; a state named "current" is set to zero then."""
+        """Configuration after the switch opens, or its next stage; a state named "current" is set to zero then."""
         return configuration
+
+    def stage(self, configuration: str, capacitance: float) -> Any:
+        """Share of the on-time for which the switch holds this configuration.
+
+        A switch with several stages is led from one to the next, and out of the last, by `opened`.
+        """
+        return 1.0
 
     def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
         """Voltage of the dc side, V; zero if there is none."""

@@ -1,10 +1,10 @@
-"""Full-wave diode bridge with a smoothing capacitor or a constant voltage behind it: base of rectifying shunts."""
+"""Diodes with a smoothing capacitor or a constant voltage behind them: base of rectifying shunts."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,12 +15,14 @@ from piezoharvest.description.shunts.base import Shunt
 
 @dataclass(frozen=True, kw_only=True)
 class Bridge(Shunt):
-    """Diodes with a constant drop, two of them conducting, into a capacitor with a load or into a constant voltage.
+    """Diodes in front of a capacitor with a load or of a constant voltage; a full bridge, two of them in every path.
 
-    Each of its four diodes may conduct backwards, as a conductance `diode_leakage` beside it. The dc side lies halfway
-    between the leads, by symmetry, so that these are one such conductance across the leads and one across the dc side;
-    `dc_leakage` adds to the latter. A constant dc voltage holds against both, and what that takes is not counted.
+    A diode that conducts drops `diode_drop` and `diode_resistance` times its current. It conducts backwards, too, as a
+    conductance `diode_leakage` beside it. In a full bridge the dc side lies halfway between the leads, by symmetry, so
+    that these are one such conductance across the leads and one across the dc side; `dc_leakage` adds to the latter.
+    A constant dc voltage holds against both, and what that takes is not counted.
 
+    Circuits with other diodes change `diodes`, the number of them in a path, and `level`, what their voltages stop at.
     The name of a conducting configuration ends in the sign of the electrode voltage, as in "open+".
 
     Raises
@@ -29,10 +31,16 @@ class Bridge(Shunt):
         Neither a smoothing capacitance with a load resistance nor a dc voltage is given, or both.
     """
 
+    diodes: ClassVar[int] = 2
+    gain: ClassVar[float] = 1.0  # dc voltage over that of a full bridge at the same voltage of the electrodes
+
     smoothing_capacitance: float | None = quantity("F", "smoothing capacitance", default=None, above=0)
     load_resistance: float | None = quantity("ohm", "load resistance behind the bridge", default=None, above=0)
     dc_voltage: float | None = quantity("V", "constant voltage instead of them", default=None, at_least=0)
     diode_drop: float = quantity("V", "forward drop of one diode", default=0.0, at_least=0)
+    diode_resistance: float = quantity(
+        "ohm", "series resistance of one diode", default=0.0, at_least=0, other_law_at_zero=True
+    )
     diode_leakage: float = quantity("S", "conductance of one diode, backwards", default=0.0, at_least=0)
     dc_leakage: float = quantity("S", "conductance across the dc side beside the load", default=0.0, at_least=0)
 
@@ -49,49 +57,102 @@ class Bridge(Shunt):
 
     def bridge_states(self) -> tuple[State, ...]:
         """The smoothing capacitor's voltage, if there is one."""
-        return () if self.smoothing_capacitance is None else (State("dc", self.smoothing_capacitance, odd=False),)
+        return () if self.smoothing_capacitance is None else (State("dc", self.dc_capacitance, odd=False),)
+
+    @property
+    def dc_capacitance(self) -> Any:
+        """Capacitance across the whole dc side, F."""
+        return self.smoothing_capacitance
 
     def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
         """Voltage behind the bridge."""
         return z.dc if self.dc_voltage is None else self.dc_voltage * port.one
+
+    def level(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
+        """Voltage that `sign` times that of the electrodes has to exceed by the drops for diodes to conduct."""
+        return self.dc_side(port, z)
+
+    def level_rate(self, sign: int, port: Port, dz: SimpleNamespace) -> Row:
+        """Rate of that voltage."""
+        return dz.dc if self.dc_voltage is None else 0.0 * port.one
 
     def dc_equations(self, rectified: Row, z: SimpleNamespace, dz: SimpleNamespace) -> list[Row]:
         """Current balance of the smoothing capacitor, charged by the `rectified` current."""
         if self.smoothing_capacitance is None or self.load_resistance is None:
             return []
         leaks = self.dc_conductance * z.dc
-        return [self.smoothing_capacitance * dz.dc + z.dc / self.load_resistance + leaks - rectified]
+        return [self.dc_capacitance * dz.dc + z.dc / self.load_resistance + leaks - rectified]
 
     @property
     def dc_conductance(self) -> Any:
         """What discharges the smoothing capacitor beside the load, S."""
         return self.diode_leakage + self.dc_leakage if self.dc_voltage is None else 0.0
 
-    def forward(self, port: Port) -> Row:
-        """Current into a bridge across the leads, less what passes its diodes backwards."""
-        return port.i - self.diode_leakage * port.v
+    def leak(self, port: Port, z: SimpleNamespace) -> Row:
+        """Current that passes the diodes backwards at the leads."""
+        return self.diode_leakage * port.v
 
-    def clamp(self, sign: int, port: Port, dz: SimpleNamespace) -> Row:
-        """Constraint of a conducting bridge: the derivative of v - sign (v_dc + 2 drops)."""
-        return port.dv - sign * dz.dc if self.dc_voltage is None else port.dv
+    def forward(self, port: Port, z: SimpleNamespace) -> Row:
+        """Current into diodes across the leads, less what passes them backwards."""
+        return port.i - self.leak(port, z)
+
+    @property
+    def tuned_side(self) -> str | None:
+        """Name of the key of the dc side that a design tunes."""
+        return "load_resistance" if self.dc_voltage is None else "dc_voltage"
+
+    def inversion(self, capacitance: float) -> Any:
+        """Share of the electrode voltage that is inverted at an extremum; -1 where it is kept."""
+        return -1.0
+
+    @property
+    def path_drop(self) -> Any:
+        """Forward voltage of all diodes of a path at no current, V."""
+        return self.diodes * self.diode_drop
+
+    @property
+    def path_resistance(self) -> Any:
+        """Series resistance of a path, ohm."""
+        return self.diodes * self.diode_resistance
+
+    def conduction(self, sign: int, rectified: Row, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Row:
+        """Port's equation while diodes conduct: the excess of the voltage drops at their resistance.
+
+        Without one it is the derivative of the excess, which the guard has left at zero.
+        """
+        held = port.dv - sign * self.level_rate(sign, port, dz)
+        resistive = np.real(self.path_resistance) > 0
+        if not np.any(resistive):
+            return held
+        return np.where(resistive, self.excess(sign, port, z) - self.path_resistance * rectified, held)
 
     def excess(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
         """Electrode voltage in excess of the threshold at which the diodes of one sign conduct."""
-        return sign * port.v - self.dc_side(port, z) - 2.0 * self.diode_drop * port.one
+        return sign * port.v - self.level(sign, port, z) - self.path_drop * port.one
 
     def bridge_powers(self, rectified: Row, port: Port, z: SimpleNamespace) -> dict[str, list[Product]]:
         """Power into the load and into what lies behind the diodes and in them, from the `rectified` current."""
-        lost = [Product(2.0 * self.diode_drop, port.one, rectified)]
+        lost = [*self.path_loss(rectified, port), *self.dc_loss(port, z)]
         dc = self.dc_side(port, z)
         if self.load_resistance is not None:
             harvested = Product(1.0 / self.load_resistance, z.dc, z.dc)
         else:
             harvested = Product(1.0, dc, rectified)
-        if np.any(self.dc_conductance):
-            lost.append(Product(self.dc_conductance, dc, dc))
         return {"harvested": [harvested], "shunt_loss": lost}
 
-    def leads_loss(self, port: Port) -> list[Product]:
+    def dc_loss(self, port: Port, z: SimpleNamespace) -> list[Product]:
+        """Power of what discharges the smoothing capacitor beside the load."""
+        dc = self.dc_side(port, z)
+        return [Product(self.dc_conductance, dc, dc)] if np.any(self.dc_conductance) else []
+
+    def path_loss(self, rectified: Row, port: Port) -> list[Product]:
+        """Power in the conducting diodes."""
+        lost = [Product(self.path_drop, port.one, rectified)]
+        if np.any(self.path_resistance):
+            lost.append(Product(self.path_resistance, rectified, rectified))
+        return lost
+
+    def leads_loss(self, port: Port, z: SimpleNamespace) -> list[Product]:
         """Power of what passes the diodes backwards between the leads."""
         return [Product(self.diode_leakage, port.v, port.v)] if np.any(self.diode_leakage) else []
 

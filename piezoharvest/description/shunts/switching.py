@@ -98,16 +98,24 @@ class InductiveSwitch(SynchronisedShunt):
         inductance, resistance = self.loop(capacitance)
         return np.pi / np.sqrt(1 / (inductance * capacitance) - (resistance / (2 * inductance)) ** 2)
 
+    def emptying_time(self, capacitance: float) -> Any:
+        """Seconds after which the loop alone has taken the voltage to zero: (pi/2 + atan(R/(2 L w_d)))/w_d."""
+        return emptying_time(*self.loop(capacitance), capacitance)
+
+    def swing_time(self, capacitance: float) -> float:
+        """Seconds for which the switch lets the voltage swing."""
+        return (1 + self.on_time_error) * self.nominal_flip_time(capacitance)
+
     def on_time(self, capacitance: float) -> float:
         """Seconds that the switch stays closed."""
-        return (1 + self.on_time_error) * self.nominal_flip_time(capacitance)
+        return self.swing_time(capacitance)
 
     def beside(self, capacitance: Any, actual: Any) -> Self:
         """The same loop beside another capacitance (F): coil, resistance and on time stay those for `capacitance`."""
         inductance, resistance = self.loop(capacitance)
         values = {"inductance": inductance, "flip_time": None, "quality": np.sqrt(inductance / actual) / resistance}
         moved = replace(self, **values, on_time_error=0.0)
-        return replace(moved, on_time_error=self.on_time(capacitance) / moved.nominal_flip_time(actual) - 1)
+        return replace(moved, on_time_error=self.swing_time(capacitance) / moved.nominal_flip_time(actual) - 1)
 
     def loop_current(self, closed: bool, port: Port, z: SimpleNamespace):
         """Current in the loop: the state while closed, zero while open."""
@@ -119,3 +127,10 @@ class InductiveSwitch(SynchronisedShunt):
             return dz.current
         inductance, resistance = self.loop(port.capacitance)
         return inductance * dz.current + resistance * z.current - drive
+
+
+def emptying_time(inductance: Any, resistance: Any, capacitance: Any) -> Any:
+    """Seconds after which a capacitance has discharged through an inductance and a resistance, the first time."""
+    decay = resistance / (2 * inductance)
+    damped = np.sqrt(1 / (inductance * capacitance) - decay**2)
+    return (0.5 * np.pi + np.arctan(decay / damped)) / damped

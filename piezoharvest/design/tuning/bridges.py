@@ -13,7 +13,6 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from piezoharvest.description.shunts.bridge import Bridge
-from piezoharvest.description.shunts.harvesting.parallel_sshi import ParallelSSHI
 from piezoharvest.description.shunts.harvesting.series_sshi import SeriesSSHI
 from piezoharvest.description.shunts.linear.open import Open
 from piezoharvest.design.drafts import Draft
@@ -96,26 +95,27 @@ def powers(
     to V_oc = |I|/(w C) depends on the current, and is found with it by fixed-point steps.
     """
     reactance = 1 / (source.omega * capacitance)
-    x = load / reactance
+    # A doubler is a bridge at half the voltage and twice the current.
+    x = load / bridge.gain**2 / reactance
     current = source.voltage / np.abs(source.impedance + 1 / (1 / load + 1j / reactance))
     for _ in range(_DROP_STEPS if bridge.diode_drop > 0 else 1):
-        drop = 2 * bridge.diode_drop / (current * reactance)
-        impedance, share = _impedance(bridge, x, drop)
+        drop = bridge.path_drop / (current * reactance)
+        impedance, share = _impedance(bridge, x, drop, capacitance)
         current = np.sqrt(current * source.voltage / np.abs(source.impedance + impedance * reactance))
     # The last step is not averaged: without a diode drop it is exact.
     current = source.voltage / np.abs(source.impedance + impedance * reactance)
     return 0.5 * current**2 * share * reactance, current
 
 
-def _impedance(bridge: Bridge, x: np.ndarray, drop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _impedance(bridge: Bridge, x: np.ndarray, drop: np.ndarray, capacitance: float) -> tuple[np.ndarray, np.ndarray]:
     """Equivalent impedance and its harvested part, both times C w."""
-    inversion = np.exp(-np.pi / (2 * bridge.quality)) if isinstance(bridge, ParallelSSHI | SeriesSSHI) else 0.0
     if isinstance(bridge, SeriesSSHI):
+        inversion = np.exp(-np.pi / (2 * bridge.quality))
         g = (1 + inversion) / (1 - inversion)
         ratio = np.minimum((2 * g * x + np.pi * drop) / (np.pi + 2 * g * x), 1.0)
         harvested = 4 / np.pi * g * np.maximum(ratio - drop, 0) * (1 - ratio)
         return 4 / np.pi * g * (1 - ratio) - 1j, harvested
-    gamma = -inversion if isinstance(bridge, ParallelSSHI) else 1.0
+    gamma = -bridge.inversion(capacitance)
     ratio = np.minimum((2 * x + np.pi * drop) / (np.pi + (1 + gamma) * x), 2 / (1 + gamma))
     cosine = 1 - (1 + gamma) * ratio
     theta = np.arccos(np.clip(cosine, -1, 1))

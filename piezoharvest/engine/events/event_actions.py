@@ -9,7 +9,7 @@ from piezoharvest.engine.events.charge_extraction import extract_charge
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory import state as st
 from piezoharvest.engine.memory.program import NONE
-from piezoharvest.engine.memory.state import QUEUE_LENGTH, dot_column, stored
+from piezoharvest.engine.memory.state import QUEUE_LENGTH, dot_column
 
 
 @compiled
@@ -22,14 +22,17 @@ def log_event(S, D, code):
 
 
 @compiled
-def cut_current(P, L, S, D, state):
-    """Set a current to zero; its energy counts as loss of the shunt."""
-    before = stored(P, L, S) if D[st.ENERGIES] else 0.0
+def cut_state(P, L, S, D, state):
+    """Set a state to zero: a share of its energy is harvested, the rest counts as loss of the shunt."""
+    # Of the state alone: the difference of all stored energies would be that of numbers which hardly differ.
+    released = 0.5 * P[L[pg.STORAGE] + state * (L[pg.SIGNAL] + 1)] * S[state] ** 2
     S[state] = 0.0
     for s in range(D[st.SENSITIVITIES]):
         S[D[st.PHI] + s * L[pg.ROWS] + state] = 0.0
     if D[st.ENERGIES]:
-        S[D[st.ENERGY] + pg.SHUNT_LOSS] += before - stored(P, L, S)
+        harvested = P[L[pg.RECOVERED] + state] * released
+        S[D[st.ENERGY] + pg.HARVESTED] += harvested
+        S[D[st.ENERGY] + pg.SHUNT_LOSS] += released - harvested
 
 
 @compiled
@@ -43,7 +46,7 @@ def operate_switch(P, L, S, D, polarity):
         return
     D[st.CLOSED] = 1
     D[st.CONFIGURATION] = L[L[pg.CLOSED] + (L[pg.C] if polarity > 0 else 0) + D[st.CONFIGURATION]]
-    S[D[st.CLOCK] + st.OPENS] = S[D[st.CLOCK] + st.NOW] + P[L[pg.ON_TIME]]
+    S[D[st.CLOCK] + st.OPENS] = S[D[st.CLOCK] + st.NOW] + P[L[pg.ON_TIME]] * P[L[pg.STAGE] + D[st.CONFIGURATION]]
     for s in range(D[st.SENSITIVITIES]):
         S[D[st.OPENS_PHI] + s] = S[D[st.EVENT_PHI] + s]
     log_event(S, D, pg.CLOSE)
@@ -51,11 +54,18 @@ def operate_switch(P, L, S, D, polarity):
 
 @compiled
 def open_switch(P, L, S, D):
-    """Open the switch and cut the remaining current."""
+    """Open the switch, or move on to its next stage, and cut the currents that remain."""
+    after = L[L[pg.OPENED] + D[st.CONFIGURATION]]
+    D[st.CONFIGURATION] = after
+    for k in range(L[pg.N]):
+        if L[L[pg.CUT] + k]:
+            cut_state(P, L, S, D, k)
+    if L[L[pg.OPENED] + after] != after:
+        S[D[st.CLOCK] + st.OPENS] = S[D[st.CLOCK] + st.NOW] + P[L[pg.ON_TIME]] * P[L[pg.STAGE] + after]
+        log_event(S, D, pg.STEP_ON)
+        return
     D[st.CLOSED] = 0
-    D[st.CONFIGURATION] = L[L[pg.OPENED] + D[st.CONFIGURATION]]
     S[D[st.CLOCK] + st.OPENS] = np.inf
-    cut_current(P, L, S, D, L[pg.CUT])
     log_event(S, D, pg.OPEN)
 
 
@@ -97,7 +107,7 @@ def trigger_event(P, L, S, D, what):
     if what < own:
         k = configuration * own + what
         if L[L[pg.GUARD_CUT] + k] >= 0:
-            cut_current(P, L, S, D, L[L[pg.GUARD_CUT] + k])
+            cut_state(P, L, S, D, L[L[pg.GUARD_CUT] + k])
         log_event(S, D, L[L[pg.GUARD_CODE] + k])
         D[st.CONFIGURATION] = L[L[pg.GUARD_TARGET] + k]
     elif what == own:

@@ -99,7 +99,7 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
 def symmetric(lowered: Lowered, excitation: Excitation) -> bool:
     """True if the system has half-wave symmetry: the signal, and every configuration with its mirror image."""
     program = lowered.program
-    if not excitation.antisymmetric:
+    if not excitation.antisymmetric or np.any(program.mirror < 0):
         return False
     signs = np.concatenate([program.odd, -np.ones(program.exosystem.shape[-1])])
     n, end = len(program.odd), len(program.odd) + pg.DERIVATIVES * len(program.element_power)
@@ -154,7 +154,7 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation,
         **_motion(layout, columns.split(equations, 2)),
         **_stops(layout, scale),
         **_guards(layout, tables.guards, index, columns),
-        **_switching(shunt, switch, index, layout),
+        **_switching(shunt, switch, index, layout, physics.transducer.capacitance),
         **_products(layout, tables.products, columns),
         "exosystem": _exosystem(layout, omega, exo_scale),
         "equilibrium": equilibrium(layout, physics, excitation, scale),
@@ -248,13 +248,18 @@ def _code_of(guard: Guard) -> int:
     return pg.CONDUCT if conducts else pg.BLOCK
 
 
-def _switching(shunt: Shunt, switch: Switch | None, index: dict[str, int], layout: Layout) -> dict[str, Any]:
+def _switching(
+    shunt: Shunt, switch: Switch | None, index: dict[str, int], layout: Layout, capacitance: float
+) -> dict[str, Any]:
     """Tables of the synchronised switch: its timing, and the configuration it leads to from each."""
     timing = switch or Switch(0.0, 0.0, 0.0)
+    recovered = {s.name: s.recovered for s in layout.shunt_states if s.recovered is not None}
     return {
         "switched": 0 if switch is None else 1 if np.all(np.real(timing.on_time) > 0) else 2,
         "lag": scalar(timing.lag),
         "on_time": scalar(timing.on_time),
+        "stage": stack([shunt.stage(c, capacitance) for c in index]),
+        "recovered": stack([recovered.get(name, 0.0) for name in layout.names]),
         "hold_off": scalar(timing.hold_off),
         "early": scalar(np.asarray(timing.early, float)),
         "efficiency": scalar(timing.efficiency),
@@ -262,8 +267,8 @@ def _switching(shunt: Shunt, switch: Switch | None, index: dict[str, int], layou
         "threshold": scalar(timing.threshold),
         "closed": np.array([[index.get(shunt.closed(c, polarity), -1) for c in index] for polarity in (-1, 1)]),
         "opened": np.array([index[shunt.opened(c)] for c in index]),
-        "cut": layout.names.index("current") if "current" in layout.names else -1,
-        "mirror": np.array([index[shunt.mirrored(c)] for c in index]),
+        "cut": np.array([name in {"current", *recovered} for name in layout.names]),
+        "mirror": np.array([index[shunt.mirrored(c)] if shunt.mirrors else -1 for c in index]),
         "shorted": isinstance(shunt, Short),
     }
 

@@ -23,7 +23,7 @@ NONE = -1  # number of a guard, a configuration or a table that does not exist
 DERIVATIVES = 4
 
 # Codes of events, in the order of their names in results.
-CLOSE, OPEN, CONDUCT, BLOCK, EXTRACT, SLIP, STICK = range(7)
+CLOSE, OPEN, CONDUCT, BLOCK, EXTRACT, SLIP, STICK, STEP_ON = range(8)
 EVENT_NAMES = (
     "switch closes",
     "switch opens",
@@ -32,6 +32,7 @@ EVENT_NAMES = (
     "voltage extracted",
     "hysteresis slips",
     "hysteresis sticks",
+    "switch steps on",
 )
 
 # Output rows of every configuration.
@@ -80,6 +81,8 @@ class Program(NamedTuple):
     element_z: np.ndarray  # (e, 2, a) inputs of the smooth elements
     lag: float
     on_time: float
+    stage: np.ndarray  # (c,) share of it for which the switch holds a configuration
+    recovered: np.ndarray  # (n,) share of the energy of a state that is cut, which is harvested
     hold_off: float
     efficiency: float
     drop: float  # V, in the path of the charge that is taken at once
@@ -92,7 +95,6 @@ class Program(NamedTuple):
     signal_kind: int  # TONES or RAMPS
     charge: int  # index of q
     switched: int  # 0 none, 1 closes and opens, 2 extracts at once
-    cut: int  # state set to zero when the switch opens, or -1
     shorted: int  # 1 if the electrodes are always at zero voltage
     categories: int
     odd: np.ndarray  # (n,) sign that mirroring gives each state
@@ -102,6 +104,7 @@ class Program(NamedTuple):
     guard_code: np.ndarray  # (c, g)
     closed: np.ndarray  # (2, c): after closing at a minimum, at a maximum
     opened: np.ndarray  # (c,)
+    cut: np.ndarray  # (n,) 1 for states set to zero when the switch opens or steps on
     mirror: np.ndarray  # (c,)
     product_category: np.ndarray  # (c, p), -1 where there is none
     element_power: np.ndarray  # (e,) as in `terms.Element`
@@ -114,9 +117,10 @@ _SIZES = 12
 (
     RATE, STOP_RESPONSE, EXOSYSTEM, OMEGA, PHASE, EXO_SCALE, SCALE, STORAGE, STOP_INPUT, STOP_LIMIT, STOP_WEIGHT,
     VOLTAGE_ROW, GUARD_Z, GUARD_D, TRIGGER_ROW, PRODUCT_COEFFICIENT, PRODUCT_Z, PRODUCT_D, OUTPUT_Z, OUTPUT_D,
-    EQUILIBRIUM, ELEMENT_Z, LAG, ON_TIME, HOLD_OFF, EFFICIENCY, DROP, THRESHOLD, EARLY, STEP, DRIFT, PERIOD,
-    SIGNAL_KIND, CHARGE, SWITCHED, CUT, SHORTED, CATEGORY_COUNT,
-    ODD, STOP_STATE, GUARD_TARGET, GUARD_CUT, GUARD_CODE, CLOSED, OPENED, MIRROR, PRODUCT_CATEGORY,
+    EQUILIBRIUM, ELEMENT_Z, LAG, ON_TIME, STAGE, RECOVERED, HOLD_OFF, EFFICIENCY, DROP, THRESHOLD, EARLY, STEP, DRIFT,
+    PERIOD,
+    SIGNAL_KIND, CHARGE, SWITCHED, SHORTED, CATEGORY_COUNT,
+    ODD, STOP_STATE, GUARD_TARGET, GUARD_CUT, GUARD_CODE, CLOSED, OPENED, CUT, MIRROR, PRODUCT_CATEGORY,
     ELEMENT_POWER,
 ) = range(_SIZES, _SIZES + len(Program._fields))  # fmt: skip
 NUMBERS = Program._fields[: PERIOD - _SIZES + 1]
@@ -182,6 +186,6 @@ def _shapes(program: Program) -> dict[str, tuple[int, ...]]:
     shapes = (
         (c, n, a), (c, n, h), (w, w), (k,), (k,), (w,), (n,), (m, m), (h, n), (h,), (h,), (a,), (c, g, a), (c, g, n),
         (a,), (c, p), (c, p, 2, a), (c, p, 2, n), (c, o, a), (c, o, n), (n,), (e, 2, a),
-        (), (), (), (), (), (), (), (), (), (),
+        (), (), (c,), (n,), (), (), (), (), (), (), (), (),
     )  # fmt: skip
     return dict(zip(NUMBERS, shapes, strict=True))

@@ -39,7 +39,7 @@ def build(P, L, D, configuration, slip):
     # A switch that stays closed for a given time is stepped through in halves of that time.
     longest = P[L[pg.STEP]]
     if L[pg.SWITCHED] == 1 and L[L[pg.OPENED] + configuration] != configuration:
-        longest = min(longest, P[L[pg.ON_TIME]])
+        longest = min(longest, P[L[pg.ON_TIME]] * P[L[pg.STAGE] + configuration])
     exponentials(P, L, slot, configuration, longest)
     delayed_forms(P, L, slot)
     if L[pg.SIGNAL_KIND] == pg.RAMPS:

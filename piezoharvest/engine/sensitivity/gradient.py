@@ -133,7 +133,8 @@ def _within(part: Component, prefix: str) -> list[tuple[str, float]]:
 
 def _number(field: dataclasses.Field, path: str, value: Any) -> list[tuple[str, float]]:
     numeric = "unit" in field.metadata and isinstance(value, int | float | np.number) and not isinstance(value, bool)
-    return [(path, float(value))] if numeric else []
+    other_law = numeric and field.metadata.get("other_law_at_zero") and value == 0
+    return [(path, float(value))] if numeric and not other_law else []
 
 
 def stepped(system: System, excitation: Excitation) -> tuple[System, Excitation]:

@@ -123,8 +123,8 @@ class Variation:
             if acts and lag.value == 0.0:
                 # The extremum and the action are one event here, delayed by a lag.
                 leg.shift = leg.shift + lag.change
-            if acts:
-                closing = leg.shift
+            if acts or (motion.what == OPENS and self._closed(following)):
+                closing = leg.shift  # of a later stage, too
             before = leg.rate(state)
             columns = self._reset(columns + np.outer(leg.shift, before), state, motion, following)
             after = self._mode(following)[0].matrix.value @ following.start
@@ -139,17 +139,18 @@ class Variation:
 
     def _closes(self, motion: Motion, following: Motion) -> bool:
         """True if the switch closes between two motions."""
-        opened = self.program.opened
-        return bool(
-            opened[motion.configuration] == motion.configuration
-            and opened[following.configuration] != following.configuration
-        )
+        return not self._closed(motion) and self._closed(following)
+
+    def _closed(self, motion: Motion) -> bool:
+        """True if the switch is closed during a motion."""
+        return bool(self.program.opened[motion.configuration] != motion.configuration)
 
     def _shift(self, leg: Leg, legs: list[Leg], closing: np.ndarray) -> np.ndarray:
         """Derivative of the time of the event that ends a leg."""
         what, motion = leg.motion.what, leg.motion
         if what == OPENS:
-            return closing + self._number("on_time").change
+            time = dual(self.program.on_time * self.program.stage[..., motion.configuration], 0)
+            return closing + self._for_columns(time.change)
         if what == ACTS:
             lag, late = self._number("lag"), TIME_TOLERANCE * self.span.value
             causes = (other for other in legs[:-1] if abs(other.motion.ends + lag.value - motion.ends) <= late)
@@ -188,11 +189,24 @@ class Variation:
         program, what = self.program, motion.what
         for j in np.flatnonzero((following.slip != 0) & (motion.slip == 0)):
             columns[:, program.stop_state[j]] = following.slip[j] * self._limit(int(j)).change
-        if what == OPENS and program.cut >= 0:
-            columns[:, program.cut] = 0.0
+        if what == OPENS:
+            for k in np.flatnonzero(program.cut):
+                self._cut(columns, state, int(k))
         if 0 <= what < program.guard_target.shape[1] and program.guard_cut[motion.configuration, what] >= 0:
-            columns[:, program.guard_cut[motion.configuration, what]] = 0.0
+            self._cut(columns, state, int(program.guard_cut[motion.configuration, what]))
         return self._extract(columns, state, following) if self._extracts(state, following) else columns
+
+    def _cut(self, columns: np.ndarray, state: np.ndarray, which: int) -> None:
+        """Set a state to zero, and add what is harvested of its energy."""
+        share = dual(self.program.recovered[..., which], 0)
+        if share.value or np.any(share.change):
+            storage = dual(self.program.storage[..., which, which], 0)
+            energy = 0.5 * storage.value * state[which] ** 2
+            change = storage.value * state[which] * columns[:, which]
+            change = change + 0.5 * state[which] ** 2 * self._for_columns(storage.change)
+            self._add(share.value * energy, share.value * change + energy * self._for_columns(share.change))
+        columns[:, which] = 0.0
+        state[which] = 0.0
 
     def _extracts(self, state: np.ndarray, following: Motion) -> bool:
         """True if the electrode voltage is set to zero between a state and the following motion."""

@@ -59,8 +59,8 @@ class Switching(NamedTuple):
         States; guards of the circuit, after which the extremum follows.
     kind : int
         0 no switch, 1 it closes and opens, 2 it takes charge at once.
-    cut, charge : int
-        States: the current that is cut when the switch opens, or -1; the charge.
+    charge : int
+        Its state.
     lag : float
         s.
     timed : int
@@ -71,7 +71,11 @@ class Switching(NamedTuple):
         Their states.
     voltage : (a,) array
         Row of the electrode voltage.
-    d_lag, d_on_time : (p,) array
+    cut : (n,) int array
+        1 for states that are cut when the switch opens.
+    d_lag : (p,) array
+    d_stage : (c, p) array
+        Of the times for which the switch holds configurations.
     d_voltage : (a, p) array
     d_stops : (h, p) array
         Of the limits.
@@ -80,16 +84,16 @@ class Switching(NamedTuple):
     n: int
     own: int
     kind: int
-    cut: int
     charge: int
     lag: float
     timed: int
     opened: np.ndarray
     guard_cut: np.ndarray
+    cut: np.ndarray
     stops: np.ndarray
     voltage: np.ndarray
     d_lag: np.ndarray
-    d_on_time: np.ndarray
+    d_stage: np.ndarray
     d_voltage: np.ndarray
     d_stops: np.ndarray
 
@@ -245,14 +249,14 @@ def _guard_shift(steps, mode, what, moving):
 
 
 @compiled
-def _find_shift(steps, switching, mode, what, time, near, moving):
+def _find_shift(steps, switching, motions, k, near, moving):
     """Derivatives of the time of an event, into `shift`."""
-    shift = moving.shift
+    shift, what, time = moving.shift, motions.what[k], motions.ends[k]
     if what == OPENS:
         for s in range(len(shift)):
             shift[s] = moving.closing[s]
-        for p in range(len(switching.d_on_time)):
-            shift[p] += switching.d_on_time[p]
+        for p in range(switching.d_stage.shape[1]):
+            shift[p] += switching.d_stage[motions.configuration[k], p]
     elif what == ACTS:
         best = 0
         for k in range(len(moving.cause_time)):
@@ -264,7 +268,7 @@ def _find_shift(steps, switching, mode, what, time, near, moving):
         for p in range(len(switching.d_lag)):
             shift[p] += switching.d_lag[p]
     else:
-        _guard_shift(steps, mode, what, moving)
+        _guard_shift(steps, motions.mode[k], what, moving)
 
 
 @compiled
@@ -295,14 +299,11 @@ def _reset(switching, motions, k, moving):
     for j in range(len(switching.stops)):
         if motions.slip[k + 1, j] != 0 and motions.slip[k, j] == 0:
             _at_limit(switching, j, motions.slip[k + 1, j] * 1.0, moving)
-    cut = -1
-    if what == OPENS:
-        cut = switching.cut
-    elif 0 <= what < switching.own:
-        cut = switching.guard_cut[motions.configuration[k], what]
-    if cut >= 0:
-        for s in range(lanes):
-            d[cut, s] = 0.0
+    guard_cut = switching.guard_cut[motions.configuration[k], what] if 0 <= what < switching.own else -1
+    for row in range(switching.n):
+        if row == guard_cut or (what == OPENS and switching.cut[row]):
+            for s in range(lanes):
+                d[row, s] = 0.0
 
 
 @compiled
@@ -351,7 +352,7 @@ def _extract(switching, after, moving):
 def _event(steps, switching, motions, k, near, moving):
     """Take the derivatives across the event at the end of a motion."""
     mode, what, following = motions.mode[k], motions.what[k], motions.starts[k + 1]
-    _find_shift(steps, switching, mode, what, motions.ends[k], near, moving)
+    _find_shift(steps, switching, motions, k, near, moving)
     if what == switching.own and not switching.timed:
         _remember(motions.ends[k], moving)
     opened, now, later = switching.opened, motions.configuration[k], motions.configuration[k + 1]
@@ -363,7 +364,8 @@ def _event(steps, switching, motions, k, near, moving):
         # The extremum and the action are one event here, delayed by a lag.
         for p in range(len(switching.d_lag)):
             moving.shift[p] += switching.d_lag[p]
-    if closes or extracts:
+    # A later stage is timed from its own beginning.
+    if closes or extracts or (what == OPENS and opened[later] != later):
         for s in range(len(moving.shift)):
             moving.closing[s] = moving.shift[s]
     _shifted(steps.rate[mode], moving.z, 1.0, switching.n, moving)

@@ -91,11 +91,11 @@ class SampledSystem:
             return np.moveaxis(np.broadcast_to(found, (count, *found.shape[1:])), 0, -1).copy()
 
         stops = np.asarray(program.stop_state, np.int64)
+        times = np.asarray(program.on_time)[..., None] * program.stage
         return Switching(
-            program.rate.shape[-2], program.guard_target.shape[1], int(program.switched), int(program.cut),
-            int(program.charge), float(dual(np.asarray(program.lag), 0).value), 0,
-            np.asarray(program.opened, np.int64),
-            np.asarray(program.guard_cut, np.int64), stops, np.ascontiguousarray(dual(program.voltage_row, 1).value),
-            change(program.lag, 0), change(program.on_time, 0), change(program.voltage_row, 1),
-            change(program.stop_limit, 1),
+            program.rate.shape[-2], program.guard_target.shape[1], int(program.switched), int(program.charge),
+            float(dual(np.asarray(program.lag), 0).value), 0, np.asarray(program.opened, np.int64),
+            np.asarray(program.guard_cut, np.int64), np.asarray(program.cut, np.int64), stops,
+            np.ascontiguousarray(dual(program.voltage_row, 1).value), change(program.lag, 0), change(times, 1),
+            change(program.voltage_row, 1), change(program.stop_limit, 1),
         )  # fmt: skip

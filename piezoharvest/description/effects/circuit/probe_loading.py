@@ -47,7 +47,7 @@ class ProbeLoading(Effect):
         if self.place == "leads" or not isinstance(shunt, Bridge):
             return shunt
         leakage, smoothing = shunt.dc_leakage + 1.0 / self.resistance, shunt.smoothing_capacitance
-        larger = None if smoothing is None else smoothing + self.capacitance
+        larger = None if smoothing is None else smoothing * (1.0 + self.capacitance / shunt.dc_capacitance)
         return altered(shunt, dc_leakage=leakage, smoothing_capacitance=larger)
 
     @classmethod

@@ -3,7 +3,9 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import ClassVar
+from typing import Any, ClassVar
+
+import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.shunts.bridge import Bridge, diode_guards, sign_of
@@ -20,6 +22,9 @@ class ParallelSSHI(InductiveSwitch, Bridge):
     kind: ClassVar[str] = "parallel_sshi"
     source: ClassVar[str] = "Guyomar, Badel, Lefeuvre & Richard, IEEE Trans. UFFC 52(4), 584-595, 2005"
 
+    def inversion(self, capacitance: float) -> Any:
+        return np.exp(-np.pi / (2 * self.quality))
+
     def states(self, capacitance: float) -> tuple[State, ...]:
         return (State("current", self.loop(capacitance)[0]), *self.bridge_states())
 
@@ -28,14 +33,18 @@ class ParallelSSHI(InductiveSwitch, Bridge):
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         sign, rectified = self._bridge(configuration, port, z)
-        port_equation = self.clamp(sign, port, dz) if sign else self.forward(port) - self._loop(configuration, port, z)
+        if sign:
+            port_equation = self.conduction(sign, rectified, port, z, dz)
+        else:
+            port_equation = self.forward(port, z) - self._loop(configuration, port, z)
         loop = self.loop_equation(configuration.startswith("closed"), port.v, port, z, dz)
         return [port_equation, loop, *self.dc_equations(rectified, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         _, rectified = self._bridge(configuration, port, z)
         powers = self.bridge_powers(rectified, port, z)
-        powers["shunt_loss"] += [Product(self.loop(port.capacitance)[1], z.current, z.current), *self.leads_loss(port)]
+        powers["shunt_loss"] += self.leads_loss(port, z)
+        powers["shunt_loss"].append(Product(self.loop(port.capacitance)[1], z.current, z.current))
         return powers
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
@@ -53,4 +62,4 @@ class ParallelSSHI(InductiveSwitch, Bridge):
     def _bridge(self, configuration: str, port: Port, z: SimpleNamespace) -> tuple[int, Row]:
         """Sign of the conducting diodes, and the current through them towards the dc side."""
         sign = sign_of(configuration)
-        return sign, sign * (self.forward(port) - self._loop(configuration, port, z))
+        return sign, sign * (self.forward(port, z) - self._loop(configuration, port, z))

@@ -24,13 +24,14 @@ class Rectifier(Bridge):
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         sign = sign_of(configuration)
-        port_equation = self.clamp(sign, port, dz) if sign else self.forward(port)
-        return [port_equation, *self.dc_equations(sign * self.forward(port), z, dz)]
+        rectified = sign * self.forward(port, z)
+        port_equation = self.conduction(sign, rectified, port, z, dz) if sign else self.forward(port, z)
+        return [port_equation, *self.dc_equations(rectified, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        powers = self.bridge_powers(sign_of(configuration) * self.forward(port), port, z)
-        powers["shunt_loss"] += self.leads_loss(port)
+        powers = self.bridge_powers(sign_of(configuration) * self.forward(port, z), port, z)
+        powers["shunt_loss"] += self.leads_loss(port, z)
         return powers
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
-        return diode_guards(self, configuration, sign_of(configuration) * self.forward(port), port, z)
+        return diode_guards(self, configuration, sign_of(configuration) * self.forward(port, z), port, z)

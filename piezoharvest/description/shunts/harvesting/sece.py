@@ -1,35 +1,84 @@
 """Synchronous electric charge extraction."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from piezoharvest.description.circuit import Port, Row
-from piezoharvest.description.parameters import quantity
-from piezoharvest.description.shunts.switching import SynchronisedShunt
+import numpy as np
+
+from piezoharvest.description.circuit import Guard, Port, Product, Row, State
+from piezoharvest.description.parameters import ParameterError, quantity
+from piezoharvest.description.shunts.extraction import Extraction
+from piezoharvest.description.shunts.switching import SynchronisedShunt, emptying_time
 
 
 @dataclass(frozen=True, kw_only=True)
-class SECE(SynchronisedShunt):
-    """At every extremum the charge is extracted at once: voltage to zero, a share of the energy to the load.
+class SECE(SynchronisedShunt, Extraction):
+    """At every extremum the charge is extracted: voltage to zero, a share of the energy to the load.
 
-    With `diode_drop` V_d the charge passes two conducting diodes of the bridge before the flyback converter: of
-    the energy that leaves the electrodes, C V^2/2 from a voltage V, they take 2 V_d C V, and `efficiency` is the share
-    of the rest. The switch opens when the electrodes are empty, as without drops. Below V = 4 V_d, where the drops
-    would take more than there is, the charge is taken all the same and nothing is harvested.
+    Without an `inductance` this happens at once. With `diode_drop` V_d the charge passes two conducting diodes of the
+    bridge before the flyback converter: of the energy that leaves the electrodes, C V^2/2 from a voltage V, they take
+    2 V_d C V, and `efficiency` is the share of the rest. The switch opens when the electrodes are empty, as without
+    drops. Below V = 4 V_d, where the drops would take more than there is, the charge is taken all the same and nothing
+    is harvested.
 
-    The circuit is that of the source; the constant drop is that of the other bridges.
+    With `inductance` and `quality` of the coil with C the switch stays closed until the loop alone would have emptied
+    the electrodes, longer or shorter by `on_time_error`; then the energy of the coil goes to the load. That error
+    and `diode_resistance` are of no effect without a coil. A `phase_lag` is the phase of phase-shifted SECE.
+
+    Raises
+    ------
+    ParameterError
+        An inductance is given without a quality, or a quality without one.
     """
 
     kind: ClassVar[str] = "sece"
     source: ClassVar[str] = "Lefeuvre, Badel, Richard & Guyomar, J. Intell. Mater. Syst. Struct. 16(10), 865-876, 2005"
 
-    efficiency: float = quantity("", "share that reaches the load", default=1.0, at_least=0, at_most=1)
-    diode_drop: float = quantity("V", "forward drop of one diode", default=0.0, at_least=0)
+    inductance: float | None = quantity("H", "inductance of the coil; default: at once", default=None, above=0)
+    quality: float | None = quantity("", "quality of the coil with C, sqrt(L/C)/R", default=None, above=0.5)
+    on_time_error: float = quantity("", "relative error of the time for which it is closed", default=0.0, above=-1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.inductance is None) != (self.quality is None):
+            missing = "quality" if self.quality is None else "inductance"
+            raise ParameterError(missing, "found none, allowed is inductance with quality, or neither")
+
+    def on_time(self, capacitance: float) -> float:
+        if self.inductance is None:
+            return 0.0
+        return (1 + self.on_time_error) * emptying_time(*self.coil(capacitance), capacitance)
+
+    def coil(self, capacitance: float) -> tuple[Any, Any]:
+        assert self.inductance is not None and self.quality is not None  # a coil is asked for where there is one
+        return self.inductance, np.sqrt(self.inductance / capacitance) / self.quality
+
+    def states(self, capacitance: float) -> tuple[State, ...]:
+        return () if self.inductance is None else (self.coil_state(capacitance),)
+
+    def configurations(self) -> tuple[str, ...]:
+        return ("linear",) if self.inductance is None else ("open", "closed", "closed+", "closed-")
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
-        return [port.i]
+        if self.inductance is None:
+            return [port.i]
+        current = self.coil_current(configuration, port, z)
+        return [port.i - current, self.coil_equation(configuration, port, z, dz)]
+
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
+        return {} if self.inductance is None else {"shunt_loss": self.coil_losses(configuration, port, z)}
+
+    def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
+        return [] if self.inductance is None else self.coil_guards(configuration, z)
+
+    def closed(self, configuration: str, polarity: int) -> str:
+        # The voltage is lowest at a maximum of sum T_i x_i.
+        return configuration if self.inductance is None else f"closed{'-' if polarity > 0 else '+'}"
+
+    def opened(self, configuration: str) -> str:
+        return configuration if self.inductance is None else "open"
 
     def harvested_share(self) -> float:
         return self.efficiency

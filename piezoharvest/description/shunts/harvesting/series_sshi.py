@@ -30,7 +30,8 @@ class SeriesSSHI(InductiveSwitch, Bridge):
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         sign = sign_of(configuration)
-        loop = self.loop_equation(bool(sign), sign * self.excess(sign, port, z), port, z, dz)
+        drive = sign * self.excess(sign, port, z) - self.path_resistance * z.current
+        loop = self.loop_equation(bool(sign), drive, port, z, dz)
         return [port.i - self.loop_current(bool(sign), port, z), loop, *self.dc_equations(sign * z.current, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:

@@ -1,0 +1,118 @@
+"""Diodes as straight lines: fits of their drop, series resistance and reverse leakage."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from piezoharvest.description.parameters import ParameterError
+
+BOLTZMANN, CHARGE = 1.380649e-23, 1.602176634e-19  # J/K and C, exact in the SI
+POINTS = 400  # of a half sine of the current: the fit then holds to 1e-6
+
+
+@dataclass(frozen=True)
+class DiodeLine:
+    """Keys of a bridge that stand for its diodes, with the largest error of the forward voltage.
+
+    Attributes
+    ----------
+    diode_drop : float
+        V.
+    diode_resistance : float
+        ohm.
+    diode_leakage : float
+        S.
+    error : float
+        Root mean square of what the line leaves of the forward voltage, V.
+    """
+
+    diode_drop: float
+    diode_resistance: float
+    diode_leakage: float
+    error: float
+
+    @property
+    def keys(self) -> dict[str, float]:
+        """Keys for a table of [[shunts]], or arguments of its class."""
+        return {name: value for name, value in asdict(self).items() if name != "error"}
+
+
+def exponential_diode(
+    saturation_current: float,
+    emission: float,
+    series_resistance: float,
+    peak_current: float,
+    *,
+    reverse_voltage: float | None = None,
+    temperature: float = 300.15,
+) -> DiodeLine:
+    """Line for v = n k T/q ln(1 + i/I_s) + R_s i (Shockley 1949), over a half sine of the current.
+
+    Parameters
+    ----------
+    saturation_current : float
+        I_s, A.
+    emission : float
+        n.
+    series_resistance : float
+        R_s, ohm.
+    peak_current : float
+        Of the half sine, A: the fit is best for currents of this size.
+    reverse_voltage : float, optional
+        At which I_s is taken for a conductance, V; default: no leakage.
+    temperature : float
+        K.
+
+    Raises
+    ------
+    ParameterError
+        A value is not positive.
+    """
+    values = {
+        "saturation_current": saturation_current, "emission": emission, "peak_current": peak_current,
+        "temperature": temperature,
+    }  # fmt: skip
+    for name, value in values.items():
+        if not (np.isfinite(value) and value > 0):
+            raise ParameterError(name, f"found {value}, allowed is a finite number greater than 0")
+    if not (np.isfinite(series_resistance) and series_resistance >= 0):
+        raise ParameterError("series_resistance", f"found {series_resistance}, allowed is a finite number at least 0")
+    currents = peak_current * np.sin(np.pi * (np.arange(POINTS) + 0.5) / POINTS)
+    thermal = emission * BOLTZMANN * temperature / CHARGE
+    voltages = thermal * np.log1p(currents / saturation_current) + series_resistance * currents
+    leakage = 0.0 if reverse_voltage is None else saturation_current / abs(reverse_voltage)
+    return _line(voltages, currents, leakage)
+
+
+def measured_diode(voltages: Sequence[float], currents: Sequence[float]) -> DiodeLine:
+    """Line through points of a data sheet: V and A, forward ones above zero, reverse ones (if any) below.
+
+    Raises
+    ------
+    ParameterError
+        There are fewer than two forward points, or numbers that are not finite.
+    """
+    v, i = np.asarray(voltages, float), np.asarray(currents, float)
+    if v.ndim != 1 or v.shape != i.shape or not np.all(np.isfinite(v)) or not np.all(np.isfinite(i)):
+        raise ParameterError("voltages", "found other than two equally long lists of finite numbers")
+    forward, backward = i > 0, (i < 0) & (v < 0)
+    if len(np.unique(i[forward])) < 2:
+        raise ParameterError("currents", f"found {np.sum(forward)} above zero, allowed are two or more that differ")
+    leakage = float(i[backward] @ v[backward] / (v[backward] @ v[backward])) if np.any(backward) else 0.0
+    return _line(v[forward], i[forward], leakage)
+
+
+def _line(voltages: np.ndarray, currents: np.ndarray, leakage: float) -> DiodeLine:
+    """Least squares weighted by the current, as the power in the diodes is; no value below zero."""
+    weights = np.sqrt(currents / currents.max())
+    columns = np.stack([np.ones_like(currents), currents], axis=1)
+    drop, resistance = np.linalg.lstsq(weights[:, None] * columns, weights * voltages, rcond=None)[0]
+    if drop < 0:
+        drop, resistance = 0.0, float((currents * voltages) @ (weights**2) / ((currents**2) @ (weights**2)))
+    if resistance < 0:
+        drop, resistance = float(voltages @ weights**2 / np.sum(weights**2)), 0.0
+    left = voltages - drop - resistance * currents
+    return DiodeLine(float(drop), float(resistance), leakage, float(np.sqrt(np.mean(left**2))))

@@ -1,0 +1,37 @@
+"""Full-wave diode bridge into a battery."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from piezoharvest.description.parameters import quantity
+from piezoharvest.description.shunts.harvesting.rectifier import Rectifier
+
+
+@dataclass(frozen=True, kw_only=True)
+class Battery(Rectifier):
+    """Bridge into a battery: a constant `dc_voltage` behind an internal resistance.
+
+    What charges the battery is harvested; its internal resistance is a loss, and lies in the path of the diodes. The
+    voltage of the dc side is that of the battery at rest. It is given, so that a design does not tune it.
+
+    Raises
+    ------
+    ParameterError
+        A load or a smoothing capacitance is given, or no dc voltage.
+    """
+
+    kind: ClassVar[str] = "battery"
+    source: ClassVar[str] = "Sodano, Inman & Park, J. Intell. Mater. Syst. Struct. 16(10), 799-807, 2005"
+
+    dc_voltage: float = quantity("V", "voltage of the battery at rest", at_least=0)
+    internal_resistance: float = quantity(
+        "ohm", "internal resistance of the battery", default=0.0, at_least=0, other_law_at_zero=True
+    )
+
+    @property
+    def tuned_side(self) -> None:
+        return None
+
+    @property
+    def path_resistance(self) -> Any:
+        return self.diodes * self.diode_resistance + self.internal_resistance

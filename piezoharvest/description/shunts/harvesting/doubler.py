@@ -1,0 +1,71 @@
+"""Full-wave voltage doubler: each half wave charges a capacitor of its own, and the load lies across both."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from piezoharvest.description.circuit import Port, Product, Row, State
+from piezoharvest.description.shunts.bridge import sign_of
+from piezoharvest.description.shunts.harvesting.rectifier import Rectifier
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doubler(Rectifier):
+    """Two diodes and two capacitors in series, whose midpoint is one lead; each capacitor is `smoothing_capacitance`.
+
+    The dc side is both together, with twice the voltage of a bridge and a best load of four times that of one. A
+    constant `dc_voltage` lies halves on both. The states are the sum and the difference of the two voltages.
+    """
+
+    kind: ClassVar[str] = "doubler"
+    source: ClassVar[str] = "Greinacher, Z. Phys. 4(2), 195-205, 1921; Delon, L'Eclairage Electrique, 1908"
+    diodes: ClassVar[int] = 1
+    gain: ClassVar[float] = 2.0
+
+    @property
+    def dc_capacitance(self) -> Any:
+        return None if self.smoothing_capacitance is None else 0.5 * self.smoothing_capacitance
+
+    @property
+    def dc_conductance(self) -> Any:
+        return 0.5 * self.diode_leakage + self.dc_leakage if self.dc_voltage is None else 0.0
+
+    def states(self, capacitance: float) -> tuple[State, ...]:
+        if self.smoothing_capacitance is None:
+            return ()
+        return (*self.bridge_states(), State("difference", self.dc_capacitance))
+
+    def level(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
+        """Voltage of the capacitor that is charged at this sign."""
+        return 0.5 * (self.dc_side(port, z) + sign * self._difference(port, z))
+
+    def level_rate(self, sign: int, port: Port, dz: SimpleNamespace) -> Row:
+        return 0.5 * (dz.dc + sign * dz.difference) if self.dc_voltage is None else 0.0 * port.one
+
+    def leak(self, port: Port, z: SimpleNamespace) -> Row:
+        return self.diode_leakage * (2.0 * port.v - self._difference(port, z))
+
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
+        sign = sign_of(configuration)
+        rectified = sign * self.forward(port, z)
+        port_equation = self.conduction(sign, rectified, port, z, dz) if sign else self.forward(port, z)
+        rates = self.dc_equations(0.5 * rectified, z, dz)
+        # All of the lead's current goes into the midpoint.
+        return [port_equation, *rates, *([self.smoothing_capacitance * dz.difference - port.i] if rates else [])]
+
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
+        rectified = sign_of(configuration) * self.forward(port, z)
+        powers = self.bridge_powers(0.5 * rectified, port, z)
+        powers["shunt_loss"] = [*self.dc_loss(port, z), *self.path_loss(rectified, port), *self.leads_loss(port, z)]
+        return powers
+
+    def leads_loss(self, port: Port, z: SimpleNamespace) -> list[Product]:
+        across = 2.0 * port.v - self._difference(port, z)
+        return [Product(0.5 * self.diode_leakage, across, across)] if np.any(self.diode_leakage) else []
+
+    def _difference(self, port: Port, z: SimpleNamespace) -> Row:
+        """Voltage of the capacitor that the positive half wave charges, less that of the other one."""
+        return z.difference if self.dc_voltage is None else 0.0 * port.one

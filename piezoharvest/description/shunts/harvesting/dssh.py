@@ -1,0 +1,76 @@
+"""Double synchronised switch harvesting."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+from piezoharvest.description.circuit import Guard, Port, Product, Row, State
+from piezoharvest.description.parameters import quantity
+from piezoharvest.description.shunts.bridge import sign_of
+from piezoharvest.description.shunts.switching import InductiveSwitch
+
+
+@dataclass(frozen=True, kw_only=True)
+class DSSH(InductiveSwitch):
+    """A series SSHI charges an intermediate capacitor, whose energy then goes to the load at once.
+
+    The first switch stays closed for half a damped period of the coil with C, which is longer than the swing with the
+    intermediate capacitor in line: the diodes block where the current ends. When it opens, a share `efficiency` of the
+    intermediate capacitor's energy reaches the load, whatever that is.
+    """
+
+    kind: ClassVar[str] = "dssh"
+    source: ClassVar[str] = (
+        "Lallart, Garbuio, Petit, Richard & Guyomar, IEEE Trans. UFFC 55(10), 2119-2130, 2008"
+    )
+
+    intermediate_capacitance: float = quantity("F", "capacitor between the two converters", above=0)
+    efficiency: float = quantity("", "share of its energy that reaches the load", default=1.0, at_least=0, at_most=1)
+    diode_drop: float = quantity("V", "forward drop of one diode", default=0.0, at_least=0)
+    diode_resistance: float = quantity("ohm", "series resistance of one diode", default=0.0, at_least=0)
+
+    @classmethod
+    def assumed(cls, capacitance: float, frequency: float) -> tuple[dict[str, Any], str]:
+        return {"intermediate_capacitance": 3 * capacitance}, f"an intermediate capacitor of {3 * capacitance:.3g} F"
+
+    def states(self, capacitance: float) -> tuple[State, ...]:
+        between = State("intermediate", self.intermediate_capacitance, odd=False, recovered=self.efficiency)
+        return (State("current", self.loop(capacitance)[0]), between)
+
+    def configurations(self) -> tuple[str, ...]:
+        return ("open", "closed", "closed+", "closed-")
+
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
+        sign = sign_of(configuration)
+        drive = sign * self._excess(sign, port, z) - 2.0 * self.diode_resistance * z.current
+        loop = self.loop_equation(bool(sign), drive, port, z, dz)
+        charging = self.intermediate_capacitance * dz.intermediate - sign * z.current
+        return [port.i - self.loop_current(bool(sign), port, z), loop, charging]
+
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
+        sign, resistance = sign_of(configuration), self.loop(port.capacitance)[1] + 2.0 * self.diode_resistance
+        drops = Product(2.0 * self.diode_drop * sign, port.one, z.current)
+        return {"shunt_loss": [Product(resistance, z.current, z.current), drops]}
+
+    def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
+        sign = sign_of(configuration)
+        if configuration == "open":
+            return []
+        if sign:
+            return [Guard(-sign * z.current, "closed", "current")]
+        return [Guard(self._excess(s, port, z), f"closed{mark}") for s, mark in ((1, "+"), (-1, "-"))]
+
+    def closed(self, configuration: str, polarity: int) -> str:
+        return "closed"
+
+    def opened(self, configuration: str) -> str:
+        return "open"
+
+    def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
+        """Voltage of the intermediate capacitor."""
+        return z.intermediate
+
+    def _excess(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
+        """Voltage in excess of what the diodes conduct at."""
+        return sign * port.v - z.intermediate - 2.0 * self.diode_drop * port.one

@@ -1,0 +1,72 @@
+"""Synchronous electric charge extraction with a short circuit after it: tunes the resonance electrically."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+from piezoharvest.description.circuit import Guard, Port, Product, Row, State
+from piezoharvest.description.parameters import quantity
+from piezoharvest.description.shunts.extraction import Extraction
+from piezoharvest.description.shunts.switching import InductiveSwitch
+
+
+@dataclass(frozen=True, kw_only=True)
+class SCSECE(InductiveSwitch, Extraction):
+    """SECE, after which the electrodes stay shorted for `short_time`: with `phase_lag` the two knobs of its tuning.
+
+    The longer the short, the less stiff is the transducer: between its open- and its short-circuit resonance. The
+    short is made by the loop's resistance without its coil. FTSECE is tuned by the same phase.
+    """
+
+    kind: ClassVar[str] = "sc_sece"
+    source: ClassVar[str] = (
+        "Morel, Gasnier, Wanderoild, Pillonnet & Badel, Proc. IEEE ISCAS, 2018; "
+        "Badel & Lefeuvre, J. Phys. Conf. Ser. 557, 012115, 2014 (FTSECE)"
+    )
+
+    short_time: float = quantity("s", "time for which the electrodes are shorted after the extraction", above=0)
+
+    @classmethod
+    def assumed(cls, capacitance: float, frequency: float) -> tuple[dict[str, Any], str]:
+        values = {"short_time": 0.1 / frequency}
+        return values, f"a short of {values['short_time']:.3g} s, a tenth of the period"
+
+    def coil(self, capacitance: float) -> tuple[Any, Any]:
+        return self.loop(capacitance)
+
+    def swing_time(self, capacitance: float) -> Any:
+        return (1 + self.on_time_error) * self.emptying_time(capacitance)
+
+    def on_time(self, capacitance: float) -> Any:
+        return self.swing_time(capacitance) + self.short_time
+
+    def stage(self, configuration: str, capacitance: float) -> Any:
+        extraction = self.swing_time(capacitance) / self.on_time(capacitance)
+        return extraction if configuration.startswith("extract") else 1.0 - extraction
+
+    def states(self, capacitance: float) -> tuple[State, ...]:
+        return (self.coil_state(capacitance),)
+
+    def configurations(self) -> tuple[str, ...]:
+        return ("open", "extract", "extract+", "extract-", "short")
+
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
+        current = self._short(configuration, port) + self.coil_current(configuration, port, z)
+        return [port.i - current, self.coil_equation(configuration, port, z, dz)]
+
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
+        short = Product(1.0, port.v, self._short(configuration, port))
+        return {"shunt_loss": [short, *self.coil_losses(configuration, port, z)]}
+
+    def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
+        return self.coil_guards(configuration, z)
+
+    def closed(self, configuration: str, polarity: int) -> str:
+        return f"extract{'-' if polarity > 0 else '+'}"
+
+    def opened(self, configuration: str) -> str:
+        return "short" if configuration.startswith("extract") else "open"
+
+    def _short(self, configuration: str, port: Port) -> Row:
+        return port.v / self.loop(port.capacitance)[1] if configuration == "short" else 0.0 * port.one

@@ -1,0 +1,155 @@
+"""Diodes with the dc side behind them as netlist elements."""
+
+from __future__ import annotations
+
+from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.spice.deck import Deck, number
+from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
+
+# Bridge: ratio of its least resistance to 1/(w C), and of the smoothing of its corner to the expected voltage.
+BRIDGE = 1e-4
+CORNER = 1e-5
+# Strays to ground of a dc side behind real diodes, as a share of the clamped capacitance.
+STRAY = 1e-5
+
+
+class _Diodes:
+    """Paths of diodes, as lines or with a model."""
+
+    def __init__(self, deck: Deck, shunt: Bridge, point: OperatingPoint) -> None:
+        self.deck, self.shunt, self.model = deck, shunt, point.diodes
+        self.corner = number((CORNER * point.voltage) ** 2)
+        if self.model is not None:
+            deck.add(f".model diode {self.model}")
+            return
+        deck.comment(
+            "What diodes of a path pass is a current through a resistance above the voltage at which they begin to "
+            "conduct, with a rounded corner; real diodes stand here with --diodes."
+        )
+        self.drop = deck.parameter("diode_drop", shunt.diode_drop)
+        least = BRIDGE / (point.omega * point.transducer.capacitance)
+        self.resistance = deck.parameter("resistance_path", least + shunt.path_resistance)
+
+    def current(self, voltage: str) -> str:
+        """Current of a path of lines for the voltage across it."""
+        excess = f"({voltage}-{self.shunt.diodes}*{self.drop})"
+        return f"0.5/{self.resistance}*({excess} + sqrt({excess}*{excess}+{self.corner}))"
+
+    def add(self, name: str, plus: str, minus: str) -> None:
+        """One diode between two nodes, with what it conducts backwards."""
+        if self.model is not None:
+            self.deck.add(f"D{name} {plus} {minus} diode")
+            return
+        across = "-".join(f"V({node})" for node in (plus, minus) if node != "0")
+        across = f"(-{across})" if plus == "0" else f"({across})"
+        self.deck.add(f"B{name} {plus} {minus} I={self.current(across)}")
+        if self.shunt.diode_leakage:
+            self.deck.add(f"Rback{name} {plus} {minus}", 1 / self.shunt.diode_leakage)
+
+
+def write_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCircuit:
+    """Bridge across the electrodes, with currents that depend on the voltage."""
+    if point.diodes is not None:
+        return _write_real_bridge(deck, shunt, point, "p")
+    deck.section("bridge: V(dc) is the voltage behind it")
+    diodes = _Diodes(deck, shunt, point)
+    pairs = [diodes.current(f"({sign}V(p)-V(dc))") for sign in ("", "-")]
+    deck.add(f"Bin p 0 I={pairs[0]} - {pairs[1]}")
+    deck.add(f"Bout 0 dc I={pairs[0]} + {pairs[1]}")
+    if shunt.diode_leakage:
+        deck.comment("What all four diodes conduct backwards: Rback between the leads, and Rleak of the dc side.")
+        deck.add("Rback p 0", 1 / shunt.diode_leakage)
+    return _write_dc_side(deck, shunt, point)
+
+
+def write_series_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint, node: str, current: float) -> NetlistCircuit:
+    """Bridge from `node` to ground, in series with an inductor, with a voltage that depends on the current.
+
+    `current` (A) is its peak current.
+    """
+    if point.diodes is not None:
+        return _write_real_bridge(deck, shunt, point, node)
+    deck.section("bridge in line with the inductor: V(dc) is the voltage behind it")
+    deck.comment(
+        "V(direction) is the sign of the current, rounded near zero; the bridge opposes it with V(dc) and two drops, "
+        "and passes its magnitude on. Real diodes stand here with --diodes."
+    )
+    deck.add(f"Vbridge {node} opposed 0")
+    deck.add("Hbridge through 0 Vbridge", 1 / current)
+    deck.add(f"Bdirection direction 0 V=V(through)/sqrt(V(through)*V(through)+{number(BRIDGE**2)})")
+    drop, resistance = (deck.parameter(key, getattr(shunt, key)) for key in ("diode_drop", "diode_resistance"))
+    resistive = f"2*{resistance}*{number(current)}*V(through)"
+    deck.add(f"Bin opposed 0 V=V(direction)*(V(dc)+2*{drop}) + {resistive}")
+    deck.add(f"Bout 0 dc I={number(current)}*V(through)*V(direction)")
+    return _write_dc_side(deck, shunt, point)
+
+
+def _write_real_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint, node: str) -> NetlistCircuit:
+    """Four diodes with a model between `node` and ground."""
+    deck.section("bridge: V(dc) is the voltage behind it, between the nodes dcp and dcn")
+    diodes, plus = _Diodes(deck, shunt, point), "dcp"
+    for name, *nodes in (("1", node, "dcp"), ("2", "0", "dcp"), ("3", "dcn", node), ("4", "dcn", "0")):
+        diodes.add(name, *nodes)
+    inside = float(shunt.path_resistance - shunt.diodes * shunt.diode_resistance)
+    if inside:
+        plus = "inside"
+        deck.add("Rinside dcp inside", inside)
+    deck.add(f"Edc dc 0 {plus} dcn 1")
+    deck.comment("While no diode conducts, strays of its capacitance hold the floating dc side: without, steps vanish.")
+    stray = deck.parameter("capacitance_stray", STRAY * point.transducer.capacitance)
+    deck.add(f"Cstrayp dcp 0 {stray} {point.condition('dc')}")
+    deck.add(f"Cstrayn dcn 0 {stray} IC=0")
+    return _write_dc_side(deck, shunt, point, (plus, "dcn"))
+
+
+def write_doubler(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCircuit:
+    """Two diodes and two capacitors in series, of which `p` charges one or the other against the ground."""
+    deck.section("doubler: V(dc) is the voltage of both capacitors together, between the nodes upper and lower")
+    diodes = _Diodes(deck, shunt, point)
+    diodes.add("1", "p", "upper")
+    diodes.add("2", "lower", "p")
+    deck.add("Edc dc 0 upper lower 1")
+    capacitors = (("upper", "upper 0", 1.0), ("lower", "0 lower", -1.0))
+    if shunt.dc_voltage is not None:
+        voltage = deck.parameter("dc_voltage", shunt.dc_voltage)
+        for name, nodes, _ in capacitors:
+            deck.add(f"V{name} {nodes} {{{voltage[1:-1]}/2}}")
+        # What passes the diodes backwards is not counted.
+        held = f" + 0.5*V(dc)*V(dc)*{number(shunt.diode_leakage)}" if point.diodes is None else ""
+        return NetlistCircuit("V(upper)*I(Vupper) - V(lower)*I(Vlower)" + held, "V(dc)")
+    assert shunt.smoothing_capacitance is not None and shunt.load_resistance is not None
+    capacitance = deck.parameter("capacitance_smoothing", shunt.smoothing_capacitance)
+    for name, nodes, sign in capacitors:
+        voltage = 0.5 * (point.initial("dc") + sign * point.initial("difference"))
+        deck.add(f"Csmoothing{name} {nodes} {capacitance} IC={number(voltage)}")
+    if shunt.dc_leakage:
+        deck.add("Rleak upper lower", 1 / shunt.dc_leakage)
+    deck.add("Rload upper lower", shunt.load_resistance)
+    slowest = shunt.smoothing_capacitance * shunt.load_resistance
+    return NetlistCircuit("V(dc)*V(dc)/{resistance_load}", "V(dc)", slowest=slowest)
+
+
+def write_half_wave(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCircuit:
+    """One diode to the dc side, and one across the leads."""
+    deck.section("half-wave rectifier: V(dc) is the voltage behind the series diode")
+    diodes = _Diodes(deck, shunt, point)
+    diodes.add("1", "p", "dc")
+    diodes.add("2", "0", "p")
+    return _write_dc_side(deck, shunt, point)
+
+
+def _write_dc_side(
+    deck: Deck, shunt: Bridge, point: OperatingPoint, nodes: tuple[str, str] = ("dc", "0")
+) -> NetlistCircuit:
+    """Smoothing capacitor and load, or constant voltage, between two nodes, and what leaks there."""
+    plus, minus = nodes
+    if shunt.dc_conductance:
+        deck.add(f"Rleak {plus} {minus}", 1 / shunt.dc_conductance)
+    if shunt.dc_voltage is not None:
+        deck.add(f"Vdc {plus} {minus} {deck.parameter('dc_voltage', shunt.dc_voltage)}")
+        return NetlistCircuit("V(dc)*I(Vdc)", "V(dc)")
+    assert shunt.smoothing_capacitance is not None and shunt.load_resistance is not None
+    deck.add(f"Csmoothing {plus} {minus}", shunt.smoothing_capacitance, point.condition("dc"))
+    deck.add(f"Rload {plus} {minus}", shunt.load_resistance)
+    slowest = shunt.smoothing_capacitance * shunt.load_resistance
+    return NetlistCircuit("V(dc)*V(dc)/{resistance_load}", "V(dc)", slowest=slowest)

@@ -1,0 +1,51 @@
+"""Harvesting circuits of the bench against the engine: written twice, integrated in two ways."""
+
+import numpy as np
+import pytest
+from bench_runs import error, waves
+from studies import BENCH, DRIVE, STOPS, bench, solve
+
+LOAD = {"smoothing_capacitance": 2e-7, "load_resistance": 2e5}
+REAL = {"diode_drop": 0.2, "diode_resistance": 3e3, "diode_leakage": 1e-7}
+LOOP = {"inductance": 0.1, "quality": 5.0}
+CIRCUITS = {
+    "rectifier": {"kind": "rectifier", **LOAD, **REAL},
+    "half_wave": {"kind": "half_wave", **LOAD, "diode_drop": 0.1, "diode_leakage": 1e-7, "dc_leakage": 1e-7},
+    "half_wave real": {"kind": "half_wave", "dc_voltage": 1.0, **REAL},
+    "doubler": {"kind": "doubler", **LOAD, "diode_drop": 0.1, "diode_leakage": 1e-7, "dc_leakage": 1e-7},
+    "doubler real": {"kind": "doubler", **LOAD, **REAL},
+    "doubler dc": {"kind": "doubler", "dc_voltage": 2.0, "diode_drop": 0.1},
+    "battery": {"kind": "battery", "dc_voltage": 1.0, "internal_resistance": 2e3, **REAL},
+    "parallel_sshi": {"kind": "parallel_sshi", "inductance": 0.1, "quality": 5.0, **LOAD, **REAL},
+    "series_sshi": {"kind": "series_sshi", "inductance": 0.1, "quality": 5.0, **LOAD, **REAL, "on_time_error": 0.4},
+    "sshc": {"kind": "sshc", "flip_capacitances": [40e-9, 60e-9], "switch_resistance": 300.0, **LOAD},
+    "sshc late": {
+        "kind": "sshc", "flip_capacitances": [30e-9] * 3, "switch_resistance": 300.0, **LOAD, **REAL, "phase_lag": 0.2,
+        "on_time_error": -0.5,
+    },
+    "bias_flip": {"kind": "bias_flip", "steps": 3, **LOOP, **LOAD, "bias_capacitance": 1e-6},
+    "bias_flip late": {
+        "kind": "bias_flip", "steps": 4, **LOOP, **LOAD, **REAL, "bias_capacitance": 1e-6, "phase_lag": 0.2,
+        "on_time_error": 0.1,
+    },
+    "sece": {"kind": "sece", **LOOP},
+    "sece late": {
+        "kind": "sece", **LOOP, "diode_drop": 0.2, "diode_resistance": 1e3, "phase_lag": 0.2, "on_time_error": 0.9,
+    },
+    "sice": {"kind": "sice", **LOOP, "diode_drop": 0.1},
+    "sice early": {"kind": "sice", **LOOP, "phase_lag": -0.2, "on_time_error": -0.2},
+    "sc_sece": {"kind": "sc_sece", **LOOP, "short_time": 2e-3, "phase_lag": 0.1},
+    "dssh": {"kind": "dssh", **LOOP, "intermediate_capacitance": 120e-9, "diode_drop": 0.1, "diode_resistance": 1e2},
+    "dssh short": {"kind": "dssh", **LOOP, "intermediate_capacitance": 120e-9, "on_time_error": -0.6},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CIRCUITS)
+def test_the_engine_and_the_bench_say_the_same(name):
+    device = {**BENCH, "hysteresis": STOPS}
+    wanted = solve(bench(CIRCUITS[name], **{"hysteresis": STOPS}), transient=0.1, samples=64).waveforms
+    found = waves(DRIVE, CIRCUITS[name], device, times=wanted.time)
+    for signal in ("displacement", "voltage", "dc_voltage"):
+        if np.isnan(getattr(found, signal)).all():
+            continue  # no dc side
+        assert error(getattr(found, signal), getattr(wanted, signal)) < 1e-6, signal

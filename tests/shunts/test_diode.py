@@ -1,0 +1,71 @@
+"""Fits of diodes by straight lines: exact where they are straight, and what they cost against the exponential law."""
+
+import math
+
+import numpy as np
+import pytest
+from oracles.ngspice import needs_ngspice, run_netlist
+from studies import bench, objects, solve
+
+from piezoharvest import exponential_diode, measured_diode
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.spice import export_spice
+
+THERMAL = 1.380649e-23 * 300.15 / 1.602176634e-19
+
+
+def test_a_straight_diode_is_found_exactly():
+    currents = np.array([-2e-9, -1e-9, 1e-6, 2e-6, 5e-6])
+    voltages = np.where(currents > 0, 0.2 + 3e3 * currents, currents / 1e-9)
+    found = measured_diode(voltages, currents)
+    assert found.keys == pytest.approx({"diode_drop": 0.2, "diode_resistance": 3e3, "diode_leakage": 1e-9}, rel=1e-9)
+    assert found.error < 1e-12
+
+
+def test_the_line_meets_the_exponential_law_at_two_currents():
+    """Between them the law lies above its chord, beyond below: weighted least squares of the half sine."""
+    found = exponential_diode(1e-7, 1.05, 10.0, 1e-4, reverse_voltage=5.0)
+    currents = np.linspace(1e-6, 1e-4, 1000)
+    law = 1.05 * THERMAL * np.log1p(currents / 1e-7) + 10.0 * currents
+    left = law - found.diode_drop - found.diode_resistance * currents
+    assert np.sum(np.diff(np.sign(left)) != 0) == 2
+    assert found.diode_leakage == pytest.approx(1e-7 / 5.0)
+    # The power in the diode, which the fit weighs by: right to second order.
+    sine = 1e-4 * np.sin(np.linspace(0, math.pi, 20001))
+    power = np.mean(sine * (1.05 * THERMAL * np.log1p(sine / 1e-7) + 10.0 * sine))
+    assert np.mean(sine * (found.diode_drop + found.diode_resistance * sine)) == pytest.approx(power, rel=1e-5)
+
+
+@needs_ngspice
+def test_power_against_the_exponential_law_in_ngspice():
+    """Two Schottky diodes of a half-wave rectifier: the line costs less than a percent."""
+    drive = {"kind": "sine_force", "amplitude": 0.2, "frequency": 48.0}
+    damped = {"damping": 0.6, "coupling": 3e-4}
+    side = {"kind": "half_wave", "load_resistance": 6.4e5, "smoothing_capacitance": 2 / 48.0 / 6.4e5}
+    ideal = solve(bench(side, drive, **damped))
+    line = exponential_diode(1e-7, 1.05, 10.0, math.pi * ideal.dc_voltage / 6.4e5, reverse_voltage=ideal.dc_voltage)
+    study = bench({**side, **line.keys}, drive, **damped)
+    response = solve(study)
+    system, excitation = objects(study)
+    text = export_spice(system.transducer, system.shunt, excitation, dc_start=response.dc_voltage)
+    kept = [x for x in text.replace("\n+ ", " ").splitlines() if not x.startswith(("Bin p", "Bout 0", "Rback p"))]
+    diodes = ["Dseries p dc real", "Dacross 0 p real", ".model real D(IS=1e-7 N=1.05 RS=10)"]
+    found = run_netlist("\n".join([*kept[:-1], *diodes, kept[-1]]) + "\n")
+    assert response.harvested_power < 0.97 * ideal.harvested_power
+    assert found["harvested_power"] == pytest.approx(response.harvested_power, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("call", "key"),
+    [
+        (lambda: exponential_diode(0.0, 1.0, 1.0, 1e-3), "saturation_current"),
+        (lambda: exponential_diode(1e-9, 1.0, -1.0, 1e-3), "series_resistance"),
+        (lambda: exponential_diode(1e-9, 1.0, 1.0, float("nan")), "peak_current"),
+        (lambda: measured_diode([0.1], [1e-3]), "currents"),
+        (lambda: measured_diode([0.1, 0.2], [1e-3]), "voltages"),
+    ],
+)
+def test_what_is_no_diode(call, key):
+    with pytest.raises(ParameterError) as caught:
+        call()
+    assert caught.value.key == key
