@@ -21,9 +21,7 @@ class DSSH(InductiveSwitch):
     """
 
     kind: ClassVar[str] = "dssh"
-    source: ClassVar[str] = (
-        "Lallart, Garbuio, Petit, Richard & Guyomar, IEEE Trans. UFFC 55(10), 2119-2130, 2008"
-    )
+    source: ClassVar[str] = "Lallart, Garbuio, Petit, Richard & Guyomar, IEEE Trans. UFFC 55(10), 2119-2130, 2008"
 
     intermediate_capacitance: float = quantity("F", "capacitor between the two converters", above=0)
     efficiency: float = quantity("", "share of its energy that reaches the load", default=1.0, at_least=0, at_most=1)
