@@ -270,7 +270,7 @@ class Drafting:
         """Remarks on device properties that are not the same in all drafts."""
         found = []
         for name in (*DIODE, "quality"):
-            have = [d for d in drafts if name in type(d.shunt).__dataclass_fields__]
+            have = [d for d in drafts if getattr(d.shunt, name, None) is not None]
             values = {getattr(d.shunt, name) for d in have}
             if len(values) > 1:
                 each = ", ".join(f"{getattr(d.shunt, name):g} in {d.kind}" for d in have)

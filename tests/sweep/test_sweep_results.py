@@ -74,7 +74,7 @@ def test_default_outputs(tmp_path):
     _, _, rows = swept(tmp_path, BENCH, SINE, SSHI, sweep_table(LOAD))
     assert rows.column_names[5:] == [
         "harvested_power", "mechanical_power", "efficiency", "displacement_amplitude", "voltage_amplitude",
-        "dc_voltage", "attenuation_db", "closure",
+        "dc_voltage", "attenuation_db", "closure", "figure_of_merit",
     ]  # fmt: skip
 
 
