@@ -77,7 +77,8 @@ def near_null(name, shunt):
     for field in dataclasses.fields(cls):
         null = field.metadata.get("null")
         if null == AS_LABELLED:
-            changes[field.name] = getattr(SHUNTS[shunt], field.name, typical(cls, field))
+            label = getattr(SHUNTS[shunt], field.name, None)  # none, too, of a coil that a circuit may have
+            changes[field.name] = typical(cls, field) if label is None else label
         elif null is not None:
             near = typical(cls, field)
             changes[field.name] = 1e18 * near if math.isinf(null) else null + 1e-18 * near
