@@ -95,8 +95,9 @@ SWITCHED = {
     "ssdi": {"kind": "ssdi", **LOOP},
     "ssdv": {"kind": "ssdv", **LOOP, "source_voltage": 1.0},
 }
-# Left to the slow tests.
-RARE = ("series_sshi", "ssds", "half_wave", "battery", "sshc", "sice", "sc_sece", "dssh", "bias_flip")
+STAGED = ("half_wave", "doubler", "battery", "sshc", "bias_flip", "sece coil", "sice", "sc_sece", "dssh")
+# Left to the slow tests from rest.
+RARE = ("series_sshi", "ssds", *STAGED)
 MISTIMED = {
     "late": {"phase_lag": 0.3},
     "early": {"phase_lag": -0.3},
@@ -230,11 +231,8 @@ class TestAgainstFormulas:
 class TestAgainstEngine:
     @pytest.mark.parametrize("kind", with_slow(SWITCHED, slow=lambda kind: kind in RARE))
     def test_switched(self, kind):
-        study = bench(SWITCHED[kind], DRIVE, **DAMPED)
-        if kind == "bias_flip":  # whose bias capacitors settle slowly; what several inversions leave out adds up
-            compare_with_engine(study, 1e-2, start="steady")
-        else:
-            compare_with_engine(study, 3e-3)
+        begins = "steady" if kind == "bias_flip" else "rest"  # its bias capacitors settle slowly
+        compare_with_engine(bench(SWITCHED[kind], DRIVE, **DAMPED), 3e-3, start=begins)
 
     @pytest.mark.parametrize(
         ("kind", "timing"),
@@ -327,6 +325,10 @@ class TestSteadyStart:
         study = bench({**SWITCHED["parallel_sshi"], **timing}, DRIVE)
         compare_with_engine(study, 3e-3, start="steady")
 
+    @pytest.mark.parametrize("kind", STAGED)
+    def test_capacitors_and_coils_of_its_own(self, kind):
+        compare_with_engine(bench(SWITCHED[kind], DRIVE), 2e-3, start="steady")
+
     def test_hysteresis_modes_and_effects(self):
         stops = {"thresholds": [1e-9, 5e-9], "weights": [1e7, 5e6]}
         drive = {**DRIVE, "offset": 0.01}
@@ -398,10 +400,13 @@ class TestDialects:
 class TestRealDiodes:
     """Under a high voltage diodes are ideal but for a drop of about n V_T ln(i/Is), a small part of it."""
 
-    @pytest.mark.parametrize("kind", ["rectifier", pytest.param("series_sshi", marks=pytest.mark.slow)])
+    KINDS = ("rectifier", "doubler", "battery", "half_wave", "sshc", "series_sshi")
+
+    @pytest.mark.parametrize("kind", with_slow(KINDS, slow=lambda kind: kind in ("half_wave", "sshc", "series_sshi")))
     def test_nearly_ideal_under_a_high_voltage(self, kind):
         # 0.54 V at the milliampere that flows here, against 160 V and more.
-        study = bench({**SWITCHED[kind], "diode_drop": 0.54}, {**DRIVE, "amplitude": 8.0}, **DAMPED)
+        shunt = {k: v for k, v in SWITCHED[kind].items() if k not in ("diode_resistance", "diode_leakage")}
+        study = bench({**shunt, "diode_drop": 0.54}, {**DRIVE, "amplitude": 8.0}, **DAMPED)
         found = run_netlist(netlist(study, start="steady", diodes="D(Is=1e-12 N=1)"))
         assert found["harvested_power"] == pytest.approx(solve(study).harvested_power, rel=3e-3)
 

@@ -59,10 +59,12 @@ LEAKING = {"diode_leakage": 1e-6, "dc_leakage": 1e-6}
 # Combinations beside the plainest ones that are worth a run.
 VARIANTS = {
     "rectifier": [
-        {"dc_voltage": 1.0, "diode_drop": 0.2, **LEAKING}, {"diode_drop": 0.2, "diode_resistance": 3e3},
+        {"dc_voltage": 1.0, "diode_drop": 0.2, **LEAKING},
+        {"diode_drop": 0.2, "diode_resistance": 3e3},
     ],
     "doubler": [
-        {"diode_drop": 0.2, **LEAKING}, {"diode_drop": 0.2, "diode_resistance": 3e3},
+        {"diode_drop": 0.2, **LEAKING},
+        {"diode_drop": 0.2, "diode_resistance": 3e3},
     ],
     "half_wave": [{"diode_drop": 0.2, **LEAKING}, {"diode_drop": 0.2, "diode_resistance": 3e3}],
     "battery": [{"diode_drop": 0.2, "internal_resistance": 3e3, **LEAKING}],
@@ -83,7 +85,9 @@ VARIANTS = {
     "sc_sece": [{"phase_lag": 0.2, "short_time": 3e-3, "diode_resistance": 50.0}],
     "dssh": [{"phase_lag": 0.2, "on_time_error": -0.5}, {"phase_lag": -0.2, "diode_drop": 0.1, "efficiency": 0.7}],
     "sece": [
-        {"efficiency": 0.7, "phase_lag": -0.2}, {"diode_drop": 0.3}, {**COIL, "phase_lag": 0.2, "diode_drop": 0.1},
+        {"efficiency": 0.7, "phase_lag": -0.2},
+        {"diode_drop": 0.3},
+        {**COIL, "phase_lag": 0.2, "diode_drop": 0.1},
         {**COIL, "on_time_error": -0.3, "phase_lag": -0.2},
     ],
     "ssds": [{"phase_lag": 0.2, "detector_threshold": 1.0}],
