@@ -23,7 +23,11 @@ LAYERS = [
     {"description.effects"},
     {"description.transducer"},
     {
-        "description.catalogue", "description.diode", "description.limits", "description.paths", "description.system",
+        "description.catalogue",
+        "description.diode",
+        "description.limits",
+        "description.paths",
+        "description.system",
         "description.tolerance",
     },
     {"equations.laws"},
