@@ -22,6 +22,7 @@ from piezoharvest.identify.fitting.output_error import fit, linearised, mean_squ
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_problem
 from piezoharvest.identify.start_values.multistart import MAX_MEAN_SQUARE, fit_multistart
 from piezoharvest.predict.circuit.setting import has_events
+from piezoharvest.predict.prediction import PredictionError
 
 # A change between two samples is a jump from so many times the steepest one of a sine of the same range; parameters
 # whose events are off by this share of a period at most are found.
@@ -45,7 +46,10 @@ def fit_past_jumps(
     progress("start: away from the jumps of the voltage")
     first = fit_multistart(blind, model, progress)
     nuisance = nuisance_for_problem(blind, first.nuisance, problem, first.model)
-    found = fit(problem, first.model, nuisance, progress=progress, rounds=2)
+    try:
+        found = fit(problem, first.model, nuisance, progress=progress, rounds=2)
+    except PredictionError:  # what fits best without these samples cannot follow them
+        return fit_multistart(problem, model, progress, poor)
     if mean_square(found) < MAX_MEAN_SQUARE:
         return found
     other = fit_multistart(problem, model, progress, poor)
