@@ -160,6 +160,6 @@ def figure_of_merit(power: Any, displacement: Any, transducer: Transducer, excit
         np.squeeze(value, axis=-1) if np.ndim(value) else value
         for value in (transducer.coupling, transducer.capacitance, excitation.frequency)
     )
-    unit = np.asarray((coupling * displacement) ** 2 / capacitance * frequency)
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # the motion of what is unstable has any size
+        unit = (coupling * np.asarray(displacement, dtype=float)) ** 2 / capacitance * frequency
         return np.where(unit > 0, power / unit, np.nan)

@@ -20,7 +20,7 @@ from piezoharvest.sweep import run, sweep
 
 def evaluate(study, values):
     names = ("harvested_power", "mechanical_power", "efficiency", "displacement_amplitude", "voltage_amplitude",
-             "dc_voltage", "attenuation_db", "closure")
+             "dc_voltage", "attenuation_db", "figure_of_merit", "closure")
     return {"converged": np.ones((len(values), 1), bool), **{name: np.cumsum(values[:, :1]) for name in names}}
 
 if sys.argv[4:] != ["real"]:

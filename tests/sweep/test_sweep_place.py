@@ -30,7 +30,7 @@ PATHS = {
         f"shunts.1.{name}"
         for name in (
             "inductance", "flip_time", "quality", "on_time_error", "phase_lag", "time_lag", "hold_off", "dc_voltage",
-            "smoothing_capacitance", "load_resistance", "diode_drop", "diode_leakage", "dc_leakage",
+            "smoothing_capacitance", "load_resistance", "diode_drop", "diode_resistance", "diode_leakage", "dc_leakage",
             "detector_threshold",
         )
     ),
