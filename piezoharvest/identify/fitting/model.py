@@ -9,6 +9,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.noise.noise_gain import small_response, specimen_gain
@@ -219,7 +220,7 @@ def _predicted(prediction: AnyPrediction, data: Data, derivatives: bool, parts: 
     """Blocks of a prediction, whose errors say which record they are about."""
     try:
         yield from prediction.blocks(derivatives, channels=data.channels, parts=parts)
-    except PredictionError as error:
+    except (PredictionError, ParameterError) as error:  # the latter of a model without an equilibrium
         raise PredictionError(f"{data.name}: {error}") from None
 
 
