@@ -267,7 +267,7 @@ class SpiceCircuit(Shunt):
                 least = model["vfwd"] / model["roff"]
                 excess = self._through(branch, found, configuration) - least * port.one
             elif branch.part.kind == "D":
-                excess = self._across(branch, found, configuration) - model["vfwd"] * port.one
+                excess = self._across(branch, found) - model["vfwd"] * port.one
             else:
                 plus, minus = (found.potentials[self.nodes[node]] for node in branch.part.nodes[2:])
                 level = model["vt"] + (-model["vh"] if on[branch.name] else model["vh"])
@@ -281,7 +281,7 @@ class SpiceCircuit(Shunt):
         for branch in self.branches:
             if branch.kind in "LC":
                 continue
-            across, through = self._across(branch, found, configuration), self._through(branch, found, configuration)
+            across, through = self._across(branch, found), self._through(branch, found, configuration)
             loaded = branch.name.lower() in self.load
             delivers = branch.kind in "VI" and not loaded
             category = "harvested" if loaded else "source" if delivers else "shunt_loss"
@@ -376,7 +376,7 @@ class SpiceCircuit(Shunt):
                     known[plus] = known[minus] + voltages[e.name]
         return [known.get(n, 0.0 * port.one) for n in range(len(self.nodes))]
 
-    def _across(self, branch: Branch, found: _Solution, configuration: str) -> Row:
+    def _across(self, branch: Branch, found: _Solution) -> Row:
         """Voltage across a branch that is no inductor."""
         if branch.name in found.voltages:
             return found.voltages[branch.name]

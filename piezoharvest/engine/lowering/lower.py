@@ -14,6 +14,7 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.system import System
+from piezoharvest.engine.lowering.element_scales import influences
 from piezoharvest.engine.lowering.equilibrium import equilibrium, inputs_of
 from piezoharvest.engine.lowering.layout import Layout, Physics, joined, rows_of, scalar, stack
 from piezoharvest.engine.memory import program as pg
@@ -144,7 +145,7 @@ class _Columns:
 def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation, record) -> pg.Program:
     storage, scale = physics.storage()
     equations = joined(tables.equations, -3)
-    exo_scale = _exo_scale(layout, equations, scale, signal, physics.transducer)
+    exo_scale = _exo_scale(layout, equations, scale, signal, physics)
     columns, sizes = _Columns(layout.n, scale, exo_scale), _join(scale, exo_scale[..., : layout.signal])
     outputs = columns.split(joined(tables.outputs, -3), 2)
     harmonic = isinstance(signal, Tones)
@@ -333,12 +334,12 @@ def _exosystem(layout: Layout, omega: np.ndarray, exo_scale: np.ndarray) -> np.n
     return matrix * exo_scale[..., None, :] / exo_scale[..., :, None]
 
 
-def _exo_scale(layout, equations, scale, signal, tr) -> np.ndarray:
+def _exo_scale(layout: Layout, equations, scale, signal: Tones | Ramps, physics: Physics) -> np.ndarray:
     """Scales with which every exogenous column has entries of the size of the resonance frequency.
 
     Always real: a complex step of a quantity must not change the exogenous states.
     """
-    n = layout.n
+    n, tr = layout.n, physics.transducer
     mass = np.max(np.abs(np.real(equations[..., n : 2 * n] * scale[..., None, None, :])), axis=-1)
     columns = np.abs(np.real(equations[..., 2 * n :])) / np.where(mass > 0, mass, 1.0)[..., None]
     size = np.max(columns, axis=(-3, -2))
@@ -354,12 +355,34 @@ def _exo_scale(layout, equations, scale, signal, tr) -> np.ndarray:
     # the drive would enlarge these; where it acts on nothing it is not scaled larger, as rounding is judged by it.
     drive = np.max(found[..., at:-1:2], axis=-1)
     found[..., -1] = np.where(size[..., -1] > 0, np.minimum(found[..., -1], drive), drive)
-    for k in range(0, at, pg.DERIVATIVES):
-        # An element may act by its rate alone; one that does not act in this design must not mask those that do.
-        largest = np.maximum(size[..., k], size[..., k + 1] * resonance[..., 0])
-        value = np.where(largest > 0, resonance[..., 0] / np.where(largest > 0, largest, 1.0), IDLE_SCALE)
-        found[..., k : k + pg.DERIVATIVES] = value[..., None] * resonance ** np.arange(pg.DERIVATIVES)
+    # An element may act by its rate alone; one that does not act in this design must not mask those that do.
+    direct = np.maximum(size[..., 0 : at : pg.DERIVATIVES], size[..., 1 : at : pg.DERIVATIVES] * resonance)
+    if np.any(direct == 0.0):
+        level = _drive_level(found, at, signal)[..., None]
+        direct = influences(layout.terms.elements, direct, *_input_sizes(layout, physics, scale * level))
+    values = np.where(direct > 0, resonance / np.where(direct > 0, direct, 1.0), IDLE_SCALE)
+    for j in range(direct.shape[-1]):
+        k = pg.DERIVATIVES * j
+        found[..., k : k + pg.DERIVATIVES] = values[..., j, None] * resonance ** np.arange(pg.DERIVATIVES)
     return found
+
+
+def _drive_level(exo_scale: np.ndarray, at: int, signal: Tones | Ramps) -> np.ndarray:
+    """Size of a scaled state under the drive, without resonance."""
+    if isinstance(signal, Tones):
+        return np.max(1.0 / exo_scale[..., at:-1:2], axis=-1)
+    return np.max(np.abs(signal.starts), initial=0.0) / exo_scale[..., at]
+
+
+def _input_sizes(layout: Layout, physics: Physics, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes of the inputs of smooth elements at states of these sizes (..., n), and their coefficients of outputs."""
+    rows, n = np.abs(np.real(inputs_of(layout, physics))), layout.n
+    rows = rows.reshape(*rows.shape[:-2], -1, 2, layout.width)
+    outputs = rows[..., 2 * n : 2 * n + layout.signal : pg.DERIVATIVES]
+    known = np.sum(rows[..., :n] * states[..., None, None, :], axis=-1) + rows[..., 2 * n + layout.signal :].sum(
+        axis=-1
+    )
+    return known, outputs
 
 
 def _largest_step(excitation: Excitation, signal: Tones | Ramps) -> np.ndarray | float:

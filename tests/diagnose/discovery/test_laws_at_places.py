@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from nameless import BEAM, Drive, Laws, record
+from selection import with_slow
 
 from piezoharvest import Resistor, SineForce, System, Transducer, linearize, simulate
 from piezoharvest.description.effects import registered
@@ -48,6 +49,16 @@ CASES = {
         Coupling(),
         Monomial(factor=2.5e-7, scale=1e-3),
         Laws(coupling=lambda x: 5e-7 * x / 1e-6),
+    ),
+    "cubic coupling": (
+        Coupling(),
+        Monomial(factor=2e-6 / 3, scale=1e-3, exponent=3),
+        Laws(coupling=lambda x: 2e-3 * (x / 1e-3) ** 2),
+    ),
+    "bent spring": (
+        Spring(),
+        Bends(knots=(2e-4, -2e-4), kinks=(2e6, -2e6)),
+        Laws(spring=lambda x: 1e6 * np.sign(x) * np.maximum(np.abs(x) - 2e-4, 0.0) ** 2),
     ),
     "coupling table": (
         Coupling(),
@@ -123,8 +134,14 @@ def test_a_law_is_no_effect_of_the_library():
     assert Law not in registered().values()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["load", "spring", "coupling"])
+@pytest.mark.parametrize(
+    "name",
+    # Elements of elements: none may be out of scale, as if the law were not there.
+    with_slow(
+        ["load", "spring", "coupling", "cubic coupling", "bent spring", "coupling table"],
+        slow=lambda name: name != "coupling table",
+    ),
+)
 def test_the_engine_moves_as_an_independent_integration(name):
     place, form, laws = CASES[name]
     transducer = Transducer(**BEAM, effects=(Law(place=place, form=form),))
