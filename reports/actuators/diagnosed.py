@@ -17,7 +17,7 @@ from reports.actuators import mirror
 from reports.actuators.data import LEVELS, STACK_RATE, Loops, minor_loops, sine
 
 # From the data sheet of the P-885.91; the amplifier's gain is not in the file and only scales the coupling.
-_STACK = """
+STACK_MODEL = """
 [transducer]
 mass = 0.0158
 damping = 1250.0
@@ -25,7 +25,7 @@ stiffness = 2.5e7
 capacitance = 3.1e-6
 coupling = 9.5
 """
-_OPERATORS = """
+OPERATORS = """
 [transducer.hysteresis]
 thresholds = [1e-5, 3e-5, 1e-4]
 weights = [1e5, 6e4, 4e4]
@@ -48,7 +48,7 @@ drive = "voltage"
 sample_rate = {STACK_RATE}
 """
 # One mode for the band below the first resonance; the gain at rest is the coupling over the stiffness.
-_MIRROR = """
+MIRROR_MODEL = """
 [transducer]
 mass = 0.0313
 damping = 7.0
@@ -56,8 +56,8 @@ stiffness = 1e6
 capacitance = 1e-6
 coupling = -9.0
 """
-_BAND = (20.0, 200.0)  # Hz
-_MODELS = {"linear": _STACK, "three stop operators": _STACK + _OPERATORS}
+BAND = (20.0, 200.0)  # Hz
+_MODELS = {"linear": STACK_MODEL, "three stop operators": STACK_MODEL + OPERATORS}
 
 
 class Verdict(NamedTuple):
@@ -99,7 +99,7 @@ def of_mirror() -> tuple[Verdict, ...]:
         entries = []
         for level in LEVELS:
             measured = mirror.response(level)
-            inside = (measured.frequency > _BAND[0]) & (measured.frequency < _BAND[1])
+            inside = (measured.frequency > BAND[0]) & (measured.frequency < BAND[1])
             value = measured.response[inside, 0, 0]
             columns = {"frequency_Hz": measured.frequency[inside], "real": np.real(value), "imaginary": np.imag(value)}
             write_table(columns, Path(folder) / f"{level}mV.csv")
@@ -107,7 +107,7 @@ def of_mirror() -> tuple[Verdict, ...]:
                 f'[[records]]\nfile = "{level}mV.csv"\nkind = "frf"\ninput = "voltage"\noutput = "displacement"\n'
             )
         found = {f"one mode, {LEVELS[0]} mV": entries[:1], "one mode, all levels": entries}
-        return tuple(_verdict(name, _MIRROR + "\n".join(some), Path(folder)) for name, some in found.items())
+        return tuple(_verdict(name, MIRROR_MODEL + "\n".join(some), Path(folder)) for name, some in found.items())
 
 
 def _columns(loops: Loops) -> dict:

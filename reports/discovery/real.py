@@ -16,33 +16,10 @@ from piezoharvest.output import write_table, write_text
 from piezoharvest.records import load_campaign
 from reports.actuators import mirror
 from reports.actuators.data import DATA, LEVELS, MIRROR_RATE, STACK_RATE, Loops, minor_loops, multisines, sine
+from reports.actuators.diagnosed import BAND, MIRROR_MODEL, OPERATORS, STACK_MODEL
 
 EVERY = 4  # sample of the stack's: 50 a second of motions of about 1 Hz
-BAND = (20.0, 200.0)  # Hz: of the mirror, below its modes
 MIRROR_EVERY = 8  # sample of the mirror's after the band pass, 800 a second
-# From the data sheet of the P-885.91; the amplifier's gain is not in the file and only scales the coupling.
-STACK_MODEL = """
-[transducer]
-mass = 0.0158
-damping = 1250.0
-stiffness = 2.5e7
-capacitance = 3.1e-6
-coupling = 9.5
-"""
-OPERATORS = """
-[transducer.hysteresis]
-thresholds = [1e-5, 3e-5, 1e-4]
-weights = [1e5, 6e4, 4e4]
-"""
-# One mode for the band below the first resonance; the gain at rest is the coupling over the stiffness.
-MIRROR_MODEL = """
-[transducer]
-mass = 0.0313
-damping = 7.0
-stiffness = 1e6
-capacitance = 1e-6
-coupling = -9.0
-"""
 _CHANNELS = """
 [channels]
 voltage = {{ column = "v", unit = "V", gain = {gain} }}

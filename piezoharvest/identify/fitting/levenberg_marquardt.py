@@ -14,7 +14,7 @@ from piezoharvest.identify.fitting.evaluation import whiteners
 from piezoharvest.identify.fitting.likelihood import Sums
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model, inner_values
-from piezoharvest.identify.fitting.problem import Problem, prior_of
+from piezoharvest.identify.fitting.problem import Problem, prior_of, starting
 from piezoharvest.identify.noise.noise_model import Noise
 
 MAX_ITERATIONS = 60  # most iterations
@@ -138,7 +138,7 @@ class _Bounds(NamedTuple):
             np.concatenate([[p.upper for p in model.parameters], limits]),
             np.array([MAX_LOG_STEP if p.scaling == "log" else np.inf for p in model.parameters] + [np.inf] * others),
             np.array([p.path[-1] == "damping" for p in model.parameters] + [False] * others),
-            np.array([False] * len(model.parameters) + _starting(problem, model)),
+            np.concatenate([np.zeros(len(model.parameters), bool), *starting(problem, model)]),
         )
 
     def step(
@@ -153,15 +153,6 @@ class _Bounds(NamedTuple):
     def moved(self, values: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Values after a step, within the bounds."""
         return np.clip(values + step, self.lower, self.upper)
-
-
-def _starting(problem: Problem, model: Model) -> list[bool]:
-    """Mask of the nuisance parameters that say where a record behind a switch begins."""
-    return [
-        problem.has_events and name.startswith("start ")
-        for data in problem.data
-        for name in problem.nuisance_names(model, data)
-    ]
 
 
 class _Descent:

@@ -55,7 +55,7 @@ class Problem:
     @cached_property
     def has_events(self) -> bool:
         """True if a record is one behind a circuit with diodes or switches."""
-        return any(isinstance(data, Data) and has_events(data.setting.shunt, data.drive) for data in self.data)
+        return any(map(_switches, self.data))
 
     def noise(self) -> Noise:
         """Guess of the noise from the records themselves."""
@@ -191,17 +191,23 @@ def nuisance_for_problem(
     return tuple(found)
 
 
-def starts_as_shown(problem: Problem, model: Model, nuisance: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
-    """Nuisance parameters with all initial states of records behind circuits as their first samples show them."""
+def _switches(data: Data | FrequencyData) -> bool:
+    """True for a record behind a circuit with diodes or switches."""
+    return isinstance(data, Data) and has_events(data.setting.shunt, data.drive)
+
+
+def starting(problem: Problem, model: Model) -> tuple[np.ndarray, ...]:
+    """Masks of the nuisance parameters that say where records behind diodes or switches begin."""
     return tuple(
-        np.array(
-            [
-                shown if name.startswith("start ") else value
-                for name, value, shown in zip(problem.nuisance_names(model, data), mine, other, strict=True)
-            ]
-        )
-        for data, mine, other in zip(problem.data, nuisance, problem.start(model), strict=True)
+        np.array([_switches(data) and name.startswith("start ") for name in problem.nuisance_names(model, data)], bool)
+        for data in problem.data
     )
+
+
+def starts_as_shown(problem: Problem, model: Model, nuisance: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
+    """Nuisance parameters with records behind diodes or switches beginning as their first samples show them."""
+    every = zip(starting(problem, model), problem.start(model), nuisance, strict=True)
+    return tuple(np.where(mask, shown, mine) for mask, shown, mine in every)
 
 
 def _unit(data: Data | FrequencyData, name: str) -> float:
