@@ -73,7 +73,7 @@ def exponential_diode(
     """
     values = {
         "saturation_current": saturation_current, "emission": emission, "peak_current": peak_current,
-        "temperature": temperature,
+        "temperature": temperature, **({} if reverse_voltage is None else {"reverse_voltage": reverse_voltage}),
     }  # fmt: skip
     for name, value in values.items():
         if not (np.isfinite(value) and value > 0):
@@ -83,7 +83,7 @@ def exponential_diode(
     currents = peak_current * np.sin(np.pi * (np.arange(POINTS) + 0.5) / POINTS)
     thermal = emission * BOLTZMANN * temperature / CHARGE
     voltages = thermal * np.log1p(currents / saturation_current) + series_resistance * currents
-    leakage = 0.0 if reverse_voltage is None else saturation_current / abs(reverse_voltage)
+    leakage = 0.0 if reverse_voltage is None else saturation_current / reverse_voltage
     return _line(voltages, currents, leakage)
 
 

@@ -61,6 +61,7 @@ def test_power_against_the_exponential_law_in_ngspice():
         (lambda: exponential_diode(0.0, 1.0, 1.0, 1e-3), "saturation_current"),
         (lambda: exponential_diode(1e-9, 1.0, -1.0, 1e-3), "series_resistance"),
         (lambda: exponential_diode(1e-9, 1.0, 1.0, float("nan")), "peak_current"),
+        (lambda: exponential_diode(1e-9, 1.0, 1.0, 1e-3, reverse_voltage=0.0), "reverse_voltage"),
         (lambda: measured_diode([0.1], [1e-3]), "currents"),
         (lambda: measured_diode([0.1, 0.2], [1e-3]), "voltages"),
     ],
