@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from piezoharvest.description.excitation import SineForce
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import (
     DSSH,
     SCSECE,
@@ -215,3 +216,9 @@ def test_double_switch(ratio):
     voltage = taken * before / ratio
     wanted = 2 * FREQUENCY * 0.5 * ratio * CAPACITANCE * voltage**2
     assert power(DSSH(**COIL, intermediate_capacitance=ratio * CAPACITANCE)) == pytest.approx(wanted, rel=CLOSE)
+
+
+def test_a_battery_is_the_whole_dc_side():
+    with pytest.raises(ParameterError, match="found beside a battery") as caught:
+        Battery(dc_voltage=3.0, load_resistance=1e5)
+    assert caught.value.key == "load_resistance"

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from piezoharvest.description.parameters import quantity
+from piezoharvest.description.parameters import ParameterError, quantity
 from piezoharvest.description.shunts.harvesting.rectifier import Rectifier
 
 
@@ -27,6 +27,12 @@ class Battery(Rectifier):
     internal_resistance: float = quantity(
         "ohm", "internal resistance of the battery", default=0.0, at_least=0, other_law_at_zero=True
     )
+
+    def __post_init__(self) -> None:
+        for key in ("smoothing_capacitance", "load_resistance"):
+            if getattr(self, key) is not None:
+                raise ParameterError(key, "found beside a battery, which is the whole dc side: take it away")
+        super().__post_init__()
 
     @property
     def tuned_side(self) -> None:
