@@ -359,7 +359,7 @@ def _exo_scale(layout: Layout, equations, scale, signal: Tones | Ramps, physics:
     direct = np.maximum(size[..., 0 : at : pg.DERIVATIVES], size[..., 1 : at : pg.DERIVATIVES] * resonance)
     if np.any(direct == 0.0):
         level = _drive_level(found, at, signal)[..., None]
-        direct = influences(layout.terms.elements, direct, *_input_sizes(layout, physics, scale * level))
+        direct = influences(layout.terms.elements, direct, *_input_sizes(layout, physics, np.real(scale) * level))
     values = np.where(direct > 0, resonance / np.where(direct > 0, direct, 1.0), IDLE_SCALE)
     for j in range(direct.shape[-1]):
         k = pg.DERIVATIVES * j
