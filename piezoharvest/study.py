@@ -27,6 +27,7 @@ from piezoharvest.description.system import System
 from piezoharvest.description.tolerance import Tolerance
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.input import InputError, check_readable
+from piezoharvest.readers.conversion import with_unit
 
 _T = TypeVar("_T")
 _C = TypeVar("_C", bound=Component)
@@ -447,9 +448,11 @@ def build(cls: type[_C], table: Any, where: str) -> _C:
     values = dict(_typed(dict, table, where))
     hints = get_type_hints(cls)
     for field in dataclasses.fields(cls):
-        part = _component_in(hints[field.name])
+        key, part = _key(field), _component_in(hints[field.name])
         if part is not None and field.name in values:
             values[field.name] = _build_part(part, hints[field.name], values[field.name], f"{where}.{field.name}")
+        elif key in values and "unit" in field.metadata:
+            values[key] = _in_si(values[key], _unit(cls, field), f"{where}.{key}")
     try:
         checked = _model(cls).model_validate(values)
         return cls(**{name: _frozen(getattr(checked, name)) for name in checked.model_fields_set})
@@ -459,6 +462,25 @@ def build(cls: type[_C], table: Any, where: str) -> _C:
         raise ParameterError(error.key.removesuffix("_"), error.message).within(where) from None
     except (ValueError, OSError) as error:
         raise ParameterError(where, f"values that {cls.__name__} does not accept ({error})") from None
+
+
+def _unit(cls: type[Component], field: dataclasses.Field) -> str:
+    """SI unit of a field; of those that excitations share, a force's and an acceleration's, the one of this kind."""
+    first, *other = field.metadata["unit"].split(" or ")
+    return other[0] if other and issubclass(cls, Excitation) and (cls.base or cls.imposed) else first
+
+
+def _in_si(value: Any, unit: str, where: str) -> Any:
+    """The value of a quantity, or the list of them, in its SI unit, where it is text with a unit ("52 nF")."""
+    if isinstance(value, list):
+        return [_in_si(each, unit, f"{where}.{n}") for n, each in enumerate(value)]
+    if not isinstance(value, str):
+        return value
+    try:
+        converted = with_unit(value, unit)
+        return value if converted is None else converted
+    except ParameterError as error:
+        raise ParameterError(where, error.message) from None
 
 
 def _build_part(part: type[Component], hint: Any, value: Any, where: str) -> Any:

@@ -15,6 +15,7 @@ from piezoharvest.description.hysteresis import Hysteresis
 from piezoharvest.description.parameters import quantity
 from piezoharvest.description.shunts import LinearShunt, Network, ParallelSSHI, Resistor
 from piezoharvest.description.transducer import Mode, Transducer
+from piezoharvest.readers.conversion import with_unit
 from piezoharvest.study import DesignOptions, Study, StudyError, SweepOptions, SweepParameter, load_study
 
 STUDY = """\
@@ -252,7 +253,7 @@ class TestValues:
             ("inf", "inf"),
             ("-inf", "-inf"),
             ("true", "true"),
-            ('"12 ohm"', "'12 ohm'"),
+            ('"heavy"', "'heavy'"),
             ("[0.01]", "[0.01]"),
             ("{ value = 0.01 }", "{'value': 0.01}"),
             ("1979-05-27", "datetime.date(1979, 5, 27)"),
@@ -270,7 +271,7 @@ class TestValues:
         [
             (("50.6", "0"), "excitation.frequency", "found 0.0, allowed is a finite number greater than 0 Hz"),
             (("1e5", "0"), "shunts.0.resistance", "found 0.0, allowed is a finite number greater than 0 ohm"),
-            (("= 10\n", '= "10 V"\n'), "shunts.1.dc_voltage", "found '10 V', allowed is a finite number at least 0 V"),
+            (("= 10\n", '= "ten"\n'), "shunts.1.dc_voltage", "found 'ten', allowed is a finite number at least 0 V"),
             (
                 ("130000", "nan"),
                 "transducer.effects.leakage.resistance",
@@ -359,6 +360,57 @@ class TestValues:
         assert load_study(write(tmp_path, first + table.format(topology, values[0]) + rest)).shunts[0].kind
         with pytest.raises(StudyError, match=r"study\.toml: shunts\.0\.capacitance: found .*, allowed "):
             load_study(write(tmp_path, first + table.format(topology, values[1]) + rest))
+
+
+class TestUnits:
+    """Quantities may be text with a unit."""
+
+    def test_of_every_table(self, tmp_path):
+        plain = load(tmp_path)
+        written = load(
+            tmp_path,
+            ("mass = 0.010", 'mass = "10 g"'),
+            ("coupling = 1.0e-3", 'coupling = "1 mN/V"'),
+            ("capacitance = 40e-9", 'capacitance = "40nF"'),
+            ("thresholds = [1e-7, 3e-7]", 'thresholds = ["0.1 uC", 3e-7]'),
+            ("mass = 0.011", 'mass = "11 g"'),
+            ("resistance = 130000", 'resistance = "0.13 Mohm"'),
+            ("amplitude = 0.02", 'amplitude = "2e1 mN"'),
+            ("frequency = 50.6", 'frequency = "0.0506 kHz"'),
+            ("dc_voltage = 10", 'dc_voltage = "1e4 mV"'),
+        )
+        assert repr(written.systems) == repr(plain.systems)
+        assert written.excitation.amplitude == pytest.approx(plain.excitation.amplitude, rel=1e-15)
+
+    @pytest.mark.parametrize(
+        ("text", "si", "value"),
+        [
+            ("0.5 g", "m/s^2", 0.5 * 9.80665), ("0.01 g^2/Hz", "(m/s^2)^2/Hz", 0.01 * 9.80665**2), ("10 g", "kg", 0.01),
+            ("20 %", "", 0.2), ("90 deg", "rad", 1.5707963267948966), ("3 kΩ", "ohm", 3e3), ("300 pC/N", "C/N", 3e-10),
+        ],
+    )  # fmt: skip
+    def test_as_the_field_writes_them(self, text, si, value):
+        assert with_unit(text, si) == pytest.approx(value, rel=1e-14)
+
+    def test_base_acceleration_in_standard_gravity(self, tmp_path):
+        found = load(tmp_path, ('kind = "sine_force"', 'kind = "sine_base"'), ("amplitude = 0.02", 'amplitude = "1 g"'))
+        assert found.excitation.amplitude == pytest.approx(9.80665, rel=1e-15)
+
+    @pytest.mark.parametrize(
+        ("value", "message"),
+        [
+            ("40 nH", "found the unit 'nH', allowed is a unit that converts to F"),
+            ("40n", "found the unit 'n', allowed is a unit such as F"),
+            ("40", "found '40', allowed is a finite number greater than 0 F"),
+            ("-40 nF", "found -4e-08, allowed is a finite number greater than 0 F"),
+            ("1e999 F", "found inf, allowed is a finite number greater than 0 F"),
+            ("40 nF nF", "found the unit 'nF nF', allowed is a unit that converts to F"),
+            ("small", "found 'small', allowed is a finite number greater than 0 F"),
+        ],
+    )
+    def test_refused(self, tmp_path, value, message):
+        found = error(tmp_path, ("capacitance = 40e-9", f'capacitance = "{value}"'))
+        assert f"transducer.capacitance: {message}" in found
 
 
 class TestNames:

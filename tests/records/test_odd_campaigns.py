@@ -16,8 +16,8 @@ from record_cases import stack_sine
 
 from piezoharvest.cli.identify_command import on_campaign
 from piezoharvest.output import write_table
+from piezoharvest.readers.conversion import unit_factor
 from piezoharvest.records import CampaignError, load_campaign
-from piezoharvest.records.reading.channels import unit_factor
 from piezoharvest.study import StudyError
 
 NAMES = {"time": "time_s", "force": "force_N", "displacement": "displacement_m", "voltage": "voltage_V",

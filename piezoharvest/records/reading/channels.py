@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from piezoharvest.description.parameters import Component, ParameterError, quantity
+from piezoharvest.readers.conversion import unit_factor
 from piezoharvest.readers.units import Unit
 
 # SI unit and default column of every channel; in files, time is one of them.
@@ -112,53 +110,3 @@ class ChannelSource(Component):
     def sigma_si(self, si: str) -> float | None:
         """Known standard deviation of the noise in the SI unit of the channel."""
         return None if self.sigma is None else self.sigma * unit_factor(self.unit or si, si)
-
-
-# Syntax of a unit: names with a small power, times, divided by, brackets and 1. pint accepts more and evaluates it
-# all: "10**1000000000 N" never ends. So no power of a number, of brackets or of a power, and none of the words that
-# pint reads as powers. The pattern is atomic, because backtracking could take as long.
-_POWER = r"(?>\s*(?:\*\*|\^)\s*[+-]?\d(?:\.\d)?(?![\w.])|⁻?[¹²³⁴])"
-_LETTERS = r"[^\W\d¹²³⁴⁰-⁹]++"
-_NAME = rf"(?!(?:square|squared|cubic|cubed)\b)(?>{_LETTERS}(?:[0-9]++(?:{_LETTERS})?+)*+|[°%‰])"
-_UNIT = re.compile(rf"\s*+(?>(?:{_NAME}{_POWER}?+|1(?!\w)|\*(?!\s*\*)|[/·()])\s*+)*+")
-_MAX_UNIT_LENGTH = 64  # characters: twice the longest meaningful unit
-
-
-@cache
-def _registry() -> Any:
-    """Unit registry of pint; created only when a file names a unit, because it takes most of a second."""
-    from pint import UnitRegistry
-
-    return UnitRegistry()
-
-
-@cache
-def unit_factor(unit: str, si: str) -> float:
-    """Factor from a unit to an SI unit.
-
-    Raises
-    ------
-    ParameterError
-        The unit is unknown or has another dimension; the error's key is "unit".
-    """
-    if unit == si:
-        return 1.0
-    found = repr(unit) if len(unit) <= _MAX_UNIT_LENGTH else f"{unit[:_MAX_UNIT_LENGTH]!r} and more"
-    registry = _registry()
-    try:
-        if len(unit) > _MAX_UNIT_LENGTH or not _UNIT.fullmatch(unit):
-            raise ValueError
-        given, wanted = registry.Quantity(1.0, unit), registry.Quantity(1.0, si)
-        if given.dimensionality != wanted.dimensionality:
-            hint = " (g is gram: standard gravity is g_0)" if unit == "g" and si == "m/s^2" else ""
-            raise ParameterError("unit", f"found {found}{hint}, allowed is a unit that converts to {si}")
-        factor = float((given / wanted).to_base_units().magnitude)
-        if not 0 < factor < math.inf:
-            raise ValueError
-        turns = "radian" in str(given.to_base_units().units)
-    except ParameterError:
-        raise
-    except Exception:  # pint's parser raises errors of many kinds: undefined units, syntax, assertions
-        raise ParameterError("unit", f"found {found}, allowed is a unit such as {si or 'percent'}") from None
-    # To pint a radian is dimensionless: 1 rad/s would be 1 Hz.
-    return factor / (2 * math.pi) if si == "Hz" and turns else factor

@@ -9,7 +9,8 @@ from typing import Any, Literal
 from piezoharvest.description.effects.circuit_value import CircuitValue, circuit_values
 from piezoharvest.description.parameters import Component, ParameterError, quantity
 from piezoharvest.description.shunts import Resistor, Shunt
-from piezoharvest.records.reading.channels import COLUMNS, UNITS, ChannelSource, unit_factor
+from piezoharvest.readers.conversion import unit_factor
+from piezoharvest.records.reading.channels import COLUMNS, UNITS, ChannelSource
 from piezoharvest.study import build, build_shunt
 
 Level = Literal["default", "campaign", "record"]

@@ -1,0 +1,91 @@
+"""Units that a user writes into a file of ours, converted by pint: "kN", or a number with its unit, "52 nF"."""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import cache
+from typing import Any
+
+from piezoharvest.description.parameters import ParameterError
+
+# Syntax of a unit: names with a small power, times, divided by, brackets and 1. pint accepts more and evaluates it
+# all: "10**1000000000 N" never ends. So no power of a number, of brackets or of a power, and none of the words that
+# pint reads as powers. The pattern is atomic, because backtracking could take as long.
+_POWER = r"(?>\s*(?:\*\*|\^)\s*[+-]?\d(?:\.\d)?(?![\w.])|⁻?[¹²³⁴])"
+_LETTERS = r"[^\W\d¹²³⁴⁰-⁹]++"
+_NAME = rf"(?!(?:square|squared|cubic|cubed)\b)(?>{_LETTERS}(?:[0-9]++(?:{_LETTERS})?+)*+|[°%‰])"
+_UNIT = re.compile(rf"\s*+(?>(?:{_NAME}{_POWER}?+|1(?!\w)|\*(?!\s*\*)|[/·()])\s*+)*+")
+_MAX_UNIT_LENGTH = 64  # characters: twice the longest meaningful unit
+
+
+# A number in front of its unit: digits are not taken by the unit, so that there is one way to read each text.
+_QUANTITY = re.compile(r"\s*+([+-]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?+\d++)?+)\s*+(\S.*+)")
+# Where an acceleration is wanted g is standard gravity, not the gram, which converts to none.
+_GRAVITY = re.compile(r"(?<!\w)([muµμ]?)g(?!\w)")
+
+
+@cache
+def _registry() -> Any:
+    """Unit registry of pint; created only when a file names a unit, because it takes most of a second."""
+    from pint import UnitRegistry
+
+    return UnitRegistry()
+
+
+def with_unit(text: str, si: str) -> float | None:
+    """Value in an SI unit of a text such as "52 nF", "1 g" (of an acceleration: 9.80665 m/s^2), "5 %" or "10 deg".
+
+    None if the text is not a number with something behind it.
+
+    Parameters
+    ----------
+    text : str
+        A number and a unit.
+    si : str
+        SI unit of the quantity, "" for a pure number.
+
+    Raises
+    ------
+    ParameterError
+        The unit is unknown or has another dimension; the error's key is "unit".
+    """
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        return None
+    return float(match[1]) * unit_factor(match[2].strip(), si or "dimensionless")
+
+
+@cache
+def unit_factor(unit: str, si: str) -> float:
+    """Factor from a unit to an SI unit.
+
+    Raises
+    ------
+    ParameterError
+        The unit is unknown or has another dimension; the error's key is "unit".
+    """
+    if unit == si:
+        return 1.0
+    found = repr(unit) if len(unit) <= _MAX_UNIT_LENGTH else f"{unit[:_MAX_UNIT_LENGTH]!r} and more"
+    registry, pure = _registry(), si in ("", "dimensionless")
+    try:
+        if len(unit) > _MAX_UNIT_LENGTH or not _UNIT.fullmatch(unit):
+            raise ValueError
+        meant = _GRAVITY.sub(r"\1standard_gravity", unit) if "m/s^2" in si else unit
+        given, wanted = registry.Quantity(1.0, meant), registry.Quantity(1.0, si)
+        if given.dimensionality != wanted.dimensionality:
+            needed = "no unit, or one such as %" if pure else f"a unit that converts to {si}"
+            raise ParameterError("unit", f"found the unit {found}, allowed is {needed}")
+        factor = float((given / wanted).to_base_units().magnitude)
+        if not 0 < factor < math.inf:
+            raise ValueError
+        turns = "radian" in str(given.to_base_units().units)
+    except ParameterError:
+        raise
+    except Exception:  # pint's parser raises errors of many kinds: undefined units, syntax, assertions
+        raise ParameterError(
+            "unit", f"found the unit {found}, allowed is a unit such as {'%' if pure else si}"
+        ) from None
+    # To pint a radian is dimensionless: 1 rad/s would be 1 Hz.
+    return factor / (2 * math.pi) if si == "Hz" and turns else factor
