@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, crea
 from piezoharvest.description import catalogue, effects, excitation, shunts
 from piezoharvest.description.effects import Effect
 from piezoharvest.description.excitation import Excitation
+from piezoharvest.description.figures import Modal, data_sheet
 from piezoharvest.description.limits import check_size
 from piezoharvest.description.parameters import Component, ParameterError, allowed, quantity
 from piezoharvest.description.shunts import Shunt
@@ -364,7 +365,30 @@ def build_transducer(table: Any, where: str = "transducer") -> Transducer:
         if not isinstance(name, str) or name not in catalogue.names():
             raise unknown(f"{where}.catalogue", name, catalogue.names())
         table = catalogue.transducer_table(name, table)
-    return build(Transducer, table, where)
+    return build(Transducer, _with_figures(table, where), where)
+
+
+def _with_figures(table: dict[str, Any], where: str) -> dict[str, Any]:
+    """Table of a transducer, with the values that follow from its table `modal` or `datasheet`, if it has one.
+
+    Keys of the table itself go before those that follow.
+    """
+    given = [key for key in ("modal", "datasheet") if key in table]
+    if len(given) == 2:
+        raise ParameterError(f"{where}.datasheet", "found beside a table modal, only one of the two may be given")
+    if not given:
+        return table
+    place = f"{where}.{given[0]}"
+    figures = _typed(dict, table.pop(given[0]), place)
+    try:
+        kind, figures = (Modal, figures) if given[0] == "modal" else data_sheet(figures)
+        found = build(kind, figures, place).lumped()
+    except ParameterError as error:
+        if error.key.startswith(where):
+            raise
+        raise ParameterError(place if error.key == given[0] else f"{place}.{error.key}", error.message) from None
+    follows = {key: list(value) if isinstance(value, tuple) else value for key, value in found._asdict().items()}
+    return {**follows, **table}
 
 
 def _transducer(value: Any, folder: Path) -> tuple[Transducer, Path | None]:

@@ -21,9 +21,10 @@ LAYERS = [
     {"description.shunts"},
     {"description.protocol"},
     {"description.effects"},
+    {"description.catalogue"},
+    {"description.figures"},
     {"description.transducer"},
     {
-        "description.catalogue",
         "description.diode",
         "description.limits",
         "description.paths",

@@ -1,7 +1,7 @@
 """The command line: `piezoharvest simulate | design | sweep | measure | identify | diagnose | plan | export | import`.
 
-Beside these there is `demo`. typer only parses the arguments; each command returns the work to be done, which `main`
-runs. Exit status: 0 done; 1 done, but the result is unreliable; 2 bad input; 130 interrupted, 143 terminated.
+Beside these there are `catalogue` and `demo`. typer only parses the arguments; each command returns the work to be
+done, which `main` runs. Exit status: 0 done; 1 done, but the result is unreliable; 2 bad input; 130 interrupted, 143 terminated.
 """
 
 from __future__ import annotations
@@ -301,6 +301,19 @@ def import_netlist(
     from piezoharvest.cli import export_command
 
     return partial(export_command.import_netlist, netlist, out, port, tuple(load or ()), subcircuit)
+
+
+@app.command()
+def catalogue(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="A transducer or material.", show_default="all in a table")
+    ] = None,
+    json: AsJson = False,
+) -> Work:
+    """Show the transducers and materials that come with the package, with their sources."""
+    from piezoharvest.cli import catalogue_command
+
+    return partial(catalogue_command.show, name, as_json=json)
 
 
 @app.command()

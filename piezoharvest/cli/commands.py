@@ -33,13 +33,25 @@ def note(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
+def driven_study(path: Path) -> Study:
+    """Study of a file whose excitation has a frequency; what its transducer's values assume is told."""
+    return _told(load_driven_study(path))
+
+
+def _told(study: Study) -> Study:
+    """The study, having told what its transducer's values assume."""
+    for text in study.transducer.assumptions:
+        note(f"assumed: {text}")
+    return study
+
+
 def simulate(
     path: Path, *, as_json: bool, transient: float | None, out: Path | None, uncertainty: int | None = None
 ) -> int:
     """Simulate every shunt of a study, print the results and write the waveforms."""
     if out is not None:
         check_file(out, TABLE_SUFFIXES)
-    study = with_shunts(load_driven_study(path))
+    study = with_shunts(driven_study(path))
     specimen = None if uncertainty is None else _specimen(study)
     responses = [_respond(study, n, transient, waveforms=out is not None) for n in range(len(study.shunts))]
     spread: list[dict[str, Any] | None] = [None] * len(responses)
@@ -104,7 +116,7 @@ def _respond(study: Study, n: int, transient: float | None, *, waveforms: bool) 
 
 def design(path: Path, *, as_json: bool, report: Path | None) -> int:
     """Tune the candidates of a study and print them, best first; 1 if the best is unreliable or breaks a limit."""
-    result = run_design(load_study(path), as_json=as_json, report=report)
+    result = run_design(_told(load_study(path)), as_json=as_json, report=report)
     return 0 if result.converged and result.feasible else 1
 
 

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from piezoharvest.cli import tables
-from piezoharvest.cli.commands import note, with_shunts
+from piezoharvest.cli.commands import driven_study, note, with_shunts
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.system import System
 from piezoharvest.input import InputError, check_readable
 from piezoharvest.output import check_file, write_text
-from piezoharvest.study import Study, StudyError, load_driven_study
+from piezoharvest.study import Study, StudyError
 
 MOST_BYTES = 1 << 20  # of a net list
 
@@ -19,7 +19,7 @@ MOST_BYTES = 1 << 20  # of a net list
 def export(path: Path, out: Path, shunt: int | None, options: dict[str, Any], tolerance: float | None) -> int:
     """Write a study with one of its shunts as a SPICE netlist or schematic; with a tolerance, check it in ngspice."""
     check_file(out)
-    study = with_shunts(load_driven_study(path))
+    study = with_shunts(driven_study(path))
     n = shunt or 0
     if not n < len(study.shunts):
         raise StudyError(

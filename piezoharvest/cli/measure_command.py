@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from piezoharvest.cli.commands import note
-from piezoharvest.study import load_driven_study
+from piezoharvest.cli.commands import driven_study, note
 
 
 def measure(path: Path, out: Path) -> int:
@@ -14,7 +13,7 @@ def measure(path: Path, out: Path) -> int:
     from piezoharvest.bench import measure as run
     from piezoharvest.bench.writing import check_folder
 
-    study = load_driven_study(path)
+    study = driven_study(path)
     check_folder(out)
     try:
         campaign = run(study, progress=note)

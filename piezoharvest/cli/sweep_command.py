@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from piezoharvest.cli import tables
-from piezoharvest.cli.commands import note
+from piezoharvest.cli.commands import driven_study, note
 from piezoharvest.output import check_file
-from piezoharvest.study import load_driven_study
 
 if TYPE_CHECKING:
     from piezoharvest.sweep import SweepResult
@@ -25,7 +24,7 @@ def sweep(path: Path, out: Path, *, workers: int, scheduler: str | None, as_json
     check_file(out, SUFFIXES)
     if workers > 1:
         start_early()
-    study = load_driven_study(path)
+    study = driven_study(path)
     try:
         with _progress() as progress:
             result = run(study, out, workers=workers, scheduler=scheduler, progress=progress, notify=note)

@@ -143,6 +143,40 @@ def print_sweep(
     _print_table(title, "best", [name], columns, [True], [keys])
 
 
+def print_catalogue(entries: Sequence[Mapping[str, Any]], materials: Sequence[Mapping[str, Any]]) -> None:
+    """Print a line for each transducer and for each material of the catalogue."""
+    header = ("name", "resonance", "k", "C", "T", "what")
+    rows = [
+        (
+            entry["key"],
+            _shown(entry, "short_circuit_frequency"),
+            f"{entry['values']['coupling_factor']['value']:.2f}",
+            _shown(entry, "capacitance"),
+            _shown(entry, "coupling"),
+            entry["name"],
+        )
+        for entry in entries
+    ]
+    print_rows("transducers: resonance with shorted electrodes, coupling factor, clamped C, T", header, rows)
+    print_rows("materials", ("name", "what"), [(each["key"], each["name"]) for each in materials])
+
+
+def print_entry(entry: Mapping[str, Any]) -> None:
+    """Print one entry of the catalogue: its values, its source, what was read and what was derived."""
+    rows = [(key.replace("_", " "), _shown(entry, key)) for key in entry["values"]]
+    print_rows(entry["name"], ("value", ""), rows)
+    print(f"source: {entry['source']}\n\n{entry['note']}")
+    for text in entry.get("assumptions", ()):
+        print(f"assumed: {text}")
+
+
+def _shown(entry: Mapping[str, Any], key: str) -> str:
+    """A value of an entry with its unit."""
+    value, unit = entry["values"][key]["value"], entry["values"][key]["unit"]
+    # No prefix where it would be read wrongly: beside a power, a kilogram or no unit at all.
+    return f"{value:.4g} {unit}".strip() if unit in ("", "kg") or "^" in unit else _with_unit(value, unit)
+
+
 def _parts_columns(parts: Sequence[Mapping[str, Any] | None]) -> list[Column]:
     """What rounding to a series of parts costs and the worst case within its tolerance; none without a series."""
     chosen = [one for one in parts if one]

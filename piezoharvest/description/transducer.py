@@ -8,12 +8,14 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from piezoharvest.description.effects.base import Effect
+from piezoharvest.description.figures import Figures, Modal, data_sheet
 from piezoharvest.description.hysteresis import Hysteresis
-from piezoharvest.description.parameters import Component, quantity
+from piezoharvest.description.parameters import Component, ParameterError, quantity
 
 INERT = ("mass", "damping")  # of a mode; a quasi-static specimen has neither
 # A quasi-static specimen follows its drive within this share of a sample: the error is far below the least noise that a
@@ -44,8 +46,9 @@ class Transducer(Component):
     """Piezoelectric transducer: first mode, clamped capacitance, hysteresis, further modes, effects.
 
     Equations (docs/equations.md): m x'' + b x' + k x = F + T v_t, q_p = C v_t + sum T_i x_i, v_p = v_t + v_h(q_p).
-    For a `quasi_static` specimen (a film, a stack far below its resonance) mass and damping are unknown and have no
-    effect: k x = F + T v_t.
+    `assumptions` are sentences on what was assumed where the values follow from other figures (`from_modal`,
+    `from_datasheet`). For a `quasi_static` specimen (a film, a stack far below its resonance) mass and damping are
+    unknown and have no effect: k x = F + T v_t.
     """
 
     mass: float = quantity("kg", "mass m of the first mode", above=0)
@@ -59,11 +62,84 @@ class Transducer(Component):
     effects: tuple[Effect, ...] = ()
     name: str = ""
     quasi_static: bool = False
+    assumptions: tuple[str, ...] = dataclasses.field(default=(), compare=False, repr=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "modes", tuple(self.modes))
         object.__setattr__(self, "effects", tuple(self.effects))
+
+    @classmethod
+    def from_modal(cls, **figures: Any) -> Transducer:
+        """Transducer from a modal test.
+
+        Parameters
+        ----------
+        **figures
+            Those of `piezoharvest.description.figures.Modal`: short_circuit_frequency, open_circuit_frequency (Hz),
+            quality or damping_ratio, modal_mass (kg), capacitance (F), capacitance_is ("free" or "clamped"). Further
+            fields of the transducer, as effects or name.
+
+        Raises
+        ------
+        ParameterError
+            A figure is missing, not allowed, or contradicts the others.
+
+        Examples
+        --------
+        >>> found = Transducer.from_modal(short_circuit_frequency=50.0, open_circuit_frequency=51.0, quality=50.0,
+        ...                               modal_mass=0.01, capacitance=40e-9, capacitance_is="clamped")
+        >>> round(found.stiffness, 2), round(found.coupling_squared, 4)
+        (986.96, 0.0404)
+        """
+        return cls._from(Modal, figures)
+
+    @classmethod
+    def from_datasheet(cls, **figures: Any) -> Transducer:
+        """Transducer from the figures of a data sheet.
+
+        Parameters
+        ----------
+        **figures
+            One of these sets, with quality or damping_ratio; where a modal_mass (kg) is named, a resonance_frequency
+            (Hz, shorted electrodes) may stand for it, but for those of vibration harvesters and impedances:
+
+            - free_stroke, blocking_force, voltage, capacitance; modal_mass
+            - coupling_factor, stiffness, capacitance; modal_mass
+            - material, or d33, s33 and relative_permittivity; area, thickness, layers (a stack); modal_mass
+            - material, or d31, s11 and relative_permittivity; length, width, thickness (a plate); modal_mass
+            - open_circuit_voltage, acceleration, open_circuit_frequency, capacitance, capacitance_is; modal_mass, or
+              power and load_resistance
+            - resonance_frequency, antiresonance_frequency, capacitance (of the impedance); modal_mass
+
+            All in SI units, see `piezoharvest.description.figures`. Further fields of the transducer.
+
+        Raises
+        ------
+        ParameterError
+            A figure is missing, not allowed, or contradicts the others.
+
+        Examples
+        --------
+        >>> stack = Transducer.from_datasheet(free_stroke=15e-6, blocking_force=900.0, voltage=100.0, quality=30.0,
+        ...                                   capacitance=1.5e-6, capacitance_is="clamped", modal_mass=2e-3)
+        >>> stack.stiffness, stack.coupling
+        (60000000.0, 9.0)
+        """
+        return cls._from(*data_sheet(figures))
+
+    @classmethod
+    def _from(cls, kind: type[Figures], figures: dict[str, Any]) -> Transducer:
+        """Transducer from figures of one kind, which are taken out of the keywords."""
+        own = {field.name for field in dataclasses.fields(kind)}
+        missing = [
+            field.name for field in dataclasses.fields(kind)
+            if field.default is dataclasses.MISSING and field.name not in figures
+        ]  # fmt: skip
+        if missing:
+            raise ParameterError(missing[0], f"missing figure, needed beside {', '.join(sorted(own & set(figures)))}")
+        found = kind(**{key: value for key, value in figures.items() if key in own}).lumped()
+        return cls(**{**found._asdict(), **{key: value for key, value in figures.items() if key not in own}})
 
     @property
     def all_modes(self) -> tuple[Mode, ...]:

@@ -1,7 +1,7 @@
-"""Catalogue of transducers from data sheets and papers: one TOML file each, named by the file.
+"""Catalogue of transducers from data sheets and papers, and of materials: one TOML file each, named by the file.
 
 A file holds `name`, `source` and `note` (values read, values derived and how) and a [transducer] table with the
-same keys as in a study.
+same keys as in a study; those in `materials/` a [material] table.
 """
 
 from __future__ import annotations
@@ -18,6 +18,26 @@ def names() -> tuple[str, ...]:
     """Names of all entries."""
     files = (file.name for file in resources.files(__name__).iterdir())
     return tuple(sorted(name.removesuffix(_SUFFIX) for name in files if name.endswith(_SUFFIX)))
+
+
+def materials() -> tuple[str, ...]:
+    """Names of all materials."""
+    files = (file.name for file in resources.files(__name__).joinpath("materials").iterdir())
+    return tuple(sorted(name.removesuffix(_SUFFIX) for name in files if name.endswith(_SUFFIX)))
+
+
+def material(name: str) -> dict[str, Any]:
+    """Content of a material's file: name, source, note and the table `material` (SI units).
+
+    Raises
+    ------
+    KeyError
+        There is no such material.
+    """
+    if name not in materials():
+        raise KeyError(name)
+    file = resources.files(__name__).joinpath("materials", name + _SUFFIX)
+    return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
 def entry(name: str) -> dict[str, Any]:

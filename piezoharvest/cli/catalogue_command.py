@@ -1,0 +1,68 @@
+"""`piezoharvest catalogue`: the transducers and materials that come with the package."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from piezoharvest.cli import tables
+from piezoharvest.cli.commands import note
+from piezoharvest.description import catalogue
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.study import build_transducer, unknown
+
+_VALUES = ("mass", "damping", "stiffness", "coupling", "capacitance")
+# Constants of a material: header and unit.
+_CONSTANTS = {"d33": "C/N", "d31": "C/N", "s33": "m^2/N", "s11": "m^2/N", "relative_permittivity": "",
+              "density": "kg/m^3"}  # fmt: skip
+
+
+def show(name: str | None, *, as_json: bool) -> int:
+    """Print all entries in a line each, or one entry with its source and values."""
+    if name is None:
+        entries = [_transducer(entry) for entry in catalogue.names()]
+        materials = [catalogue.material(material) | {"key": material} for material in catalogue.materials()]
+        if as_json:
+            tables.print_json({"transducers": entries, "materials": materials})
+        else:
+            tables.print_catalogue(entries, materials)
+            note("`piezoharvest catalogue NAME` shows one of them with its source")
+        return 0
+    found = _one(name)
+    if as_json:
+        tables.print_json(found)
+    else:
+        tables.print_entry(found)
+    return 0
+
+
+def _one(name: str) -> dict[str, Any]:
+    """A transducer or a material of the catalogue."""
+    if name in catalogue.names():
+        return _transducer(name)
+    if name in catalogue.materials():
+        found = catalogue.material(name)
+        units = {key: {"value": value, "unit": _CONSTANTS[key]} for key, value in found["material"].items()}
+        return {"key": name, "name": found["name"], "source": found["source"], "note": found["note"], "values": units}
+    wrong = unknown("NAME", name, (*catalogue.names(), *catalogue.materials()))
+    raise ParameterError("catalogue", wrong.message)
+
+
+def _transducer(name: str) -> dict[str, Any]:
+    """A transducer of the catalogue with its values, resonances and coupling."""
+    entry, transducer = catalogue.entry(name), build_transducer({"catalogue": name})
+    units = {field: transducer.__dataclass_fields__[field].metadata["unit"] for field in _VALUES}
+    squared = transducer.coupling_squared
+    return {
+        "key": name,
+        "name": entry["name"],
+        "source": entry["source"],
+        "note": entry["note"].strip(),
+        "values": {field: {"value": getattr(transducer, field), "unit": units[field]} for field in _VALUES}
+        | {
+            "short_circuit_frequency": {"value": transducer.short_circuit_frequency, "unit": "Hz"},
+            "open_circuit_frequency": {"value": transducer.open_circuit_frequency, "unit": "Hz"},
+            "coupling_factor": {"value": (squared / (1 + squared)) ** 0.5, "unit": ""},
+        },
+        "modes": 1 + len(transducer.modes),
+        "assumptions": list(transducer.assumptions),
+    }
