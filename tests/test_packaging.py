@@ -44,6 +44,19 @@ def test_what_is_imported_is_declared():
     assert missing == set()
 
 
+def test_type_checkers_see_every_public_name():
+    """The stub names what the package loads lazily, each from where it is loaded, and nothing else."""
+    stub = ast.parse((Path(piezoharvest.__file__).parent / "__init__.pyi").read_text())
+    homes, exported = {}, []
+    for node in stub.body:
+        if isinstance(node, ast.ImportFrom):
+            homes |= {alias.name: (node.module or "").removeprefix("piezoharvest.") for alias in node.names}
+        elif isinstance(node, ast.Assign):
+            exported = ast.literal_eval(node.value)
+    assert homes == piezoharvest._HOME
+    assert exported == [*piezoharvest.__all__, "__version__"]
+
+
 def test_lowest_versions_are_the_bounds():
     wanted = {dependency.replace(">=", "==") for dependency in (*DEPENDENCIES, *TEST)}
     lines = (ROOT / ".ci" / "lowest.txt").read_text().splitlines()

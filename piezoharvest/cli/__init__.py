@@ -1,7 +1,8 @@
 """The command line: `piezoharvest simulate | design | sweep | measure | identify | diagnose | plan | export | import`.
 
 Beside these there are `catalogue` and `demo`. typer only parses the arguments; each command returns the work to be
-done, which `main` runs. Exit status: 0 done; 1 done, but the result is unreliable; 2 bad input; 130 interrupted, 143 terminated.
+done, which `main` runs. Exit status: 0 done; 1 done, but the result is unreliable; 2 bad input; 130 interrupted, 143
+terminated.
 """
 
 from __future__ import annotations

@@ -65,7 +65,7 @@ class OpenCircuit(Figures):
 
     def _mass_of_power(self) -> float:
         """Mass in kg at which the resistor takes the power: the more mass, the stiffer a source is the transducer."""
-        from scipy.optimize import brentq
+        from scipy.optimize import root_scalar
 
         wanted = self.power or 0.0
         omega = 2 * math.pi * self.open_circuit_frequency
@@ -78,7 +78,11 @@ class OpenCircuit(Figures):
                 f"found {wanted:g}, allowed with this voltage, capacitance and load is less than {most:.3g} W (peak "
                 "values are amplitudes, power is a mean)",
             )
-        return math.exp(brentq(lambda mass: self._power(math.exp(mass)) - wanted, low, high, xtol=1e-14, rtol=1e-14))
+
+        def excess(mass: float) -> float:
+            return self._power(math.exp(mass)) - wanted
+
+        return math.exp(root_scalar(excess, bracket=(low, high), xtol=1e-14, rtol=1e-14).root)
 
     def _power(self, mass: float) -> float:
         """Mean power in W in the load at a mass in kg: a voltage source behind the port's impedance, force removed."""
