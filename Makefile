@@ -17,6 +17,7 @@ BIN := .venv/bin
 
 # Tests through which the package meets its dependencies, without those that take long.
 MEETING := tests/test_cli.py tests/test_study.py tests/test_linear.py tests/test_packaging.py tests/records tests/report \
+	--ignore tests/records/test_record_memory.py --ignore tests/report/test_report_pages.py \
 	tests/sweep/test_sweep_input.py tests/sweep/test_sweep_plan.py tests/sweep/test_sweep_results.py \
 	tests/sweep/test_sweep_dask.py tests/identify/test_identify_cli.py tests/identify/test_loops.py \
 	tests/engine/test_vector.py

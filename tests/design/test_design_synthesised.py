@@ -177,6 +177,7 @@ def test_design_ranks_it_first_in_parts_of_the_series(run, monkeypatch):
     assert entry["restrictions"][-1]["harvested_power"] == pytest.approx(entry["harvested_power"], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_damps_better_than_a_coil_and_resistor(run, monkeypatch):
     monkeypatch.setattr("piezoharvest.design.synthesis.synthesis.ORDERS", (1,))
     result = run(BENCH, 50.3, objective="damping", band=BAND, candidates=("synthesised", "series_rl"), order=3)

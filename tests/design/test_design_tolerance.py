@@ -379,6 +379,7 @@ def test_without_width_it_is_the_nominal_design(host, run):
         assert case.gap in (None, 0.0)
 
 
+@pytest.mark.slow
 def test_best_in_the_worst_case_in_a_band(host, run):
     """Its worst case is better than the nominal design's, and than that of 60 designs around it."""
     transducer, tolerance = host(0.05, 60), Tolerance(stiffness=0.03, capacitance=0.1)

@@ -94,7 +94,7 @@ CREEP = {"creep": {"compliance_ratio": 0.02, "time_constant": 0.8}}
             marks=pytest.mark.slow,
             id="electrodes released from a short while a relaxation is under way",
         ),
-        pytest.param(CREEP, BEFORE, False, id="creep under way"),
+        pytest.param(CREEP, BEFORE, False, id="creep under way", marks=pytest.mark.slow),
         pytest.param({}, BEFORE, True, id="healthy, electrodes released from a short"),
     ],
 )

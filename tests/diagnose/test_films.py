@@ -70,6 +70,7 @@ def test_the_zero_of_a_meter_is_no_current(tmp_path):
     assert told.before.offsets == ("displacement", "voltage")
 
 
+@pytest.mark.slow
 def test_a_current_into_the_node_is_no_zero_of_the_meter(tmp_path):
     current = 1e-8
     off = tuple(current / (1.0 / load + 1.0 / METER) for load in films.LOADS)

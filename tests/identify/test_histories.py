@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from identify_runs import RECORDS, STACK
+from selection import with_slow
 
 from piezoharvest.bench import measure, write_campaign
 from piezoharvest.identify import identify
@@ -67,7 +68,7 @@ def test_stops_that_a_preload_has_left_within_their_range_are_found(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("before", "looked"), [(0, False), (523, True), pytest.param(671, True, marks=pytest.mark.slow)]
+    ("before", "looked"), with_slow([(0, False), (523, True), (671, True)], slow=lambda before, looked: looked)
 )
 def test_wherever_records_begin_they_are_explained(before, looked, tmp_path, monkeypatch):
     """Histories are looked for only where the beginning of a record leaves more than noise."""

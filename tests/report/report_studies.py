@@ -1,8 +1,10 @@
 """Small studies and their reports, each written once for a run of the tests."""
 
 import dataclasses
+import re
 import tempfile
 from functools import cache
+from html.parser import HTMLParser
 from pathlib import Path
 
 from piezoharvest.design import design
@@ -74,3 +76,30 @@ def untrusted_report():
 
 def _failed(response, message, **changes):
     return dataclasses.replace(response, converged=False, message=message, **changes)
+
+
+class Page(HTMLParser):
+    """Elements of a page with their attributes, and its text."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.source = path.read_text(encoding="utf-8")
+        self.tags, self.texts = [], []
+        self.feed(self.source)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.texts.append(data)
+
+    @property
+    def text(self):
+        return re.sub(r"\s+", " ", " ".join(self.texts))
+
+    def all(self, tag):
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+def pictures(path):
+    return {file.name for file in path.parent.glob("*.png")}

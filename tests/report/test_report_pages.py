@@ -3,105 +3,12 @@
 import dataclasses
 import re
 import shutil
-from html.parser import HTMLParser
 
-import matplotlib.image
-import numpy as np
 import pytest
-from report_studies import TITLE, designed, report, untrusted_report
-from selection import with_slow
+from report_studies import Page, designed, pictures, report, untrusted_report
 
 from piezoharvest.output import OutputError
 from piezoharvest.report import gallery, write_report
-
-ALWAYS = {"energy.png", "bode.png"}
-FIGURES = {
-    "bench": {"power-load.png", "power-frequency.png", "damping.png"},
-    "stack": {"power-load.png", "power-frequency.png", "damping.png", "hysteresis.png"},
-    "bridge on a stack": {"power-load.png", "power-frequency.png", "damping.png", "hysteresis.png"},
-    "band": {"power-load.png", "power-frequency.png", "damping.png"},
-    "bridge over a band": {"power-load.png", "power-frequency.png", "damping.png"},
-    "step": {"power-load.png", "damping.png"},
-    "noise": {"power-load.png", "damping.png"},
-}
-
-
-class Page(HTMLParser):
-    """Elements of a page with their attributes, and its text."""
-
-    def __init__(self, path):
-        super().__init__()
-        self.source = path.read_text(encoding="utf-8")
-        self.tags, self.texts = [], []
-        self.feed(self.source)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-
-    def handle_data(self, data):
-        self.texts.append(data)
-
-    @property
-    def text(self):
-        return re.sub(r"\s+", " ", " ".join(self.texts))
-
-    def all(self, tag):
-        return [attributes for name, attributes in self.tags if name == tag]
-
-
-def pictures(path):
-    return {file.name for file in path.parent.glob("*.png")}
-
-
-@pytest.mark.parametrize("name", with_slow(FIGURES, slow=lambda name: name != "band"))
-class TestEveryReport:
-    def test_figures_lie_beside_the_page(self, name):
-        found = pictures(report(name))
-        assert {file for file in found if not file.startswith("waveforms-")} == ALWAYS | FIGURES[name]
-        assert any(file.startswith("waveforms-1-") for file in found)
-
-    def test_figures_show_something(self, name):
-        for file in report(name).parent.glob("*.png"):
-            image = matplotlib.image.imread(file)[..., :3]
-            height, width, _ = image.shape
-            assert width > 1000, file
-            assert height > 250, file
-            assert np.std(image) > 0.05, file
-            # Nothing is cut off: the outermost pixels are paper, but for lines that end at the edge of the axes.
-            edges = np.concatenate((image[0], image[-1], image[:, 0]))
-            assert np.min(edges) == 1.0, file
-
-    def test_page_holds_every_figure_once(self, name):
-        page = Page(report(name))
-        named = [attributes["id"] for attributes in page.all("figure")]
-        assert {f"{figure.removeprefix('figure-')}.png" for figure in named} == pictures(report(name))
-        assert len(page.all("svg")) == len(named)
-        assert all(svg["aria-label"] for svg in page.all("svg"))
-        numbers = [int(n) for n in re.findall(r"Figure (\d+)\.", page.text)]
-        assert numbers == list(range(1, len(named) + 1))
-
-    def test_page_stands_alone(self, name):
-        page = Page(report(name))
-        assert "http" not in page.source
-        assert "url(//" not in page.source
-        assert not page.all("script")
-        links = [value for _, attributes in page.tags for key, value in attributes.items() if key in ("src", "href")]
-        assert all(link.startswith(("#", "data:")) for link in links)
-        ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
-        inner = set(re.findall(r'(?:href="#|url\(#)([^")]+)', page.source))
-        assert inner <= set(ids)
-        svg_free = re.sub(r"<svg.*?</svg>", "", page.source, flags=re.S)
-        ids = re.findall(r'\bid="([^"]+)"', svg_free)
-        assert len(ids) == len(set(ids))
-
-    def test_title_and_ranking(self, name):
-        page, (_, result) = Page(report(name)), designed(name)
-        assert TITLE in page.text
-        assert "<beam>" not in page.source
-        rows = [row for row in page.all("tr") if "data-kind" in row]
-        assert [row["data-kind"] for row in rows] == [c.shunt.kind for c in result.candidates]
-        assert all(row["data-converged"] == "true" for row in rows)
-        assert "not converged" not in page.text
 
 
 class TestContents:
@@ -139,6 +46,7 @@ class TestContents:
         assert "From rest." in page
         assert "under the step force of the study" in page
 
+    @pytest.mark.slow
     def test_noise_has_the_power_that_it_brings_in(self):
         """S m^2/(4 m) = 0.1 * 0.01/4 = 250 uW, whatever the shunt."""
         assert "250 µW" in Page(report("noise")).text
