@@ -138,7 +138,8 @@ def run_design(study: Study, *, as_json: bool, report: Path | None) -> DesignRes
     if as_json:
         tables.print_json(result.as_json())
     else:
-        tables.print_design(study.title, result.as_json())
+        damping = study.design is not None and study.design.objective == "damping"
+        tables.print_design(study.title, result.as_json(), damping=damping)
     if report is not None:
         from piezoharvest.report import write_report
 

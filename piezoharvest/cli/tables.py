@@ -95,18 +95,27 @@ def print_intervals(shunts: Sequence[str], spread: Sequence[Mapping[str, Any] | 
     _print_table(f"over {rows[0][1]['samples']} draws of the specimen", "quantile", names, columns, trusted)
 
 
-def print_design(title: str, result: Mapping[str, Any]) -> None:
-    """Print the candidates of a design, best first, and the bound as the last row."""
+def percent(share: float | None) -> float | None:
+    """A share in percent."""
+    return None if share is None else 100 * share
+
+
+def print_design(title: str, result: Mapping[str, Any], *, damping: bool) -> None:
+    """Print the candidates of a design, best first, and the bound as the last row.
+
+    Of a design for `damping` alone the power is not shown, of one for power alone not the damping that is added.
+    """
     rows = [*result["candidates"], {"shunt": {"kind": "bound"}, "converged": True, **result["bound"]}]
     scheduled = Column("with schedule", "W", [row.get("scheduled_power") for row in rows])
     errors = [row.get("harvested_power_standard_error") for row in rows]
     frequencies = [row.get("frequency") for row in rows]
     columns = [
         *([Column("best frequency", "Hz", frequencies)] if any(frequencies) else []),
-        Column("harvested power", "W", [row.get("harvested_power") for row in rows]),
-        *([Column("standard error", "W", errors)] if any(errors) else []),
+        *([] if damping else [Column("harvested power", "W", [row.get("harvested_power") for row in rows])]),
+        *([Column("standard error", "W", errors)] if any(errors) and not damping else []),
         *([scheduled] if any(row.get("scheduled_power") is not None for row in rows) else []),
         Column("attenu- ation", "dB", [row.get("attenuation_db") for row in rows]),
+        *([Column("added damping", "%", [percent(row.get("added_damping")) for row in rows])] if damping else []),
         Column("gap to bound", "", [row.get("gap_to_bound") for row in rows]),
         *_parts_columns([row.get("parts") for row in rows]),
         *_worst_columns([row.get("worst_case") for row in rows]),
@@ -259,6 +268,7 @@ class Column:
         power = 0 if unit in ("%", "dB", "") else _power(max(finite, default=0.0))
         self.header = [*name.split(), *([_PREFIXES[power] + unit] if unit else [])]
         self.cells = [_cell(value, 10.0**power) for value in values]
+        self.tells = any(finite)  # a column of zeros, as of the power of circuits without a load, is left out
 
 
 def _power(largest: float) -> int:
@@ -290,6 +300,7 @@ def _print_table(
 
     table = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
     table.collapse_padding = True
+    columns = [column for column in columns if column.tells] or list(columns)
     height = max(len(column.header) for column in columns)
     below = "\n" * (height - 1)
     table.add_column(below + corner, no_wrap=True)

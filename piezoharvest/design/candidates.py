@@ -10,6 +10,7 @@ import numpy as np
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt, Shunt
 from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.design.added_damping import added_damping
 from piezoharvest.design.drafts import Draft, harvests
 from piezoharvest.design.goal import Goal, largest_inductance
 from piezoharvest.design.linear_view import LinearView
@@ -93,6 +94,7 @@ class CandidateMaker:
         found = Candidate(
             shunt=shunt, parts=parts, harvested_power=figures.harvested_power, attenuation_db=figures.attenuation_db,
             displacement_amplitude=figures.displacement_amplitude, voltage_amplitude=figures.voltage_amplitude,
+            added_damping=added_damping(figures.response, self.view.transducer, self.operation.excitation),
             converged=figures.converged, standard_error=figures.standard_error, violates=violates,
             start=tuned.start, method=tuned.method,
             iterations=tuned.iterations, response=figures.response,

@@ -93,6 +93,9 @@ class Candidate:
         the harvested power, W.
     scheduled_power : float or None
         W, mean over the band with the schedule.
+    added_damping : float or None
+        Viscous damping ratio of the mode that takes as much energy a period as the shunt does, at the displacement
+        amplitude simulated: for a sine on a single mode, else None.
     parts : PartsChoice or None
         Parts of the shunt, where they are rounded to a series.
     restrictions : tuple of mapping or None
@@ -116,6 +119,7 @@ class Candidate:
     frequency: float | None = None
     standard_error: float | None = None
     gap_to_bound: float | None = None
+    added_damping: float | None = None
     schedule: tuple[Mapping[str, float], ...] | None = None
     scheduled_power: float | None = None
     parts: PartsChoice | None = None
@@ -130,7 +134,7 @@ class Candidate:
 
     def as_json(self) -> dict[str, Any]:
         """Candidate as a table of the JSON output."""
-        names = ("frequency", "harvested_power", "attenuation_db", "gap_to_bound", "converged",
+        names = ("frequency", "harvested_power", "attenuation_db", "added_damping", "gap_to_bound", "converged",
                  "displacement_amplitude", "voltage_amplitude", "violates", "start", "method", "iterations",
                  "scheduled_power")  # fmt: skip
         values = {name: getattr(self, name) for name in names}

@@ -63,6 +63,16 @@ def test_resistor_in_weak_coupling(host, run):
     assert best.converged and best.feasible
 
 
+def test_a_resistor_adds_the_damping_of_its_formula(host, run):
+    """A resistor takes as much of the motion as a damper of T^2 R/(1 + (w R C)^2)."""
+    transducer = host(0.1, 50)
+    best = run(transducer, 52.0, objective="damping", candidates=("resistor",)).best
+    load, w = best.shunt.resistance, 2 * np.pi * 52.0
+    damper = transducer.coupling**2 * load / (1 + (w * load * transducer.capacitance) ** 2)
+    ratio = damper / (2 * np.sqrt(transducer.stiffness * transducer.mass))
+    assert best.added_damping == pytest.approx(ratio, rel=1e-9)
+
+
 @pytest.mark.parametrize("frequency", [49.0, 52.0, 55.0])
 def test_resistor_in_strong_coupling(host, run, frequency):
     """At one frequency the best load is as large as the impedance of the leads."""

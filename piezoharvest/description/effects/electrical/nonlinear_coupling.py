@@ -19,7 +19,7 @@ class NonlinearCoupling(Effect):
         "the voltage has a second harmonic and grows faster or slower than the force while the displacement does not"
     )
     told_by: ClassVar[str] = (
-        "two preloads at one amplitude: a capacitance that depends on the voltage gives odd harmonics only"
+        "records at two preloads: this coupling changes with the preload, a voltage-dependent capacitance does not"
     )
 
     quadratic_coupling: float = quantity("C/m^2", "T2", null=0.0)

@@ -1,0 +1,29 @@
+"""Damping that a shunt adds to a mode, as vibration engineers give it."""
+
+from __future__ import annotations
+
+import math
+
+from piezoharvest.description.excitation import Excitation
+from piezoharvest.description.transducer import Transducer
+from piezoharvest.engine.response import Response
+
+
+def added_damping(response: Response | None, transducer: Transducer, excitation: Excitation) -> float | None:
+    """Viscous damping ratio that takes as much energy a period as the shunt does, dE/(2 pi w sqrt(k m) x^2).
+
+    A damper b takes pi b w x^2 of a sine of amplitude x (Den Hartog, Mechanical Vibrations, 4th ed. 1956, section 2.8);
+    its ratio is b/(2 sqrt(k m)). None but for a sine on a single mode that moves.
+
+    Parameters
+    ----------
+    response : Response or None
+        Steady state.
+    transducer : Transducer
+    excitation : Excitation
+    """
+    if response is None or excitation.size is None or transducer.modes or not response.displacement_amplitude > 0:
+        return None
+    taken = response.energy["harvested"] + response.energy["shunt_loss"] - response.energy.get("source", 0.0)
+    impedance = 2 * math.pi / response.period * math.sqrt(transducer.stiffness * transducer.mass)
+    return float(taken / (2 * math.pi * impedance * response.displacement_amplitude**2))
