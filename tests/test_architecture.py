@@ -14,7 +14,7 @@ ROOT = Path(piezoharvest.__file__).parent
 # From the bottom to the top; what stands in one line does not know of each other. A folder stands for all in it; the
 # front of a package, its `__init__`, above all its parts.
 LAYERS = [
-    {"callable_package", "former_names", "input", "description.circuit", "description.parameters"},
+    {"callable_package", "former_names", "input", "notebook", "description.circuit", "description.parameters"},
     {"readers"},
     {"description.excitation", "description.hysteresis", "description.netlist"},
     {"description.spice_language"},
@@ -81,7 +81,8 @@ RANK = {name: rank for rank, layer in enumerate(LAYERS) for name in layer}
 ONLY = {
     "numba": {"engine", "predict"},
     "scipy.integrate": {"engine"},
-    "matplotlib": {"report"},
+    "matplotlib": {"report", "notebook"},
+    "pandas": {"notebook"},
     "jinja2": {"report"},
     "dask": {"sweep"},
     "distributed": {"sweep"},

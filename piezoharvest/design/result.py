@@ -13,6 +13,7 @@ from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.front.point import Front, FrontPoint, overall
 from piezoharvest.design.parts.choice import PartsChoice
 from piezoharvest.design.robust.worst import RobustCase
+from piezoharvest.notebook import Shown, axes_for
 
 if TYPE_CHECKING:
     from piezoharvest.engine.response import Response
@@ -147,8 +148,8 @@ class Candidate:
         return {"shunt": shunt_table(self.shunt), **values, **more}
 
 
-@dataclass(frozen=True, kw_only=True)
-class DesignResult:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class DesignResult(Shown):
     """Outcome of a design.
 
     Attributes
@@ -166,6 +167,42 @@ class DesignResult:
     bound: Bound = Bound()
     fronts: tuple[Front, ...] = ()
     notes: tuple[str, ...] = ()
+
+    @property
+    def heading(self) -> str:
+        """The best candidate."""
+        best = self.best
+        words = f"{best.harvested_power:.4g} W, {best.attenuation_db:.4g} dB"
+        return f"best of {len(self.candidates)}: {best.shunt.kind}, {words}"
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """The candidates, best first."""
+        names = ("harvested_power", "attenuation_db", "added_damping", "gap_to_bound", "converged")
+        return [
+            {"kind": found.shunt.kind, **{name: getattr(found, name) for name in names}} for found in self.candidates
+        ]
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the power of each candidate over its attenuation, with the bounds, into axes of matplotlib.
+
+        Returns
+        -------
+        Axes
+        """
+        (axes,) = axes_for(ax)
+        for found in self.candidates:
+            marker = "o" if found.converged and found.feasible else "x"
+            axes.plot([found.attenuation_db], [found.harvested_power], marker, label=found.shunt.kind)
+        if self.bound.harvested_power is not None:
+            axes.axhline(
+                self.bound.harvested_power, linestyle="--", color="0.4", label="bound of passive linear shunts"
+            )
+        if self.bound.attenuation_db is not None:
+            axes.axvline(self.bound.attenuation_db, linestyle="--", color="0.4", label="bound of passive linear shunts")
+        axes.set(xlabel="attenuation in dB", ylabel="harvested power in W")
+        axes.legend()
+        return axes
 
     @property
     def best(self) -> Candidate:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -53,6 +54,7 @@ from piezoharvest.identify.identification import (
 from piezoharvest.identify.saving import save
 from piezoharvest.identify.start_values.quasi_static import as_quasi_static
 from piezoharvest.identify.threads import single_threaded
+from piezoharvest.notebook import Shown, axes_for
 from piezoharvest.predict.parameters import value_at
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.campaign import Campaign
@@ -85,8 +87,8 @@ class Named:
     spoils: bool
 
 
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(Shown):
     """Result of a diagnosis.
 
     Attributes
@@ -141,6 +143,41 @@ class Diagnosis:
     deviating: tuple[Estimate, ...] = ()
     unpredicted: tuple[str, ...] = ()
     discovery: tuple[Discovery, ...] = ()
+
+    @property
+    def heading(self) -> str:
+        """The verdict and the effects."""
+        found = [named.effect.name for named in self.effects]
+        return f"{self.verdict}{': ' + ', '.join(found) if found else ''}"
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """The parameters of the effects, one a row."""
+        return [
+            {"effect": named.effect.name, "parameter": name, "value": value, "std": std, "unit": unit,
+             "gain": named.gain, "p_value": named.p_value}
+            for named in self.effects
+            for name, (value, std, unit) in named.values.items()
+        ]  # fmt: skip
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the validation error over the noise of each channel, before and after, into axes of matplotlib.
+
+        Returns
+        -------
+        Axes
+        """
+        (axes,) = axes_for(ax)
+        before, after = self.validation_before, self.validation_after
+        channels = [name for name in before.rms if after.rms.get(name) and before.noise.get(name)]
+        for offset, (label, quality) in enumerate((("before", before), ("after", after))):
+            heights = [quality.rms[name] / quality.noise[name] for name in channels]
+            axes.bar([n + 0.4 * offset - 0.2 for n in range(len(channels))], heights, width=0.4, label=label)
+        axes.axhline(1.0, color="0.4", linestyle="--", label="noise")
+        axes.set_xticks(range(len(channels)), channels)
+        axes.set(ylabel="rms of the error over that of the noise", yscale="log")
+        axes.legend()
+        return axes
 
     @property
     def extended(self) -> bool:

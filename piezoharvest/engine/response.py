@@ -9,6 +9,16 @@ import numpy as np
 
 from piezoharvest.description.excitation import Excitation, SineBase, SineForce
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.notebook import Shown, axes_for, frame
+
+# Figures of a response with their units, as notebooks show them.
+_FIGURES = {
+    "harvested_power": "W", "mechanical_power": "W", "efficiency": "", "figure_of_merit": "",
+    "displacement_amplitude": "m", "voltage_amplitude": "V", "dc_voltage": "V", "attenuation_db": "dB", "period": "s",
+    "displacement_rms": "m",
+}  # fmt: skip
+_SIGNALS = ("drive", "displacement", "velocity", "voltage", "current", "charge", "hysteresis_voltage", "dc_voltage",
+            "acceleration")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +74,8 @@ class Waveforms:
         )
 
 
-@dataclass(frozen=True)
-class Response:
+@dataclass(frozen=True, repr=False)
+class Response(Shown):
     """Outcome of one simulation: averages over one period, or over the whole of a transient.
 
     Attributes
@@ -124,6 +134,51 @@ class Response:
     displacement_rms: float | None = None
     standard_error: dict[str, float] | None = None
     figure_of_merit: float = float("nan")
+
+    @property
+    def heading(self) -> str:
+        """Kind of the shunt, power, displacement, and whether to trust them."""
+        trusted = "converged" if self.converged else f"not to be trusted: {self.message or 'did not converge'}"
+        return f"{self.shunt}, {self.harvested_power:.4g} W, {self.displacement_amplitude:.4g} m, {trusted}"
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """The figures, one a row."""
+        found = [{"figure": name, "value": getattr(self, name), "unit": unit} for name, unit in _FIGURES.items()]
+        return [row for row in found if row["value"] is not None]
+
+    def to_frame(self) -> Any:
+        """Waveforms as a `pandas.DataFrame` over the time in s; the figures where there are none."""
+        if self.waveforms is None:
+            return super().to_frame()
+        signals = {name: getattr(self.waveforms, name) for name in _SIGNALS}
+        return frame(signals, index=frame({"time": self.waveforms.time}).set_index("time").index)
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the voltages over time into axes of matplotlib, or, in a new figure, the displacement above them.
+
+        Returns
+        -------
+        Axes or list of Axes
+            The axes given, or those of the new figure.
+
+        Raises
+        ------
+        ValueError
+            The response has no waveforms.
+        """
+        if self.waveforms is None:
+            raise ValueError("this response has no waveforms to plot")
+        waveforms, axes = self.waveforms, axes_for(ax, 2, sharex=True)
+        if ax is None:
+            axes[0].plot(waveforms.time, waveforms.displacement)
+            axes[0].set_ylabel("displacement in m")
+        axes[-1].plot(waveforms.time, waveforms.voltage, label="electrodes")
+        if np.any(waveforms.dc_voltage):
+            axes[-1].plot(waveforms.time, waveforms.dc_voltage, label="behind the bridge")
+            axes[-1].legend()
+        axes[-1].set(xlabel="time in s", ylabel="voltage in V")
+        return ax if ax is not None else axes
 
     @property
     def efficiency(self) -> float:

@@ -6,12 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import INERT, Transducer
+from piezoharvest.identify.confidence import confidence_region, correlations
 from piezoharvest.identify.fitting.coupling_signs import with_known_signs
 from piezoharvest.identify.fitting.data import Data, data_of
 from piezoharvest.identify.fitting.evaluation import map_records
@@ -24,7 +25,7 @@ from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, n
 from piezoharvest.identify.identifiability import assumed, combination, experiment, uncertain, undetermined
 from piezoharvest.identify.noise.noise_gain import gain_of
 from piezoharvest.identify.noise.noise_model import Noise
-from piezoharvest.identify.saving import save
+from piezoharvest.identify.saving import save, specimen_of
 from piezoharvest.identify.start_values.away_from_jumps import fit_past_jumps
 from piezoharvest.identify.start_values.initial_hysteresis_state import (
     fit_nuisance,
@@ -44,10 +45,12 @@ from piezoharvest.identify.start_values.quasi_static import (
     resonance_above_nyquist,
 )
 from piezoharvest.identify.threads import single_threaded
+from piezoharvest.notebook import Shown, axes_for
 from piezoharvest.predict.parameters import Parameter, is_of_circuit, parameters_of, value_at
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.errors import CampaignError
+from piezoharvest.records.finding import counted
 from piezoharvest.records.record import FrequencyRecord, Record
 
 Progress = Callable[[str], None]
@@ -130,8 +133,8 @@ class RecordQuality:
     missed: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class Identification:
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(Shown):
     """A campaign's parameters.
 
     Attributes
@@ -169,6 +172,70 @@ class Identification:
     def save(self, path: str | Path) -> None:
         """Write the specimen file, which a study takes by `transducer = "FILE"`; raises `OutputError`."""
         save(self.found, self.estimates, self.campaign, path, command="identify", trusted=not self.doubts)
+
+    @property
+    def heading(self) -> str:
+        """How many parameters of how many records, and whether to trust them."""
+        known = sum(estimate.identifiable for estimate in self.estimates)
+        trusted = f"not to be trusted: {'; '.join(self.doubts)}" if self.doubts else "converged"
+        return f"{known} of {len(self.estimates)} parameters from {counted(len(self.records), 'record')}, {trusted}"
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """The parameters, one a row."""
+        return [
+            {"parameter": e.parameter.name, "value": e.value, "std": e.std, "unit": e.parameter.unit,
+             "nominal": e.nominal, "identifiable": e.identifiable}
+            for e in self.estimates
+        ]  # fmt: skip
+
+    def correlations(self) -> tuple[tuple[str, ...], np.ndarray]:
+        """Names of the parameters that the records determine, and the correlations of their errors, (n, n) array."""
+        return correlations(specimen_of(self.found, self.estimates, self.campaign))
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the parameters over their nominal values, with two standard errors, into axes of matplotlib.
+
+        Returns
+        -------
+        Axes
+        """
+        (axes,) = axes_for(ax)
+        shown = [e for e in self.estimates if e.identifiable and e.nominal and e.std is not None]
+        ratios = [e.value / e.nominal for e in shown]
+        errors = [2 * (e.std or 0.0) / abs(e.nominal) for e in shown]
+        axes.errorbar(ratios, range(len(shown)), xerr=errors, fmt="o", capsize=3)
+        axes.axvline(1.0, color="0.6", linewidth=0.8)
+        axes.set_yticks(range(len(shown)), [e.parameter.name for e in shown])
+        axes.set(xlabel="identified over nominal value, two standard errors")
+        return axes
+
+    def plot_confidence(self, first: str, second: str, ax: Any = None) -> Any:
+        """Draw the region of 95 % of two parameters, an ellipse about their values, into axes of matplotlib.
+
+        Parameters
+        ----------
+        first, second : str
+            Names as in `correlations`.
+        ax : Axes, optional
+
+        Returns
+        -------
+        Axes
+
+        Raises
+        ------
+        ValueError
+            The records do not determine a parameter of such a name.
+        """
+        specimen = specimen_of(self.found, self.estimates, self.campaign)
+        x, y = confidence_region(specimen, first, second)
+        units = {estimate.parameter.name: estimate.parameter.unit for estimate in self.estimates}
+        (axes,) = axes_for(ax)
+        axes.plot(x, y)
+        axes.plot(specimen.values[first], specimen.values[second], "o")
+        axes.set(xlabel=f"{first} in {units.get(first, '')}", ylabel=f"{second} in {units.get(second, '')}")
+        return axes
 
     @property
     def doubts(self) -> tuple[str, ...]:

@@ -1,0 +1,101 @@
+"""Results as notebooks show them: a short text, a table, a frame, axes."""
+
+import dataclasses
+
+import matplotlib
+import numpy as np
+import pytest
+
+from piezoharvest import DesignOptions, ParallelSSHI, SineForce, Study, System, Transducer, design, simulate
+from piezoharvest.design.result import DesignResult
+from piezoharvest.identify.confidence import confidence_region, correlations
+from piezoharvest.specimen import Specimen
+
+matplotlib.use("agg")
+
+TRANSDUCER = Transducer(mass=0.01, damping=0.0628, stiffness=986.96, coupling=1e-3, capacitance=40e-9)
+FORCE = SineForce(amplitude=0.02, frequency=50.6)
+SSHI = ParallelSSHI(inductance=0.1, quality=5.0, smoothing_capacitance=1e-6, load_resistance=1e6, diode_drop=0.3)
+
+
+@pytest.fixture(scope="module")
+def response():
+    return simulate(System(TRANSDUCER, SSHI), FORCE)
+
+
+@pytest.fixture(scope="module")
+def designed() -> DesignResult:
+    options = DesignOptions(candidates=("resistor", "short"))
+    return design(Study(transducer=TRANSDUCER, excitation=FORCE, design=options))
+
+
+class TestResponse:
+    def test_text_is_a_line(self, response):
+        text = repr(response)
+        assert text.startswith("<Response: parallel_sshi, ") and "converged" in text and len(text) < 100
+
+    def test_table(self, response):
+        page = response._repr_html_()
+        assert "<td>harvested_power</td>" in page and f"<td>{response.harvested_power:.4g}</td>" in page
+
+    def test_frame_of_the_waveforms(self, response):
+        found = response.to_frame()
+        assert found.index.name == "time" and len(found) == len(response.waveforms.time)
+        assert np.array_equal(found["voltage"], response.waveforms.voltage)
+        figures = dataclasses.replace(response, waveforms=None).to_frame().set_index("figure")
+        assert figures.loc["harvested_power", "value"] == response.harvested_power
+
+    def test_plot(self, response):
+        above, below = response.plot()
+        assert np.array_equal(above.lines[0].get_ydata(), response.waveforms.displacement)
+        assert [line.get_label() for line in below.lines] == ["electrodes", "behind the bridge"]
+        given = matplotlib.figure.Figure().subplots()
+        assert response.plot(given) is given and np.array_equal(given.lines[0].get_ydata(), response.waveforms.voltage)
+        with pytest.raises(ValueError, match="no waveforms"):
+            dataclasses.replace(response, waveforms=None).plot()
+
+
+def test_a_design(designed):
+    assert repr(designed).startswith("<DesignResult: best of 2: ")
+    found = designed.to_frame()
+    assert list(found["kind"]) == [candidate.shunt.kind for candidate in designed.candidates]
+    axes = designed.plot()
+    assert designed.bound.harvested_power in [line.get_ydata()[0] for line in axes.lines]
+
+
+def test_markup_in_a_result_is_text(response):
+    assert "<b>" not in dataclasses.replace(response, shunt="<b>")._repr_html_()
+
+
+def test_without_pandas_it_is_said(response, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+    with pytest.raises(ImportError, match="to_frame needs pandas"):
+        response.to_frame()
+
+
+class TestConfidence:
+    """Against draws of the normal distribution that the covariance states."""
+
+    SPECIMEN = Specimen(
+        values={"stiffness": 1e3, "coupling": 1e-3, "mass": 0.01}, scaling=("log", "log", "log"),
+        covariance=np.array([[4.0, 1.5e-6, 0.0], [1.5e-6, 1e-12, 0.0], [0.0, 0.0, 1.0]]), transducer=TRANSDUCER,
+        lacking={"mass": "a record up to the resonance"},
+    )  # fmt: skip
+
+    def test_correlations_leave_out_what_is_not_determined(self):
+        names, found = correlations(self.SPECIMEN)
+        assert names == ("stiffness", "coupling")
+        assert found == pytest.approx(np.array([[1.0, 0.75], [0.75, 1.0]]))
+
+    def test_the_region_holds_95_of_100_draws(self):
+        x, y = confidence_region(self.SPECIMEN, "stiffness", "coupling")
+        draws = np.random.default_rng(1).multivariate_normal([1e3, 1e-3], self.SPECIMEN.covariance[:2, :2], 20_000)
+        edge = matplotlib.path.Path(np.column_stack([(x - 1e3) / 2.0, (y - 1e-3) / 1e-6]))
+        inside = edge.contains_points((draws - [1e3, 1e-3]) / [2.0, 1e-6])
+        assert np.mean(inside) == pytest.approx(
+            0.95, abs=0.006
+        )
+
+    def test_what_is_not_determined_has_none(self):
+        with pytest.raises(ValueError, match="found 'mass', the records determine stiffness, coupling"):
+            confidence_region(self.SPECIMEN, "stiffness", "mass")
