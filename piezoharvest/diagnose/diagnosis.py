@@ -170,11 +170,9 @@ class Diagnosis(Shown):
         (axes,) = axes_for(ax)
         before, after = self.validation_before, self.validation_after
         channels = [name for name in before.rms if after.rms.get(name) and before.noise.get(name)]
-        for offset, (label, quality) in enumerate((("before", before), ("after", after))):
-            heights = [quality.rms[name] / quality.noise[name] for name in channels]
-            axes.bar([n + 0.4 * offset - 0.2 for n in range(len(channels))], heights, width=0.4, label=label)
+        for label, quality, marker in (("before", before, "o"), ("after", after, "x")):
+            axes.plot(channels, [quality.rms[name] / quality.noise[name] for name in channels], marker, label=label)
         axes.axhline(1.0, color="0.4", linestyle="--", label="noise")
-        axes.set_xticks(range(len(channels)), channels)
         axes.set(ylabel="rms of the error over that of the noise", yscale="log")
         axes.legend()
         return axes
