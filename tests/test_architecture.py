@@ -66,7 +66,7 @@ LAYERS = [
     {"identify.noise", "identify.threads", "design", "sweep"},
     {"identify.frequency"},
     {"identify.fitting"},
-    {"identify.hysteresis", "identify.identifiability", "identify.saving"},
+    {"identify.confidence", "identify.hysteresis", "identify.identifiability", "identify.saving"},
     {"identify.start_values"},
     {"identify.identification"},
     {"identify.prediction_overlay"},

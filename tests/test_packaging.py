@@ -17,6 +17,7 @@ from piezoharvest.engine.compilation.compiled import TESTED
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 DEPENDENCIES, TEST = PROJECT["dependencies"], PROJECT["optional-dependencies"]["test"]
+OPTIONAL = PROJECT["optional-dependencies"]["notebook"]  # of single uses, imported where they are asked for
 
 
 def normal(name):
@@ -37,7 +38,7 @@ def imported(folder):
 
 def test_what_is_imported_is_declared():
     homes = packages_distributions()
-    declared = {normal(re.match(r"[\w.-]+", dependency)[0]) for dependency in DEPENDENCIES}
+    declared = {normal(re.match(r"[\w.-]+", dependency)[0]) for dependency in (*DEPENDENCIES, *OPTIONAL)}
     packages = imported(Path(piezoharvest.__file__).parent)
     assert {"cvxpy", "numba", "numpy"} <= packages
     missing = {name for name in packages if not declared & set(map(normal, homes[name]))}
@@ -63,7 +64,7 @@ def test_lowest_versions_are_the_bounds():
     assert [line for line in lines if not line.startswith("#")] == sorted(wanted)
 
 
-@pytest.mark.parametrize("dependency", [*DEPENDENCIES, *TEST])
+@pytest.mark.parametrize("dependency", [*DEPENDENCIES, *TEST, *OPTIONAL])
 def test_every_dependency_has_a_lower_bound_and_no_other(dependency):
     """An upper one would keep users from what is mended upstream."""
     assert re.fullmatch(r"[\w-]+>=[\d.]+", dependency)

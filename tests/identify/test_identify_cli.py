@@ -117,7 +117,7 @@ def _edited(campaign, tmp_path, old, new):
             'shunt = { kind = "sece", fit = ["quality"] }',
             r"records\.1\.shunt\.fit: found 'quality'",
         ),
-        ('unit = "V"', 'unit = "kg"', r"campaign\.toml: channels\.voltage\.unit: found 'kg'"),
+        ('unit = "V"', 'unit = "kg"', r"campaign\.toml: channels\.voltage\.unit: found the unit 'kg'"),
         ('role = "fit"', 'role = "validate"', r"campaign\.toml: records: no record has role ="),
         ("02_", "92_", r"92_.*: "),
     ],
