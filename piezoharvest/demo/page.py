@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import piezoharvest
 from piezoharvest.demo.figures import pictures
 from piezoharvest.demo.story import STEPS, Story
 from piezoharvest.diagnose.summary import sentence, values
 from piezoharvest.output import check_directory, write_text
 from piezoharvest.report.figures.pictures import place_pictures
-from piezoharvest.report.pages import NAME, page_template
+from piezoharvest.report.frame.rendering import page
+from piezoharvest.report.pages import NAME
 from piezoharvest.report.subjects import subjects_of
 from piezoharvest.report.units import NONE, engineering, kind_name, percent, response_unit, with_error
 
@@ -23,7 +23,8 @@ def write_story(story: Story, directory: Path) -> Path:
     """Write the page, last of all files in the directory, and return its path; raises `OutputError`."""
     directory = check_directory(directory, create=True)
     figures = place_pictures(pictures(story), SECTIONS, directory)
-    page = page_template("story.html.j2").render(
+    text = page(
+        "story.html.j2",
         title=story.study.title,
         answer=answer(story),
         warning="" if story.converged else "Not to be trusted: a simulation or the fit behind this did not converge.",
@@ -42,9 +43,8 @@ def write_story(story: Story, directory: Path) -> Path:
         powers=list(_powers(story)),
         steps=STEPS,
         figures=figures,
-        version=piezoharvest.__version__,
     )
-    write_text(page, directory / NAME)
+    write_text(text, directory / NAME)
     return directory / NAME
 
 

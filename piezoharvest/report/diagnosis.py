@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-import piezoharvest
 from piezoharvest.description.effects import registered
 from piezoharvest.diagnose import Diagnosis
 from piezoharvest.diagnose.residual_tests import ResidualTest, run_tests
@@ -16,7 +15,8 @@ from piezoharvest.diagnose.summary import Scored, cosines, scored, sentence, val
 from piezoharvest.output import check_directory, write_text
 from piezoharvest.report.figures import diagnosed
 from piezoharvest.report.figures.pictures import Picture, place_pictures
-from piezoharvest.report.pages import NAME, page_template
+from piezoharvest.report.frame.rendering import page
+from piezoharvest.report.pages import NAME
 from piezoharvest.report.units import NONE, engineering, number, percent, response_unit, with_error
 
 MAX_TEST_ROWS = 12  # rows in the table of failed residual tests
@@ -46,7 +46,8 @@ def write_diagnosis(found: Diagnosis, directory: str | Path) -> Path:
     directory = check_directory(directory, create=True)
     rows = scored(found, list(registered()))
     figures = place_pictures(_pictures(found, rows), ("cause", "effects", "structure", "records"), directory)
-    page = page_template("diagnosis.html.j2").render(
+    text = page(
+        "diagnosis.html.j2",
         title=found.campaign.title,
         verdict=found.verdict,
         sentence=sentence(found),
@@ -67,9 +68,8 @@ def write_diagnosis(found: Diagnosis, directory: str | Path) -> Path:
         warnings=[str(finding) for finding in found.campaign.warnings],
         figures=figures,
         file=found.campaign.path.name,
-        version=piezoharvest.__version__,
     )
-    write_text(page, directory / NAME)
+    write_text(text, directory / NAME)
     return directory / NAME
 
 

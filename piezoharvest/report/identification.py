@@ -7,14 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import piezoharvest
 from piezoharvest.identify import Estimate, Identification
 from piezoharvest.identify.prediction_overlay import Predicted, predictions
 from piezoharvest.output import check_directory, write_text
 from piezoharvest.records import FrequencyRecord
 from piezoharvest.report.figures import identified
 from piezoharvest.report.figures.pictures import Picture, place_pictures
-from piezoharvest.report.pages import NAME, page_template
+from piezoharvest.report.frame.rendering import page
+from piezoharvest.report.pages import NAME
 from piezoharvest.report.records import record_figure
 from piezoharvest.report.units import NONE, engineering, number, percent, response_unit, with_error
 
@@ -42,7 +42,8 @@ def write_identification(found: Identification, directory: str | Path) -> Path:
     """
     directory = check_directory(directory, create=True)
     figures = place_pictures(_pictures(found), ("loops", "records", "findings"), directory)
-    page = page_template("identification.html.j2").render(
+    text = page(
+        "identification.html.j2",
         title=found.campaign.title,
         sentence=_sentence(found),
         warning=f"Not to be trusted: {'; '.join(found.doubts)}." if found.doubts else "",
@@ -53,9 +54,8 @@ def write_identification(found: Identification, directory: str | Path) -> Path:
         warnings=[str(finding) for finding in found.campaign.warnings],
         figures=figures,
         file=found.campaign.path.name,
-        version=piezoharvest.__version__,
     )
-    write_text(page, directory / NAME)
+    write_text(text, directory / NAME)
     return directory / NAME
 
 

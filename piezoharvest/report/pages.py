@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
-import re
-from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
-from markupsafe import Markup, escape
-
-import piezoharvest
 from piezoharvest.output import check_directory, write_text
 from piezoharvest.report import tables
 from piezoharvest.report.answer import answer
@@ -19,6 +12,7 @@ from piezoharvest.report.figures import style
 from piezoharvest.report.figures.bode import best_linear
 from piezoharvest.report.figures.bound_lines import BoundLines
 from piezoharvest.report.figures.pictures import place_pictures
+from piezoharvest.report.frame.rendering import page
 from piezoharvest.report.gallery import Gallery
 from piezoharvest.report.limits import power_limit
 from piezoharvest.report.spans import at_best_frequency, design_band, frequency_range
@@ -62,7 +56,8 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
     bound = BoundLines(study, design_result.bound, best_linear(subjects))
     gallery = Gallery(study, subjects, limit, bound, design_result)
     figures = place_pictures(gallery.pictures(), _SECTIONS, directory)
-    page = page_template("report.html.j2").render(
+    text = page(
+        "report.html.j2",
         title=study.title,
         answer=answer(study, subjects, limit),
         ranking=tables.ranking(subjects, limit),
@@ -88,9 +83,8 @@ def write_report(study: Study, design_result: DesignResult, directory: str | Pat
         notes=[*design_result.notes, *gallery.remarks],
         colours=len(style.PALETTE),
         file=study.path.name,
-        version=piezoharvest.__version__,
     )
-    write_text(page, directory / NAME)
+    write_text(text, directory / NAME)
     return directory / NAME
 
 
@@ -111,20 +105,3 @@ def _bound(result: DesignResult) -> list[str]:
     if bound.linearised:
         sentences.append("The hysteresis is linearised at the amplitude found.")
     return sentences
-
-
-@cache
-def page_template(name: str) -> Template:
-    """Template of a page, by file name."""
-    folder = resources.files("piezoharvest.report").joinpath("templates")
-    loader = FunctionLoader(lambda part: folder.joinpath(part).read_text(encoding="utf-8"))
-    environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters["subscripts"] = _subscripts
-    return environment.get_template(name)
-
-
-def _subscripts(text: str) -> Markup:
-    """Text in which symbols such as k_e have subscripts."""
-    return Markup(re.sub(r"\b([A-Za-z])_([A-Za-z]+)", r"\1<sub>\2</sub>", str(escape(text))))

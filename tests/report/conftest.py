@@ -22,8 +22,15 @@ MEASURE = """<script>addEventListener("load", () => {
   const fetched = performance.getEntriesByType("resource").map(entry => entry.name);
   const wide = document.documentElement.scrollWidth - innerWidth;
   const rows = document.querySelectorAll("tr[data-kind]").length;
-  document.body.dataset.measured = JSON.stringify({drawn, images, fetched, wide, rows, title: document.title});
+  const shown = element => getComputedStyle(element).display !== "none";
+  const heads = [...document.querySelectorAll("thead")].filter(shown).length;
+  const found = JSON.stringify({drawn, images, fetched, wide, rows, heads, title: document.title});
+  document.body.dataset.measured = found;
+  parent.postMessage(found, "*");
 });</script></body>"""
+# The page in a frame of any width: windows of chromium are at least 500 pixels wide.
+FRAME = """<body><iframe src="measured.html" style="border: 0" width="{width}" height="2000"></iframe><script>
+addEventListener("message", event => {{ document.body.dataset.measured = event.data; }});</script></body>"""
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -56,7 +63,9 @@ def measured(browse, tmp_path):
     def measure(page, width=1200):
         copy = tmp_path / "measured.html"
         copy.write_text(page.read_text(encoding="utf-8").replace("</body>", MEASURE), encoding="utf-8")
-        dom = browse(copy, f"--window-size={width},2000", "--dump-dom")
+        frame = tmp_path / "frame.html"
+        frame.write_text(FRAME.format(width=width), encoding="utf-8")
+        dom = browse(frame, "--window-size=1400,2000", "--dump-dom")
         found = re.search(r'data-measured="([^"]*)"', dom)
         assert found, dom[-500:]
         return json.loads(html.unescape(found.group(1)))

@@ -26,12 +26,14 @@ def test_everything_is_drawn_and_nothing_fetched(measured, name):
     assert all(width > 0 for width, _ in found["images"])
     assert found["fetched"] == []
     assert found["wide"] <= 0
+    assert found["heads"] > 0
 
 
-def test_a_narrow_window_scrolls_only_downwards(measured):
-    found = measured(report("step"), width=500)  # the least that chromium takes
+def test_on_a_telephone_tables_are_cards_and_nothing_is_off_the_screen(measured):
+    found = measured(report("step"), width=390)
     assert found["wide"] <= 0
-    assert all(width > 500 for width, _ in found["drawn"])
+    assert found["heads"] == 0
+    assert [width for width, _ in found["drawn"]] == [pytest.approx(390, abs=1)] * len(found["drawn"])
 
 
 def test_dom_of_the_page_as_it_is(browse):

@@ -1,6 +1,7 @@
 """Numbers, limits and places that a report is made of."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Mode, Transducer
 from piezoharvest.engine import simulate
 from piezoharvest.report import units
+from piezoharvest.report.frame.cell_labels import with_labels
 from piezoharvest.report.limits import mode_figures, power_limit, white_input
 from piezoharvest.report.spans import loads, resonance_span, sweep_span
 from piezoharvest.report.subjects import subjects_of
@@ -164,3 +166,22 @@ class TestSweeps:
 
 def test_studies_cover_what_the_interface_names():
     assert {excitation["kind"] for _, excitation, _ in STUDIES.values()} >= {"sine_base", "step_force", "random_base"}
+
+
+class TestCellLabels:
+    """What narrow screens show beside the cells of a table."""
+
+    TABLE = (
+        "<table><thead><tr><th></th><th>of &lt;it&gt;</th><th>displace&shy;ment</th></tr></thead><tbody>"
+        '<tr><th scope="row" rowspan="2">a</th><td>1</td><td class="n">2</td></tr><tr><td>3</td><td>4</td></tr>'
+        "<tr><th>b</th><td>5</td><td>6</td><td>7</td></tr></tbody></table>"
+    )
+
+    def test_are_the_headings_of_the_columns_below_spanning_cells_too(self):
+        found = re.findall(r'<td(?: class="n")?(?: data-label="([^"]*)")?>(\d)', with_labels(self.TABLE))
+        it, size = "of &lt;it&gt;", "displacement"
+        assert found == [(it, "1"), (size, "2"), (it, "3"), (size, "4"), (it, "5"), (size, "6"), ("", "7")]
+
+    def test_a_table_without_a_head_stays_as_it_is(self):
+        plain = "<p>a</p><table><tr><td>1</td></tr></table>"
+        assert with_labels(plain) == plain
