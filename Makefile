@@ -28,44 +28,53 @@ demo: .venv/.installed
 	$(BIN)/piezoharvest demo --out demo-report
 
 # One process runs all tests of a file, so that what they share is made once.
-test: .venv/.installed
+test: .venv/.tested
 	$(BIN)/python -m pytest -n 2 --dist loadfile -q -m 'not slow'
 
-slow: .venv/.installed
+slow: .venv/.tested
 	$(BIN)/python -m pytest -n 2 --dist loadfile -q -m slow
 
 lowest: build/lowest/.installed
 	NUMBA_CACHE_DIR=$(CURDIR)/build/lowest/numba build/lowest/bin/python -m pytest -n 2 -q --disable-warnings \
 		-m 'not slow and not browser and not spice' $(MEETING)
 
-bench: .venv/.installed
+bench: .venv/.tested
 	$(BIN)/python -m reports.speed
 
-paper: .venv/.installed
+paper: .venv/.tested
 	$(BIN)/python -m reports.paper
 
-recovery: .venv/.installed
+recovery: .venv/.tested
 	$(BIN)/python -m reports.diagnosis
 
 discovery: .venv/.discovery
 	$(BIN)/python -m reports.discovery
 
-actuators: .venv/.installed
+actuators: .venv/.tested
 	$(BIN)/python -m reports.actuators
 
-coverage: .venv/.installed
+coverage: .venv/.tested
 	$(BIN)/python -m reports.identification
 
-check: .venv/.installed
+check: .venv/.checked
 	$(BIN)/ruff check .
 	$(BIN)/pyright
 
+# What a user needs; tests and tools of developers come when they are asked for.
 .venv/.installed: pyproject.toml
 	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	touch $@
+
+.venv/.tested: .venv/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
+	touch $@
+
+.venv/.checked: .venv/.tested
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,dev]'
 	touch $@
 
-.venv/.discovery: .venv/.installed
+.venv/.discovery: .venv/.tested
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[discovery]'
 	touch $@
 

@@ -422,6 +422,11 @@ class TestProgram:
         process = self.start("--version")
         assert (process.communicate()[0], process.returncode) == (f"piezoharvest {__version__}\n", 0)
 
+    def test_a_shell_completes_the_names_of_commands(self):
+        words = {"_PIEZOHARVEST_COMPLETE": "complete_bash", "COMP_WORDS": "piezoharvest si", "COMP_CWORD": "1"}
+        process = self.start(env={**os.environ, **words})
+        assert (process.communicate(), process.returncode) == (("simulate", ""), 0)
+
     def test_status_reaches_the_shell(self, tmp_path):
         process = self.start("simulate", "nowhere.toml", cwd=tmp_path)
         out, err = process.communicate()

@@ -32,7 +32,6 @@ _FULL = (
 
 app = typer.Typer(
     help="Piezoelectric damping and harvesting: simulate, design, sweep, measure, identify, diagnose, plan (TOML).",
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -358,6 +357,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _say("interrupted", 130)
     except SystemExit as ended:
+        if not ended.code:  # completion of a shell, which ends the program by itself
+            return 0
         return _say("interrupted", int(ended.code or 0))
     except BrokenPipeError:
         _discard_output()  # the reader of the results has closed the pipe: nothing to say
