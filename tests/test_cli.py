@@ -425,7 +425,7 @@ class TestProgram:
     def test_a_shell_completes_the_names_of_commands(self):
         words = {"_PIEZOHARVEST_COMPLETE": "complete_bash", "COMP_WORDS": "piezoharvest si", "COMP_CWORD": "1"}
         process = self.start(env={**os.environ, **words})
-        assert (process.communicate(), process.returncode) == (("simulate", ""), 0)
+        assert (process.communicate(), process.returncode) == (("simulate\n", ""), 0)
 
     def test_status_reaches_the_shell(self, tmp_path):
         process = self.start("simulate", "nowhere.toml", cwd=tmp_path)
