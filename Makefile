@@ -9,6 +9,7 @@
 #             (days; goes on where it was stopped; `.venv/bin/python -m reports.discovery --first N` for a part of it)
 # make actuators  hysteresis and frequency responses of two real data sets: reports/actuators (2 minutes; needs ../shared)
 # make coverage   do standard errors hold? 200 random specimens: reports/identification (resumes where it was)
+# make torture  simulate random studies of every shunt and effect: reports/reliability (hours; goes on where it was stopped)
 # make check  lint and type check
 # make clean  remove the environment, caches, builds and the report
 
@@ -22,7 +23,7 @@ MEETING := tests/test_cli.py tests/test_study.py tests/test_linear.py tests/test
 	tests/sweep/test_sweep_dask.py tests/identify/test_identify_cli.py tests/identify/test_loops.py \
 	tests/engine/test_vector.py
 
-.PHONY: demo test slow lowest bench paper actuators recovery discovery coverage check clean
+.PHONY: demo test slow lowest bench paper actuators recovery discovery torture coverage check clean
 
 demo: .venv/.installed
 	$(BIN)/piezoharvest demo --out demo-report
@@ -49,6 +50,9 @@ recovery: .venv/.tested
 
 discovery: .venv/.discovery
 	$(BIN)/python -m reports.discovery
+
+torture: .venv/.tested
+	$(BIN)/python -m reports.reliability
 
 actuators: .venv/.tested
 	$(BIN)/python -m reports.actuators
