@@ -67,8 +67,9 @@ def load_campaign(path: str | Path) -> Campaign:
     - `[records.channels]`: the same for one record.
     - `rows = [first, last]`: the part of a file that is the record, in rows as findings count them (lines of a text
       file). Other rows are ignored.
-    - text tables (.txt, .dat, .tsv) and single arrays (.npy) as data files. The table of a text file is the first run
-      of rows of equal width that are numbers, with the names in the row above it and units below the names.
+    - text tables (.txt, .dat, .tsv, .lvm) and single arrays (.npy) as data files, see `docs/data-files.md`.
+      The table of a text file is the first run of rows of equal width that are numbers, with the names in the row above
+      it and units below the names.
     - `skip_rows = n`: lines of a text file to skip; `header_row = n`: the line with the names, from
       1, with the table below it.
     - `kind = "frf"`: `input` (default force), `output` and a load; columns frequency_Hz, real and imaginary, or

@@ -135,7 +135,7 @@ class Reading:
                 names = shown(self.files.reader(self.entry.file).names)
                 needed = "give a column time_s, the name of another one in [channels], or sample_rate in the record"
                 raise self.error("time", f"there is no time among the columns {names}; {needed}")
-            self.values["time"] = stamps
+            self.values["time"] = self._at_stated_rate(stamps)
         raw = self.values["time"]
         time = self._si("time", raw)
         span = float(time[-1] - time[0])
@@ -153,6 +153,19 @@ class Reading:
             found = f"found time stamps rounded to {second * even.unit:.3g} s, taken for even ones of {step:.6g} s"
             message = f"{found}: a lost sample would not show; give finer stamps or sample_rate"
             self.findings.append(Finding("warning", "coarse time", self.file("time"), "time", (), message))
+
+    def _at_stated_rate(self, stamps: np.ndarray) -> np.ndarray:
+        """Times of the format, at the record's sample rate if they are rounded; a warning where it is missing."""
+        error, rate = self.files.reader(self.file(self.entry.drive)).step_error, self.entry.sample_rate
+        if error <= _RATE_TOLERANCE or len(stamps) < 2:
+            return stamps
+        step = float(stamps[1] - stamps[0])
+        if rate is not None and abs(step * rate - 1) <= error:
+            return stamps[0] + np.arange(len(stamps)) / rate
+        found = f"the file states a sampling interval of {step:.6g} s, rounded and up to {100 * error:.2g} % off"
+        message = f"{found}: sample_rate in the record would say it"
+        self.findings.append(Finding("warning", "coarse time", self.file("time"), "time", (), message))
+        return stamps
 
     def _stamps_of_format(self) -> np.ndarray | None:
         """Time stamps that the format itself stores, the same for all channels; None if it stores none."""
