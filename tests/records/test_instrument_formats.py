@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import struct
+import sys
+
 import numpy as np
 import pytest
 from messages import is_sentence
 
 from piezoharvest.readers import ReadError, open_reader
-from piezoharvest.records import load_campaign
+from piezoharvest.records import CampaignError, load_campaign
 
 COUNT = 40
 RATE = 51200.0
@@ -156,3 +159,128 @@ class TestOscilloscopes:
             time, values = (reader.read([reader.resolve(n)])[reader.resolve(n)] for n in (4, 5))
         np.testing.assert_allclose(values, FORCE.round(5), atol=1e-12)
         np.testing.assert_allclose(time, np.arange(COUNT) * 2e-6 - 4e-5, atol=1e-12)
+
+
+class TestWav:
+    SAMPLES = np.round(20_000 * np.random.default_rng(3).uniform(-1, 1, (COUNT, 2)))
+
+    def write(self, path, bits, rate=44100):
+        """Header and samples by Microsoft's description of RIFF WAVE; 24 bits are three bytes, low byte first."""
+        if bits == "float":
+            data, tag, width = (self.SAMPLES / 2**15).astype("<f4").tobytes(), 3, 4
+        else:
+            whole, tag, width = self.SAMPLES.astype("<i8") << (bits - 16), 1, bits // 8
+            data = b"".join(int(x).to_bytes(width, "little", signed=True) for x in whole.ravel())
+        form = struct.pack("<HHIIHH", tag, 2, rate, rate * 2 * width, 2 * width, 8 * width)
+        junk = b"bext" + struct.pack("<I", 6) + b"remark"
+        body = b"WAVEfmt " + struct.pack("<I", len(form)) + form + junk + b"data" + struct.pack("<I", len(data)) + data
+        path.write_bytes(b"RIFF" + struct.pack("<I", len(body)) + body)
+
+    SOURCES = 'channels = { force = { column = 1, gain = 25.0 }, voltage = { column = "channel 2", gain = 10.0 } }'
+
+    @pytest.mark.parametrize("bits", [16, 24, 32, "float"])
+    def test_samples(self, tmp_path, bits):
+        self.write(tmp_path / "run.wav", bits)
+        record = campaign(tmp_path, f'file = "run.wav"\n{self.SOURCES}').records[0]
+        np.testing.assert_array_equal(record["force"], 25.0 * (self.SAMPLES[:, 0] / 2**15))
+        np.testing.assert_array_equal(record["voltage"], 10.0 * (self.SAMPLES[:, 1] / 2**15))
+        np.testing.assert_allclose(record["time"], np.arange(COUNT) / 44100, rtol=1e-15)
+
+    def test_full_scale_is_not_taken_for_newtons(self, tmp_path):
+        self.write(tmp_path / "run.wav", 16)
+        with pytest.raises(CampaignError, match=r"found the unit 'full scale' in the file .* or a gain"):
+            campaign(tmp_path, f'file = "run.wav"\n{self.SOURCES.replace(", gain = 25.0", "")}')
+
+    @pytest.mark.parametrize("kept", [20, 43, 80, -1, -2])
+    def test_cut_off(self, tmp_path, kept):
+        self.write(tmp_path / "run.wav", 16)
+        (tmp_path / "run.wav").write_bytes((tmp_path / "run.wav").read_bytes()[:kept])
+        assert "not a complete WAV file" in failure(tmp_path / "run.wav", 1)
+
+
+def fortran(value, width, digits):
+    """A number as Fortran's E format writes it for universal files."""
+    return f"{value:{width}.{digits}E}"
+
+
+def universal(kind, values, *, step, labels=("NONE", "NONE"), types=(8, 13), freedoms="3+Z/1+X", binary=False) -> bytes:
+    """Data set 58 with even spacing, by the description of the University of Cincinnati: complex or real, double."""
+    (node, direction), (reference, its) = ((int(f[0]), "XYZ".index(f[2]) + 1) for f in freedoms.split("/"))
+    complex_valued, count = np.iscomplexobj(values), len(values)
+    flat = np.ascontiguousarray(values).view(float)
+    data = flat.astype("<f8").tobytes()
+    head = f"{58:6d}b{1:6d}{2:6d}{11:12d}{len(data):12d}{0:6d}{0:6d}{0:12d}{0:12d}" if binary else f"{58:6d}"
+    axes = [(18 if kind != 1 else 17, "Hz" if kind != 1 else "s"), *zip(types, labels, strict=True), (0, "NONE")]
+    lines = [f"{-1:6d}", head, *["NONE"] * 5]
+    nothing, spacing = fortran(0, 13, 5), fortran(step, 13, 5)
+    lines += [
+        f"{kind:5d}{0:10d}{0:5d}{0:10d} {'NONE':10s}{node:10d}{direction:4d} {'NONE':10s}{reference:10d}{its:4d}",
+        f"{6 if complex_valued else 4:10d}{count:10d}{1:10d}{nothing}{spacing}{nothing}",
+    ]
+    lines += [f"{number:10d}{0:5d}{0:5d}{0:5d} {'NONE':20s} {label:20s}" for number, label in axes]
+    text = "".join(f"{line:80s}\n" for line in lines).encode()
+    if binary:
+        return text + data + f"{-1:6d}\n".encode()
+    cells = [fortran(x, 20, 12) for x in flat]
+    rows = ["".join(cells[n : n + 4]) for n in range(0, len(cells), 4)]
+    return text + "".join(f"{row}\n" for row in [*rows, f"{-1:6d}"]).encode()
+
+
+class TestUniversalFiles:
+    FREQUENCY = 10.0 * np.arange(1, COUNT + 1)
+    VALUES = (1 / (1 - (10.0 * np.arange(COUNT) / 207) ** 2 + 0.02j)).round(9)
+
+    @pytest.fixture(autouse=True)
+    def pyuff(self):
+        pytest.importorskip("pyuff", reason="the extra [uff] is not installed")
+
+    @pytest.mark.parametrize("binary", [False, True])
+    def test_a_receptance_with_its_coherence(self, tmp_path, binary):
+        coherence = np.linspace(0.9, 1.0, COUNT)
+        response = universal(4, self.VALUES, step=10.0, labels=("mm", "N"), binary=binary)
+        (tmp_path / "run.uff").write_bytes(response + universal(6, coherence, step=10.0, binary=binary))
+        record = campaign(tmp_path, 'file = "run.uff"\nkind = "frf"\noutput = "displacement"').records[0]
+        np.testing.assert_allclose(record.frequency, 10.0 * np.arange(1, COUNT))  # the line at 0 Hz is left out
+        np.testing.assert_allclose(record.response, 1e-3 * self.VALUES[1:], rtol=1e-11)
+        np.testing.assert_allclose(record.coherence, coherence[1:], rtol=1e-11)
+
+    def test_several_are_told_apart_by_their_degrees_of_freedom(self, tmp_path):
+        sets = [universal(4, n * self.VALUES, step=10.0, freedoms=f"{n}+Z/1+X") for n in (2, 3)]
+        (tmp_path / "run.unv").write_bytes(b"".join(sets))
+        with open_reader(tmp_path / "run.unv") as reader:
+            assert reader.names == ("frequency_Hz", "response 2+Z/1+X", "response 3+Z/1+X")
+            found = reader.read(reader.names[2:])
+            assert reader.unit(reader.names[1]) is None
+        np.testing.assert_allclose(found["response 3+Z/1+X"], 3 * self.VALUES, rtol=1e-11)
+
+    def test_units_of_the_whole_file(self, tmp_path):
+        """Data set 164 with millimetres: SI times its factors is in the units of the file."""
+        factors = ["  1.0000000000000000D+03  1.0000000000000000D+00  1.0000000000000000D+00", "  2.73149999999999D+02"]
+        lines = ["    -1", "   164", f"{9:10d}{'mm (newton)':20s}{2:10d}", *factors, "    -1"]
+        units = "".join(f"{line}\n" for line in lines)
+        (tmp_path / "run.uff").write_bytes(units.encode() + universal(4, self.VALUES, step=10.0))
+        record = campaign(tmp_path, 'file = "run.uff"\nkind = "frf"\noutput = "displacement"').records[0]
+        np.testing.assert_allclose(record.response, 1e-3 * self.VALUES[1:], rtol=1e-11)
+
+    def test_signals_over_time(self, tmp_path):
+        force = universal(1, FORCE, step=1e-3, labels=("N", "NONE"), types=(13, 0), freedoms="1+X/0+X")
+        voltage = universal(1, VOLTAGE, step=1e-3, labels=("mV", "NONE"), types=(0, 0), freedoms="2+X/0+X")
+        (tmp_path / "run.uff").write_bytes(force + voltage)
+        sources = 'channels = { force = { column = "signal 1+X" }, voltage = { column = "signal 2+X" } }'
+        record = campaign(tmp_path, f'file = "run.uff"\n{sources}').records[0]
+        np.testing.assert_allclose(record["force"], FORCE, rtol=1e-11)
+        np.testing.assert_allclose(record["voltage"], 1e-3 * VOLTAGE, rtol=1e-11)
+        np.testing.assert_allclose(record["time"], np.arange(COUNT) * 1e-3, rtol=0, atol=1e-15)
+
+    def test_cut_off(self, tmp_path):
+        whole = universal(4, self.VALUES, step=10.0)
+        for kept in (40, 500, 1300, len(whole) - 80):
+            (tmp_path / "run.uff").write_bytes(whole[:kept])
+            failure(tmp_path / "run.uff", "response")
+
+
+def test_without_pyuff(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyuff", None)
+    (tmp_path / "run.uff").write_bytes(universal(4, TestUniversalFiles.VALUES, step=10.0))
+    message = "the package pyuff is missing, which reads universal files: pip install 'piezoharvest[uff]'"
+    assert failure(tmp_path / "run.uff", 1) == message
