@@ -284,3 +284,104 @@ def test_without_pyuff(tmp_path, monkeypatch):
     (tmp_path / "run.uff").write_bytes(universal(4, TestUniversalFiles.VALUES, step=10.0))
     message = "the package pyuff is missing, which reads universal files: pip install 'piezoharvest[uff]'"
     assert failure(tmp_path / "run.uff", 1) == message
+
+
+class TestImpedances:
+    """The same impedance, of a capacitor with a resonant branch beside it, as each analyser would write it."""
+
+    FREQUENCY = 1e3 + 200.0 * np.arange(COUNT)
+    S = 2j * np.pi * FREQUENCY
+    OHM = 1 / (40e-9 * S + 1 / (200.0 + 0.9 * S + 1 / (1e-9 * S)))
+
+    def same(self, folder, name, text, *, rtol, channels="", encoding="utf-8"):
+        (folder / name).write_text(text, encoding=encoding)
+        record = campaign_of_impedance(folder, f'file = "{name}"\n{channels}')
+        np.testing.assert_allclose(record.frequency, self.FREQUENCY, rtol=1e-12)
+        np.testing.assert_allclose(record.response, self.OHM, rtol=rtol)
+        return record
+
+    @pytest.mark.parametrize("version", [1, 2])
+    @pytest.mark.parametrize("form", ["MA", "DB", "RI"])
+    @pytest.mark.parametrize("parameter", ["S", "Y", "Z"])
+    def test_touchstone(self, tmp_path, parameter, form, version):
+        """Y and Z of version 1 are relative to the reference resistance, those of version 2 are in S and ohm."""
+        reference = 75.0
+        unit = reference if version == 1 else 1.0
+        reflection = (self.OHM - reference) / (self.OHM + reference)
+        value = {"S": reflection, "Y": unit / self.OHM, "Z": self.OHM / unit}[parameter]
+        size, angle = np.abs(value), np.angle(value, deg=True)
+        pair = {"MA": (size, angle), "DB": (20 * np.log10(size), angle), "RI": (value.real, value.imag)}[form]
+        points = zip(self.FREQUENCY, *pair, strict=True)
+        rows = "".join(f"{f / 1e3:.10g}\t{a:.17g}  {b:.17g} ! point\n" for f, a, b in points)
+        head = "! made by hand\n" + ("[Version] 2.0\n" if version == 2 else "")
+        head += f"# kHz {parameter} {form} R {reference}\n"
+        head += "[Number of Ports] 1\n[Reference] 75.0\n[Network Data]\n" if version == 2 else ""
+        self.same(tmp_path, "run.s1p", f"{head}{rows}" + ("[End]\n" if version == 2 else ""), rtol=1e-9)
+
+    @pytest.mark.parametrize(
+        ("text", "what"),
+        [("# Hz S RI R 50\n1e3 0.1\n", "a frequency and two numbers"), ("# Hz H RI\n1e3 1 1\n", "found 'H'"),
+         ("# Hz S RI R 0\n1e3 1 1\n", "reference resistance '0'"), ("! nothing\n", "no rows"),
+         ("[Version] 2.0\n# Hz Z RI\n[Number of Ports] 2\n1 2 3\n", "ports"),
+         ("# Hz S RI\n1e3 1 1 2 2 3 3 4 4\n", "of one port")],
+    )  # fmt: skip
+    def test_touchstone_of_another_kind(self, tmp_path, text, what):
+        (tmp_path / "run.s1p").write_text(text)
+        assert what in failure(tmp_path / "run.s1p", 1)
+
+    def e4990a(self, columns, channel=1):
+        rows = [", ".join(f"{x:+.11e}" for x in row) for row in zip(self.FREQUENCY, *columns.values(), strict=True)]
+        begin = f"BEGIN CH{channel}_DATA\nTitle label, TEST DATA\nDCV(V), +5.230e-005, DCI(A), +2.335e-005\n"
+        return begin + "\n".join([", ".join(["Frequency(Hz)", *columns]), *rows, "END"]) + "\n"
+
+    def test_keysight_e4990a(self, tmp_path):
+        """As in the example of the instrument's help, with a trace in memory, and the data of a second channel."""
+        head = "!Agilent Technologies,E4990A,MY521012345,A.02.10\n!Date: Fri Apr 03 13:41:16 2015\n"
+        angle = np.angle(self.OHM, deg=True)
+        polar = {"|Z|(Ohm)-data": np.abs(self.OHM), "theta-z(deg)-data": angle, "theta-z(deg)-mem": angle + 1}
+        other = self.e4990a({"Cp(F)-data": 1e-9 * angle, "D-data": 0 * angle}, 2)
+        self.same(tmp_path, "polar.csv", head + self.e4990a(polar) + other, rtol=1e-9)
+        cartesian = {"Z-Real(Ohm)-data": self.OHM.real, "Z-Imag(Ohm)-data": self.OHM.imag}
+        self.same(tmp_path, "cartesian.csv", head + self.e4990a(cartesian), rtol=1e-9)
+
+    def test_agilent_4294a(self, tmp_path):
+        """|Z| stands in the table of trace A, the phase in that of trace B below it."""
+
+        def trace(title, form, values):
+            rows = "".join(f"{f:.8e}\t{v:.8e}\t{0:.8e}\n" for f, v in zip(self.FREQUENCY, values, strict=True))
+            return f'"TRACE: {title}"\n"FORMAT: {form}"\n\n"Frequency"\t"Real"\t"Imag"\n{rows}\n'
+
+        head = '"4294A REV1.11"\n""\n"SWEEP TYPE: LIN FREQ"\n"NUMBER of POINTS: 40"\n"OSC LEVEL: 500 [mV]"\n\n'
+        text = head + trace("A", "|Z|", np.abs(self.OHM)) + trace("B", "Theta", np.angle(self.OHM, deg=True))
+        channels = """channels = { frequency = { column = "Frequency" }, magnitude = { column = "A Real" },
+            phase = { column = "B Real", unit = "deg" } }""".replace("\n", "")
+        record = self.same(tmp_path, "run.txt", text, rtol=1e-7, channels=channels)
+        assert text.splitlines()[record.first_row - 1].startswith("1.00000000e+03")
+
+    def test_bode_100(self, tmp_path):
+        """Header of the Bode Analyzer Suite: all forms of the trace, the units in the names."""
+        values = self.OHM.real, self.OHM.imag, np.abs(self.OHM), np.angle(self.OHM, deg=True)
+        parts = "1: Real (Ω)", "1: Imaginary (Ω)", "1: Magnitude (Ω)", "2: Phase (°)"
+        names = [f"Trace {part.replace(': ', ': Impedance: ')}" for part in parts]
+        columns = dict(zip(names, values, strict=True))
+        rows = [";".join(f"{x:.17g}" for x in row) for row in zip(self.FREQUENCY, *columns.values(), strict=True)]
+        names = ";".join(["Frequency (Hz)", *(f'"{name}"' for name in columns)])
+        self.same(tmp_path, "run.csv", "\n".join([names, *rows]) + "\n", rtol=1e-12, encoding="utf-8-sig")
+
+    def test_lcr_meter_with_units_in_brackets(self, tmp_path):
+        angle = np.angle(self.OHM, deg=True)
+        points = enumerate(zip(self.FREQUENCY, np.abs(self.OHM), angle, strict=True))
+        rows = [f'"{n}","{f:.5E}","{z:.9E}","{a:.9f}"' for n, (f, z, a) in points]
+        text = '"Date","2024/03/01"\n"No.","FREQ[Hz]","Z[ohm]","PHASE[deg]"\n' + "\n".join(rows) + "\n"
+        self.same(tmp_path, "run.csv", text, rtol=1e-8)
+
+    def test_a_phase_without_a_unit_is_not_taken_for_radians(self, tmp_path):
+        rows = "".join(f"{f},{abs(z)},{np.angle(z, deg=True)}\n" for f, z in zip(self.FREQUENCY, self.OHM, strict=True))
+        (tmp_path / "run.csv").write_text(f"Frequency,|Z|,Phase\n{rows}")
+        with pytest.raises(CampaignError, match=r"response: missing column, the file has Frequency, \|Z\|, Phase"):
+            campaign_of_impedance(tmp_path, 'file = "run.csv"')
+
+
+def campaign_of_impedance(folder, record):
+    (folder / "campaign.toml").write_text(f'{CAMPAIGN}\n[[records]]\nkind = "impedance"\n{record}\n')
+    return load_campaign(folder / "campaign.toml").records[0]

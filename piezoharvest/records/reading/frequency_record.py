@@ -16,6 +16,7 @@ from piezoharvest.records.finding import Finding, counted, shifted
 from piezoharvest.records.reading.channels import ChannelSource
 from piezoharvest.records.reading.entries import RESPONSE_COLUMNS, FrfEntry, ImpedanceEntry, Sources, response_units
 from piezoharvest.records.reading.files import Files
+from piezoharvest.records.reading.known_columns import known_column
 from piezoharvest.records.record import FrequencyRecord
 
 # The forms in which a response may be given; the first that is present is used.
@@ -122,6 +123,9 @@ def _find(files: Files, entry: FrfEntry | ImpedanceEntry, sources: Sources) -> t
         except ReadError as error:
             if part in sources or not isinstance(error, MissingColumnError):
                 raise files.error(entry.file, part, error) from None
+            known = known_column(reader, part) if entry.kind == "impedance" else None
+            if known is not None:
+                found[part] = [known]
     if "phase" not in found and "phase_deg" in reader.names and "phase" not in sources:
         found["phase"], used["phase"] = ["phase_deg"], ChannelSource(unit="deg")
     given = [form for form in _FORMS if any(part in sources for part in form)] or _FORMS
