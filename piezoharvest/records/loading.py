@@ -74,6 +74,8 @@ def load_campaign(path: str | Path) -> Campaign:
       1, with the table below it.
     - `kind = "frf"`: `input` (default force), `output` and a load; columns frequency_Hz, real and imaginary, or
       magnitude and phase_rad or phase_deg, or a complex response, and coherence; or others by `[records.channels]`.
+      The output may be the displacement (receptance), velocity (mobility) or acceleration (accelerance), relative to
+      the base. A magnitude may be a level, by its unit "dB" (0 dB is the SI unit) or "dB re um/N".
     - `quasi_static = true` in `[transducer]`, or `mass = "unknown"` or `damping = "unknown"`: for a specimen that
       follows its drive without delay, whose mass and damping may be left out.
     - `kind = "periodic"`: signals over time that are a few periods of a sine in steady state; `frequency` (Hz) where it

@@ -86,7 +86,7 @@ class Files(ExitStack):
                     "unit",
                     f"the columns to be averaged have the units {found} in the file, give one unit in the campaign",
                 )
-            return source.to_si(raw, si, units[0])
+            return source.to_si(raw, si, units[0], levels=channel == "magnitude")
         except ParameterError as error:
             key = f"{channel} (column {', '.join(columns)!r})"
             raise CampaignError(self.folder / name, key, error.message, channel=channel) from None
