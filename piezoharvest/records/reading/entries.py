@@ -90,6 +90,8 @@ class _EntryWithShunt(_Entry):
         """
         if self.shunt is not None and self.load_resistance is not None:
             raise ParameterError(f"{where}.shunt", "load_resistance is given too, but only one of the two may be")
+        if isinstance(self.shunt, Shunt):  # of a campaign that is made in Python
+            return self.shunt
         if self.shunt is not None:
             return build_shunt(self._table, f"{where}.shunt")
         if self.load_resistance is not None:

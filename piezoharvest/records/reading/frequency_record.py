@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from piezoharvest.description.shunts import Shunt
-from piezoharvest.readers import MissingColumnError, ReadError
+from piezoharvest.readers import MissingColumnError, Reader, ReadError
 from piezoharvest.readers.base import shown
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.finding import Finding, counted, shifted
@@ -24,7 +24,12 @@ _FORMS = (("response",), ("real", "imaginary"), ("magnitude", "phase"))
 
 
 def read_frequency_record(
-    entry: FrfEntry | ImpedanceEntry, key: str, sources: Sources, shunt: Shunt | None, folder: Path
+    entry: FrfEntry | ImpedanceEntry,
+    key: str,
+    sources: Sources,
+    shunt: Shunt | None,
+    folder: Path,
+    data: Reader | None = None,
 ) -> tuple[FrequencyRecord, list[Finding]]:
     """Read a frequency response or an impedance, from one or several sweeps up or down, sorted by frequency.
 
@@ -40,6 +45,8 @@ def read_frequency_record(
     shunt : Shunt or None
     folder : Path
         Folder to which file names are relative.
+    data : Reader, optional
+        In the place of the file.
 
     Returns
     -------
@@ -53,7 +60,7 @@ def read_frequency_record(
         The file cannot be read, or holds no response.
     """
     units = response_units(entry)
-    with Files(folder, entry) as files:
+    with Files(folder, entry, data) as files:
         columns, all_sources = _find(files, entry, sources)
         raw = files.read(entry.file, columns)
         parts = {

@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from piezoharvest.description.shunts import Resistor, Shunt
-from piezoharvest.readers import MissingColumnError, ReadError
+from piezoharvest.readers import MissingColumnError, Reader, ReadError
 from piezoharvest.readers.base import shown
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.finding import Finding
@@ -181,7 +181,7 @@ class Reading:
 
 
 def read_record(
-    entry: TimeEntry, key: str, sources: Sources, shunt: Shunt | None, folder: Path
+    entry: TimeEntry, key: str, sources: Sources, shunt: Shunt | None, folder: Path, data: Reader | None = None
 ) -> tuple[Record, list[Finding]]:
     """Read a record over time.
 
@@ -195,6 +195,8 @@ def read_record(
     shunt : Shunt or None
     folder : Path
         Folder to which file names are relative.
+    data : Reader, optional
+        In the place of the file.
 
     Returns
     -------
@@ -207,7 +209,7 @@ def read_record(
     CampaignError
         A file cannot be read, or a column is missing, not numeric or of another length.
     """
-    with Files(folder, entry) as files:
+    with Files(folder, entry, data) as files:
         reading = Reading(entry, sources, shunt, files)
         signals = reading.signals()
         findings = [*reading.findings, *files.below()]
