@@ -7,7 +7,8 @@ be, or none, is left to the user.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -104,7 +105,7 @@ def _spectrum(reader: Reader, path: Path) -> FoundFile | None:
     if frequency is None or (frequency.lower() == "f" and reader.unit(frequency) is None):  # which may be a force
         return None
     count = len(reader.read([frequency])[frequency])
-    units = [unit.si for name in _resolved(reader) if (unit := reader.unit(name)) is not None]
+    units = [unit.si for name in _resolved(reader).values() if (unit := reader.unit(name)) is not None]
     named = {RESPONSE_COLUMNS["impedance"][part] for part in ("response", "real", "magnitude")}
     if named & set(reader.names) or any(known_column(reader, part) for part in ("real", "magnitude")):
         return FoundFile(path=path, kind="impedance", columns={}, units={}, values={}, count=count)
@@ -128,14 +129,16 @@ def _signals(reader: Reader, path: Path) -> FoundFile:
         name = reader.resolve(place)
         unit, raw = reader.unit(name), _numbers(reader, name)
         if raw is None or (channel == "time" and not np.all(np.diff(raw) > 0)):
-            del columns[channel]  # text, an empty column, or a counter that is no time
+            del columns[channel]
+            wrong = "no times that ascend" if raw is not None else "no numbers"
+            doubts.append(f"column {name!r} looked like {channel}, but holds {wrong}")
         elif unit is not None and unit.firm and unit.si != UNITS[channel]:
             doubts.append(f"{channel} is in {unit.text}: its gain, in {UNITS[channel]} for one {unit.text}, is missing")
             units[channel] = OTHER_UNIT
         else:
             units[channel] = "" if unit is None else " ".join(unit.text.split())
             values[channel] = raw * (unit.factor if unit is not None and unit.si == UNITS[channel] else 1.0)
-    any_column = next((name for name in _resolved(reader) if _numbers(reader, name) is not None), None)
+    any_column = next((name for name in _resolved(reader).values() if _numbers(reader, name) is not None), None)
     stamps = None if any_column is None or "time" in columns else reader.time_of(any_column)
     values |= {} if stamps is None else {"time": stamps}
     sizes = [len(each) for each in values.values()] or [len(_of(reader, any_column))]
@@ -165,7 +168,8 @@ def _by_name(reader: Reader) -> dict[str, int]:
     """Columns, by their numbers from 1, that are named like a channel: default ones, then those in its unit, first."""
     names = list(reader.names)
     found: dict[str, list[tuple[int, int]]] = {}
-    for n, name in enumerate(names, start=1):
+    for n, full in _resolved(reader).items():
+        name = names[n - 1]
         bare = stated_unit(name)[0].strip().strip('"').lower().replace("_", " ").strip()
         words = (bare, name.lower())
         channel = next((c for c, form in _WORDS.items() if any(re.fullmatch(form, word) for word in words)), None)
@@ -173,7 +177,7 @@ def _by_name(reader: Reader) -> dict[str, int]:
         if default is not None:
             found.setdefault(default, []).append((0, n))
         elif channel is not None:
-            unit = reader.unit(reader.resolve(n))
+            unit = reader.unit(full)
             found.setdefault(channel, []).append((1 if unit is not None and unit.si == UNITS[channel] else 2, n))
     return {channel: min(places)[1] for channel, places in found.items()}
 
@@ -181,8 +185,8 @@ def _by_name(reader: Reader) -> dict[str, int]:
 def _by_unit(reader: Reader, columns: Mapping[str, int]) -> Iterator[tuple[str, int]]:
     """Channels that are not named, by a unit that one column alone has and one channel alone is left for."""
     used = set(columns.values())
-    stated = [reader.unit(name) for name in _resolved(reader)]
-    rest = [(n, unit.si) for n, unit in enumerate(stated, start=1) if unit is not None and unit.firm and n not in used]
+    stated = {n: reader.unit(name) for n, name in _resolved(reader).items()}
+    rest = [(n, unit.si) for n, unit in stated.items() if unit is not None and unit.firm and n not in used]
     for channel in ("time", "force", "displacement", "velocity", "voltage", "current", "acceleration"):
         places = [n for n, si in rest if si == UNITS[channel]]
         if channel not in columns and len(places) == 1:
@@ -190,8 +194,13 @@ def _by_unit(reader: Reader, columns: Mapping[str, int]) -> Iterator[tuple[str, 
             yield ("base_acceleration" if moved else channel), places[0]
 
 
-def _resolved(reader: Reader) -> Sequence[str]:
-    return [reader.resolve(n) for n in range(1, len(reader.names) + 1)]
+def _resolved(reader: Reader) -> dict[int, str]:
+    """Columns by their numbers from 1, without arrays that are too large to be listed column by column."""
+    found = {}
+    for n in range(1, len(reader.names) + 1):
+        with suppress(ReadError):
+            found[n] = reader.resolve(n)
+    return found
 
 
 def _named(reader: Reader, place: int) -> str | int:

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 _SHARE = 0.999  # of the drive's power: the lines that have it are used, others are mostly noise
+_EXPLAINED = 0.5  # least share of the drive's power that the regression explains: of unrelated channels it is nearly 0
 _LEAST_LINES = 8  # for three to four values
 
 
@@ -27,7 +28,7 @@ def rough_values(channels: Mapping[str, np.ndarray], rate: float) -> dict[str, f
     Returns
     -------
     dict
-        Empty where the regression gives no specimen: a value below zero, or too few lines.
+        Empty where the regression gives no specimen: a value below zero, too few lines, a drive that is not explained.
     """
     if "force" not in channels or "displacement" not in channels or len(channels["force"]) < 2 * _LEAST_LINES:
         return {}
@@ -41,7 +42,11 @@ def rough_values(channels: Mapping[str, np.ndarray], rate: float) -> dict[str, f
     s, at = s[lines], {name: spectrum[lines] for name, spectrum in spectra.items()}
     x = at["displacement"]
     columns = [x, s * x, s**2 * x, *([-at["voltage"]] if "voltage" in at else [])]
-    stiffness, damping, mass, *_ = _regressed(columns, at["force"])
+    coefficients = _regressed(columns, at["force"])
+    left = at["force"] - np.column_stack(columns) @ coefficients
+    if np.linalg.norm(left) ** 2 > (1.0 - _EXPLAINED) * np.linalg.norm(at["force"]) ** 2:
+        return {}
+    stiffness, damping, mass, *_ = coefficients
     found = {"mass": mass, "damping": damping, "stiffness": stiffness}
     if "voltage" in at and "current" in at:
         capacitance, coupling = _regressed([-s * at["voltage"], -s * x], at["current"])
