@@ -1,8 +1,9 @@
 """Traces of the impedance analyser 4294A as text: two tables one below the other, for trace A and trace B.
 
-Format: Agilent 4294A Operation Manual (04294-90060), chapter 8, "Saving data in ASCII format": settings in quotation
-marks, and for each trace `"TRACE: A"`, `"FORMAT: ..."`, an empty line, the names `"Frequency"`, `"Real"`, `"Imag"` and
-the table. What is shown as one real number, as |Z| or the phase, stands under Real.
+Format: Agilent 4294A Operation Manual (04294-90060), chapter 8, on what the trace data holds; the lines are those that
+programs of its users expect: settings in quotation marks, and for each trace `"TRACE: A"`, `"FORMAT: ..."`, an empty
+line, the names `"Frequency"`, `"Real"`, `"Imag"` and the table. What is shown as one real number, as |Z| or the phase,
+stands under Real. What FORMAT says is not used: a record names the columns itself.
 """
 
 from __future__ import annotations

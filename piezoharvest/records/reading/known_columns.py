@@ -1,8 +1,9 @@
 """Columns of an impedance by the names that analysers give them, where a campaign names none.
 
 Keysight E4990A, help on "Saving trace data to a file" (helpfiles.keysight.com): `|Z|(Ohm)-data`, `theta-z(deg)-data`,
-`Z-Real(Ohm)-data`. OMICRON Bode Analyzer Suite, as its users' files have it: `Trace 1: Impedance: Magnitude (ohm)`,
-`Trace 2: Impedance: Phase (deg)`. LCR meters such as Hioki's name Z or |Z|, PHASE or theta, R or Rs, X, with the unit.
+`Z-Real(Ohm)-data`. OMICRON Bode Analyzer Suite, by analogy to the gain in its users' files (`Trace 1: Gain: Magnitude
+(dB)`): `Trace 1: Impedance: Magnitude (Ω)`. Of LCR meters, as Hioki's, no file was seen: their usual names for Z, PHASE
+or theta, R or Rs and X, with a unit, are taken.
 """
 
 from __future__ import annotations
