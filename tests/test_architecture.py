@@ -55,6 +55,7 @@ LAYERS = [
     {"records.campaign", "records.power", "records.spectra"},
     {"records.errors"},
     {"records.reading"},
+    {"records.recognition"},
     {"records.checks"},
     {"records.loading"},
     {"bench.devices", "bench.solver", "predict"},

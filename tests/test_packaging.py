@@ -17,7 +17,8 @@ from piezoharvest.engine.compilation.compiled import TESTED
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 DEPENDENCIES, TEST = PROJECT["dependencies"], PROJECT["optional-dependencies"]["test"]
-OPTIONAL = PROJECT["optional-dependencies"]["notebook"]  # of single uses, imported where they are asked for
+EXTRAS = PROJECT["optional-dependencies"]
+OPTIONAL = [*EXTRAS["notebook"], *EXTRAS["uff"]]  # of single uses and formats, imported where they are asked for
 
 
 def normal(name):
@@ -41,7 +42,7 @@ def test_what_is_imported_is_declared():
     declared = {normal(re.match(r"[\w.-]+", dependency)[0]) for dependency in (*DEPENDENCIES, *OPTIONAL)}
     packages = imported(Path(piezoharvest.__file__).parent)
     assert {"cvxpy", "numba", "numpy"} <= packages
-    missing = {name for name in packages if not declared & set(map(normal, homes[name]))}
+    missing = {name for name in packages if not declared & set(map(normal, homes.get(name, [name])))}
     assert missing == set()
 
 

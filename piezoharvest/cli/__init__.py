@@ -1,7 +1,7 @@
 """The command line: `piezoharvest simulate | design | sweep | measure | identify | diagnose | plan | export | import`.
 
-Beside these there are `catalogue` and `demo`. typer only parses the arguments; each command returns the work to be
-done, which `main` runs. Exit status: 0 done; 1 done, but the result is unreliable; 2 bad input; 130 interrupted, 143
+Beside these there are `new`, `catalogue` and `demo`. typer only parses the arguments; each command returns the work to
+be done, which `main` runs. Exit status: 0 done; 1 done, but the result is unreliable; 2 bad input; 130 interrupted, 143
 terminated.
 """
 
@@ -301,6 +301,35 @@ def import_netlist(
     from piezoharvest.cli import export_command
 
     return partial(export_command.import_netlist, netlist, out, port, tuple(load or ()), subcircuit)
+
+
+class Beginning(StrEnum):
+    """What `new` writes."""
+
+    HARVEST = "harvest"
+    DAMPING = "damping"
+    CAMPAIGN = "campaign"
+
+
+@app.command()
+def new(
+    kind: Annotated[Beginning, typer.Argument(help="What to begin.", show_default=False)],
+    files: Annotated[
+        list[Path] | None, typer.Argument(metavar="FILES", help="Data files of a campaign.", show_default=False)
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="File to write (.toml); default: harvest.toml and so on.")
+    ] = None,
+) -> Work:
+    """Write a commented study or campaign to begin with.
+
+    harvest and damping run as they are with simulate and design; put your numbers in the place of theirs. For a
+    campaign the data files are looked into: times, channels, units, sample rate and, where force and displacement are
+    known, rough nominal values. What could not be told is marked (?). No file is ever overwritten.
+    """
+    from piezoharvest.cli import new_command
+
+    return partial(new_command.new, kind, files or [], out)
 
 
 @app.command()

@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from piezoharvest.description.parameters import subclasses_by
@@ -17,6 +18,8 @@ from piezoharvest.readers.apart import Apart
 from piezoharvest.readers.base import MissingColumnError, Reader, ReadError
 
 __all__ = ["MissingColumnError", "ReadError", "Reader", "open_reader", "registered"]
+
+_START = 1024  # bytes by which a reader recognises the text files of its instrument
 
 for _module in pkgutil.iter_modules(__path__):
     importlib.import_module(f"{__name__}.{_module.name}")
@@ -53,7 +56,22 @@ def open_reader(path: Path, **lines: int) -> Reader:
         raise ReadError(str(error)) from None
     if empty:
         raise ReadError("the file is empty, it must hold measured data")
+    cls = _special(path, cls, bool(lines)) if cls.by_lines else cls
     if lines and not cls.by_lines:
         allowed = ", ".join(sorted(suffix for suffix, each in known.items() if each.by_lines))
         raise ReadError(f"{' and '.join(lines)} may be given for text files only ({allowed})")
     return Apart(path, cls.unsafe) if cls.unsafe and sys.executable else cls(path, **lines)
+
+
+def _special(path: Path, cls: type[Reader], by_lines: bool) -> type[Reader]:
+    """Reader of the instrument that wrote a text file, if there is one; one that can skip lines where that is asked."""
+    with path.open("rb") as stream:
+        start = stream.read(_START)
+    known = (each for each in _subclasses(Reader) if each.by_lines or not by_lines)
+    return next((each for each in known if each.recognises(start)), cls)
+
+
+def _subclasses(cls: type[Reader]) -> Iterator[type[Reader]]:
+    for each in cls.__subclasses__():
+        yield each
+        yield from _subclasses(each)

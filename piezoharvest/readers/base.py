@@ -58,6 +58,8 @@ class Reader(ABC):
         Row of the first of the samples that were last read, or of each sample if their rows are not consecutive.
     left_out : tuple of (row, text) or None
         The first line with numbers below the table that was not read.
+    step_error : float
+        Relative error of the sampling interval that the format itself states (`time_of`), where it is rounded.
     by_lines : bool
         True if rows are lines, of which some may be skipped.
     unsafe : tuple of str
@@ -76,12 +78,18 @@ class Reader(ABC):
     first_row: int = 1
     numbering: int | np.ndarray = 1
     left_out: tuple[int, str] | None = None
+    step_error: float = 0.0
     by_lines: ClassVar[bool] = False
     unsafe: ClassVar[tuple[str, ...]] = ()
     most_bytes: ClassVar[int] = 1 << 62
 
     def __init__(self, path: Path):
         self.path = path
+
+    @classmethod
+    def recognises(cls, start: bytes) -> bool:
+        """True if a text file, whatever its ending, is one of this instrument, because it begins like this."""
+        return False
 
     @abstractmethod
     def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:

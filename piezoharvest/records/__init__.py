@@ -6,17 +6,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from piezoharvest.records.campaign import Campaign
     from piezoharvest.records.errors import CampaignError
     from piezoharvest.records.finding import Finding
-    from piezoharvest.records.loading import load_campaign
+    from piezoharvest.records.loading import Campaign, load_campaign
     from piezoharvest.records.record import FrequencyRecord, Record, Signal
 
 __all__ = ["Campaign", "CampaignError", "Finding", "FrequencyRecord", "Record", "Signal", "load_campaign"]
 
 _HOMES = {
-    "campaign": ("Campaign",),
-    "loading": ("load_campaign",),
+    "loading": ("Campaign", "load_campaign"),
     "errors": ("CampaignError",),
     "finding": ("Finding",),
     "record": ("FrequencyRecord", "Record", "Signal"),

@@ -1,8 +1,8 @@
-"""Reading a campaign: its file, all its records, and the findings of their checks."""
+"""Reading a campaign: its file or tables and arrays, all its records, and the findings of their checks."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,10 @@ import numpy as np
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import INERT, Transducer
+from piezoharvest.readers import Reader
 from piezoharvest.readers.base import MAX_NUMBERS
+from piezoharvest.records import campaign as plain
 from piezoharvest.records.bench_limits import BenchLimits
-from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.checks import check
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.finding import Finding, counted
@@ -26,6 +27,7 @@ from piezoharvest.records.reading.entries import (
     response_units,
 )
 from piezoharvest.records.reading.frequency_record import read_frequency_record
+from piezoharvest.records.reading.in_memory import in_memory
 from piezoharvest.records.reading.time_record import read_record
 from piezoharvest.records.record import FrequencyRecord, Record
 from piezoharvest.study import StudyError, build, build_transducer, read_toml
@@ -33,6 +35,68 @@ from piezoharvest.study import StudyError, build, build_transducer, read_toml
 _TABLES = ("title", "transducer", "channels", "records", "experiment")
 UNKNOWN = "unknown"  # mass or damping of a specimen whose inertia and damping are negligible
 PLACEHOLDER = 1.0  # placeholder for the mass and damping of a quasi-static specimen; it has no effect
+
+
+class Campaign(plain.Campaign):
+    """Measured records of one specimen, from a file (`load_campaign`) or from arrays.
+
+    Attributes are those of `piezoharvest.records.campaign.Campaign`: title, path, transducer, records, findings,
+    unknown, limits.
+    """
+
+    @classmethod
+    def from_arrays(
+        cls,
+        transducer: Transducer | Mapping[str, Any],
+        records: Sequence[Mapping[str, Any]],
+        *,
+        channels: Mapping[str, Any] | None = None,
+        title: str = "campaign",
+    ) -> Campaign:
+        """Campaign from arrays of NumPy or DataFrames, through the same checks as one from files.
+
+        Parameters
+        ----------
+        transducer : Transducer or mapping
+            Nominal values: an object, or the table [transducer] of a campaign file.
+        records : sequence of mappings
+            Each as a table of [[records]], with `data` in the place of `file`: a mapping of column names to arrays
+            (n,), or a DataFrame. `name` stands for it in messages; default "record 1" and so on. `shunt` may be an
+            object.
+        channels : mapping, optional
+            As the table [channels]: `{"force": {"column": "F", "unit": "kN"}}`; default columns are `force_N`, ...
+        title : str
+
+        Raises
+        ------
+        CampaignError
+            As from a file; it names the record, the channel, and rows counted from 1.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from piezoharvest import Campaign, Resistor, Transducer
+        >>> t = np.arange(400) / 1000
+        >>> force = 0.02 * np.sin(2 * np.pi * 31.0 * t)
+        >>> nominal = Transducer(mass=0.01, damping=0.0628, stiffness=986.96, coupling=1e-3, capacitance=40e-9)
+        >>> data = {"force_N": force, "displacement_m": force / 600.0}
+        >>> records = [{"data": data, "sample_rate": 1000.0, "shunt": Resistor(resistance=1e5)}]
+        >>> Campaign.from_arrays(nominal, records).records[0].responses
+        ('displacement',)
+        """
+        path = Path(str(title))
+        tables, data = in_memory(records, path)
+        whole = {"title": title, "transducer": transducer, "channels": dict(channels or {}), "records": tables}
+        return _sound(_made(whole, path, data))
+
+    @classmethod
+    def from_frame(cls, frame: Any, transducer: Transducer | Mapping[str, Any], **record: Any) -> Campaign:
+        """Campaign of one record from a DataFrame; keywords are keys of [[records]], and `channels` as in a record.
+
+        >>> import pandas as pd                                                                      # doctest: +SKIP
+        >>> Campaign.from_frame(pd.read_csv("run.csv"), nominal, load_resistance=1e5)                # doctest: +SKIP
+        """
+        return cls.from_arrays(transducer, [{"data": frame, **record}])
 
 
 def load_campaign(path: str | Path) -> Campaign:
@@ -67,12 +131,15 @@ def load_campaign(path: str | Path) -> Campaign:
     - `[records.channels]`: the same for one record.
     - `rows = [first, last]`: the part of a file that is the record, in rows as findings count them (lines of a text
       file). Other rows are ignored.
-    - text tables (.txt, .dat, .tsv) and single arrays (.npy) as data files. The table of a text file is the first run
-      of rows of equal width that are numbers, with the names in the row above it and units below the names.
+    - text tables (.txt, .dat, .tsv, .lvm) and single arrays (.npy) as data files, see `docs/data-files.md`.
+      The table of a text file is the first run of rows of equal width that are numbers, with the names in the row above
+      it and units below the names.
     - `skip_rows = n`: lines of a text file to skip; `header_row = n`: the line with the names, from
       1, with the table below it.
     - `kind = "frf"`: `input` (default force), `output` and a load; columns frequency_Hz, real and imaginary, or
       magnitude and phase_rad or phase_deg, or a complex response, and coherence; or others by `[records.channels]`.
+      The output may be the displacement (receptance), velocity (mobility) or acceleration (accelerance), relative to
+      the base. A magnitude may be a level, by its unit "dB" (0 dB is the SI unit) or "dB re um/N".
     - `quasi_static = true` in `[transducer]`, or `mass = "unknown"` or `damping = "unknown"`: for a specimen that
       follows its drive without delay, whose mass and damping may be left out.
     - `kind = "periodic"`: signals over time that are a few periods of a sine in steady state; `frequency` (Hz) where it
@@ -82,8 +149,16 @@ def load_campaign(path: str | Path) -> Campaign:
       or impedance_ohm and phase_rad or phase_deg. Sweeps may go up or down and overlap; a line at 0 Hz is left out.
     """
     path = Path(path)
-    campaign = _read(path)
-    errors = campaign.errors
+    try:
+        table = read_toml(path)
+    except StudyError as error:
+        raise CampaignError(error.path, error.key, error.message) from None
+    return _sound(_made(table, path))
+
+
+def _sound(campaign: Campaign) -> Campaign:
+    """The campaign itself, unless a check found an error; raises `CampaignError`."""
+    path, errors = campaign.path, campaign.errors
     if errors:
         first = errors[0]
         more = f" (and {counted(len(errors) - 1, 'more error')})" if len(errors) > 1 else ""
@@ -92,11 +167,11 @@ def load_campaign(path: str | Path) -> Campaign:
     return campaign
 
 
-def _read(path: Path) -> Campaign:
+def _made(table: Mapping[str, Any], path: Path, data: Sequence[Reader] = ()) -> Campaign:
+    """Campaign from its tables, of which each record is read from its file or from `data`; raises `CampaignError`."""
     try:
-        table = read_toml(path)
         with np.errstate(all="ignore"):  # values that are or become NaN are found by the checks
-            return _campaign(table, path)
+            return _campaign(table, path, data)
     except ParameterError as error:
         raise CampaignError(path, error.key, error.message) from None
     except CampaignError:
@@ -105,7 +180,7 @@ def _read(path: Path) -> Campaign:
         raise CampaignError(error.path, error.key, error.message) from None
 
 
-def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
+def _campaign(table: Mapping[str, Any], path: Path, data: Sequence[Reader]) -> Campaign:
     """Campaign from the tables of its file; raises `ParameterError` and `CampaignError`."""
     for key in table:
         if key not in _TABLES:
@@ -121,7 +196,7 @@ def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
     if not isinstance(entries, list) or not entries:
         found = "missing" if entries is None else f"found {repr(entries)[:60]}"
         raise ParameterError("records", f"{found}, at least one table [[records]] is needed")
-    read = list(_entries(entries, sources, path))
+    read = list(_entries(entries, sources, path, data))
     records = tuple(record for record, _ in read)
     fitted = dict.fromkeys(value for record in records if isinstance(record, Record) for value in record.fitted)
     transducer = replace(transducer, effects=(*transducer.effects, *fitted))
@@ -138,6 +213,8 @@ def _campaign(table: Mapping[str, Any], path: Path) -> Campaign:
 
 def _nominal(table: Any) -> tuple[Transducer, tuple[str, ...]]:
     """Transducer from its table, and its unknown parameters; an unknown mass is taken as negligible."""
+    if isinstance(table, Transducer):  # of a campaign that is made in Python
+        return table, ()
     table = dict(table) if isinstance(table, Mapping) else table
     unknown: tuple[str, ...] = ()
     if isinstance(table, dict):
@@ -156,11 +233,13 @@ def _checked(record: Record | FrequencyRecord, transducer: Transducer) -> tuple[
     return check(record, transducer)
 
 
-def _entries(entries: list, sources: Mapping, path: Path) -> Iterator[tuple[Record | FrequencyRecord, list[Finding]]]:
+def _entries(
+    entries: list, sources: Mapping, path: Path, data: Sequence[Reader]
+) -> Iterator[tuple[Record | FrequencyRecord, list[Finding]]]:
     """Read all records; they are in memory at the same time."""
     count = 0
     for n, entry in enumerate(entries):
-        record, found = _read_entry(entry, f"records.{n}", sources, path.parent)
+        record, found = _read_entry(entry, f"records.{n}", sources, path.parent, data[n] if data else None)
         count += len(record) * (1 + len(record.signals) if isinstance(record, Record) else 4)
         if count > MAX_NUMBERS:
             raise ParameterError(
@@ -169,17 +248,19 @@ def _entries(entries: list, sources: Mapping, path: Path) -> Iterator[tuple[Reco
         yield record, found
 
 
-def _read_entry(table: Any, key: str, sources: Mapping, folder: Path) -> tuple[Record | FrequencyRecord, list[Finding]]:
+def _read_entry(
+    table: Any, key: str, sources: Mapping, folder: Path, data: Reader | None
+) -> tuple[Record | FrequencyRecord, list[Finding]]:
     """Read the record of one entry of [[records]]."""
     entry = build_entry(table, key)
     own = entry.channels or {}
     if isinstance(entry, TimeEntry):
         shunt = entry.across(key, entry.drive == "voltage")
         sources = {**sources, **build_sources(own, "record", f"{key}.channels")}
-        return read_record(entry, key, sources, shunt, folder)
+        return read_record(entry, key, sources, shunt, folder, data)
     shunt = entry.across(key, entry.input == "voltage") if isinstance(entry, FrfEntry) else None
     if isinstance(entry, FrfEntry) and entry.fitted(shunt, key):
         message = "found fit for a frequency response, allowed is fit in records over time"
         raise ParameterError(f"{key}.shunt.fit", message)
     sources = build_sources(own, "record", f"{key}.channels", response_units(entry))
-    return read_frequency_record(entry, key, sources, shunt, folder)
+    return read_frequency_record(entry, key, sources, shunt, folder, data)

@@ -111,6 +111,23 @@ def test_a_frequency_response_finds_its_resonance(tmp_path, quality, off):
     assert not estimates["capacitance"].identifiable  # the open electrodes are not seen
 
 
+@pytest.mark.parametrize(("output", "rate"), [("velocity", 1), ("acceleration", 2)])
+def test_a_mobility_or_an_accelerance_tells_what_the_receptance_does(tmp_path, output, rate):
+    """The same relative noise on (jw)^n times the same response, with the nominal resonance 5 % off."""
+    results = []
+    for name, times in (("displacement", 0), (output, rate)):
+        true = Specimen(7200, 1000)
+        response = true.displacement() * (2j * np.pi * true.frequency) ** times
+        (tmp_path / name).mkdir()
+        head = [line.replace("displacement", name) for line in DISPLACEMENT]
+        results.append(found(true.campaign(tmp_path / name, response, head, 0.05))[1])
+    for key in ("mass", "damping", "stiffness"):
+        receptance, other = (estimates[key] for estimates in results)
+        # A fit ends where -2 ln L would fall by less than 0.01: within a tenth of a standard error, in each of the two.
+        assert other.value == pytest.approx(receptance.value, abs=0.2 * receptance.std)
+        assert other.std == pytest.approx(receptance.std, rel=0.02)
+
+
 @pytest.mark.slow
 def test_standard_errors_hold(tmp_path):
     """Errors of the capacitance in units of their standard error, of 30 specimens: as of a normal distribution."""

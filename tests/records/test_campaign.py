@@ -373,6 +373,32 @@ class TestFrequencyRecords:
         assert (record.kind, record.input, record.output) == ("frf", "force", "displacement")
         assert record.shunt == Resistor(resistance=97780.0)
 
+    @pytest.mark.parametrize(("output", "rate", "unit"), [("velocity", 1, "mm/s/N"), ("acceleration", 2, "g_0/kN")])
+    def test_mobility_and_accelerance(self, tmp_path, compliance, output, rate, unit):
+        """Of the same motion, each in a unit of its own, 0.001 m/s/N and 9.80665e-3 m/s^2/N."""
+        response = compliance * (2j * np.pi * FREQUENCIES) ** rate
+        values = response / {1: 1e-3, 2: 9.80665e-3}[rate]
+        text = FRF.replace("displacement", output) + f'[records.channels]\nresponse = {{ unit = "{unit}" }}\n'
+        table = {"frequency_Hz": FREQUENCIES, "response": values}
+        record = self.only(tmp_path, text.replace("csv", "npz"), frf_npz=table)
+        np.testing.assert_allclose(record.response, response, rtol=1e-12)
+        assert record.output == output
+
+    @pytest.mark.parametrize(
+        ("column", "source", "reference"),
+        [("magnitude_dB", 'unit = "dB"', 1.0), ("a", 'column = "a", unit = "dB"', 1.0),
+         ("a (dB)", 'column = "a", unit = "dB re m/N"', 1.0), ("a", 'column = "a", unit = "dB re um/N"', 1e-6),
+         ("a", 'column = "a", unit = "dB", offset = -40.0', 100.0)],
+    )  # fmt: skip
+    def test_decibels_and_degrees(self, tmp_path, compliance, column, source, reference):
+        table = {"frequency_Hz": FREQUENCIES, column: 20 * np.log10(np.abs(compliance) / reference),
+                 "phase_deg": np.degrees(np.angle(compliance))}  # fmt: skip
+        if "offset" in source:
+            table[column] += 80.0  # which the offset of -40 dB and the reference of 40 dB take back
+        text = FRF + f"[records.channels]\nmagnitude = {{ {source} }}\n"
+        record = self.only(tmp_path, text, frf_csv=table)
+        np.testing.assert_allclose(record.response, compliance, rtol=1e-9)
+
     def test_units_of_a_response(self, tmp_path, compliance):
         text = FRF + (
             '[records.channels]\nfrequency = { column = "w", unit = "rad/s" }\n'
@@ -419,6 +445,14 @@ class TestFrequencyRecords:
         error = failure(tmp_path, TRANSDUCER + IMPEDANCE, z_csv=table)
         assert (error.campaign.errors[0].check, error.rows) == (check, rows)
 
+    @pytest.mark.parametrize(("factor", "check"), [(1e6, "unit"), (-1, "sign")])
+    @pytest.mark.parametrize(("output", "rate"), [("velocity", 1), ("acceleration", 2)])
+    def test_what_is_wrong_with_a_rate(self, tmp_path, compliance, output, rate, factor, check):
+        response = factor * compliance * (2j * np.pi * FREQUENCIES) ** rate
+        table = {"frequency_Hz": FREQUENCIES, "real": response.real, "imaginary": response.imag}
+        error = failure(tmp_path, TRANSDUCER + FRF.replace("displacement", output), frf_csv=table)
+        assert (error.channel, error.campaign.errors[0].check) == ("response", check)
+
     @pytest.mark.parametrize(("factor", "check"), [(1e6, "unit"), (-1, "sign"), (1e-3, "unit")])
     def test_what_is_wrong_with_a_response(self, tmp_path, compliance, factor, check):
         table = {"frequency_Hz": FREQUENCIES, "real": factor * compliance.real, "imaginary": factor * compliance.imag}
@@ -439,6 +473,12 @@ class TestFrequencyRecords:
             (FRF + '[records.channels]\nmagnitude = { unit = "mm" }\n', {"frequency_Hz": FREQUENCIES},
              "records.0.channels.magnitude.unit"),
             (FRF.replace("displacement", "force"), {"frequency_Hz": FREQUENCIES}, "records.0.output"),
+            (FRF.replace("displacement", "velocity") + 'input = "displacement"\n', {"frequency_Hz": FREQUENCIES},
+             "records.0.output"),
+            (FRF + '[records.channels]\nmagnitude = { unit = "dB re mm" }\n', {"frequency_Hz": FREQUENCIES},
+             "records.0.channels.magnitude.unit"),
+            (FRF + '[records.channels]\nreal = { unit = "dB" }\n', {"frequency_Hz": FREQUENCIES},
+             "records.0.channels.real.unit"),
             (FRF.replace('output = "displacement"\n', ""), {"frequency_Hz": FREQUENCIES}, "records.0.output"),
         ],
     )  # fmt: skip

@@ -275,7 +275,7 @@ class TestSaidOtherwise:
     def test_other_formats_have_no_lines(self, tmp_path):
         np.savez(tmp_path / "run.npz", a=TIME)
         error = failure(tmp_path / "run.npz", "a", skip_rows=3)
-        assert error.message == "skip_rows may be given for text files only (.csv, .dat, .tsv, .txt)"
+        assert error.message == "skip_rows may be given for text files only (.csv, .dat, .lvm, .tsv, .txt)"
 
 
 class TestRefused:

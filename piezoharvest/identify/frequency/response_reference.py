@@ -15,6 +15,7 @@ from scipy.stats import f as fisher
 
 from piezoharvest.identify.frequency.line_noise import WINDOW_LINES, LineNoise, line_noise, smoothed
 from piezoharvest.identify.frequency.resonances import MeasuredResonances, resonances
+from piezoharvest.records.reading.channels import RATES
 from piezoharvest.records.record import FrequencyRecord
 
 MIN_LINES = 16  # least number of lines for an estimate of their noise
@@ -69,25 +70,23 @@ def relative(error: np.ndarray, response: np.ndarray) -> np.ndarray:
 def proper(record: FrequencyRecord) -> np.ndarray:
     """The response converted to one that tends to a constant at high frequencies, whose poles are the resonances.
 
-    For an impedance it is the charge over the voltage, for a current its charge.
+    For an impedance it is the charge over the voltage, for a current its charge, for a velocity or an acceleration the
+    displacement.
     """
-    s = 2j * np.pi * record.frequency
     if record.kind == "impedance":
-        return 1.0 / (s * record.response)
-    if record.output == "current":
-        return record.response / s
-    return 1.0 / record.response if record.output == "force" else record.response
+        return 1.0 / (_laplace(record) * record.response)
+    return 1.0 / record.response if record.output == "force" else record.response / _rate(record)
 
 
 def _reference(record: FrequencyRecord) -> Reference:
     order = np.argsort(record.frequency, kind="stable")
     back = np.argsort(order)
-    s, values = 2j * np.pi * record.frequency, proper(record)
+    s, values = _laplace(record), proper(record)
     coherence = (
         None if record.coherence is None else np.clip(record.coherence, COHERENCE_MARGIN, 1.0 - COHERENCE_MARGIN)
     )
-    # Multiplied by s, an impedance is as smooth as possible.
-    factor = s if record.kind == "impedance" else np.ones(len(s))
+    # Multiplied by s, an impedance is as smooth as possible, and a velocity or an acceleration divided by its rate.
+    factor = s if record.kind == "impedance" else s ** -RATES.get(record.output, 0)
     near, drawn = (part[back] for part in smoothed(record.frequency[order], (factor * record.response)[order]))
     near, drawn = near / factor, np.tile(drawn, (2, 1))
     noise = line_noise(near, record.response - near, drawn, coherence)
@@ -123,9 +122,15 @@ def _level(noise: LineNoise) -> float:
 
 def _response(record: FrequencyRecord, values: np.ndarray) -> np.ndarray:
     """Response whose `proper` form has the given values."""
-    s = 2j * np.pi * record.frequency
     if record.kind == "impedance":
-        return 1.0 / (s * values)
-    if record.output == "current":
-        return values * s
-    return 1.0 / values if record.output == "force" else values
+        return 1.0 / (_laplace(record) * values)
+    return 1.0 / values if record.output == "force" else values * _rate(record)
+
+
+def _laplace(record: FrequencyRecord) -> np.ndarray:
+    return 2j * np.pi * record.frequency
+
+
+def _rate(record: FrequencyRecord) -> np.ndarray:
+    """Factor from charge or displacement to an output that is a derivative of it."""
+    return _laplace(record) ** {"current": 1, **RATES}.get(record.output, 0)

@@ -21,6 +21,7 @@ from piezoharvest.identify.fitting.measured_responses import FrequencyData, stic
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.frequency.resonances import MeasuredResonances
 from piezoharvest.predict.parameters import put, value_at
+from piezoharvest.records.reading.channels import RATES
 
 EXTRA_RESONANCES = 3  # resonances beyond the number of modes that are tried
 MAX_STARTS = 6  # most starts from one record
@@ -150,7 +151,7 @@ def _scaled_to_magnitude(
     if not 1.0 / MAX_SCALE < ratio < MAX_SCALE:
         return device
     for mode in modes:
-        if record.output == "displacement" and record.input != "voltage":
+        if record.output in ("displacement", *RATES) and record.input != "voltage":
             if record.input == "base_acceleration" and _value(device, mode, "effective_mass") is None:
                 continue  # its inertial drive grows with the mass
             shares = {key: _value(device, mode, key) / ratio for key in ("mass", "damping", "stiffness")}

@@ -11,6 +11,7 @@ from piezoharvest.records.checks.raw import ALLOWED_MAGNITUDES, impossible_magni
 from piezoharvest.records.checks.score import MAX_FACTOR
 from piezoharvest.records.expectation import impedances, transfers
 from piezoharvest.records.finding import Finding, runs, shifted
+from piezoharvest.records.reading.channels import RATES
 from piezoharvest.records.record import FrequencyRecord
 
 _MAX_NEGATIVE_SHARE = 0.05  # share of |Z| by which the resistance may be below zero
@@ -66,12 +67,13 @@ def _against_model(record: FrequencyRecord, transducer: Transducer) -> Iterator[
             yield from _found(record, "sign", "response", active, what, "passive ones; likely a wrong sign or phase")
             return
     expected = _expected(record, transducer, record.frequency)
-    if expected is None or not any(_deviation(record.response, expected)):
+    response = record.response / (2j * np.pi * record.frequency) ** RATES.get(record.output, 0)
+    if expected is None or not any(_deviation(response, expected)):
         return
     # Near a resonance, phase and magnitude change by more than the error of a nominal value suggests.
     few = np.linspace(0, len(record) - 1, min(len(record), _COMPARED_LINES)).astype(int)
     placed = _with_shifted_resonances(record, transducer, few)
-    ratio, opposed = _deviation(record.response[few], placed if placed is not None else expected[:, few])
+    ratio, opposed = _deviation(response[few], placed if placed is not None else expected[:, few])
     if ratio:
         what = f"values of {ratio:.2g} times what the nominal model gives"
         allowed = f"those up to {MAX_FACTOR:g} times more or less; likely a wrong unit"
@@ -100,9 +102,10 @@ def _with_shifted_resonances(record: FrequencyRecord, transducer: Transducer, fe
 
 
 def _expected(record: FrequencyRecord, transducer: Transducer, frequency: np.ndarray) -> np.ndarray | None:
-    """Response of the nominal model, (variants, f); None if there is no prediction."""
+    """Response of the nominal model, of a rate its displacement, (variants, f); None if there is no prediction."""
     if record.kind == "impedance":
         return impedances(transducer, frequency, record.mechanical)
-    responses = transfers(transducer, record.shunt, record.input, frequency).get(record.output)
+    output = "displacement" if record.output in RATES else record.output
+    responses = transfers(transducer, record.shunt, record.input, frequency).get(output)
     expected = None if responses is None else responses[record.input]
     return expected if expected is not None and np.all(expected) else None

@@ -26,7 +26,12 @@ COLUMNS: Mapping[str, str] = MappingProxyType({
 # Allowed magnitudes of non-zero samples in SI units: twelve decades beyond any measurement, and below the 9.9e37 and
 # 3.4e38 that instruments and single precision write for an overload.
 SMALLEST, LARGEST = 1e-30, 1e30
+# Which derivative of the displacement a channel is.
+RATES: Mapping[str, int] = MappingProxyType({"velocity": 1, "acceleration": 2})
 DRIVES = ("force", "voltage", "displacement", "base_acceleration")
+
+
+_SAME = "give the same unit, or a gain (per raw unit; 1 if the values are right as they are)"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +79,7 @@ class ChannelSource(Component):
         found = default if self.column is None else self.column
         return found if isinstance(found, tuple) else (found,)
 
-    def to_si(self, raw: np.ndarray, si: str, stated: Unit | None = None) -> np.ndarray:
+    def to_si(self, raw: np.ndarray, si: str, stated: Unit | None = None, levels: bool = False) -> np.ndarray:
         """Values in the SI unit of the channel; the raw array itself if no scaling is needed.
 
         Parameters
@@ -83,18 +88,30 @@ class ChannelSource(Component):
         si : str
         stated : Unit, optional
             Unit that the file states for the raw values.
+        levels : bool
+            The values may be levels: 20 times the logarithm of a magnitude, by the unit "dB" or "dB re UNIT".
 
         Raises
         ------
         ParameterError
             The file states another unit than the campaign, or one of another quantity; the error's key is "unit".
         """
+        if levels and self.unit.startswith("dB"):
+            return self._of_levels(raw, si, stated)
         factor = unit_factor(self.unit or si, si)
         scale, shift = (1.0 if self.gain is None else self.gain) * factor, self.offset * factor
         if self.gain is None and stated is not None:
             scale *= self._stated_factor(stated, si) / factor
         values = raw if scale == 1 else scale * raw
         return values if shift == 0 else values + shift
+
+    def _of_levels(self, raw: np.ndarray, si: str, stated: Unit | None) -> np.ndarray:
+        """Magnitudes in the SI unit from levels in dB; gain and offset are those of the levels."""
+        if stated is not None and stated.firm and self.gain is None and stated.si != "dB":
+            found = f"found the unit {stated.text!r} in the file and {self.unit!r} in the campaign"
+            raise ParameterError("unit", f"{found}, {_SAME}")
+        gain = 1.0 if self.gain is None else self.gain
+        return unit_factor(_reference(self.unit) or si, si) * 10.0 ** ((gain * raw + self.offset) / 20.0)
 
     def _stated_factor(self, stated: Unit, si: str) -> float:
         """Factor from raw values to the SI unit, by the units that the campaign and the file state."""
@@ -103,10 +120,22 @@ class ChannelSource(Component):
             return stated.factor
         if stated.firm and not (same and np.isclose(stated.factor, factor, rtol=1e-9, atol=0)):
             wanted = f"{self.unit!r} in the campaign" if self.unit else f"none in the campaign, which means {si!r}"
-            allowed = "give the same unit, or a gain (per raw unit; 1 if the values are right as they are)"
-            raise ParameterError("unit", f"found the unit {stated.text!r} in the file and {wanted}, {allowed}")
+            raise ParameterError("unit", f"found the unit {stated.text!r} in the file and {wanted}, {_SAME}")
         return factor
 
     def sigma_si(self, si: str) -> float | None:
         """Known standard deviation of the noise in the SI unit of the channel."""
         return None if self.sigma is None else self.sigma * unit_factor(self.unit or si, si)
+
+
+def check_unit(unit: str, si: str, levels: bool = False) -> None:
+    """Raise `ParameterError` unless a unit ("": the SI unit) converts; "dB" and "dB re UNIT" do for `levels`."""
+    level = levels and unit.startswith("dB")
+    if level and unit != "dB" and not _reference(unit):
+        raise ParameterError("unit", f"found {unit!r}, allowed is 'dB' or 'dB re' with a unit that converts to {si}")
+    unit_factor((_reference(unit) if level else unit) or si, si)
+
+
+def _reference(unit: str) -> str:
+    """Unit of 0 dB in "dB re UNIT", "" if it is none."""
+    return unit.removeprefix("dB re ").strip() if unit.startswith("dB re ") else ""

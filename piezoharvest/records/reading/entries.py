@@ -9,8 +9,7 @@ from typing import Any, Literal
 from piezoharvest.description.effects.circuit_value import CircuitValue, circuit_values
 from piezoharvest.description.parameters import Component, ParameterError, quantity
 from piezoharvest.description.shunts import Resistor, Shunt
-from piezoharvest.readers.conversion import unit_factor
-from piezoharvest.records.reading.channels import COLUMNS, UNITS, ChannelSource
+from piezoharvest.records.reading.channels import COLUMNS, RATES, UNITS, ChannelSource, check_unit
 from piezoharvest.study import build, build_shunt
 
 Level = Literal["default", "campaign", "record"]
@@ -91,6 +90,8 @@ class _EntryWithShunt(_Entry):
         """
         if self.shunt is not None and self.load_resistance is not None:
             raise ParameterError(f"{where}.shunt", "load_resistance is given too, but only one of the two may be")
+        if isinstance(self.shunt, Shunt):  # of a campaign that is made in Python
+            return self.shunt
         if self.shunt is not None:
             return build_shunt(self._table, f"{where}.shunt")
         if self.load_resistance is not None:
@@ -129,12 +130,15 @@ class FrfEntry(_EntryWithShunt):
 
     kind: Literal["frf"]
     input: Input = "force"
-    output: Literal["force", "displacement", "voltage", "current"]
+    output: Literal["force", "displacement", "velocity", "acceleration", "voltage", "current"]
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.input == self.output:
             raise ParameterError("output", f"found {self.output!r}, which is the input, allowed is another channel")
+        if self.input == "displacement" and self.output in RATES:
+            found = f"found {self.output!r} over an imposed displacement, which is the same for every specimen"
+            raise ParameterError("output", f"{found}, allowed are force, voltage and current")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,7 +185,7 @@ def build_sources(tables: Any, level: Level, where: str, units: Mapping[str, str
             raise ParameterError(f"{where}.{channel}", f"unknown channel, known channels are {', '.join(units)}")
         source = build(ChannelSource, table, f"{where}.{channel}")
         try:
-            unit_factor(source.unit or units[channel], units[channel])
+            check_unit(source.unit, units[channel], levels=channel == "magnitude")
         except ParameterError as error:
             raise error.within(f"{where}.{channel}") from None
         found[channel] = source, level

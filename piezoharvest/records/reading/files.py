@@ -26,14 +26,16 @@ class Files(ExitStack):
         Folder to which their names are relative.
     entry : Entry
         The record's table in the campaign.
+    data : Reader, optional
+        In the place of the record's file.
     """
 
-    def __init__(self, folder: Path, entry: Entry):
+    def __init__(self, folder: Path, entry: Entry, data: Reader | None = None):
         super().__init__()
         self.folder, self.entry = folder, entry
         lines = {"skip_rows": entry.skip_rows, "header_row": entry.header_row}
         self._lines = {key: value for key, value in lines.items() if value is not None}
-        self._open: dict[str, Reader] = {}
+        self._open: dict[str, Reader] = {} if data is None else {entry.file: data}
 
     def reader(self, name: str) -> Reader:
         """Reader of a file; raises `CampaignError`."""
@@ -86,7 +88,7 @@ class Files(ExitStack):
                     "unit",
                     f"the columns to be averaged have the units {found} in the file, give one unit in the campaign",
                 )
-            return source.to_si(raw, si, units[0])
+            return source.to_si(raw, si, units[0], levels=channel == "magnitude")
         except ParameterError as error:
             key = f"{channel} (column {', '.join(columns)!r})"
             raise CampaignError(self.folder / name, key, error.message, channel=channel) from None

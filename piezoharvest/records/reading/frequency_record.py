@@ -9,13 +9,14 @@ from types import MappingProxyType
 import numpy as np
 
 from piezoharvest.description.shunts import Shunt
-from piezoharvest.readers import MissingColumnError, ReadError
+from piezoharvest.readers import MissingColumnError, Reader, ReadError
 from piezoharvest.readers.base import shown
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.finding import Finding, counted, shifted
 from piezoharvest.records.reading.channels import ChannelSource
 from piezoharvest.records.reading.entries import RESPONSE_COLUMNS, FrfEntry, ImpedanceEntry, Sources, response_units
 from piezoharvest.records.reading.files import Files
+from piezoharvest.records.reading.known_columns import known_column
 from piezoharvest.records.record import FrequencyRecord
 
 # The forms in which a response may be given; the first that is present is used.
@@ -23,7 +24,12 @@ _FORMS = (("response",), ("real", "imaginary"), ("magnitude", "phase"))
 
 
 def read_frequency_record(
-    entry: FrfEntry | ImpedanceEntry, key: str, sources: Sources, shunt: Shunt | None, folder: Path
+    entry: FrfEntry | ImpedanceEntry,
+    key: str,
+    sources: Sources,
+    shunt: Shunt | None,
+    folder: Path,
+    data: Reader | None = None,
 ) -> tuple[FrequencyRecord, list[Finding]]:
     """Read a frequency response or an impedance, from one or several sweeps up or down, sorted by frequency.
 
@@ -39,6 +45,8 @@ def read_frequency_record(
     shunt : Shunt or None
     folder : Path
         Folder to which file names are relative.
+    data : Reader, optional
+        In the place of the file.
 
     Returns
     -------
@@ -52,7 +60,7 @@ def read_frequency_record(
         The file cannot be read, or holds no response.
     """
     units = response_units(entry)
-    with Files(folder, entry) as files:
+    with Files(folder, entry, data) as files:
         columns, all_sources = _find(files, entry, sources)
         raw = files.read(entry.file, columns)
         parts = {
@@ -122,6 +130,9 @@ def _find(files: Files, entry: FrfEntry | ImpedanceEntry, sources: Sources) -> t
         except ReadError as error:
             if part in sources or not isinstance(error, MissingColumnError):
                 raise files.error(entry.file, part, error) from None
+            known = known_column(reader, part) if entry.kind == "impedance" else None
+            if known is not None:
+                found[part] = [known]
     if "phase" not in found and "phase_deg" in reader.names and "phase" not in sources:
         found["phase"], used["phase"] = ["phase_deg"], ChannelSource(unit="deg")
     given = [form for form in _FORMS if any(part in sources for part in form)] or _FORMS

@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from piezoharvest.description.shunts import Resistor, Shunt
-from piezoharvest.readers import MissingColumnError, ReadError
+from piezoharvest.readers import MissingColumnError, Reader, ReadError
 from piezoharvest.readers.base import shown
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.finding import Finding
@@ -135,7 +135,7 @@ class Reading:
                 names = shown(self.files.reader(self.entry.file).names)
                 needed = "give a column time_s, the name of another one in [channels], or sample_rate in the record"
                 raise self.error("time", f"there is no time among the columns {names}; {needed}")
-            self.values["time"] = stamps
+            self.values["time"] = self._at_stated_rate(stamps)
         raw = self.values["time"]
         time = self._si("time", raw)
         span = float(time[-1] - time[0])
@@ -154,6 +154,19 @@ class Reading:
             message = f"{found}: a lost sample would not show; give finer stamps or sample_rate"
             self.findings.append(Finding("warning", "coarse time", self.file("time"), "time", (), message))
 
+    def _at_stated_rate(self, stamps: np.ndarray) -> np.ndarray:
+        """Times of the format, at the record's sample rate if they are rounded; a warning where it is missing."""
+        error, rate = self.files.reader(self.file(self.entry.drive)).step_error, self.entry.sample_rate
+        if error <= _RATE_TOLERANCE or len(stamps) < 2:
+            return stamps
+        step = float(stamps[1] - stamps[0])
+        if rate is not None and abs(step * rate - 1) <= error:
+            return stamps[0] + np.arange(len(stamps)) / rate
+        found = f"the file states a sampling interval of {step:.6g} s, rounded and up to {100 * error:.2g} % off"
+        message = f"{found}: sample_rate in the record would say it"
+        self.findings.append(Finding("warning", "coarse time", self.file("time"), "time", (), message))
+        return stamps
+
     def _stamps_of_format(self) -> np.ndarray | None:
         """Time stamps that the format itself stores, the same for all channels; None if it stores none."""
         found: np.ndarray | None = None
@@ -168,7 +181,7 @@ class Reading:
 
 
 def read_record(
-    entry: TimeEntry, key: str, sources: Sources, shunt: Shunt | None, folder: Path
+    entry: TimeEntry, key: str, sources: Sources, shunt: Shunt | None, folder: Path, data: Reader | None = None
 ) -> tuple[Record, list[Finding]]:
     """Read a record over time.
 
@@ -182,6 +195,8 @@ def read_record(
     shunt : Shunt or None
     folder : Path
         Folder to which file names are relative.
+    data : Reader, optional
+        In the place of the file.
 
     Returns
     -------
@@ -194,7 +209,7 @@ def read_record(
     CampaignError
         A file cannot be read, or a column is missing, not numeric or of another length.
     """
-    with Files(folder, entry) as files:
+    with Files(folder, entry, data) as files:
         reading = Reading(entry, sources, shunt, files)
         signals = reading.signals()
         findings = [*reading.findings, *files.below()]

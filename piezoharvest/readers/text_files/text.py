@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import codecs
 from collections.abc import Iterator, Sequence
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
 from piezoharvest.readers.base import MAX_NUMBERS, MissingColumnError, Reader, ReadError, check_count, cut
-from piezoharvest.readers.layout import ADVICE, MAX_HEADER_LINES, find_layout
-from piezoharvest.readers.table import Table, decoded
+from piezoharvest.readers.text_files.layout import ADVICE, MAX_HEADER_LINES, find_layout
+from piezoharvest.readers.text_files.table import Table, decoded
 from piezoharvest.readers.units import Unit, stated_unit, unit_of
 
 _BLOCK = 1 << 22  # bytes read at a time
@@ -29,9 +30,15 @@ class Text(Reader):
         Number of lines to skip at the beginning.
     header_row : int, optional
         Line, from 1, with the names; the table is the first one below it.
+
+    Attributes
+    ----------
+    head : list of str
+        The first lines; of those that are skipped only the last `lines_above` are kept, the others are empty.
     """
 
     suffixes: ClassVar[tuple[str, ...]] = (".csv", ".txt", ".dat", ".tsv")
+    lines_above: ClassVar[int] = MAX_HEADER_LINES
     by_lines = True
     most_bytes = 32 * MAX_NUMBERS  # a number with 17 digits has up to 25 characters
 
@@ -39,14 +46,22 @@ class Text(Reader):
         super().__init__(path)
         self._encoding = _encoding(path)
         begin = max(skip_rows, header_row or 0)
-        head = _head(_blocks(path, self._encoding), begin)
-        if len(head) < begin:
+        self.head = self.prepared(_head(self.blocks(), begin, self.lines_above))
+        if len(self.head) < begin:
             key = "skip_rows" if begin == skip_rows else "header_row"
-            raise ReadError(f"{key} is {begin}, but the file has only {len(head)} lines")
-        self.layout = find_layout(head, skip_rows, header_row)
+            raise ReadError(f"{key} is {begin}, but the file has only {len(self.head)} lines")
+        self.layout = find_layout(self.head, skip_rows, header_row)
         self.names = self.layout.names
         self._positions = {self._key(n): n for n in range(self.layout.width)}
         self.first_row = self.layout.above + 1
+
+    def blocks(self) -> Iterator[bytes]:
+        """Whole lines of the file, some megabytes at a time."""
+        return _blocks(self.path, self._encoding)
+
+    def prepared(self, head: list[str]) -> list[str]:
+        """The first lines as the layout is found in them; those of some instruments hold more than columns."""
+        return head
 
     def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
         table = self._table(names, self.first_row)
@@ -83,7 +98,7 @@ class Text(Reader):
         """Columns of the rows from `first` to `last`, read block by block to limit memory."""
         table = Table(self.layout, {name: self._positions[name] for name in names})
         row = 1
-        for block in _blocks(self.path, self._encoding):
+        for block in self.blocks():
             lines = block.count(b"\n")
             if row + lines > first:
                 table.add(_lines_of(block, first - row, None if last is None else last + 1 - row), max(row, first))
@@ -93,10 +108,24 @@ class Text(Reader):
                 break
         return table
 
+    def _column(self, position: int) -> np.ndarray:
+        """One whole column, whatever was read last."""
+        key = self._key(position)
+        return self._table([key], self.first_row).finish()[key]
+
     def _key(self, position: int) -> str:
         """Unique name of a column: its name, with its number if there are several of that name."""
         name = self.names[position]
         return name if self.names.count(name) == 1 else f"{name} ({position + 1})".strip()
+
+
+def half_a_digit(number: str) -> float:
+    """Half a unit of the last digit that is printed: the error of a rounded number; 0 of what is none."""
+    try:
+        exponent = Decimal(number.strip().replace(",", ".")).as_tuple().exponent
+    except InvalidOperation:
+        return 0.0
+    return 0.5 * 10.0**exponent if isinstance(exponent, int) else 0.0
 
 
 def _encoding(path: Path) -> str | None:
@@ -149,13 +178,13 @@ def _blocks(path: Path, encoding: str | None) -> Iterator[bytes]:
                 raise ReadError(f"{what}, but a table of numbers is needed")
 
 
-def _head(blocks: Iterator[bytes], begin: int) -> list[str]:
-    """The first lines of a file, which show its layout; skipped lines, except the last few, are returned empty."""
+def _head(blocks: Iterator[bytes], begin: int, above: int) -> list[str]:
+    """The first lines of a file, which show its layout; skipped lines, except the last `above`, are returned empty."""
     head: list[str] = []
     size = 0
     for block in blocks:
         for line in block.split(b"\n")[:-1]:
-            head.append(decoded(line) if len(head) >= begin - MAX_HEADER_LINES else "")
+            head.append(decoded(line) if len(head) >= begin - above else "")
             size += len(line) if len(head) > begin else 0
             if size > _HEAD or len(head) > begin + _HEAD_LINES:
                 return head

@@ -16,7 +16,7 @@ from piezoharvest.readers.units import unit_of
 
 COMMENT = ("#", "%")
 _MISSING = {"", "n/a", "na", "#n/a", "null", "nan", "-nan", "1.#ind", "-1.#ind", "1.#qnan", "-1.#qnan"}
-_INFINITE = {"inf", "infinity"}
+_INFINITE = {"inf", "infinity", "\u221e"}  # PicoScope writes the sign of infinity where its range is exceeded
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _CUT_NUMBER = re.compile(r"[+-]?\d*\.?\d*(?:[eE][+-]?\d*)?")  # possible rest of a number at the end of a truncated file
 _BLANKS = re.compile(r'"[^"]*"|\S+')
@@ -56,7 +56,7 @@ class Dialect:
         word = cell.lower()
         if word in _MISSING:
             return float("nan")
-        return float(word) if word.lstrip("+-") in _INFINITE else None
+        return float(word.replace("\u221e", "inf")) if word.lstrip("+-") in _INFINITE else None
 
     def is_number(self, cell: str) -> bool:
         """True if a cell is a number or is marked as missing."""

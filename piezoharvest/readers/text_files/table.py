@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from piezoharvest.readers.base import ReadError, cut
-from piezoharvest.readers.layout import COMMENT, TextLayout
+from piezoharvest.readers.text_files.layout import COMMENT, TextLayout
 
 _END = "END"  # ends a block in files of impedance analysers
 

@@ -1,0 +1,176 @@
+"""The command `new`: studies and campaigns to begin with, commented; a campaign from the user's own files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from importlib import resources
+from pathlib import Path
+from string import Template
+from typing import TYPE_CHECKING
+
+import numpy as np
+import tomli_w
+
+from piezoharvest.cli.commands import note
+from piezoharvest.output import OutputError, check_file, write_text
+from piezoharvest.study import StudyError
+
+if TYPE_CHECKING:
+    from piezoharvest.records.recognition.files import FoundFile
+
+_UNITS = {"mass": "kg", "damping": "N s/m", "stiffness": "N/m", "coupling": "N/V", "capacitance": "F, clamped"}
+_DRIVES = ("force", "base_acceleration", "voltage", "displacement")  # the first that a file has is taken
+_REGRESSED = ("force", "displacement", "voltage", "current")
+_OHM_SCATTER = 0.05  # rms deviation of v - R i, relative to v, up to which a load is a resistance
+
+
+def new(kind: str, files: Sequence[Path], out: Path | None) -> int:
+    """Write a template, "harvest" or "damping", that runs as it is; or a "campaign" from data files."""
+    target = Path(f"{kind}.toml") if out is None else out
+    check_file(target, (".toml",))
+    if os.path.lexists(target):
+        raise OutputError(f"{target}: this exists and is not overwritten, --out FILE names another file")
+    text = resources.files("piezoharvest.cli").joinpath("templates", f"{kind}.toml").read_text("utf-8")
+    if kind != "campaign":
+        if files:
+            raise OutputError(f"found {files[0]} for {kind}, allowed are data files for campaign only")
+        write_text(text.replace("FILE", target.name), target)
+        print(target)
+        return 0
+    if not files:
+        raise OutputError("no data files, at least one is needed: piezoharvest new campaign FILES")
+    write_text(_campaign(text, files, target), target)
+    print(target)
+    _say_what_is_left(target)
+    return 0
+
+
+def _say_what_is_left(target: Path) -> None:
+    """Note the first thing that stands in the way of a fit, or the warnings."""
+    from piezoharvest.records import load_campaign
+
+    try:
+        for finding in load_campaign(target).warnings:
+            note(f"warning: {finding.file}: {finding.message}")
+    except StudyError as error:
+        note(f"left to be said: {error}")
+
+
+def _campaign(template: str, files: Sequence[Path], target: Path) -> str:
+    """Text of a campaign of these files; raises `StudyError`."""
+    from piezoharvest.readers import ReadError
+    from piezoharvest.records.recognition.files import look_into
+
+    found = []
+    for path in files:
+        try:
+            found.append(look_into(path))
+        except ReadError as error:
+            raise StudyError(path, error.column, error.message) from None
+    signals = [each for each in found if each.kind == "time"]
+    same = all((each.columns, each.units) == (signals[0].columns, signals[0].units) for each in signals)
+    shared = list(_channels(signals[0])) if signals and same else []
+    records = [line for each in found for line in _record(each, target, same)]
+    return Template(template).substitute(
+        title=_quoted(target.stem), transducer="\n".join(_transducer(signals)),
+        channels="\n".join(shared or ["# as each record says below"]), records="\n".join(records),
+    ).replace("FILE", target.name)  # fmt: skip
+
+
+def _transducer(signals: Sequence[FoundFile]) -> Iterator[str]:
+    """Lines of nominal values, as far as a regression of the longest record tells them."""
+    from piezoharvest.records.recognition.rough_values import rough_values
+
+    rough: dict[str, float] = {}
+    for each in sorted(signals, key=lambda one: -one.count):
+        channels = {name: each.values[name] for name in _REGRESSED if name in each.values}
+        if each.rate is not None and len({len(values) for values in channels.values()}) == 1:
+            rough = max(rough, rough_values(channels, each.rate), key=len)
+    for name, unit in _UNITS.items():
+        if name in rough:
+            yield f"{f'{name} = {rough[name]:.3g}':<33}# {unit}; a rough value, from the records (?)"
+        else:
+            yield f"{f'# {name} = ':<33}# {unit}; the records do not tell it (?)"
+
+
+def _channels(found: FoundFile) -> Iterator[str]:
+    """Lines of [channels]: what was recognised, and what was not, as comments."""
+    from piezoharvest.records.recognition.files import OTHER_UNIT
+
+    for channel, column in found.columns.items():
+        unit = found.units[channel]
+        name = _quoted(column)
+        if unit == OTHER_UNIT:
+            yield f"# {channel} = {{ column = {name}, gain = 1.0 }}    # (?) of another unit: its gain is missing"
+            continue
+        said = f"{unit}, as the file says" if unit else "the file states no unit: taken for the SI unit (?)"
+        if channel == "time" and found.rate is not None:
+            said += f"; {found.rate:.6g} Hz"
+        yield f"{channel} = {{ column = {name} }}    # {said}"
+    if not set(_DRIVES) & set(found.columns):
+        yield '# force = { column = "...", unit = "N", gain = 1.0 }    # (?) and displacement, voltage, current, ...'
+    if found.left:
+        yield f"# not recognised (?): {', '.join(map(_quoted, found.left))}"
+
+
+def _record(found: FoundFile, target: Path, same: bool) -> Iterator[str]:
+    """Lines of a table [[records]]."""
+    name = Path(os.path.relpath(found.path, target.parent)).as_posix()
+    yield ""
+    yield "[[records]]"
+    about = "lines" if found.kind != "time" else "samples"
+    rate = f" at {found.rate:.6g} Hz" if found.rate is not None else ""
+    yield f"file = {_quoted(name)}    # {found.count} {about}{rate}"
+    yield 'role = "fit"                     # "validate": kept out of the fit, to judge it'
+    yield from (f"# (?) {doubt}" for doubt in found.doubts)
+    if found.kind != "time":
+        yield from _spectrum(found)
+        return
+    drive = next((channel for channel in _DRIVES if channel in found.columns), "")
+    sure = "what was imposed" if drive == "force" else "what was imposed (?)"
+    line = f'drive = "{drive}"' if drive in found.values else f'# drive = "{drive or "force"}"'
+    yield f"{line:<33}# {sure if drive in found.values else 'what was imposed: its channel is not known yet (?)'}"
+    if "time" not in found.values:
+        yield "# sample_rate = 1000.0           # Hz (?) the file has no times"
+    yield from _load(found, drive)
+    if not same:
+        yield "[records.channels]"
+        yield from _channels(found)
+
+
+def _load(found: FoundFile, drive: str) -> Iterator[str]:
+    """Line of the load: voltage over current, if they are in proportion."""
+    voltage, current = (found.values.get(name) for name in ("voltage", "current"))
+    if drive == "voltage":
+        return
+    if voltage is not None and current is not None and (power := float(current @ current)) > 0:
+        ohm = float(voltage @ current) / power
+        off = np.linalg.norm(voltage - ohm * current) / max(float(np.linalg.norm(voltage)), np.finfo(float).tiny)
+        if ohm > 0 and off < _OHM_SCATTER:
+            yield f"{f'load_resistance = {ohm:.4g}':<33}# ohm; voltage over current (?) what its label says is better"
+            return
+    yield '# load_resistance = 1e5          # ohm (?) or: shunt = { kind = "open" }, "short", "parallel_sshi", ...'
+
+
+def _spectrum(found: FoundFile) -> Iterator[str]:
+    """Keys of a frequency response or an impedance."""
+    yield f'kind = "{found.kind}"'
+    if found.kind == "impedance":
+        yield 'mechanical = "free"              # or "blocked"'
+        return
+    if found.output:
+        yield f'output = "{found.output}"'
+        yield f'input = "{found.input}"'
+    else:
+        yield '# output = "displacement"        # (?) or velocity, acceleration, voltage, current'
+    yield '# load_resistance = 1e5          # ohm (?) or: shunt = { kind = "open" }, { kind = "short" }'
+    yield "[records.channels]"
+    yield from (f"{part} = {{ column = {_quoted(column)} }}" for part, column in found.columns.items())
+    yield f"# columns: {', '.join(map(_quoted, found.left))}"
+    yield '# response (complex), or real and imaginary, or magnitude and phase: { column = "...", unit = "..." }'
+
+
+def _quoted(value: str | int) -> str:
+    """A string or a number as TOML writes it."""
+    return tomli_w.dumps({"x": value}).removeprefix("x = ").strip()

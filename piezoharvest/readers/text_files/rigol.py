@@ -1,0 +1,47 @@
+"""CSV files of Rigol's oscilloscopes that number their samples.
+
+Format, as the DS1000Z and its kin write it: the first line names the columns and ends in `Start,Increment`; the
+second holds `Sequence`, the unit of each channel, and there the time of the first sample and the step, in s.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from piezoharvest.readers.text_files.text import Text, half_a_digit
+
+_FIRST_LINES = re.compile(rb"(?:\xef\xbb\xbf)?X,[^\r\n]*,Start,Increment,*\s*[\r\n]+Sequence,", re.IGNORECASE)
+
+
+class Rigol(Text):
+    """Samples of an oscilloscope with their times: Start + number Increment."""
+
+    suffixes: ClassVar[tuple[str, ...]] = ()
+    lines_above: ClassVar[int] = 1 << 30  # whatever is skipped, the first two lines are needed
+
+    def __init__(self, path: Path, skip_rows: int = 0, header_row: int | None = None):
+        self._stated: dict[str, str] = {}
+        super().__init__(path, skip_rows, header_row)
+        start, step = (self._stated.get(name, "") for name in ("start", "increment"))
+        self._start, self._step = self.layout.dialect.number(start), self.layout.dialect.number(step)
+        self.step_error = half_a_digit(step) / abs(self._step or 1.0)
+
+    def prepared(self, head: list[str]) -> list[str]:
+        """Lines whose first two name only the columns, not start and step, which no other row has."""
+        titles, values = (line.split(",") for line in head[:2])
+        self._stated = {title.strip().lower(): value for title, value in zip(titles, values, strict=False)}
+        columns = next((n for n, title in enumerate(titles) if title.strip().lower() == "start"), len(titles))
+        return [",".join(titles[:columns]), ",".join(values[:columns]), *head[2:]]
+
+    @classmethod
+    def recognises(cls, start: bytes) -> bool:
+        return _FIRST_LINES.match(start) is not None
+
+    def time_of(self, name: str) -> np.ndarray | None:
+        if self._start is None or not self._step:
+            return None
+        return self._start + self._step * self._column(0)

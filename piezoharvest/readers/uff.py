@@ -1,0 +1,125 @@
+"""Universal files (.uff, .unv) of modal analysis: functions at nodal degrees of freedom, data set 58, text or binary.
+
+Format: University of Cincinnati, Structural Dynamics Research Laboratory, "Universal File Formats",
+www.ceas3.uc.edu/sdrluff, data sets 58 and 164; read by pyuff, which is an extra of this package.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from piezoharvest.readers.base import Reader, ReadError, check_count, cut, numbers
+from piezoharvest.readers.units import Unit, unit_of
+
+_KINDS = {1: "signal", 2: "auto spectrum", 3: "cross spectrum", 4: "response", 5: "transmissibility", 6: "coherence"}
+_DIRECTIONS = {0: "", **{s * n: f"{'+' if s > 0 else '-'}{d}" for s in (1, -1) for n, d in enumerate("XYZ", 1)}}
+_TIME, _FREQUENCY = 17, 18  # specific data types of an abscissa
+_ABSCISSAE = {_TIME: "time_s", _FREQUENCY: "frequency_Hz"}
+# SI unit of a quantity by its specific data type, and which factor of data set 164 it is divided by
+_SI = {8: ("m", "length"), 9: ("N", "force"), 11: ("m/s", "length"), 12: ("m/s^2", "length"), 13: ("N", "force")}
+
+
+class Uff(Reader):
+    """Functions by kind: "response", "coherence", "signal"; of several of a kind also by degrees of freedom.
+
+    "response 3+Z/1+X" is that at node 3 in +Z to a force at node 1 in +X. The column "frequency_Hz" or "time_s" is
+    what all functions have in common. Units are those of the axes' labels, or of the file's system (data set 164).
+    """
+
+    suffixes: ClassVar[tuple[str, ...]] = (".uff", ".unv")
+
+    def __init__(self, path: Path):
+        super().__init__(path)
+        sets = _read(path)
+        self._factors: Mapping[str, Any] = next((each for each in sets if each["type"] == 164), {})
+        functions = [each for each in sets if each["type"] == 58]
+        if not functions:
+            raise ReadError("found no function (data set 58) in the universal file")
+        check_count(sum(len(each["data"]) for each in functions))
+        kinds = [_kind(each) for each in functions]
+        count = Counter(kinds)
+        names = [k if count[k] == 1 else f"{k} {_freedoms(each)}" for k, each in zip(kinds, functions, strict=True)]
+        double = Counter(names)
+        names = [name if double[name] == 1 else f"{name} ({n})" for n, name in enumerate(names, start=1)]
+        self._functions = dict(zip(names, functions, strict=True))
+        self._shared = _common_abscissa(functions)
+        self.names = (*self._shared, *names)
+
+    def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        return {
+            name: self._shared[name] if name in self._shared else numbers(self._functions[name]["data"], name)
+            for name in names
+        }
+
+    def unit(self, name: str) -> Unit | None:
+        if name in self._shared:
+            return unit_of(_label(next(iter(self._functions.values())), "abscissa"))
+        function = self._functions[name]
+        above = self._unit_of_axis(function, "ordinate")
+        below = self._unit_of_axis(function, "orddenom")
+        if above is None or below is None or function["func_type"] == 1:
+            return above
+        return Unit(f"{above.text}/{below.text}", f"({above.si})/({below.si})", above.factor / below.factor)
+
+    def time_of(self, name: str) -> np.ndarray | None:
+        function = self._functions.get(name, {})
+        return np.asarray(function["x"], float) if function.get("abscissa_spec_data_type") == _TIME else None
+
+    def _unit_of_axis(self, function: Mapping[str, Any], axis: str) -> Unit | None:
+        """Unit by the label of an axis, else by its quantity where the file states its system of units."""
+        label = _label(function, axis)
+        quantity = _SI.get(function.get(f"{axis}_spec_data_type", 0))
+        if label or quantity is None or not self._factors.get(quantity[1]):
+            return unit_of(label)
+        si, dimension = quantity
+        return Unit(f"data set 164, {dimension}", si, 1.0 / self._factors[dimension])
+
+
+def _read(path: Path) -> list[dict[str, Any]]:
+    """Data sets of a file; raises `ReadError`."""
+    try:
+        import pyuff  # pyright: ignore[reportMissingImports] - an extra
+    except ImportError:
+        needed = "the package pyuff is missing, which reads universal files"
+        raise ReadError(f"{needed}: pip install 'piezoharvest[uff]'") from None
+    try:
+        file = pyuff.UFF(str(path))
+        wanted = [n for n, number in enumerate(file.get_set_types()) if number in (58, 164)]
+        sets = [file.read_sets(n) for n in wanted]
+        for each in sets:
+            if each["type"] == 58 and not len(each["data"]) == len(each["x"]) == each["num_pts"] > 0:
+                raise ValueError(f"{len(each['data'])} values where {each['num_pts']} are stated")
+    except MemoryError:
+        raise
+    except Exception as error:  # pyuff raises any exception on damaged files
+        raise ReadError(f"not a complete universal file ({cut(str(error))})") from None
+    return sets
+
+
+def _common_abscissa(functions: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
+    """The column of times or frequencies, if all functions have the same."""
+    first = functions[0]
+    name = _ABSCISSAE.get(first["abscissa_spec_data_type"])
+    same = all(np.array_equal(each["x"], first["x"]) for each in functions)
+    return {name: np.asarray(first["x"], float)} if name and same else {}
+
+
+def _kind(function: Mapping[str, Any]) -> str:
+    return _KINDS.get(function["func_type"], f"function of type {function['func_type']}")
+
+
+def _freedoms(function: Mapping[str, Any]) -> str:
+    """Degrees of freedom, "3+Z/1+X"; of a signal its own only."""
+    ends = [f"{function[f'{end}_node']}{_DIRECTIONS.get(function[f'{end}_dir'], '')}" for end in ("rsp", "ref")]
+    return ends[0] if function["func_type"] == 1 else "/".join(ends)
+
+
+def _label(function: Mapping[str, Any], axis: str) -> str:
+    """Label of an axis's units; "" where it is "NONE"."""
+    label = str(function.get(f"{axis}_axis_units_lab") or "").strip()
+    return "" if label.upper() == "NONE" else label

@@ -1,0 +1,60 @@
+"""WAV files, as sound and vibration recorders write them: samples of a converter, in parts of its full scale."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from piezoharvest.readers.base import Reader, ReadError, check_count
+from piezoharvest.readers.units import Unit
+
+# Raw value that is full scale, by type: integers as Microsoft's "Multimedia Programming Interface and Data
+# Specifications 1.0" (1991) has them; scipy puts the 24 bits of a sample into the upper bits of 32.
+_FULL_SCALE = {"u1": 128.0, "i2": 2.0**15, "i4": 2.0**31}
+_NOTE = Unit("full scale", "full scale", 1.0)  # converts to no unit of a channel, so that the record has to give a gain
+
+
+class Wav(Reader):
+    """Channels "channel 1", "channel 2", ... in parts of full scale, -1 to 1; of float samples the values as they are.
+
+    What full scale is in newtons or volts is in no WAV file: a channel's `gain` has to say it.
+    """
+
+    suffixes: ClassVar[tuple[str, ...]] = (".wav",)
+
+    def __init__(self, path: Path):
+        from scipy.io import wavfile
+
+        super().__init__(path)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", wavfile.WavFileWarning)  # of chunks that hold no samples
+                warnings.filterwarnings("error", "Reached EOF prematurely")
+                self._rate, samples = wavfile.read(path)
+        except MemoryError:
+            raise
+        except Exception as error:  # scipy raises struct.error, ValueError and others on damaged files
+            raise ReadError(f"not a complete WAV file ({error})") from None
+        if not self._rate > 0 or samples.dtype.kind not in "uif":
+            raise ReadError(f"found {samples.dtype} at {self._rate} Hz, allowed are numbers at a rate above 0 Hz")
+        self._samples = samples.reshape(len(samples), -1)
+        self.names = tuple(f"channel {n}" for n in range(1, self._samples.shape[1] + 1))
+
+    def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        check_count(len(names) * len(self._samples))
+        return {name: self._scaled(self._samples[:, self.names.index(name)]) for name in names}
+
+    def unit(self, name: str) -> Unit | None:
+        return _NOTE
+
+    def time_of(self, name: str) -> np.ndarray | None:
+        return np.arange(len(self._samples)) / self._rate
+
+    def _scaled(self, raw: np.ndarray) -> np.ndarray:
+        full = _FULL_SCALE.get(raw.dtype.str[1:], 1.0)
+        offset = full if raw.dtype.kind == "u" else 0.0  # 8 bits are counted from 0, with silence at 128
+        return (raw.astype(float) - offset) / full

@@ -1,0 +1,49 @@
+"""Columns of an impedance by the names that analysers give them, where a campaign names none.
+
+Keysight E4990A, help on "Saving trace data to a file" (helpfiles.keysight.com): `|Z|(Ohm)-data`, `theta-z(deg)-data`,
+`Z-Real(Ohm)-data`. OMICRON Bode Analyzer Suite, by analogy to the gain in its users' files (`Trace 1: Gain: Magnitude
+(dB)`): `Trace 1: Impedance: Magnitude (Ω)`. Of LCR meters, as Hioki's, no file was seen: their usual names for Z, PHASE
+or theta, R or Rs and X, with a unit, are taken.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from piezoharvest.readers import Reader
+from piezoharvest.readers.units import stated_unit
+
+_TRACE = r"(?:trace \d+: )?impedance: ?"
+# Names without their units, in lower case, and the SI unit that the file states for them. A phase has to state it: a
+# number may be degrees or radians. A name alone, as "R", may state none.
+_NAMES: Mapping[str, tuple[re.Pattern[str], str, bool]] = MappingProxyType({
+    "frequency": (re.compile(r"f|freq\.?|frequency(?:: trace \d+)?"), "Hz", False),
+    "real": (re.compile(rf"r|rs|z-real|re\(z\)|resistance|{_TRACE}real"), "ohm", False),
+    "imaginary": (re.compile(rf"x|xs|z-imag|im\(z\)|reactance|{_TRACE}imaginary"), "ohm", False),
+    "magnitude": (re.compile(rf"z|\|z\||impedance|{_TRACE}magnitude"), "ohm", False),
+    "phase": (re.compile(rf"phase|theta|\u03b8|theta-?z|\u03b8z|z-?phase|{_TRACE}phase"), "rad", True),
+})  # fmt: skip
+
+
+def known_column(reader: Reader, part: str) -> str | None:
+    """The first column that is named like a part of an impedance and has its unit; None if there is none.
+
+    Parameters
+    ----------
+    reader : Reader
+    part : str
+        "frequency", "real", "imaginary", "magnitude" or "phase".
+    """
+    if part not in _NAMES:
+        return None
+    pattern, si, stated = _NAMES[part]
+    for n, name in enumerate(reader.names, start=1):
+        bare = stated_unit(name)[0].strip().strip('"').strip().lower()
+        if pattern.fullmatch(bare):
+            column = reader.resolve(n)
+            unit = reader.unit(column)
+            if unit.si == si if unit is not None else not stated:
+                return column
+    return None

@@ -1,0 +1,209 @@
+"""What a data file seems to hold: its times, which column is which channel, and what it does not tell.
+
+Columns are judged by their names, in English and German, and by the units that the file states. What two columns may
+be, or none, is left to the user.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from piezoharvest.readers import Reader, ReadError, open_reader
+from piezoharvest.readers.units import stated_unit
+from piezoharvest.records.reading.channels import COLUMNS, UNITS
+from piezoharvest.records.reading.entries import RESPONSE_COLUMNS
+from piezoharvest.records.reading.known_columns import known_column
+
+# Names without their units, in lower case; the first channel that fits is taken.
+_WORDS: Mapping[str, str] = MappingProxyType({
+    "time": r"t|time.*|zeit.*|x_value|timestamp|seconds?",
+    "base_acceleration": r".*\b(base|shaker|sockel)\b.*|base.*",
+    "dc_voltage": r"v?_?dc.*|dc.*volt.*|.*storage.*",
+    "gate": r"gate.*|trig.*",
+    "force": r"f|.*force.*|.*kraft.*|.*load ?cell.*|impedance head.*",
+    "displacement": r"x|.*disp.*|.*position.*|.*weg.*|.*auslenk.*|.*laser.*|lvdt.*",
+    "velocity": r".*velocity.*|vel|.*vibrometer.*|.*geschw.*",
+    "acceleration": r"acc|.*accel.*|.*beschl.*",
+    "current": r"i|.*current.*|.*strom.*",
+    "voltage": r"u|v|.*volt.*|.*spannung.*|piezo.*",
+})  # fmt: skip
+OTHER_UNIT = "?"  # stands for the unit of a column that is recognised, but in none of its channel's units
+_OUTPUTS = ("displacement", "velocity", "acceleration", "voltage")
+_RATIOS = {
+    f"({UNITS[top]})/({UNITS[below]})": (top, below)
+    for below in ("force", "base_acceleration")
+    for top in _OUTPUTS
+    if UNITS[top] != UNITS[below]
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundFile:
+    """What was found in a data file.
+
+    Attributes
+    ----------
+    path : Path
+    kind : "time", "frf" or "impedance"
+    columns : mapping of str to (str or int)
+        Column of each channel that was recognised, as a campaign names it; times that the format stores have none.
+    units : mapping of str to str
+        Unit that the file states for it, "" if none, `OTHER_UNIT` where it is not the channel's.
+    values : mapping of str to array (n,)
+        Recognised channels over time in SI units, "time" among them if the file has any.
+    count : int
+        Samples or lines.
+    output, input : str
+        Of a frequency response; "" if its unit does not tell them.
+    left : tuple of str
+        Other columns, with their units.
+    doubts : tuple of str
+        What could not be told, or was guessed, a sentence each.
+    """
+
+    path: Path
+    kind: str
+    columns: Mapping[str, str | int]
+    units: Mapping[str, str]
+    values: Mapping[str, np.ndarray]
+    count: int
+    output: str = ""
+    input: str = ""
+    left: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def rate(self) -> float | None:
+        """Sample rate, Hz; None without times that ascend."""
+        time = self.values.get("time", np.empty(0))
+        span = float(time[-1] - time[0]) if len(time) > 1 else 0.0
+        return (len(time) - 1) / span if 0 < span < np.inf else None
+
+
+def look_into(path: Path) -> FoundFile:
+    """Recognise what a data file holds.
+
+    Raises
+    ------
+    ReadError
+        It cannot be read.
+    """
+    with open_reader(path) as reader:
+        return _spectrum(reader, path) or _signals(reader, path)
+
+
+def _spectrum(reader: Reader, path: Path) -> FoundFile | None:
+    """A frequency response or an impedance, if there is a column of frequencies."""
+    frequency = known_column(reader, "frequency") or next((n for n in reader.names if n == "frequency_Hz"), None)
+    if frequency is None or (frequency.lower() == "f" and reader.unit(frequency) is None):  # which may be a force
+        return None
+    count = len(reader.read([frequency])[frequency])
+    units = [unit.si for name in _resolved(reader).values() if (unit := reader.unit(name)) is not None]
+    named = {RESPONSE_COLUMNS["impedance"][part] for part in ("response", "real", "magnitude")}
+    if named & set(reader.names) or any(known_column(reader, part) for part in ("real", "magnitude")):
+        return FoundFile(path=path, kind="impedance", columns={}, units={}, values={}, count=count)
+    output, source = next((_RATIOS[si] for si in units if si in _RATIOS), ("", ""))
+    columns: dict[str, str | int] = {} if "frequency_Hz" in reader.names else {"frequency": frequency}
+    doubts = () if output else ("no column states a unit such as m/N, which would tell output and input",)
+    return FoundFile(
+        path=path, kind="frf", columns=columns, units={}, values={}, count=count, output=output, input=source,
+        left=tuple(reader.names), doubts=doubts,
+    )  # fmt: skip
+
+
+def _signals(reader: Reader, path: Path) -> FoundFile:
+    """Channels over time."""
+    columns = _by_name(reader)
+    columns |= dict(_by_unit(reader, columns))
+    units: dict[str, str] = {}
+    values: dict[str, np.ndarray] = {}
+    doubts: list[str] = []
+    for channel, place in list(columns.items()):
+        name = reader.resolve(place)
+        unit, raw = reader.unit(name), _numbers(reader, name)
+        if raw is None or (channel == "time" and not np.all(np.diff(raw) > 0)):
+            del columns[channel]
+            wrong = "no times that ascend" if raw is not None else "no numbers"
+            doubts.append(f"column {name!r} looked like {channel}, but holds {wrong}")
+        elif unit is not None and unit.firm and unit.si != UNITS[channel]:
+            doubts.append(f"{channel} is in {unit.text}: its gain, in {UNITS[channel]} for one {unit.text}, is missing")
+            units[channel] = OTHER_UNIT
+        else:
+            units[channel] = "" if unit is None else " ".join(unit.text.split())
+            values[channel] = raw * (unit.factor if unit is not None and unit.si == UNITS[channel] else 1.0)
+    any_column = next((name for name in _resolved(reader).values() if _numbers(reader, name) is not None), None)
+    stamps = None if any_column is None or "time" in columns else reader.time_of(any_column)
+    values |= {} if stamps is None else {"time": stamps}
+    sizes = [len(each) for each in values.values()] or [len(_of(reader, any_column))]
+    used = set(columns.values())
+    left = tuple(name for n, name in enumerate(reader.names, start=1) if n not in used and name)
+    named = {channel: _named(reader, place) for channel, place in columns.items()}
+    return FoundFile(
+        path=path, kind="time", columns=named, units=units, values=values, count=max(sizes), left=left,
+        doubts=tuple(doubts),
+    )  # fmt: skip
+
+
+def _of(reader: Reader, name: str | None) -> np.ndarray:
+    return np.empty(0) if name is None else reader.read([name])[name]
+
+
+def _numbers(reader: Reader, name: str) -> np.ndarray | None:
+    """Real values of a column; None if it is text, or empty."""
+    try:
+        raw = np.real(_of(reader, name))
+    except ReadError:
+        return None
+    return raw if np.isfinite(raw).any() else None
+
+
+def _by_name(reader: Reader) -> dict[str, int]:
+    """Columns, by their numbers from 1, that are named like a channel: default ones, then those in its unit, first."""
+    names = list(reader.names)
+    found: dict[str, list[tuple[int, int]]] = {}
+    for n, full in _resolved(reader).items():
+        name = names[n - 1]
+        bare = stated_unit(name)[0].strip().strip('"').lower().replace("_", " ").strip()
+        words = (bare, name.lower())
+        channel = next((c for c, form in _WORDS.items() if any(re.fullmatch(form, word) for word in words)), None)
+        default = next((c for c, column in COLUMNS.items() if column == name), None)
+        if default is not None:
+            found.setdefault(default, []).append((0, n))
+        elif channel is not None:
+            unit = reader.unit(full)
+            found.setdefault(channel, []).append((1 if unit is not None and unit.si == UNITS[channel] else 2, n))
+    return {channel: min(places)[1] for channel, places in found.items()}
+
+
+def _by_unit(reader: Reader, columns: Mapping[str, int]) -> Iterator[tuple[str, int]]:
+    """Channels that are not named, by a unit that one column alone has and one channel alone is left for."""
+    used = set(columns.values())
+    stated = {n: reader.unit(name) for n, name in _resolved(reader).items()}
+    rest = [(n, unit.si) for n, unit in stated.items() if unit is not None and unit.firm and n not in used]
+    for channel in ("time", "force", "displacement", "velocity", "voltage", "current", "acceleration"):
+        places = [n for n, si in rest if si == UNITS[channel]]
+        if channel not in columns and len(places) == 1:
+            moved = channel == "acceleration" and "force" not in columns and not any(si == "N" for _, si in rest)
+            yield ("base_acceleration" if moved else channel), places[0]
+
+
+def _resolved(reader: Reader) -> dict[int, str]:
+    """Columns by their numbers from 1, without arrays that are too large to be listed column by column."""
+    found = {}
+    for n in range(1, len(reader.names) + 1):
+        with suppress(ReadError):
+            found[n] = reader.resolve(n)
+    return found
+
+
+def _named(reader: Reader, place: int) -> str | int:
+    """A column as a campaign names it: by its name, or its number where several have that name or it has none."""
+    name = reader.names[place - 1]
+    return name if name.strip() and list(reader.names).count(name) == 1 else place

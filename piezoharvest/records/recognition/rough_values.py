@@ -1,0 +1,77 @@
+"""Nominal values from records of a specimen of which nothing is known: linear regression of their spectra.
+
+F = (k + j w b - w^2 m) x - T v and i = -j w (C v + T x), with i the load current, are linear in what is sought. Noise
+biases such a regression (Pintelon & Schoukens, System Identification, 2nd ed., ch. 7): good for the start of a fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+_SHARE = 0.999  # of the drive's power: the lines that have it are used, others are mostly noise
+_EXPLAINED = 0.5  # least share of the drive's power that the regression explains: of unrelated channels it is nearly 0
+_LEAST_LINES = 8  # for three to four values
+
+
+def rough_values(channels: Mapping[str, np.ndarray], rate: float) -> dict[str, float]:
+    """Mass, damping and stiffness, and coupling and capacitance where the records tell them.
+
+    Parameters
+    ----------
+    channels : mapping of str to array (n,)
+        In SI units: force and displacement at least; voltage and current for the electrical values.
+    rate : float
+        Hz.
+
+    Returns
+    -------
+    dict
+        Empty where the regression gives no specimen: a value below zero, too few lines, a drive that is not explained.
+    """
+    if "force" not in channels or "displacement" not in channels or len(channels["force"]) < 2 * _LEAST_LINES:
+        return {}
+    count = len(channels["force"])
+    window = np.hanning(count)
+    spectra = {name: np.fft.rfft(window * (values - np.mean(values))) for name, values in channels.items()}
+    s = 2j * np.pi * np.fft.rfftfreq(count, 1.0 / rate)
+    lines = _strong(spectra["force"])
+    if len(lines) < _LEAST_LINES:
+        return {}
+    s, at = s[lines], {name: spectrum[lines] for name, spectrum in spectra.items()}
+    x = at["displacement"]
+    columns = [x, s * x, s**2 * x, *([-at["voltage"]] if "voltage" in at else [])]
+    coefficients = _regressed(columns, at["force"])
+    left = at["force"] - np.column_stack(columns) @ coefficients
+    if np.linalg.norm(left) ** 2 > (1.0 - _EXPLAINED) * np.linalg.norm(at["force"]) ** 2:
+        return {}
+    stiffness, damping, mass, *_ = coefficients
+    found = {"mass": mass, "damping": damping, "stiffness": stiffness}
+    if "voltage" in at and "current" in at:
+        capacitance, coupling = _regressed([-s * at["voltage"], -s * x], at["current"])
+        found |= {"coupling": coupling, "capacitance": capacitance}
+    positive = all(np.isfinite(value) and value > 0 for name, value in found.items() if name != "coupling")
+    return {name: float(value) for name, value in found.items()} if positive else {}
+
+
+def _strong(spectrum: np.ndarray) -> np.ndarray:
+    """The fewest lines above 0 Hz that have most of the power, in their order."""
+    power = np.abs(spectrum) ** 2
+    power[:2] = 0.0  # the mean, as far as the window spreads it
+    order = np.argsort(power)[::-1]
+    share = np.cumsum(power[order]) / max(power.sum(), np.finfo(float).tiny)
+    return np.sort(order[: int(np.searchsorted(share, _SHARE)) + 1])
+
+
+def _regressed(columns: list[np.ndarray], wanted: np.ndarray) -> np.ndarray:
+    """Real coefficients of complex columns, by least squares."""
+    matrix = np.column_stack([_parts(column) for column in columns])
+    size = np.linalg.norm(matrix, axis=0)
+    size[size == 0] = 1.0
+    return np.linalg.lstsq(matrix / size, _parts(wanted), rcond=None)[0] / size
+
+
+def _parts(values: np.ndarray) -> np.ndarray:
+    """Real parts, and the imaginary ones behind them."""
+    return np.concatenate([np.real(values), np.imag(values)])

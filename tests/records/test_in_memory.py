@@ -1,0 +1,117 @@
+"""Campaigns from arrays and DataFrames: the same as from files, with the same checks."""
+
+from __future__ import annotations
+
+import doctest
+
+import numpy as np
+import pytest
+from messages import is_sentence
+
+from piezoharvest import Campaign, CampaignError, Resistor, Transducer, load_campaign
+from piezoharvest.records import loading
+
+RATE = 1000.0
+NOMINAL = Transducer(mass=0.01, damping=0.0628, stiffness=986.96, coupling=1e-3, capacitance=40e-9)
+RANDOM = np.random.default_rng(5)
+DATA = {"force_N": RANDOM.normal(size=300), "displacement_m": 1e-3 * RANDOM.normal(size=300)}
+KEYS = {"sample_rate": RATE, "load_resistance": 1e5}
+
+
+def failure(*arguments, **keywords) -> CampaignError:
+    with pytest.raises(CampaignError) as caught:
+        Campaign.from_arrays(*arguments, **keywords)
+    assert is_sentence(caught.value.message)
+    return caught.value
+
+
+def test_the_example_of_its_documentation_runs():
+    runner = doctest.DocTestRunner()
+    (example,) = doctest.DocTestFinder().find(loading.Campaign.from_arrays, "from_arrays")
+    assert runner.run(example) == doctest.TestResults(failed=0, attempted=8)
+
+
+def test_the_same_as_from_a_file(tmp_path):
+    np.savez(tmp_path / "run.npz", **DATA)
+    keys = "".join(f"{key} = {value}\n" for key, value in KEYS.items())
+    nominal = "mass = 0.01\ndamping = 0.0628\nstiffness = 986.96\ncoupling = 1e-3\ncapacitance = 40e-9\n"
+    channels = 'displacement = { unit = "mm", gain = 2e3, sigma = 0.5 }\n'
+    text = f'[transducer]\n{nominal}[channels]\n{channels}[[records]]\nfile = "run.npz"\n{keys}'
+    (tmp_path / "campaign.toml").write_text(text)
+    from_file = load_campaign(tmp_path / "campaign.toml")
+    assert isinstance(from_file, Campaign)
+    displacement = {"unit": "mm", "gain": 2e3, "sigma": 0.5}
+    made = Campaign.from_arrays(NOMINAL, [{"data": DATA, **KEYS}], channels={"displacement": displacement})
+    assert made.transducer == from_file.transducer
+    (record,), (other,) = made.records, from_file.records
+    assert (record.drive, record.shunt, record.role) == (other.drive, other.shunt, other.role)
+    for channel in ("time", *other.signals):
+        np.testing.assert_array_equal(record[channel], other[channel])
+    assert record.signals["displacement"].sigma == other.signals["displacement"].sigma == 0.5e-3
+
+
+def test_a_record_stays_as_it_was():
+    data = {name: values.copy() for name, values in DATA.items()}
+    (record,) = Campaign.from_arrays(NOMINAL, [{"data": data, **KEYS}]).records
+    data["force_N"][:] = 0.0
+    np.testing.assert_array_equal(record["force"], DATA["force_N"])
+
+
+def test_frequency_responses_stand_beside_time_records():
+    f = np.linspace(1.0, 400.0, 60)
+    w = 2 * np.pi * f
+    accelerance = -(w**2) / (986.96 + (1e-3) ** 2 / 40e-9 - 0.01 * w**2 + 0.0628j * w)
+    response = {"kind": "frf", "output": "acceleration", "shunt": {"kind": "open"}}
+    frf = {"data": {"frequency_Hz": f, "response": accelerance}, "name": "hammer", **response}
+    time, spectrum = Campaign.from_arrays(NOMINAL, [{"data": DATA, **KEYS}, frf]).records
+    assert (time.name, spectrum.name) == ("record 1", "hammer")
+    np.testing.assert_array_equal(spectrum.response, accelerance)
+
+
+@pytest.mark.parametrize("index", ["numbers", "differences", "dates", "none"])
+def test_a_frame(index):
+    pandas = pytest.importorskip("pandas")
+    time = np.arange(300) / RATE
+    frame = pandas.DataFrame({**DATA, "note": "x"})
+    if index != "none":
+        stamps = {"numbers": time, "differences": pandas.to_timedelta(time, unit="s"),
+                  "dates": pandas.Timestamp("2024-03-01") + pandas.to_timedelta(time, unit="s")}[index]  # fmt: skip
+        frame.index = pandas.Index(stamps, name="time_s")
+    keys = {"shunt": Resistor(resistance=1e5), **({"sample_rate": np.float64(RATE)} if index == "none" else {})}
+    (record,) = Campaign.from_frame(frame, NOMINAL, name="shaker", **keys).records
+    np.testing.assert_allclose(record["time"], time, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(record["displacement"], DATA["displacement_m"])
+    assert (record.name, record.shunt) == ("shaker", Resistor(resistance=1e5))
+
+
+GAP = {**DATA, "displacement_m": np.where(np.arange(300) == 40, np.nan, DATA["displacement_m"])}
+
+
+@pytest.mark.parametrize(
+    ("record", "words"),
+    [
+        ({"data": GAP, **KEYS}, ["record 1: displacement, row 41: found 1 value NaN"]),
+        ({"data": GAP, "name": "run 7", **KEYS}, ["run 7: displacement, row 41"]),
+        ({"data": {**DATA, "displacement_m": DATA["force_N"][:7]}, **KEYS}, ["displacement: found 7 samples"]),
+        ({"data": {**DATA, "displacement_m": ["a"] * 300}, **KEYS}, ["record 1: displacement", "allowed are numbers"]),
+        ({"data": {**DATA, "x": np.eye(3)}, **KEYS}, ["record 1: x: found an array of shape (3, 3)"]),
+        ({"data": {"force": DATA["force_N"]}, **KEYS}, ["record 1: force, the drive", "did you mean"]),
+        ({"data": DATA, "load_resistance": 1e5}, ["record 1: time", "sample_rate in the record"]),
+        ({"data": DATA, "sample_rate": RATE}, ["records.0.load_resistance: missing key"]),
+        ({"data": 3, **KEYS}, ["record 1: found data of type int"]),
+        ({"data": DATA, "skip_rows": 3, **KEYS}, ["records.0.data: found skip_rows"]),
+        (KEYS, ["records.0.data: missing key"]),
+        (3, ["records.0.data: found 3"]),
+    ],
+)
+def test_what_is_wrong_is_said_with_record_and_channel(record, words):
+    message = str(failure(NOMINAL, [record]))
+    assert [word for word in words if word not in message] == [], message
+
+
+def test_no_records():
+    assert failure(NOMINAL, []).key == failure(NOMINAL, {"data": DATA}).key == "records"
+
+
+def test_a_table_of_a_transducer_is_checked():
+    assert failure({"mass": 1.0}, [{"data": DATA, **KEYS}]).key == "transducer.damping"

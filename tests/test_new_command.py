@@ -1,0 +1,154 @@
+"""`piezoharvest new`: what it writes runs as it is, and says of the user's files what they tell."""
+
+from __future__ import annotations
+
+import tomllib
+
+import numpy as np
+import pytest
+from messages import is_sentence
+from scipy.signal import StateSpace, butter, lsim, sosfilt
+
+from piezoharvest.cli import main
+from piezoharvest.identify.identification import identify
+from piezoharvest.records import load_campaign
+from piezoharvest.records.recognition.rough_values import rough_values
+
+MASS, DAMPING, STIFFNESS, COUPLING, CAPACITANCE, LOAD = 0.01, 0.19, 986.96, 1e-3, 40e-9, 1e5
+TRUE = {"mass": MASS, "damping": DAMPING, "stiffness": STIFFNESS, "coupling": COUPLING, "capacitance": CAPACITANCE}
+RATE, COUNT = 2000.0, 6000
+
+
+@pytest.fixture(scope="module")
+def measured():
+    """Force, displacement, voltage and current on a resistor under noise, by SciPy, with 0.1 % of noise in each."""
+    rng = np.random.default_rng(11)
+    time = np.arange(COUNT) / RATE
+    force = 0.02 * sosfilt(butter(4, [20, 200], "bandpass", fs=RATE, output="sos"), rng.normal(size=COUNT))
+    A = [[0, 1, 0], [-STIFFNESS / MASS, -DAMPING / MASS, COUPLING / MASS],
+         [0, -COUPLING / CAPACITANCE, -1 / (LOAD * CAPACITANCE)]]  # fmt: skip
+    _, states, _ = lsim(StateSpace(A, [[0], [1 / MASS], [0]], np.eye(3), np.zeros((3, 1))), force, time)
+    exact = {"force": force, "displacement": states[:, 0], "voltage": states[:, 2], "current": states[:, 2] / LOAD}
+    noisy = {name: values + 1e-3 * values.std() * rng.normal(size=COUNT) for name, values in exact.items()}
+    return {"time": time, **noisy}
+
+
+def written(path, measured):
+    """As a logger would write it, with units of its own."""
+    rows = zip(measured["time"], 1e3 * measured["force"], 1e6 * measured["displacement"], measured["voltage"],
+               1e6 * measured["current"], strict=True)  # fmt: skip
+    lines = ["Logger,X1", "Zeit (s);Kraft (mN);Laser [\u00b5m];Piezo / V;I (uA);Temperature"]
+    lines += [";".join(f"{x:.9g}" for x in row) + ";20.5" for row in rows]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def run(*arguments) -> int:
+    return main([str(argument) for argument in arguments])
+
+
+@pytest.mark.parametrize("kind", ["harvest", "damping"])
+def test_a_study_is_simulated_as_it_is(tmp_path, kind, capsys):
+    study = tmp_path / "study.toml"
+    assert run("new", kind, "--out", study) == 0
+    assert capsys.readouterr().out.strip() == str(study)
+    assert run("simulate", study) == 0
+    assert len(tomllib.loads(study.read_text())["shunts"]) == 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["harvest", "damping"])
+def test_a_study_is_designed_as_it_is(tmp_path, kind):
+    assert run("new", kind, "--out", tmp_path / "study.toml") == 0
+    assert run("design", tmp_path / "study.toml") == 0
+
+
+def test_a_campaign_is_identified_as_it_is(tmp_path, measured, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data").mkdir()
+    written(tmp_path / "data" / "shaker.csv", measured)
+    assert run("new", "campaign", "data/shaker.csv") == 0
+    campaign = load_campaign("campaign.toml")
+    (record,) = campaign.records
+    assert record.sample_rate == pytest.approx(RATE, rel=1e-9)
+    assert record.shunt.resistance == pytest.approx(LOAD, rel=1e-3)
+    for channel in ("force", "displacement", "voltage", "current"):
+        np.testing.assert_allclose(record[channel], measured[channel], rtol=1e-8)
+    for name, value in TRUE.items():  # the damping is biased by the window
+        assert getattr(campaign.transducer, name) == pytest.approx(value, rel=0.2 if name == "damping" else 0.05)
+    found = identify(campaign).transducer
+    for name, value in TRUE.items():
+        assert getattr(found, name) == pytest.approx(value, rel=0.02), name
+
+
+def test_rough_values_say_nothing_where_they_know_nothing(measured):
+    sine = np.sin(2 * np.pi * 50.0 * measured["time"])
+    assert rough_values({"force": sine, "displacement": 1e-3 * sine}, RATE) == {}
+    assert rough_values({"voltage": sine, "displacement": sine}, RATE) == {}
+    assert rough_values({"force": 0 * sine, "displacement": 0 * sine}, RATE) == {}
+    noise = np.random.default_rng(0).normal(size=COUNT)
+    assert rough_values({"force": noise, "displacement": measured["displacement"]}, RATE) == {}
+    assert set(rough_values({"force": measured["force"], "displacement": measured["displacement"]}, RATE)) == {
+        "mass", "damping", "stiffness"}  # fmt: skip
+
+
+FILES = {
+    "scope.csv": ("CH1 (V),CH2 (V)\n1,2\n2,3\n3,1\n", ["# sample_rate = ", "not recognised (?): "]),
+    "volts.csv": ("time_s,force (V),x (um)\n0,1,1\n0.001,2,3\n0.002,1,2\n",
+                  ["# force = ", "gain, in N for one V, is missing", "# drive = "]),
+    "letters.csv": ("t,F,x\n0,1,1\n0.001,2,3\n0.002,1,2\n", ['force = { column = "F" }', "no unit", 'drive = "force"']),
+    "odd.csv": ('t,"F ""quoted"" \u00fc",x\n0,1,1\n0.5,2,3\n1,1,2\n', ["at 2 Hz", "not recognised (?): "]),
+    "frf.csv": ("frequency_Hz,H (g/kN),phase_deg\n1,2,3\n2,3,4\n3,4,5\n", ['kind = "frf"', 'output = "acceleration"']),
+    "z.csv": ("FREQ[Hz],Z[ohm],PHASE[deg]\n1e3,2,3\n2e3,3,4\n3e3,4,5\n", ['kind = "impedance"']),
+    "z.s1p": ("# Hz S RI R 50\n1e3 0.1 0.2\n2e3 0.2 0.2\n", ['kind = "impedance"']),
+    "two.csv": ("t,x,Weg (mm)\n0,1,1\n1,2,3\n2,1,2\n", ['displacement = { column = "Weg (mm)" }', '"x"']),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_what_a_file_tells_and_what_not(tmp_path, name, capsys):
+    content, words = FILES[name]
+    (tmp_path / name).write_text(content, encoding="utf-8")
+    out = tmp_path / "campaign.toml"
+    assert run("new", "campaign", tmp_path / name, "--out", out) == 0
+    text = out.read_text(encoding="utf-8")
+    assert [word for word in words if word not in text] == [], text
+    assert tomllib.loads(text)["records"][0]["file"] == name
+    assert "left to be said: " in capsys.readouterr().err  # the nominal values, at least
+
+
+def test_an_array_too_large_to_be_listed_does_no_harm(tmp_path):
+    columns = {"time_s": np.arange(400) / RATE, "force_N": np.arange(400.0) ** 2, "video": np.zeros((400, 300))}
+    np.savez(tmp_path / "run.npz", empty=np.full(400, np.nan), **columns, displacement_m=np.full(400, np.nan))
+    assert run("new", "campaign", tmp_path / "run.npz", "--out", tmp_path / "campaign.toml") == 0
+    text = (tmp_path / "campaign.toml").read_text()
+    assert 'force = { column = "force_N" }' in text
+    assert "looked like displacement, but holds no numbers" in text
+
+
+def test_records_of_several_files(tmp_path, measured):
+    one, other = written(tmp_path / "one.csv", measured), tmp_path / "other.csv"
+    other.write_text(one.read_text().replace("Kraft", "Force"))
+    assert run("new", "campaign", one, other, "--out", tmp_path / "campaign.toml") == 0
+    assert [record["force"].std() for record in load_campaign(tmp_path / "campaign.toml").records] == pytest.approx(
+        [measured["force"].std()] * 2
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [(["campaign"], "at least one is needed"), (["campaign", "nothing.csv"], "nothing.csv: the file cannot be read"),
+     (["harvest", "run.csv"], "allowed are data files for campaign only"), (["nonsense"], "is not one of"),
+     (["harvest", "--out", "study.txt"], "allowed are names ending in .toml"),
+     (["harvest", "--out", "there.toml"], "exists and is not overwritten"),
+     (["campaign", "there.toml"], "allowed are names ending in")],
+)  # fmt: skip
+def test_bad_input(tmp_path, monkeypatch, capsys, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there.toml").write_text("precious")
+    assert run("new", *arguments) == 2
+    message = capsys.readouterr().err
+    assert words in message
+    assert is_sentence(message.strip())
+    assert (tmp_path / "there.toml").read_text() == "precious"
+    assert [path.name for path in tmp_path.iterdir()] == ["there.toml"]
