@@ -399,6 +399,17 @@ def heed_interrupts():
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
+@pytest.mark.parametrize("place", [0, 2, 4])
+def test_quiet_says_warnings_alone(study, run, engine, place):
+    rough = replace(response(), message="rough")
+    engine(rough, rough)
+    arguments = ["simulate", study, "--out", "w.csv"]
+    _, out, told = run(*arguments)
+    status, same, err = run(*arguments[:place], "--quiet", *arguments[place:])
+    assert (status, same) == (0, out)
+    assert told == "warning: shunts.0 (resistor): rough\nwaveforms: w.csv\n" and err == told.splitlines()[0] + "\n"
+
+
 class TestProgram:
     """What only a process of its own shows."""
 

@@ -81,8 +81,12 @@ def _options(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
     ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress on stderr, only warnings and errors.")] = False,
 ) -> None:
     """Take the options that stand before the command."""
+    from piezoharvest.cli.notes import be_quiet
+
+    be_quiet(quiet)
 
 
 def _positive(value: float | None) -> float | None:
@@ -377,7 +381,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="replace")  # pyright: ignore[reportAttributeAccessIssue]
     try:
         _end_as_if_interrupted()
-        result = app(arguments, prog_name="piezoharvest", standalone_mode=False)
+        given = _quiet_first(sys.argv[1:] if arguments is None else arguments)
+        result = app(given, prog_name="piezoharvest", standalone_mode=False)
         if result == 130:  # typer has handled the interrupt itself
             raise KeyboardInterrupt
         status: Any = result() if callable(result) else result or 0
@@ -399,6 +404,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError:  # reported already
         _discard_output()
     return status
+
+
+def _quiet_first(arguments: Sequence[str]) -> list[str]:
+    """Arguments with --quiet before the command, wherever it stands."""
+    others = [argument for argument in arguments if argument != "--quiet"]
+    return others if len(others) == len(arguments) else ["--quiet", *others]
 
 
 def _discard_output() -> None:

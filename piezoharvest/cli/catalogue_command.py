@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from piezoharvest.cli import tables
-from piezoharvest.cli.commands import note
+from piezoharvest.cli.notes import note
 from piezoharvest.description import catalogue
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.study import build_transducer, unknown

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from piezoharvest.cli import tables
+from piezoharvest.cli.notes import note
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.input import InputError
 from piezoharvest.output import (
@@ -26,11 +27,6 @@ if TYPE_CHECKING:
     from piezoharvest.specimen import Specimen
 
 BAD_INPUT = (StudyError, ParameterError, OutputError, InputError)
-
-
-def note(text: str) -> None:
-    """Print a progress message or a warning to stderr."""
-    print(text, file=sys.stderr, flush=True)
 
 
 def driven_study(path: Path) -> Study:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
-from piezoharvest.cli.commands import note, run_design
+from piezoharvest.cli.commands import run_design
+from piezoharvest.cli.notes import note
 from piezoharvest.output import check_directory, check_new_directory, write_text
 from piezoharvest.study import load_study, read_toml
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from piezoharvest.cli import tables
-from piezoharvest.cli.commands import note
 from piezoharvest.cli.identify_command import on_campaign
+from piezoharvest.cli.notes import note
 from piezoharvest.output import check_file
 
 if TYPE_CHECKING:

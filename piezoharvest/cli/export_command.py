@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from piezoharvest.cli import tables
-from piezoharvest.cli.commands import driven_study, note, with_shunts
+from piezoharvest.cli.commands import driven_study, with_shunts
+from piezoharvest.cli.notes import note
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.system import System
 from piezoharvest.input import InputError, check_readable

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from piezoharvest.cli.commands import driven_study, note
+from piezoharvest.cli.commands import driven_study
+from piezoharvest.cli.notes import note
 
 
 def measure(path: Path, out: Path) -> int:

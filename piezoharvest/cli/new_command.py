@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import tomli_w
 
-from piezoharvest.cli.commands import note
+from piezoharvest.cli.notes import note
 from piezoharvest.output import OutputError, check_file, write_text
 from piezoharvest.study import StudyError
 

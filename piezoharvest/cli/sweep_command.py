@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from piezoharvest.cli import tables
-from piezoharvest.cli.commands import driven_study, note
+from piezoharvest.cli.commands import driven_study
+from piezoharvest.cli.notes import note, quiet
 from piezoharvest.output import check_file
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def _progress() -> Iterator[Progress]:
             return Text(f"{task.speed:.0f} designs/s" if task.speed else "- designs/s")
 
     console = Console(stderr=True)
-    if not console.is_terminal:
+    if quiet() or not console.is_terminal:
         yield lambda done, total: None
         return
     columns = (BarColumn(), MofNCompleteColumn(), Rate(), TimeRemainingColumn(), TextColumn("left"))
