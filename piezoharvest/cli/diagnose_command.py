@@ -26,13 +26,18 @@ def diagnose(
     path: Path, *, as_json: bool, report: Path | None, save: Path | None, save_effect: Path | None = None
 ) -> int:
     """Diagnose a campaign, print the verdict, write the report, the specimen and the law."""
+    from piezoharvest.cli import specimens_output
+    from piezoharvest.diagnose import Diagnosis
     from piezoharvest.diagnose import diagnose as run
+    from piezoharvest.population import diagnose_specimens
 
     if save_effect is not None:
         check_file(save_effect, (".py",))
-    found = on_campaign(path, report, save, run)
+    found = on_campaign(path, report, save, run, diagnose_specimens)
     if found is None:
         return 1
+    if not isinstance(found, Diagnosis):
+        return specimens_output.diagnosed(found, as_json=as_json, report=report, save=save, save_effect=save_effect)
     if not found.search.final.converged:
         note(f"warning: not to be trusted: {found.search.final.message}")
     if as_json:
@@ -42,8 +47,6 @@ def diagnose(
     if save is not None:
         found.save(save)
         note(f"specimen: {save}")
-        if found.discovery:
-            note("warning: the specimen lacks the law without a name, which --save-effect writes")
     if save_effect is not None:
         save_laws(found, save_effect)
     if report is not None:
@@ -150,7 +153,10 @@ def _effect(named: Named) -> dict[str, Any]:
     parameters = {
         name: {"value": value, "std": _finite(std), "unit": unit} for name, (value, std, unit) in values(named).items()
     }
-    return {"name": named.effect.name, "p_value": named.p_value, "gain": named.gain, "parameters": parameters}
+    table = {"name": named.effect.name, "p_value": named.p_value, "gain": named.gain, "parameters": parameters}
+    if named.other_sign is not None:
+        table["other_sign"] = named.other_sign._asdict()
+    return table
 
 
 def _test_json(place: ResidualTest) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -14,8 +14,7 @@ from piezoharvest.identify.fitting.model import Model, nuisance_limits, nuisance
 from piezoharvest.identify.noise.drive_denoising import high_frequency_noise
 from piezoharvest.identify.noise.noise_model import Noise, initial_noise, noise_upper_bound
 from piezoharvest.predict.circuit.setting import has_events
-from piezoharvest.predict.parameters import value_at
-from piezoharvest.predict.prediction import Prediction
+from piezoharvest.predict.parameters import Path, value_at
 
 PRIOR_DEVIATION = 1.0  # prior standard deviation of the logarithm of a parameter about its nominal value
 LINEAR_PRIOR_DEVIATION = 10.0  # the same for a linear parameter, in units of its nominal value
@@ -45,12 +44,20 @@ class Problem:
     nominal : Transducer
         Mean of the prior.
     offset_channels : tuple of str
+    beliefs : mapping of Path to (float, float), optional
+        Prior mean and standard deviation of the variables of parameters whose prior is not that about nominal values:
+        other specimens of the same kind tell it.
     """
 
     def __init__(
-        self, data: Sequence[Data | FrequencyData], nominal: Transducer, offset_channels: tuple[str, ...]
+        self,
+        data: Sequence[Data | FrequencyData],
+        nominal: Transducer,
+        offset_channels: tuple[str, ...],
+        beliefs: Mapping[Path, tuple[float, float]] | None = None,
     ) -> None:
         self.data, self.nominal, self.offset_channels = tuple(data), nominal, offset_channels
+        self.beliefs = dict(beliefs or {})
 
     @cached_property
     def has_events(self) -> bool:
@@ -199,9 +206,16 @@ def _switches(data: Data | FrequencyData) -> bool:
 def starting(problem: Problem, model: Model) -> tuple[np.ndarray, ...]:
     """Masks of the nuisance parameters that say where records behind diodes or switches begin."""
     return tuple(
-        np.array([_switches(data) and name.startswith("start ") for name in problem.nuisance_names(model, data)], bool)
+        np.array([name in _own_starts(data) for name in problem.nuisance_names(model, data)], bool)
         for data in problem.data
     )
+
+
+def _own_starts(data: Data | FrequencyData) -> set[str]:
+    """Names of the initial states of structure, electrodes and dc side of a record behind diodes or switches."""
+    if not isinstance(data, Data) or not _switches(data):
+        return set()
+    return {f"start {state}" for state in data.setting.free}
 
 
 def starts_as_shown(problem: Problem, model: Model, nuisance: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
@@ -226,6 +240,11 @@ def prior_of(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Prior means and inverse variances of all parameters."""
     means, precision = [], []
     for parameter in model.parameters:
+        if parameter.path in problem.beliefs:
+            mean, deviation = problem.beliefs[parameter.path]
+            means.append(mean)
+            precision.append(deviation**-2)
+            continue
         if parameter.path[0] == "effects" and int(parameter.path[1]) >= len(problem.nominal.effects):
             means.append(0.0)
             precision.append(parameter.deviation**-2)
@@ -247,10 +266,9 @@ def _nuisance_priors(problem: Problem, model: Model, data: Data | FrequencyData)
     """
     names = problem.nuisance_names(model, data)
     found = [_nuisance_prior(data, name) for name in names]
-    prediction = model.prediction(data) if isinstance(data, Data) else None
-    if isinstance(prediction, Prediction):
-        first = len(prediction.free) - len(prediction.begun)
-        for k, size in enumerate(prediction.reach, first):
+    if isinstance(data, Data):
+        prediction = model.prediction(data)
+        for k, size in enumerate(prediction.reach, prediction.begun_from):
             found[k] = 0.0, size**-2 if size > 0.0 else 0.0
     return found
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from piezoharvest.description.circuit import Row
-from piezoharvest.description.parameters import Component, altered, quantity
+from piezoharvest.description.parameters import Component, ParameterError, altered, check_choice, quantity
 from piezoharvest.description.protocol import EquationBuilder
 
 Array = Any  # a float array, complex where a parameter has a complex step
@@ -45,6 +45,20 @@ class Form(Component):
         """The derivative of the function of a row, as a row."""
         raise NotImplementedError
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("scale", "width"):
+            value = getattr(self, name, 1.0)
+            if not np.all(np.isfinite(value)) or np.any(np.asarray(value) == 0.0):
+                raise ParameterError(name, f"found {value!r:.60}, allowed is a finite number other than 0")
+        check_choice("sides", getattr(self, "sides", 2), (2, 1, -1))
+        check_choice("side", getattr(self, "side", 0), (0, 1, -1))
+        knots = getattr(self, "knots", (0.0,))
+        if not len(knots) or not np.all(np.isfinite(knots)):
+            raise ParameterError("knots", f"found {knots!r:.60}, allowed are finite numbers, at least one")
+        if len(getattr(self, "kinks", knots)) != len(knots):
+            raise ParameterError("kinks", f"found another number of them than of knots, which are {len(knots)}")
+
     @property
     def word(self) -> str:
         """The form's word in results."""
@@ -72,7 +86,7 @@ class Corners(Form):
     strengths: ClassVar[tuple[str, ...]] = ("kinks",)
 
     knots: tuple[float, ...]
-    kinks: tuple[float, ...]
+    kinks: tuple[float, ...] = quantity("", "change of slope at each knot, in units of what is added by the input's")
 
     def values(self, x: np.ndarray) -> Array:
         sides = outward(self.knots)
@@ -91,7 +105,7 @@ class Bends(Form):
     smooth: ClassVar[bool] = True
 
     knots: tuple[float, ...]
-    kinks: tuple[float, ...]
+    kinks: tuple[float, ...] = quantity("", "change of slope at each knot, in units of what is added by the input's")
 
     def values(self, x: np.ndarray) -> Array:
         sides = outward(self.knots)
@@ -255,6 +269,15 @@ class Hertz(Power):
     side: int = 1
 
 
+LARGEST_EXPONENT = 12  # of a polynomial: far above what is fitted, and no power of it overflows
+
+
+def _check_whole(exponent: int, key: str) -> None:
+    """Raise `ParameterError` unless an exponent is one that a polynomial beside a straight line has."""
+    if not 2 <= exponent <= LARGEST_EXPONENT:
+        raise ParameterError(key, f"found {exponent}, allowed is a whole number from 2 to {LARGEST_EXPONENT}")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Monomial(Form):
     """a x^n with a whole n from 2 on."""
@@ -266,6 +289,10 @@ class Monomial(Form):
     factor: float = quantity("", "what is added where the input is `scale`", null=0.0)
     scale: float  # input of reference, in its unit: fixed, so that factor and exponent are told apart
     exponent: int = 2
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_whole(self.exponent, "exponent")
 
     def values(self, x: np.ndarray) -> Array:
         return self.factor * (x / self.scale) ** self.exponent
@@ -292,6 +319,11 @@ class Polynomial(Form):
     second: float = quantity("", "what the second power adds there", null=0.0)
     scale: float  # input of reference, in its unit: fixed
     exponents: tuple[int, int] = (2, 3)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for n, exponent in enumerate(self.exponents):
+            _check_whole(exponent, f"exponents.{n}")
 
     @property
     def _terms(self) -> tuple[Monomial, Monomial]:

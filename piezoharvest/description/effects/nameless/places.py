@@ -11,12 +11,15 @@ import numpy as np
 from piezoharvest.description.circuit import Row
 from piezoharvest.description.effects.nameless.forms import Form
 from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE
+from piezoharvest.description.parameters import Component, check_choice
 from piezoharvest.description.protocol import EquationBuilder, SpecimenRows
 
 UNITS = {
     "force": "N", "base_acceleration": "m/s^2", "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2",
     "voltage": "V", "current": "A", "time": "", "amplitude": "", "frequency": "Hz",
 }  # fmt: skip
+CHANNELS = ("force", "base_acceleration", "displacement", "velocity", "acceleration", "voltage", "current")
+INPUTS = (*CHANNELS, *(f"{channel}_rate" for channel in CHANNELS), "time")
 
 
 def input_unit(name: str) -> str:
@@ -38,7 +41,7 @@ def input_row(specimen: EquationBuilder, name: str) -> Row | None:
 
 
 @dataclass(frozen=True)
-class Place:
+class Place(Component):
     """A place of the model.
 
     Subclasses define `name`, `input` (its name), `unit` of what a law adds, and `add`; ports also `rows`. Where `bent`
@@ -174,6 +177,11 @@ class Reading(Place):
     channel: str
     of: str
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_choice("channel", self.channel, CHANNELS)
+        check_choice("of", self.of, INPUTS)
+
     @property
     def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
         """`reading.` and the channel."""
@@ -203,6 +211,11 @@ class OverTime(Place):
     of: str = "time"
     unit: ClassVar[str] = ""
     bent: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_choice("parameter", self.parameter, PARAMETERS_OVER_TIME)
+        check_choice("of", self.of, ("time", *SIZES))
 
     @property
     def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
