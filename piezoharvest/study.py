@@ -18,12 +18,14 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, create_model
 
 from piezoharvest.description import catalogue, effects, excitation, shunts
+from piezoharvest.description.catalogue.parts import with_parts
 from piezoharvest.description.effects import Effect
 from piezoharvest.description.effects.nameless.kinds import PARTS, in_a_path, kinds_of
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.figures import Modal, data_sheet
 from piezoharvest.description.limits import check_size
+from piezoharvest.description.modes_file import KEY, with_modes
 from piezoharvest.description.parameters import Component, ParameterError, allowed, quantity
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.system import System
@@ -345,10 +347,11 @@ def check_systems(study: Study) -> None:
     from piezoharvest.linear import check_stability
 
     check_size(study.transducer, study.excitation)
-    for n, system in enumerate(study.systems):
+    for n, shunt in enumerate(study.shunts):
         try:
-            check_size(study.transducer, study.excitation, system.shunt)
-            system.shunt.switch(study.transducer.capacitance, study.excitation.period)
+            system = System(study.transducer, shunt)
+            check_size(study.transducer, study.excitation, shunt)
+            shunt.switch(system.electrode.capacitance, study.excitation.period)
             with np.errstate(all="ignore"):
                 check_stability(system)
         except ParameterError as error:
@@ -395,6 +398,11 @@ def _with_figures(table: dict[str, Any], where: str) -> dict[str, Any]:
 
 def _transducer(value: Any, folder: Path) -> tuple[Transducer, Path | None]:
     """Transducer from its table, or from the specimen file (relative to `folder`) that stands in its place."""
+    if isinstance(value, dict) and KEY in value:
+        try:
+            value = with_modes(value, folder)
+        except ParameterError as error:
+            raise error.within("transducer") from None
     if not isinstance(value, str):
         return build_transducer(value), None
     path = folder / value
@@ -460,7 +468,12 @@ def _build_design(table: Any, folder: Path) -> DesignOptions:
 
 def build_shunt(table: Any, where: str = "shunt") -> Shunt:
     """Shunt from its table, by kind."""
-    return build(*_by_kind(table, shunts.registered(), where), where)
+    cls, keys = _by_kind(table, shunts.registered(), where)
+    try:
+        keys = with_parts(keys, [field.name for field in dataclasses.fields(cls)])
+    except ParameterError as error:
+        raise error.within(where) from None
+    return build(cls, keys, where)
 
 
 def build(cls: type[_C], table: Any, where: str) -> _C:
@@ -515,6 +528,8 @@ def _build_part(part: type[Component], hint: Any, value: Any, where: str) -> Any
         return tuple(
             build_effect(name, table, f"{where}.{name}") for name, table in _typed(dict, value, where).items()
         )
+    if issubclass(part, Shunt):
+        return _build_list(value, where, build_shunt)
     if get_origin(hint) is tuple:
         return _build_list(value, where, lambda table, place: build(part, table, place))
     return build(part, value, where)

@@ -24,6 +24,7 @@ from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.limits import check_size
 from piezoharvest.description.parameters import Component, ParameterError, quantity
 from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.linear.coil import WoundShunt
 from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.study import Study, build, build_excitation, build_shunt
@@ -118,6 +119,9 @@ def build_bench(study: Study) -> tuple[Bench, tuple[BenchEffect, ...], tuple[Set
         A key is missing, unknown, of the wrong type or out of bounds.
     """
     table = dict(study.bench)
+    if study.transducer.electrodes:
+        found = f"found {len(study.transducer.electrodes)}, allowed is none on the virtual bench"
+        raise ParameterError("transducer.electrodes", found)
     effects = _effects(study, table.pop("effects", {}))
     bench = build(Bench, table, "bench")
     if not bench.channels:
@@ -127,6 +131,8 @@ def build_bench(study: Study) -> tuple[Bench, tuple[BenchEffect, ...], tuple[Set
     for n, option in enumerate(options):
         where = f"bench.records.{n}" if bench.records else f"shunts.{n}"
         shunt = _shunt(study, option, where, 0 if bench.records else n)
+        if shunt.taken != (0,):
+            raise ParameterError(where, "found a shunt at further electrodes, which the virtual bench has not got")
         excitation = _excitation(study, option.excitation, f"{where}.excitation")
         duration = option.duration or bench.duration or excitation.length or 10.0
         if duration * bench.sample_rate < 3:
@@ -201,6 +207,8 @@ def _sensed(shunt: Shunt, sense: CurrentSense, where: str) -> Shunt:
     if shunt.kind not in CIRCUITS:
         found = f"found {shunt.kind!r}, which the bench has no circuit for"
         raise ParameterError(f"{where}.kind", f"{found}, allowed are {', '.join(CIRCUITS)}")
+    if isinstance(shunt, WoundShunt) and not shunt.is_ideal:
+        raise ParameterError(where, "found a coil with losses or a self-resonance, but the bench only has ideal ones")
     if isinstance(shunt, Short):
         return Resistor(resistance=sense.resistance)
     if isinstance(shunt, Resistor) and shunt.resistance < sense.resistance:

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.finding import Finding
-from piezoharvest.records.loading import campaign_of, checked, load_campaign, reading
+from piezoharvest.records.loading import Campaign, campaign_of, checked, load_campaign, reading
 from piezoharvest.study import read_toml
 
 SPECIMENS = "specimens"
