@@ -33,6 +33,7 @@ _HOMES = {
         "Rectifier", "Resistor", "SCSECE", "SECE", "SICE", "SSDI", "SSDS", "SSDV", "SSHC", "SeriesRL", "SeriesRLC",
         "SeriesSSHI", "Short", "Shunt", "SpiceCircuit",
     ),
+    "description.shunts.storage": ("Storage",),
     "description.effects": (
         "BiasCurrent", "ChannelSkew", "Clipping", "ContactCompliance", "CouplingDrift", "Creep",
         "DielectricRelaxation", "DiodeDropError", "DisplacementLag", "Effect", "Friction", "InversionLoss", "Leakage",

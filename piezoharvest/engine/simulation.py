@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -189,9 +190,11 @@ def search(lowered: Lowered, excitation: Excitation) -> tuple[Orbit, bool, str, 
         evaluations += orbit.evaluations
     if not orbit.converged:
         return orbit, mirrored, "", evaluations, False
-    arrives, here = shooting.from_rest(orbit)
+    supplies = pg.TURN_ON in lowered.program.guard_code
+    # Whether a supply is on depends on how its store was charged.
+    arrives, here = shooting.from_rest(orbit, charged=not supplies)
     if arrives:
-        empty = np.all(lowered.program.odd < 0) or shooting.from_rest(orbit, charged=False)[0]
+        empty = supplies or np.all(lowered.program.odd < 0) or shooting.from_rest(orbit, charged=False)[0]
         elsewhere = "a motion from rest with an empty smoothing capacitor does not come to this steady state"
         return orbit, mirrored, "" if empty else elsewhere, evaluations, True
     shooting = Shooting(Machine(lowered), period, False)
@@ -288,6 +291,8 @@ def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evalu
     else:
         reason = f"no periodic solution was found (relative change over a period {orbit.residual:.1e})"
     message = f"no steady state: {reason}; averages are over {UNSETTLED_PERIODS} periods after {skipped}"
+    if response.wakes_per_hour is not None:
+        message += "; how a supply turns on and off is what a transient shows"
     events = response.events_per_period // UNSETTLED_PERIODS
     response = _replaced(response, period=period, energy=energy, events_per_period=events)
     return _replaced(response, converged=False, message=message, periods_evaluated=evaluations + skipped)
@@ -346,7 +351,21 @@ def _response(
         events_per_period=int(state.D[st.LOGGED]),
         periods_evaluated=0,
         waveforms=waveforms,
+        **_of_the_store(lowered, state, length, from_rest=begin == 0.0 and most is None),
     )
+
+
+def _of_the_store(lowered: Lowered, state: EngineState, length: float, from_rest: bool) -> dict[str, Any]:
+    """Figures of a smoothing capacitor and of the supply that it feeds, after a run of this length (s)."""
+    if "dc" not in lowered.states:
+        return {}
+    k, program = lowered.states.index("dc"), lowered.program
+    figures = {"energy_stored": 0.5 * float(program.storage[k, k] * state.z[k] ** 2)}
+    if pg.TURN_ON not in program.guard_code:
+        return figures
+    wakes = int(state.counts[pg.TURN_ON])
+    figures["wakes_per_hour"] = 3600.0 * wakes / length
+    return figures | ({"time_to_turn_on": float(state.first_times[pg.TURN_ON])} if wakes and from_rest else {})
 
 
 def _finish(response: Response, message: str, evaluations: float) -> Response:

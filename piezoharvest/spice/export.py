@@ -72,9 +72,10 @@ def export_spice(
         Time steps in a period at least; switched shunts take more, 20 in the shortest pulse.
     start : str
         "steady": in the engine's periodic steady state, where there is one that a motion from rest comes to. "rest":
-        from rest; so does a non-periodic excitation begin.
+        from rest; so do a non-periodic excitation and a store that feeds a supply begin.
     dc_start : float
-        Initial voltage of the smoothing capacitor from rest, V: a value near the final one shortens the run.
+        Initial voltage of the smoothing capacitor from rest, V: a value near the final one shortens the run. Zero: that
+        of the shunt.
     diodes : str, optional
         SPICE model of the bridge's diodes, as "D(Is=2.5n N=1.75 Rs=0.57)"; by default they are ideal with a drop. The
         run is then as long as one from rest, since such diodes have another steady state.
@@ -96,8 +97,10 @@ def export_spice(
         The shunt is of an unsupported kind, an effect has terms that a netlist cannot express or acts on a shunt with
         which it cannot be simulated, or a number of periods or steps is not positive.
     """
-    begin = steady_start(System(transducer, shunt), excitation) if start == "steady" else None
+    supplies = getattr(shunt, "storage", None) is not None
+    begin = steady_start(System(transducer, shunt), excitation) if start == "steady" and not supplies else None
     shunt = connected(System(transducer, shunt)).shunt
+    dc_start = dc_start or getattr(shunt, "initial_dc_voltage", 0.0)
     point = estimate_operating_point(transducer, excitation, dc_start, begin)
     point = point._replace(diodes=_diode_model(diodes, shunt))
     point.terms.check(shunt, shunt.switch(transducer.capacitance, excitation.period))

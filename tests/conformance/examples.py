@@ -9,6 +9,7 @@ from studies import BENCH, DRIVE
 from piezoharvest.description.effects import Effect
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt
+from piezoharvest.description.shunts.storage import Storage
 
 OMEGA = 2 * 3.141592653589793 * DRIVE["frequency"]
 IMPEDANCE = 1 / (OMEGA * BENCH["capacitance"])
@@ -56,9 +57,11 @@ GIVEN = {
 }
 COIL = {"inductance": 0.01, "quality": 6.0}
 LEAKING = {"diode_leakage": 1e-6, "dc_leakage": 1e-6}
+STORAGE = Storage(turn_on=0.5, turn_off=0.3, power=1e-6, efficiency=0.9, max_voltage=1.2)
 # Combinations beside the plainest ones that are worth a run.
 VARIANTS = {
     "rectifier": [
+        {"dc_voltage": None, "smoothing_capacitance": 24e-9, "storage": STORAGE},
         {"dc_voltage": 1.0, "diode_drop": 0.2, **LEAKING},
         {"diode_drop": 0.2, "diode_resistance": 3e3},
     ],

@@ -13,6 +13,7 @@ from piezoharvest.description.limits import check_size
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.linear.short import Short
+from piezoharvest.description.shunts.stored import with_supply
 from piezoharvest.description.system import System
 from piezoharvest.engine.lowering.element_scales import influences
 from piezoharvest.engine.lowering.equilibrium import equilibrium, inputs_of
@@ -57,6 +58,7 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     """
     check_size(system.transducer, excitation, system.shunt)
     signal, system = excitation.signal(), connected(system)
+    system = System(system.transducer, with_supply(system.shunt))
     drive = "displacement" if excitation.imposed else "base_acceleration" if excitation.base else "force"
     if excitation.imposed and system.transducer.modes:
         message = "found further modes, but only one is allowed where the displacement is imposed"
@@ -244,9 +246,10 @@ def _guards(layout: Layout, guards: list[list[Guard]], index: dict[str, int], co
 
 
 def _code_of(guard: Guard) -> int:
-    """Code of a guard's event."""
-    conducts = guard.target[-1] in "+-" if guard.conducts is None else guard.conducts
-    return pg.CONDUCT if conducts else pg.BLOCK
+    """Code of a guard's event, `pg.NONE` where it is not told."""
+    if guard.event is None:
+        return pg.CONDUCT if guard.begins_to_conduct else pg.BLOCK
+    return pg.EVENT_NAMES.index(guard.event) if guard.event else pg.NONE
 
 
 def _switching(
