@@ -29,9 +29,9 @@ _HOMES = {
     ),
     "description.shunts": (
         "Battery", "BiasFlip", "CurrentBlocking", "CurrentFlowing", "DSSH", "Doubler", "HalfWave", "LinearShunt",
-        "NegativeCapacitance", "Network", "Open", "ParallelBranches", "ParallelRL", "ParallelRLC", "ParallelSSHI",
-        "Rectifier", "Resistor", "SCSECE", "SECE", "SICE", "SSDI", "SSDS", "SSDV", "SSHC", "SeriesRL", "SeriesRLC",
-        "SeriesSSHI", "Short", "Shunt", "SpiceCircuit",
+        "MPPT", "NegativeCapacitance", "Network", "Open", "ParallelBranches", "ParallelRL", "ParallelRLC",
+        "ParallelSSHI", "Rectifier", "Resistor", "SCSECE", "SECE", "SICE", "SSDI", "SSDS", "SSDV", "SSHC", "SeriesRL",
+        "SeriesRLC", "SeriesSSHI", "Short", "Shunt", "SpiceCircuit",
     ),
     "description.shunts.storage": ("Storage",),
     "description.effects": (

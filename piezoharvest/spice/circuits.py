@@ -108,6 +108,11 @@ def _blocking(deck, shunt, point):
     return NetlistCircuit(total(harvested), slowest=slowest)
 
 
+def _tracker(deck, shunt, point):
+    circuit = write_bridge(deck, shunt, point)
+    return circuit._replace(harvested=f"{number(1 - shunt.sampling_duty)}*({circuit.harvested})")
+
+
 def _negative_capacitance(deck, shunt, point):
     if shunt.topology == "parallel":
         deck.comment("A copy of V(p) charges Cmirror; as much current is sent back into the electrodes.")
@@ -226,6 +231,7 @@ WRITERS: dict[str, Callable[..., NetlistCircuit]] = {
     "doubler": write_doubler,
     "half_wave": write_half_wave,
     "battery": write_bridge,
+    "mppt": _tracker,
     "parallel_sshi": _parallel_sshi,
     "series_sshi": _series_sshi,
     "sshc": write_sshc,

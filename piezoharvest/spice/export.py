@@ -12,6 +12,7 @@ from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.engine.lowering.lower import settled
 from piezoharvest.equations.rows import connected
 from piezoharvest.spice.circuits import write_shunt
 from piezoharvest.spice.deck import Deck, number
@@ -99,8 +100,8 @@ def export_spice(
     """
     supplies = getattr(shunt, "storage", None) is not None
     begin = steady_start(System(transducer, shunt), excitation) if start == "steady" and not supplies else None
-    shunt = connected(System(transducer, shunt)).shunt
-    dc_start = dc_start or getattr(shunt, "initial_dc_voltage", 0.0)
+    shunt = settled(connected(System(transducer, shunt)), excitation).shunt
+    dc_start = dc_start or getattr(shunt, "initial_dc_voltage", None) or 0.0
     point = estimate_operating_point(transducer, excitation, dc_start, begin)
     point = point._replace(diodes=_diode_model(diodes, shunt))
     point.terms.check(shunt, shunt.switch(transducer.capacitance, excitation.period))

@@ -49,6 +49,7 @@ Rload out minus 160k
 GIVEN = {
     "sshc": {"flip_capacitances": (40e-9, 60e-9), "switch_resistance": 100.0},
     "probe_loading": {"capacitance": 4e-9},
+    "mppt": {"fraction": 0.4, "sampling_duty": 0.1},
     "network": {"netlist": "L1 1 2 150\nC1 2 0 30n\nR1 2 0 100k load"},
     "spice": {"netlist": SPICE, "load": ("Rload",)},
     "current_flowing": {**BRANCHES, "capacitances": (5e-8, 4e-8)},
@@ -71,6 +72,7 @@ VARIANTS = {
     ],
     "half_wave": [{"diode_drop": 0.2, **LEAKING}, {"diode_drop": 0.2, "diode_resistance": 3e3}],
     "battery": [{"diode_drop": 0.2, "internal_resistance": 3e3, **LEAKING}],
+    "mppt": [{"diode_drop": 0.2, "diode_resistance": 3e3}],
     "parallel_sshi": [
         {"phase_lag": 0.2, "on_time_error": 0.2, "diode_resistance": 3e3},
         {"phase_lag": -0.2, "on_time_error": -0.2, **LEAKING},

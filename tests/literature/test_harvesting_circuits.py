@@ -1,14 +1,16 @@
 """Closed forms of harvesting circuits at a prescribed displacement, against the engine's steady states."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
-from piezoharvest.description.excitation import SineForce
+from piezoharvest.description.excitation import RandomForce, SineForce
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import (
     DSSH,
+    MPPT,
     SCSECE,
     SECE,
     SICE,
@@ -17,6 +19,7 @@ from piezoharvest.description.shunts import (
     BiasFlip,
     Doubler,
     HalfWave,
+    Open,
     Rectifier,
 )
 from piezoharvest.description.system import System
@@ -222,3 +225,34 @@ def test_a_battery_is_the_whole_dc_side():
     with pytest.raises(ParameterError, match="found beside a battery") as caught:
         Battery(dc_voltage=3.0, load_resistance=1e5)
     assert caught.value.key == "load_resistance"
+
+
+@pytest.mark.parametrize("drop", [0.0, 0.05])
+@pytest.mark.parametrize("fraction", [0.3, 0.5])
+def test_tracker_at_a_fraction_of_the_open_circuit_voltage(fraction, drop):
+    """Without a load the dc side comes to the peak less two drops; sampling takes its share of the time."""
+    shunt = MPPT(fraction=fraction, sampling_duty=0.02, diode_drop=drop * V_OC)
+    wanted = 0.98 * bridge(fraction * (1 - 2 * drop) * V_OC, drop=2 * drop * V_OC)
+    assert power(shunt) == pytest.approx(wanted, rel=CLOSE)
+
+
+def test_tracker_beside_strong_coupling_holds_what_open_electrodes_come_to():
+    device, drive = dataclasses.replace(STIFF, coupling=20 * COUPLING), SineForce(amplitude=100.0, frequency=190.0)
+    opened = simulate(System(device, Open()), drive).voltage_amplitude
+    found = simulate(System(device, MPPT(fraction=0.4)), drive)
+    assert found.dc_voltage == pytest.approx(0.4 * opened, rel=1e-9)
+    held = simulate(System(device, Rectifier(dc_voltage=found.dc_voltage)), drive)
+    assert found.harvested_power == pytest.approx(held.harvested_power, rel=1e-9)
+
+
+@pytest.mark.parametrize("given", [{"dc_voltage": 1.0}, {"load_resistance": 1e5}, {"initial_dc_voltage": 1.0}])
+def test_a_tracker_is_the_whole_dc_side(given):
+    with pytest.raises(ParameterError, match="found beside a tracker") as caught:
+        MPPT(fraction=0.5, **given)
+    assert caught.value.key == next(iter(given))
+
+
+def test_a_tracker_needs_a_sine():
+    noise = RandomForce(psd=1.0, band=(10.0, 20.0), duration=1.0, seed=1)
+    with pytest.raises(ParameterError, match="found with random_force"):
+        simulate(System(STIFF, MPPT(fraction=0.5)), noise)

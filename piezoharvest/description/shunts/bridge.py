@@ -48,15 +48,18 @@ class Bridge(Shunt):
     )
     diode_leakage: float = quantity("S", "conductance of one diode, backwards", default=0.0, at_least=0)
     dc_leakage: float = quantity("S", "conductance across the dc side beside the load", default=0.0, at_least=0)
-    initial_dc_voltage: float = quantity("V", "dc voltage where a transient begins", default=0.0, at_least=0)
+    initial_dc_voltage: float | None = quantity(
+        "V", "dc voltage where a transient begins; default: 0", default=None, at_least=0
+    )
     storage: Storage | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check_dc_side()
         limit: Any = np.inf if self.storage is None else np.real(self.storage.limit)
-        if np.any(np.real(self.initial_dc_voltage) > limit):
-            found = f"found {np.max(np.real(self.initial_dc_voltage)):g} V"
+        begins: Any = 0.0 if self.initial_dc_voltage is None else np.real(self.initial_dc_voltage)
+        if np.any(begins > limit):
+            found = f"found {np.max(begins):g} V"
             allowed = f"allowed is up to storage.max_voltage ({np.min(limit):g} V)"
             raise ParameterError("initial_dc_voltage", f"{found}, {allowed}")
 
@@ -64,9 +67,9 @@ class Bridge(Shunt):
         keys = ["smoothing_capacitance", "load_resistance", "dc_voltage"]
         given = [key for key in keys if getattr(self, key) is not None]
         if given == ["dc_voltage"]:
-            unused = "storage" if self.storage is not None else "initial_dc_voltage"
-            if self.storage is not None or np.any(np.real(self.initial_dc_voltage) > 0):
-                raise ParameterError(unused, "found beside dc_voltage, allowed is one with a smoothing_capacitance")
+            for unused in ("storage", "initial_dc_voltage"):
+                if getattr(self, unused) is not None:
+                    raise ParameterError(unused, "found beside dc_voltage, allowed is one with a smoothing_capacitance")
         elif given != keys[:2] and not (self.storage is not None and given == keys[:1]):
             raise ParameterError(
                 given[-1] if given else "smoothing_capacitance",
@@ -78,7 +81,8 @@ class Bridge(Shunt):
         """The smoothing capacitor's voltage, if there is one."""
         if self.smoothing_capacitance is None:
             return ()
-        return (State("dc", self.dc_capacitance, odd=False, initial=self.initial_dc_voltage),)
+        begins = 0.0 if self.initial_dc_voltage is None else self.initial_dc_voltage
+        return (State("dc", self.dc_capacitance, odd=False, initial=begins),)
 
     @property
     def dc_capacitance(self) -> Any:
