@@ -31,7 +31,8 @@ _HOMES = {
         "Battery", "BiasFlip", "CurrentBlocking", "CurrentFlowing", "DSSH", "Doubler", "HalfWave", "LinearShunt",
         "MPPT", "NegativeCapacitance", "Network", "Open", "ParallelBranches", "ParallelRL", "ParallelRLC",
         "ParallelSSHI", "Rectifier", "Resistor", "SCSECE", "SECE", "SICE", "SSDI", "SSDS", "SSDV", "SSHC", "SeriesRL",
-        "SeriesRLC", "SeriesSSHI", "Short", "Shunt", "SpiceCircuit",
+        "SelfPoweredSECE", "SelfPoweredSSDI", "SelfPoweredSSHI", "SelfPoweredSeriesSSHI", "SeriesRLC", "SeriesSSHI",
+        "Short", "Shunt", "SpiceCircuit",
     ),
     "description.shunts.storage": ("Storage",),
     "description.effects": (

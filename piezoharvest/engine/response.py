@@ -118,6 +118,8 @@ class Response(Shown):
         Time after which the supply of a storage turned on first, s; None where it did not, and in a steady state.
     wakes_per_hour : float or None
         How often it turned on, for each hour; None without a storage.
+    least_switching_voltage : float or None
+        Amplitude of the open-circuit voltage above which a switch that powers itself acts, V; None for other switches.
     exhausted : bool
         The simulation was stopped because it exceeded the work limit (`engine.work_limit`).
     """
@@ -143,6 +145,7 @@ class Response(Shown):
     energy_stored: float | None = None
     time_to_turn_on: float | None = None
     wakes_per_hour: float | None = None
+    least_switching_voltage: float | None = None
 
     @property
     def heading(self) -> str:

@@ -13,6 +13,7 @@ from piezoharvest.description.excitation import Excitation, Ramps
 from piezoharvest.description.limits import check_length
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.linear.short import Short
+from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
 from piezoharvest.description.system import System
 from piezoharvest.engine.batch_means import batch_edges, rms_error, standard_error
 from piezoharvest.engine.lowering.lower import Lowered, lower, symmetric
@@ -105,6 +106,8 @@ def simulate(
         response = _with_remark(
             response, f"{', '.join(lowered.unfelt)}: no part of this simulation, only of measured records"
         )
+    if isinstance(system.shunt, ElectronicBreaker):
+        response = _of_the_breakers(response, system.shunt)
     idle = [effect.name for effect in system.transducer.effects if _is_idle(effect, system.shunt)]
     if idle:
         response = _with_remark(response, f"{', '.join(idle)}: {system.shunt.kind} has no part that it changes")
@@ -118,6 +121,15 @@ def simulate(
     if reason:
         return _with_remark(_replaced(response, attenuation_db=np.nan), f"no attenuation: {reason}")
     return _replaced(response, attenuation_db=float(20 * np.log10(response.displacement_amplitude / reference)))
+
+
+def _of_the_breakers(response: Response, shunt: ElectronicBreaker) -> Response:
+    """The response of a circuit that powers its switches, with what these need, and a remark where they are at rest."""
+    least, waves = float(shunt.least_voltage), response.waveforms
+    response = _replaced(response, least_switching_voltage=least)
+    if waves is None or "switch closes" in waves.event_names:
+        return response
+    return _with_remark(response, f"no breaker closes: they need an open-circuit voltage of {least:.4g} V at least")
 
 
 def _is_idle(effect: Effect, shunt: Shunt) -> bool:

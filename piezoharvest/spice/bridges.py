@@ -64,7 +64,7 @@ def write_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCir
     if shunt.diode_leakage:
         deck.comment("What all four diodes conduct backwards: Rback between the leads, and Rleak of the dc side.")
         deck.add("Rback p 0", 1 / shunt.diode_leakage)
-    return _write_dc_side(deck, shunt, point)
+    return write_dc_side(deck, shunt, point)
 
 
 def write_series_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint, node: str, current: float) -> NetlistCircuit:
@@ -86,7 +86,7 @@ def write_series_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint, node: 
     resistive = f"2*{resistance}*{number(current)}*V(through)"
     deck.add(f"Bin opposed 0 V=V(direction)*(V(dc)+2*{drop}) + {resistive}")
     deck.add(f"Bout 0 dc I={number(current)}*V(through)*V(direction)")
-    return _write_dc_side(deck, shunt, point)
+    return write_dc_side(deck, shunt, point)
 
 
 def _write_real_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint, node: str) -> NetlistCircuit:
@@ -104,7 +104,7 @@ def _write_real_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint, node: s
     stray = deck.parameter("capacitance_stray", STRAY * point.transducer.capacitance)
     deck.add(f"Cstrayp dcp 0 {stray} {point.condition('dc')}")
     deck.add(f"Cstrayn dcn 0 {stray} IC=0")
-    return _write_dc_side(deck, shunt, point, (plus, "dcn"))
+    return write_dc_side(deck, shunt, point, (plus, "dcn"))
 
 
 def write_doubler(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCircuit:
@@ -138,10 +138,10 @@ def write_half_wave(deck: Deck, shunt: Bridge, point: OperatingPoint) -> Netlist
     diodes = _Diodes(deck, shunt, point)
     diodes.add("1", "p", "dc")
     diodes.add("2", "0", "p")
-    return _write_dc_side(deck, shunt, point)
+    return write_dc_side(deck, shunt, point)
 
 
-def _write_dc_side(
+def write_dc_side(
     deck: Deck, shunt: Bridge, point: OperatingPoint, nodes: tuple[str, str] = ("dc", "0")
 ) -> NetlistCircuit:
     """Smoothing capacitor and load, or constant voltage, between two nodes, and what leaks there."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.spice.breakers import write_breakers
 from piezoharvest.spice.bridges import write_bridge, write_doubler, write_half_wave, write_series_bridge
 from piezoharvest.spice.deck import Deck, number, total
 from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
@@ -232,6 +233,8 @@ WRITERS: dict[str, Callable[..., NetlistCircuit]] = {
     "half_wave": write_half_wave,
     "battery": write_bridge,
     "mppt": _tracker,
+    **dict.fromkeys(("self_powered_sshi", "self_powered_series_sshi", "self_powered_ssdi"), write_breakers),
+    "self_powered_sece": write_breakers,
     "parallel_sshi": _parallel_sshi,
     "series_sshi": _series_sshi,
     "sshc": write_sshc,

@@ -46,9 +46,11 @@ C1 plus minus 0.1u
 L1 plus out 10
 Rload out minus 160k
 """
+BREAKER = {"envelope_capacitance": 1e-9, "threshold": 0.1}
 GIVEN = {
     "sshc": {"flip_capacitances": (40e-9, 60e-9), "switch_resistance": 100.0},
     "probe_loading": {"capacitance": 4e-9},
+    **{f"self_powered_{kind}": BREAKER for kind in ("sshi", "series_sshi", "sece", "ssdi")},
     "mppt": {"fraction": 0.4, "sampling_duty": 0.1},
     "network": {"netlist": "L1 1 2 150\nC1 2 0 30n\nR1 2 0 100k load"},
     "spice": {"netlist": SPICE, "load": ("Rload",)},
@@ -72,6 +74,9 @@ VARIANTS = {
     ],
     "half_wave": [{"diode_drop": 0.2, **LEAKING}, {"diode_drop": 0.2, "diode_resistance": 3e3}],
     "battery": [{"diode_drop": 0.2, "internal_resistance": 3e3, **LEAKING}],
+    "self_powered_sshi": [{"diode_drop": 0.05, "diode_resistance": 3e3, **LEAKING}],
+    "self_powered_series_sshi": [{"diode_drop": 0.05, "dc_voltage": 0.3, "diode_resistance": 50.0}],
+    "self_powered_sece": [{"diode_drop": 0.05, "efficiency": 0.7}],
     "mppt": [{"diode_drop": 0.2, "diode_resistance": 3e3}],
     "parallel_sshi": [
         {"phase_lag": 0.2, "on_time_error": 0.2, "diode_resistance": 3e3},
