@@ -46,7 +46,7 @@ C1 plus minus 0.1u
 L1 plus out 10
 Rload out minus 160k
 """
-BREAKER = {"envelope_capacitance": 1e-9, "threshold": 0.1, "inductance": 0.01}
+BREAKER = {"envelope_capacitance": 1e-9, "threshold": 0.6, "inductance": 0.01}
 GIVEN = {
     "sshc": {"flip_capacitances": (40e-9, 60e-9), "switch_resistance": 100.0},
     "probe_loading": {"capacitance": 4e-9},
