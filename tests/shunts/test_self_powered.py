@@ -19,6 +19,7 @@ from piezoharvest import (
     simulate,
 )
 from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.storage import Storage
 from piezoharvest.spice import export_spice
 from piezoharvest.spice.simulators.comparison import compare
 
@@ -139,6 +140,18 @@ def test_consumption_is_taken_from_the_harvest(kind):
     takes = 0.1 * plain.harvested_power
     keys = {**KEYS, "consumption": takes, **({"dc_voltage": V_OC} if kind is SelfPoweredSSHI else {})}
     assert steady(kind(**keys)).harvested_power == pytest.approx(0.9 * plain.harvested_power, rel=1e-6, abs=0)
+
+
+@pytest.mark.parametrize("kind", [SelfPoweredSSHI, SelfPoweredSeriesSSHI])
+def test_breakers_charge_a_store(kind):
+    """From an empty store to the supply that it feeds."""
+    keys = {"quality": 5.0, "inductance": 0.1, "envelope_capacitance": 1e-9, "threshold": 0.6, "diode_drop": 0.3}
+    storage = Storage(turn_on=2.0, turn_off=1.0, power=1e-3)
+    system = System(Transducer(**BENCH), kind(**keys, smoothing_capacitance=1e-6, storage=storage))
+    found = simulate(system, SineForce(amplitude=0.02, frequency=50.6), transient=0.6, attenuation=False)
+    assert found.converged, found.message
+    assert abs(found.energy["closure"]) < 1e-10
+    assert found.time_to_turn_on is not None and found.energy["harvested"] > 0
 
 
 def test_extraction_is_not_exported():

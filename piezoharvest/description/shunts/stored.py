@@ -56,7 +56,7 @@ class Stored(Shunt):
         return self.circuit.states(capacitance)
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
-        supply, own = configuration.split(" ")
+        supply, own = configuration.split(" ", 1)
         rows = list(self.circuit.equations(own, port, z, dz))
         at = self._balance(port)
         # A full store stays at its limit; from above it, where only a search tries states, it comes back to that.
@@ -65,7 +65,7 @@ class Stored(Shunt):
         return rows
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        supply, own = configuration.split(" ")
+        supply, own = configuration.split(" ", 1)
         powers = {name: list(products) for name, products in self.circuit.powers(own, port, z).items()}
         load, share = self._load(supply, port, z), self.storage.efficiency
         powers["harvested"].append(Product(share, z.dc, load))
@@ -75,7 +75,7 @@ class Stored(Shunt):
         return powers
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
-        supply, own = configuration.split(" ")
+        supply, own = configuration.split(" ", 1)
         guards = [
             guard._replace(target=f"{supply} {guard.target}", conducts=guard.begins_to_conduct)
             for guard in self.circuit.guards(own, port, z)
@@ -107,7 +107,7 @@ class Stored(Shunt):
         return _behind(configuration, self.circuit.opened)
 
     def stage(self, configuration: str, capacitance: float) -> Any:
-        return self.circuit.stage(configuration.split(" ")[1], capacitance)
+        return self.circuit.stage(configuration.split(" ", 1)[1], capacitance)
 
     def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
         return self.circuit.dc_side(port, z)
@@ -130,5 +130,5 @@ class Stored(Shunt):
 
 def _behind(configuration: str, change: Callable[[str], str]) -> str:
     """A configuration in which that of the circuit has changed."""
-    supply, own = configuration.split(" ")
+    supply, own = configuration.split(" ", 1)
     return f"{supply} {change(own)}"
