@@ -29,10 +29,12 @@ _HOMES = {
     ),
     "description.shunts": (
         "Battery", "BiasFlip", "CurrentBlocking", "CurrentFlowing", "DSSH", "Digital", "Doubler", "HalfWave",
-        "LinearShunt", "NegativeCapacitance", "Network", "Open", "ParallelBranches", "ParallelRL", "ParallelRLC",
-        "ParallelSSHI", "Rectifier", "Resistor", "SCSECE", "SECE", "SICE", "SSDI", "SSDS", "SSDV", "SSHC", "SeriesRL",
+        "LinearShunt", "MPPT", "NegativeCapacitance", "Network", "Open", "ParallelBranches", "ParallelRL",
+        "ParallelRLC", "ParallelSSHI", "Rectifier", "Resistor", "SCSECE", "SECE", "SICE", "SSDI", "SSDS", "SSDV",
+        "SSHC", "SelfPoweredSECE", "SelfPoweredSSDI", "SelfPoweredSSHI", "SelfPoweredSeriesSSHI", "SeriesRL",
         "SeriesRLC", "SeriesSSHI", "Short", "Shunt", "SpiceCircuit",
     ),
+    "description.shunts.storage": ("Storage",),
     "description.effects": (
         "BiasCurrent", "ChannelSkew", "Clipping", "ContactCompliance", "CouplingDrift", "Creep",
         "DielectricRelaxation", "DiodeDropError", "DisplacementLag", "Effect", "Friction", "InversionLoss", "Leakage",

@@ -43,6 +43,7 @@ from piezoharvest.description.hysteresis import Hysteresis
 from piezoharvest.description.parameters import Component, ParameterError, quantity
 from piezoharvest.description.shunts import (
     DSSH,
+    MPPT,
     SCSECE,
     SECE,
     SICE,
@@ -67,6 +68,10 @@ from piezoharvest.description.shunts import (
     ParallelSSHI,
     Rectifier,
     Resistor,
+    SelfPoweredSECE,
+    SelfPoweredSeriesSSHI,
+    SelfPoweredSSDI,
+    SelfPoweredSSHI,
     SeriesRL,
     SeriesRLC,
     SeriesSSHI,
@@ -74,6 +79,7 @@ from piezoharvest.description.shunts import (
     Shunt,
     SpiceCircuit,
 )
+from piezoharvest.description.shunts.storage import Storage
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Electrode, Mode, Transducer
 from piezoharvest.design import DesignResult, design
@@ -101,6 +107,7 @@ from piezoharvest.sweep import sweep
 __version__: str
 __all__ = [
     "DSSH",
+    "MPPT",
     "SCSECE",
     "SECE",
     "SICE",
@@ -167,6 +174,10 @@ __all__ = [
     "Resistor",
     "Response",
     "ReverseLeakage",
+    "SelfPoweredSECE",
+    "SelfPoweredSSDI",
+    "SelfPoweredSSHI",
+    "SelfPoweredSeriesSSHI",
     "SeriesRL",
     "SeriesRLC",
     "SeriesSSHI",
@@ -179,6 +190,7 @@ __all__ = [
     "State",
     "StepForce",
     "Stiffening",
+    "Storage",
     "Study",
     "StudyError",
     "SwitchDelay",

@@ -8,7 +8,7 @@ from messages import is_sentence
 from records.instrument_files import FORCE, NAMES, lines, random_layout, rows
 from scipy.io import savemat
 
-from piezoharvest import Record
+from piezoharvest import Record, System, Transducer, simulate
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.output import write_table
 
@@ -100,3 +100,49 @@ def test_where_the_table_begins(tmp_path):
 )
 def test_what_is_wrong(tmp_path, text, found):
     assert found in failure(written(tmp_path, text)).message
+
+
+ACCELERATION = {"quantity": "base_acceleration"}
+
+
+@pytest.mark.parametrize(
+    "name, keys, factor",
+    [
+        ("a", ACCELERATION, 1.0),
+        ("a", {**ACCELERATION, "unit": "g"}, 9.80665),
+        ("a [g]", ACCELERATION, 9.80665),
+        ("a [g]", {**ACCELERATION, "unit": "g"}, 9.80665),
+        ("a [mV]", {**ACCELERATION, "unit": "g", "gain": 0.01}, 0.0980665),
+        ("a", {**ACCELERATION, "gain": -2.0}, -2.0),
+        ("f", {"unit": "kN"}, 1e3),
+        ("f [V]", {"gain": 50.0}, 50.0),
+    ],
+)
+def test_units_and_gains(tmp_path, name, keys, factor):
+    path = written(tmp_path, f"{name}\n1.0\n-2.0\n4.0\n")
+    found = record(path, name[0], **keys)
+    np.testing.assert_allclose(found.values, factor * np.array([1.0, -2.0, 4.0]), rtol=1e-12)
+    assert found.base == (name[0] == "a")
+
+
+@pytest.mark.parametrize(
+    "name, keys, key",
+    [
+        ("a [g]", {}, "column"),
+        ("a", {"unit": "g"}, "unit"),
+        ("a", {"unit": "bananas"}, "unit"),
+        ("a [g]", {**ACCELERATION, "unit": "m/s^2"}, "unit"),
+        ("a", {**ACCELERATION, "gain": 0.0}, "gain"),
+        ("a", {"quantity": "noise"}, "quantity"),
+    ],
+)
+def test_wrong_units_and_gains(tmp_path, name, keys, key):
+    assert failure(written(tmp_path, f"{name}\n1.0\n-2.0\n"), "a", **keys).key == key
+
+
+def test_base_acceleration_is_the_force_of_the_mass(tmp_path):
+    path = written(tmp_path, "a\n" + "\n".join(f"{np.sin(0.3 * n):.17g}" for n in range(200)) + "\n")
+    system = System(Transducer(mass=0.01, damping=0.06, stiffness=986.0, coupling=1e-3, capacitance=4e-8))
+    base = simulate(system, record(path, "a", quantity="base_acceleration"))
+    force = simulate(system, record(path, "a", gain=-0.01))
+    np.testing.assert_allclose(base.waveforms.displacement, force.waveforms.displacement, rtol=1e-12)

@@ -90,12 +90,13 @@ SWITCHED = {
     "half_wave": {"kind": "half_wave", **WIDE, "diode_drop": 0.01, "diode_leakage": 1e-8},
     "doubler": {"kind": "doubler", **WIDE, "diode_drop": 0.01, "diode_resistance": 2e3, "diode_leakage": 1e-8},
     "battery": {"kind": "battery", "dc_voltage": 0.3, "internal_resistance": 2e3, "diode_resistance": 500.0},
+    "mppt": {"kind": "mppt", "fraction": 0.5, "sampling_duty": 0.1, "diode_drop": 0.01},
     "sshc": {"kind": "sshc", **LOAD, "flip_capacitances": [60e-9], "switch_resistance": 1000.0},
     "ssds": {"kind": "ssds"},
     "ssdi": {"kind": "ssdi", **LOOP},
     "ssdv": {"kind": "ssdv", **LOOP, "source_voltage": 1.0},
 }
-STAGED = ("half_wave", "doubler", "battery", "sshc", "bias_flip", "sece coil", "sice", "sc_sece", "dssh")
+STAGED = ("half_wave", "doubler", "battery", "mppt", "sshc", "bias_flip", "sece coil", "sice", "sc_sece", "dssh")
 # Left to the slow tests from rest.
 RARE = ("series_sshi", "ssds", *STAGED)
 MISTIMED = {

@@ -22,7 +22,8 @@ _MIN_COST = 1e-4  # of the power, or dB: what is less is within the accuracy of 
 _RESULT = (
     "shunt", "converged", "period", "harvested_power", "mechanical_power", "efficiency", "displacement_amplitude",
     "voltage_amplitude", "dc_voltage", "attenuation_db", "energy", "events_per_period", "periods_evaluated", "message",
-    "displacement_rms", "standard_error", "figure_of_merit",
+    "displacement_rms", "standard_error", "figure_of_merit", "energy_stored", "time_to_turn_on", "wakes_per_hour",
+    "least_switching_voltage",
 )  # fmt: skip
 
 _QUANTILES = {"p5": "5 %", "p50": "50 %", "p95": "95 %"}
@@ -61,6 +62,7 @@ def response_json(response: Response) -> dict[str, Any]:
 def print_responses(title: str, responses: Sequence[Response]) -> None:
     """Print one row for each shunt."""
     noisy = any(r.displacement_rms is not None for r in responses)
+    supplies = any(r.wakes_per_hour is not None for r in responses)
     columns = [
         Column("harvested power", "W", [r.harvested_power for r in responses]),
         *_error_column(responses, "harvested_power", "W"),
@@ -73,8 +75,18 @@ def print_responses(title: str, responses: Sequence[Response]) -> None:
         Column("voltage", "V", [r.voltage_amplitude for r in responses]),
         Column("dc voltage", "V", [r.dc_voltage for r in responses]),
         Column("attenu- ation", "dB", [r.attenuation_db for r in responses]),
+        *(_supply_columns(responses) if supplies else []),
     ]
     _print_table(title, "shunt", [r.shunt for r in responses], columns, [r.converged for r in responses])
+
+
+def _supply_columns(responses: Sequence[Response]) -> list[Column]:
+    """What a supply at the smoothing capacitor did."""
+    return [
+        Column("turns on after", "s", [r.time_to_turn_on for r in responses]),
+        Column("wakes an hour", "", [r.wakes_per_hour for r in responses]),
+        Column("energy stored", "J", [r.energy_stored for r in responses]),
+    ]
 
 
 def _error_column(responses: Sequence[Response], name: str, unit: str) -> list[Column]:

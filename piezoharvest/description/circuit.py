@@ -51,6 +51,8 @@ class State(NamedTuple):
     recovered : float, optional
         With a value, the state is set to zero when the switch opens or steps on, and this share of its energy is
         harvested; the rest is lost. A state named "current" is cut so without one, and all of it is lost.
+    initial : float
+        Value at which a transient begins.
     stores : bool
         False for a number that a controller remembers: `storage` then only tells of what size it is.
     """
@@ -59,6 +61,7 @@ class State(NamedTuple):
     storage: float
     odd: bool = True
     recovered: Number | None = None
+    initial: Number = 0.0
     stores: bool = True
 
 
@@ -70,16 +73,27 @@ class Product(NamedTuple):
     second: Row
 
 
+# Events of guards that are neither those of diodes nor untold.
+EVENTS = ("supply turns on", "supply turns off", "store is full")
+
+
 class Guard(NamedTuple):
     """Transition to the configuration `target` when `rises` rises through zero; `cut` names a state set to zero.
 
     `conducts` tells if something begins to conduct then; by default the sign at the end of the target's name does.
+    `event` names what happens instead, as one of `EVENTS`; where it is empty that is not told.
     """
 
     rises: Row
     target: str
     cut: str | None = None
     conducts: bool | None = None
+    event: str | None = None
+
+    @property
+    def begins_to_conduct(self) -> bool:
+        """Whether something begins to conduct."""
+        return self.target[-1] in "+-" if self.conducts is None else self.conducts
 
 
 class Assignment(NamedTuple):

@@ -6,11 +6,16 @@ from dataclasses import dataclass, field
 from functools import reduce
 from math import gcd
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from piezoharvest.description.parameters import Component, ParameterError, quantity, subclasses_by
+
+if TYPE_CHECKING:
+    from piezoharvest.readers.units import Unit
+
+_quantity = quantity  # a field of `Record` has this name
 
 
 class Tones(NamedTuple):
@@ -308,12 +313,22 @@ class Samples(Excitation):
         return ramps_through(np.arange(len(self.values)) / self.sample_rate, self.values)
 
 
+# SI unit of what may be recorded, and its name in messages.
+_KINDS_OF_UNITS = {"force": ("N", "force"), "base_acceleration": ("m/s^2", "acceleration")}
+
+
 @dataclass(frozen=True, kw_only=True)
 class Record(Samples):
-    """A recorded force in N, joined by straight lines between its samples.
+    """A recorded force or base acceleration, joined by straight lines between its samples.
 
     Attributes
     ----------
+    quantity : "force" or "base_acceleration"
+        What was recorded.
+    unit : str
+        Of the values, as "kN" or "g"; by default that which the file states, else N or m/s^2.
+    gain : float
+        In `unit` for one of the file's numbers; where it is given the file's unit is none of the values.
     file : str
         In any format of a campaign's records.
     column : str or int
@@ -324,20 +339,52 @@ class Record(Samples):
     Raises
     ------
     ParameterError
-        The file or the column does not exist, the file marks the column as no force, or the column holds values that
-        are not finite numbers.
+        The file or the column does not exist, the column's unit or that given is not one of the quantity, or the column
+        holds values that are not finite numbers.
     """
 
     kind: ClassVar[str] = "record"
 
     file: str
     column: Any
-    skip_rows: int | None = quantity("", "lines above the table", default=None, at_least=0)
-    header_row: int | None = quantity("", "line with the names", default=None, at_least=1)
+    quantity: Literal["force", "base_acceleration"] = "force"
+    unit: str | None = None
+    gain: float | None = _quantity("", "values for one number of the file", default=None)
+    skip_rows: int | None = _quantity("", "lines above the table", default=None, at_least=0)
+    header_row: int | None = _quantity("", "line with the names", default=None, at_least=1)
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.quantity not in _KINDS_OF_UNITS:
+            allowed = " or ".join(map(repr, _KINDS_OF_UNITS))
+            raise ParameterError("quantity", f"found {self.quantity!r}, allowed is {allowed}")
+        if self.gain == 0:
+            raise ParameterError("gain", "found 0, allowed is any finite number but 0")
         object.__setattr__(self, "values", self._read())
+
+    @property
+    def base(self) -> bool:
+        """True if a base acceleration was recorded."""
+        return self.quantity == "base_acceleration"
+
+    def _factor(self, stated: Unit | None, where: str) -> float:
+        """Factor from the file's numbers to SI values, given the unit that the file states."""
+        from piezoharvest.readers.units import unit_of
+
+        si, words = _KINDS_OF_UNITS[self.quantity]
+        given = None if self.unit is None else unit_of(self.unit)
+        if self.unit is not None and (given is None or given.si != si):
+            raise ParameterError("unit", f"found {self.unit!r}, allowed is a unit of {words}, as {si}")
+        if self.gain is not None:
+            return self.gain * (1.0 if given is None else given.factor)
+        if stated is not None and stated.si != si and stated.firm:
+            raise ParameterError("column", f"found the unit {stated.text!r} {where}, allowed is a unit of {words}")
+        if stated is None or stated.si != si:
+            return 1.0 if given is None else given.factor
+        if given is not None and given.factor != stated.factor:
+            found = f"found {self.unit!r}, but {stated.text!r} {where}"
+            raise ParameterError("unit", f"{found}: give the same unit, or a gain (values for one of its numbers)")
+        return stated.factor
 
     def _read(self) -> np.ndarray:
         from piezoharvest.readers import MissingColumnError, ReadError, open_reader
@@ -361,9 +408,7 @@ class Record(Samples):
         where = f"in column {name!r} of {self.file}"
         if np.any(np.imag(values)):
             raise ParameterError("column", f"found complex numbers {where}, allowed are real numbers")
-        if unit is not None and unit.si != "N" and unit.firm:
-            raise ParameterError("column", f"found the unit {unit.text!r} {where}, allowed is a unit of force")
-        values = np.real(values) * (unit.factor if unit is not None and unit.si == "N" else 1.0)
+        values = np.real(values) * self._factor(unit, where)
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             row = rows[bad[0]] if isinstance(rows, np.ndarray) else rows + bad[0]

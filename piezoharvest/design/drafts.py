@@ -17,7 +17,7 @@ from piezoharvest.description.shunts import LinearShunt, Shunt, registered
 from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.description.shunts.linear.open import Open
 from piezoharvest.description.shunts.linear.short import Short
-from piezoharvest.description.shunts.switching import InductiveSwitch, SynchronisedShunt
+from piezoharvest.description.shunts.switching import SwitchedCoil, SynchronisedShunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.design.operation import Operation
 from piezoharvest.design.places import lists_of, unit_at, value_at, with_values
@@ -241,7 +241,7 @@ class Drafting:
             values |= {name: value for name, (value, _) in found.items()}
             words = [f"{value:g} {unit_at(cls, name)}{origin}" for name, (value, origin) in found.items() if value]
             notes.append(f"diodes of {', '.join(words)}" if words else "ideal diodes")
-        if issubclass(cls, InductiveSwitch):
+        if issubclass(cls, SwitchedCoil):
             values["quality"], origin = self._device("quality", QUALITY)
             values["inductance"] = self._switched_inductance(values["quality"])
             inversion = np.exp(-np.pi / (2 * values["quality"]))

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from piezoharvest.description.netlist import Element
+from piezoharvest.description.parameters import Component
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.design.front.point import Front, FrontPoint, overall
 from piezoharvest.design.parts.choice import PartsChoice
@@ -261,4 +262,6 @@ def _plain(value: Any) -> Any:
         return {**vars(value), "nodes": list(value.nodes)}
     if isinstance(value, tuple | list):
         return [_plain(inner) for inner in value]
+    if isinstance(value, Component):
+        return {key: _plain(inner) for key, inner in vars(value).items() if inner is not None}
     return value.item() if hasattr(value, "item") else value

@@ -76,7 +76,8 @@ def simulate_many(
     motion from rest with an empty smoothing capacitor reaches the same steady state; `simulate` does, and is used for
     designs for which the search finds none.
     """
-    alone = _differs(excitation) and not excitation.batched
+    # Whether a supply is on depends on how its store was charged, which a search does not see.
+    alone = (_differs(excitation) and not excitation.batched) or getattr(system.shunt, "storage", None) is not None
     budget = budget or Budget(2 * designs * MAX_WORK)  # a design may be searched for twice
     if alone or excitation.period is None or _clocked(system, excitation):
         return _one_by_one(system, excitation, range(designs), designs, budget)

@@ -47,8 +47,8 @@ class Waveforms:
     event_times : (e,) array
         s, increasing.
     event_names : tuple of str
-        "switch closes", "switch opens", "diodes conduct", "diodes block", "voltage extracted", "hysteresis slips" or
-        "hysteresis sticks", one for each event time.
+        "switch closes", "switch opens", "diodes conduct", "diodes block", "voltage extracted", "hysteresis slips",
+        "hysteresis sticks", "supply turns on", "supply turns off" or "store is full", one for each event time.
     """
 
     time: np.ndarray
@@ -113,6 +113,14 @@ class Response(Shown):
         signal, by batch means; NaN where the run is shorter than nine decays of the motion. None for other excitations.
     figure_of_merit : float
         P/(C V_oc^2 f): see `figure_of_merit`; NaN but in the steady state of one mode under a sine.
+    energy_stored : float or None
+        Energy in the smoothing capacitor at the end of the run, J; None without one.
+    time_to_turn_on : float or None
+        Time after which the supply of a storage turned on first, s; None where it did not, and in a steady state.
+    wakes_per_hour : float or None
+        How often it turned on, for each hour; None without a storage.
+    least_switching_voltage : float or None
+        Amplitude of the open-circuit voltage above which a switch that powers itself acts, V; None for other switches.
     exhausted : bool
         The simulation was stopped because it exceeded the work limit (`engine.work_limit`).
     """
@@ -135,6 +143,10 @@ class Response(Shown):
     displacement_rms: float | None = None
     standard_error: dict[str, float] | None = None
     figure_of_merit: float = float("nan")
+    energy_stored: float | None = None
+    time_to_turn_on: float | None = None
+    wakes_per_hour: float | None = None
+    least_switching_voltage: float | None = None
 
     @property
     def heading(self) -> str:

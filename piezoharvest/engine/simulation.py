@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from piezoharvest.description.excitation import Excitation, Ramps
 from piezoharvest.description.limits import check_length
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.damping.digital import Digital
+from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
 from piezoharvest.description.system import System
 from piezoharvest.engine.batch_means import batch_edges, rms_error, standard_error
 from piezoharvest.engine.lowering.lower import Lowered, lower, symmetric
@@ -108,6 +110,8 @@ def simulate(
         )
     if isinstance(system.shunt, Digital) and not (radius := sampled_loop(system).radius) < 1.0:
         response = _with_remark(response, f"the sampled loop is unstable, spectral radius {radius:.6g}")
+    if isinstance(system.shunt, ElectronicBreaker):
+        response = _of_the_breakers(response, system.shunt)
     idle = [effect.name for effect in system.transducer.effects if _is_idle(effect, system.shunt)]
     if idle:
         response = _with_remark(response, f"{', '.join(idle)}: {system.shunt.kind} has no part that it changes")
@@ -121,6 +125,15 @@ def simulate(
     if reason:
         return _with_remark(_replaced(response, attenuation_db=np.nan), f"no attenuation: {reason}")
     return _replaced(response, attenuation_db=float(20 * np.log10(response.displacement_amplitude / reference)))
+
+
+def _of_the_breakers(response: Response, shunt: ElectronicBreaker) -> Response:
+    """The response of a circuit that powers its switches, with what these need, and a remark where they are at rest."""
+    least, waves = float(shunt.least_voltage), response.waveforms
+    response = _replaced(response, least_switching_voltage=least)
+    if waves is None or "switch closes" in waves.event_names:
+        return response
+    return _with_remark(response, f"no breaker closes: they need an open-circuit voltage of {least:.4g} V at least")
 
 
 def _is_idle(effect: Effect, shunt: Shunt) -> bool:
@@ -193,9 +206,11 @@ def search(lowered: Lowered, excitation: Excitation) -> tuple[Orbit, bool, str, 
         evaluations += orbit.evaluations
     if not orbit.converged:
         return orbit, mirrored, "", evaluations, False
-    arrives, here = shooting.from_rest(orbit)
+    supplies = pg.TURN_ON in lowered.program.guard_code
+    # Whether a supply is on depends on how its store was charged.
+    arrives, here = shooting.from_rest(orbit, charged=not supplies)
     if arrives:
-        empty = np.all(lowered.program.odd < 0) or shooting.from_rest(orbit, charged=False)[0]
+        empty = supplies or np.all(lowered.program.odd < 0) or shooting.from_rest(orbit, charged=False)[0]
         elsewhere = "a motion from rest with an empty smoothing capacitor does not come to this steady state"
         return orbit, mirrored, "" if empty else elsewhere, evaluations, True
     shooting = Shooting(Machine(lowered), period, False)
@@ -291,6 +306,8 @@ def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evalu
     else:
         reason = f"no periodic solution was found (relative change over a period {orbit.residual:.1e})"
     message = f"no steady state: {reason}; averages are over {UNSETTLED_PERIODS} periods after {skipped}"
+    if response.wakes_per_hour is not None:
+        message += "; how a supply turns on and off is what a transient shows"
     events = response.events_per_period // UNSETTLED_PERIODS
     response = _replaced(response, period=period, energy=energy, events_per_period=events)
     spans = [float(each.extremes[0, 1] - each.extremes[0, 0]) for each in (state, recorder)]
@@ -366,7 +383,21 @@ def _response(
         events_per_period=int(state.D[st.LOGGED]),
         periods_evaluated=0,
         waveforms=waveforms,
+        **_of_the_store(lowered, state, length, from_rest=begin == 0.0 and most is None),
     )
+
+
+def _of_the_store(lowered: Lowered, state: EngineState, length: float, from_rest: bool) -> dict[str, Any]:
+    """Figures of a smoothing capacitor and of the supply that it feeds, after a run of this length (s)."""
+    if "dc" not in lowered.states:
+        return {}
+    k, program = lowered.states.index("dc"), lowered.program
+    figures = {"energy_stored": 0.5 * float(program.storage[k, k] * state.z[k] ** 2)}
+    if pg.TURN_ON not in program.guard_code:
+        return figures
+    wakes = int(state.counts[pg.TURN_ON])
+    figures["wakes_per_hour"] = 3600.0 * wakes / length
+    return figures | ({"time_to_turn_on": float(state.first_times[pg.TURN_ON])} if wakes and from_rest else {})
 
 
 def _finish(response: Response, message: str, evaluations: float) -> Response:

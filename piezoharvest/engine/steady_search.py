@@ -120,7 +120,10 @@ class Shooting:
         """
         state, there = self.machine.state(), orbit.numbers[: self.n]
         if charged:
-            state.z[: self.n] = np.where(self.machine.lowered.program.odd < 0, state.z[: self.n], there)
+            lowered = self.machine.lowered
+            # Of an envelope the configuration tells whether it is charged, which is that of rest here.
+            begins = (lowered.program.odd < 0) | [name.startswith("envelope_") for name in lowered.states]
+            state.z[: self.n] = np.where(begins, state.z[: self.n], there)
         size, time, distances = np.linalg.norm(there), np.mod(orbit.time, self.period), [np.inf]
         for _ in range(MAX_CHECKS):
             time += PERIODS_BETWEEN_CHECKS * self.period

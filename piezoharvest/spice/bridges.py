@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.description.shunts.storage import Storage
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
 
@@ -11,6 +14,8 @@ BRIDGE = 1e-4
 CORNER = 1e-5
 # Strays to ground of a dc side behind real diodes, as a share of the clamped capacitance.
 STRAY = 1e-5
+# Of a supply: smoothing of its comparator, as a share of its hysteresis, and its time constant as one of the period.
+COMPARATOR, DECISION = 1e-4, 1e-3
 
 
 class _Diodes:
@@ -59,7 +64,7 @@ def write_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCir
     if shunt.diode_leakage:
         deck.comment("What all four diodes conduct backwards: Rback between the leads, and Rleak of the dc side.")
         deck.add("Rback p 0", 1 / shunt.diode_leakage)
-    return _write_dc_side(deck, shunt, point)
+    return write_dc_side(deck, shunt, point)
 
 
 def write_series_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint, node: str, current: float) -> NetlistCircuit:
@@ -81,7 +86,7 @@ def write_series_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint, node: 
     resistive = f"2*{resistance}*{number(current)}*V(through)"
     deck.add(f"Bin opposed 0 V=V(direction)*(V(dc)+2*{drop}) + {resistive}")
     deck.add(f"Bout 0 dc I={number(current)}*V(through)*V(direction)")
-    return _write_dc_side(deck, shunt, point)
+    return write_dc_side(deck, shunt, point)
 
 
 def _write_real_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint, node: str) -> NetlistCircuit:
@@ -99,7 +104,7 @@ def _write_real_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint, node: s
     stray = deck.parameter("capacitance_stray", STRAY * point.capacitance)
     deck.add(f"Cstrayp dcp 0 {stray} {point.condition('dc')}")
     deck.add(f"Cstrayn dcn 0 {stray} IC=0")
-    return _write_dc_side(deck, shunt, point, (plus, "dcn"))
+    return write_dc_side(deck, shunt, point, (plus, "dcn"))
 
 
 def write_doubler(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCircuit:
@@ -117,16 +122,14 @@ def write_doubler(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCi
         # What passes the diodes backwards is not counted.
         held = f" + 0.5*V(dc)*V(dc)*{number(shunt.diode_leakage)}" if point.diodes is None else ""
         return NetlistCircuit("V(upper)*I(Vupper) - V(lower)*I(Vlower)" + held, "V(dc)")
-    assert shunt.smoothing_capacitance is not None and shunt.load_resistance is not None
+    assert shunt.smoothing_capacitance is not None  # or a dc voltage
     capacitance = deck.parameter("capacitance_smoothing", shunt.smoothing_capacitance)
     for name, nodes, sign in capacitors:
         voltage = 0.5 * (point.initial("dc") + sign * point.initial("difference"))
         deck.add(f"Csmoothing{name} {nodes} {capacitance} IC={number(voltage)}")
     if shunt.dc_leakage:
         deck.add("Rleak upper lower", 1 / shunt.dc_leakage)
-    deck.add("Rload upper lower", shunt.load_resistance)
-    slowest = shunt.smoothing_capacitance * shunt.load_resistance
-    return NetlistCircuit("V(dc)*V(dc)/{resistance_load}", "V(dc)", slowest=slowest)
+    return _write_loads(deck, shunt, point, ("upper", "lower"))
 
 
 def write_half_wave(deck: Deck, shunt: Bridge, point: OperatingPoint) -> NetlistCircuit:
@@ -135,10 +138,10 @@ def write_half_wave(deck: Deck, shunt: Bridge, point: OperatingPoint) -> Netlist
     diodes = _Diodes(deck, shunt, point)
     diodes.add("1", "p", "dc")
     diodes.add("2", "0", "p")
-    return _write_dc_side(deck, shunt, point)
+    return write_dc_side(deck, shunt, point)
 
 
-def _write_dc_side(
+def write_dc_side(
     deck: Deck, shunt: Bridge, point: OperatingPoint, nodes: tuple[str, str] = ("dc", "0")
 ) -> NetlistCircuit:
     """Smoothing capacitor and load, or constant voltage, between two nodes, and what leaks there."""
@@ -148,8 +151,41 @@ def _write_dc_side(
     if shunt.dc_voltage is not None:
         deck.add(f"Vdc {plus} {minus} {deck.parameter('dc_voltage', shunt.dc_voltage)}")
         return NetlistCircuit("V(dc)*I(Vdc)", "V(dc)")
-    assert shunt.smoothing_capacitance is not None and shunt.load_resistance is not None
+    assert shunt.smoothing_capacitance is not None  # or a dc voltage
     deck.add(f"Csmoothing {plus} {minus}", shunt.smoothing_capacitance, point.condition("dc"))
-    deck.add(f"Rload {plus} {minus}", shunt.load_resistance)
-    slowest = shunt.smoothing_capacitance * shunt.load_resistance
-    return NetlistCircuit("V(dc)*V(dc)/{resistance_load}", "V(dc)", slowest=slowest)
+    return _write_loads(deck, shunt, point, nodes)
+
+
+def _write_loads(deck: Deck, shunt: Bridge, point: OperatingPoint, nodes: tuple[str, str]) -> NetlistCircuit:
+    """Load and supply of a smoothing capacitor between two nodes."""
+    assert shunt.smoothing_capacitance is not None
+    harvested, slowest = [], 0.0
+    if shunt.load_resistance is not None:
+        deck.add(f"Rload {' '.join(nodes)}", shunt.load_resistance)
+        harvested.append("V(dc)*V(dc)/{resistance_load}")
+        slowest = shunt.smoothing_capacitance * shunt.load_resistance
+    if shunt.storage is not None:
+        harvested.append(_write_supply(deck, shunt.storage, point, nodes))
+    return NetlistCircuit(" + ".join(harvested), "V(dc)", slowest=slowest)
+
+
+def _write_supply(deck: Deck, storage: Storage, point: OperatingPoint, nodes: tuple[str, str]) -> str:
+    """Supply that a store between two nodes feeds; return the power into its load."""
+    deck.section("supply: V(supply) is 1 while it is on, and lowers the voltage at which it would turn on")
+    on, off, limit = (
+        deck.parameter(name, value)
+        for name, value in (
+            ("turn_on", storage.turn_on), ("turn_off", storage.turn_off), ("max_voltage", storage.limit),
+        )
+    )  # fmt: skip
+    power = deck.parameter("power_load", storage.power)
+    above, band = f"(V(dc)-{on}+({on}-{off})*V(supply))", storage.turn_on - storage.turn_off
+    deck.add(f"Bsupply wanted 0 V=0.5+0.5*{above}/sqrt({above}*{above}+{number((COMPARATOR * band) ** 2)})")
+    deck.add("Rsupply wanted supply 1")
+    begins = point.initial("dc") >= storage.turn_on
+    deck.add("Csupply supply 0", DECISION * 2 * math.pi / point.omega, f"IC={int(begins)}")
+    deck.add(f"Bload {' '.join(nodes)} I=V(supply)*{power}/({number(storage.efficiency)}*max(V(dc),0.5*{off}))")
+    corner, least = number((CORNER * storage.limit) ** 2), number(BRIDGE * storage.limit / point.current)
+    excess = f"(V(dc)-{limit})"
+    deck.add(f"Bprotection {' '.join(nodes)} I=0.5/{least}*({excess} + sqrt({excess}*{excess}+{corner}))")
+    return f"V(supply)*{power}"

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.spice.breakers import write_breakers
 from piezoharvest.spice.bridges import write_bridge, write_doubler, write_half_wave, write_series_bridge
 from piezoharvest.spice.deck import Deck, number, total
 from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
@@ -137,6 +138,11 @@ def _blocking(deck, shunt, point):
     return NetlistCircuit(total(harvested), slowest=slowest)
 
 
+def _tracker(deck, shunt, point):
+    circuit = write_bridge(deck, shunt, point)
+    return circuit._replace(harvested=f"{number(1 - shunt.sampling_duty)}*({circuit.harvested})")
+
+
 def _negative_capacitance(deck, shunt, point):
     if shunt.topology == "parallel":
         deck.comment("A copy of V(p) charges Cmirror; as much current is sent back into the electrodes.")
@@ -255,6 +261,9 @@ WRITERS: dict[str, Callable[..., NetlistCircuit]] = {
     "doubler": write_doubler,
     "half_wave": write_half_wave,
     "battery": write_bridge,
+    "mppt": _tracker,
+    **dict.fromkeys(("self_powered_sshi", "self_powered_series_sshi", "self_powered_ssdi"), write_breakers),
+    "self_powered_sece": write_breakers,
     "parallel_sshi": _parallel_sshi,
     "series_sshi": _series_sshi,
     "sshc": write_sshc,

@@ -12,6 +12,7 @@ from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.engine.lowering.lower import settled
 from piezoharvest.equations.rows import connected
 from piezoharvest.spice.circuits import write_shunt
 from piezoharvest.spice.deck import Deck, number
@@ -72,9 +73,10 @@ def export_spice(
         Time steps in a period at least; switched shunts take more, 20 in the shortest pulse.
     start : str
         "steady": in the engine's periodic steady state, where there is one that a motion from rest comes to. "rest":
-        from rest; so does a non-periodic excitation begin.
+        from rest; so do a non-periodic excitation and a store that feeds a supply begin.
     dc_start : float
-        Initial voltage of the smoothing capacitor from rest, V: a value near the final one shortens the run.
+        Initial voltage of the smoothing capacitor from rest, V: a value near the final one shortens the run. Zero: that
+        of the shunt.
     diodes : str, optional
         SPICE model of the bridge's diodes, as "D(Is=2.5n N=1.75 Rs=0.57)"; by default they are ideal with a drop. The
         run is then as long as one from rest, since such diodes have another steady state.
@@ -99,8 +101,10 @@ def export_spice(
     system = System(transducer, shunt)
     # What hysteresis and effects hold at the transducer's own electrodes is not known of a start elsewhere.
     known = not (shunt.electrode and (transducer.hysteresis or transducer.effects))
-    begin = steady_start(system, excitation) if start == "steady" and known else None
-    shunt = connected(system).shunt
+    supplies = getattr(shunt, "storage", None) is not None
+    begin = steady_start(system, excitation) if start == "steady" and known and not supplies else None
+    shunt = settled(connected(system), excitation).shunt
+    dc_start = dc_start or getattr(shunt, "initial_dc_voltage", None) or 0.0
     point = estimate_operating_point(System(transducer, shunt), excitation, dc_start, begin)
     point = point._replace(diodes=_diode_model(diodes, shunt))
     point.terms.check(shunt, shunt.switch(point.capacitance, excitation.period))

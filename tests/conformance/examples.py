@@ -9,6 +9,7 @@ from studies import BENCH, DRIVE
 from piezoharvest.description.effects import Effect
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import LinearShunt
+from piezoharvest.description.shunts.storage import Storage
 
 OMEGA = 2 * 3.141592653589793 * DRIVE["frequency"]
 IMPEDANCE = 1 / (OMEGA * BENCH["capacitance"])
@@ -45,9 +46,12 @@ C1 plus minus 0.1u
 L1 plus out 10
 Rload out minus 160k
 """
+BREAKER = {"envelope_capacitance": 1e-9, "threshold": 0.6, "inductance": 0.01}
 GIVEN = {
     "sshc": {"flip_capacitances": (40e-9, 60e-9), "switch_resistance": 100.0},
     "probe_loading": {"capacitance": 4e-9},
+    **{f"self_powered_{kind}": BREAKER for kind in ("sshi", "series_sshi", "sece", "ssdi")},
+    "mppt": {"fraction": 0.4, "sampling_duty": 0.1},
     "network": {"netlist": "L1 1 2 150\nC1 2 0 30n\nR1 2 0 100k load"},
     "spice": {"netlist": SPICE, "load": ("Rload",)},
     # A series RL circuit at 200 samples a period.
@@ -62,9 +66,11 @@ GIVEN = {
 }
 COIL = {"inductance": 0.01, "quality": 6.0}
 LEAKING = {"diode_leakage": 1e-6, "dc_leakage": 1e-6}
+STORAGE = Storage(turn_on=0.5, turn_off=0.3, power=1e-6, efficiency=0.9, max_voltage=1.2)
 # Combinations beside the plainest ones that are worth a run.
 VARIANTS = {
     "rectifier": [
+        {"dc_voltage": None, "smoothing_capacitance": 24e-9, "storage": STORAGE},
         {"dc_voltage": 1.0, "diode_drop": 0.2, **LEAKING},
         {"diode_drop": 0.2, "diode_resistance": 3e3},
     ],
@@ -74,6 +80,10 @@ VARIANTS = {
     ],
     "half_wave": [{"diode_drop": 0.2, **LEAKING}, {"diode_drop": 0.2, "diode_resistance": 3e3}],
     "battery": [{"diode_drop": 0.2, "internal_resistance": 3e3, **LEAKING}],
+    "self_powered_sshi": [{"diode_drop": 0.05, "diode_resistance": 3e3, **LEAKING}],
+    "self_powered_series_sshi": [{"diode_drop": 0.05, "dc_voltage": 0.3, "diode_resistance": 50.0}],
+    "self_powered_sece": [{"diode_drop": 0.05, "efficiency": 0.7}],
+    "mppt": [{"diode_drop": 0.2, "diode_resistance": 3e3}],
     "parallel_sshi": [
         {"phase_lag": 0.2, "on_time_error": 0.2, "diode_resistance": 3e3},
         {"phase_lag": -0.2, "on_time_error": -0.2, **LEAKING},

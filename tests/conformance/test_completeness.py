@@ -9,8 +9,12 @@ from piezoharvest.description import effects, shunts
 # Those of the package; a user's own script may define more.
 SHUNTS = [cls for cls in shunts.registered().values() if cls.__module__.startswith("piezoharvest.")]
 EFFECTS = [cls for cls in effects.registered().values() if cls.__module__.startswith("piezoharvest.")]
-# Without a circuit on the bench: an active circuit, and a netlist, whose equations only the netlist itself has.
-NOT_ON_THE_BENCH = {"digital", "negative_capacitance", "network", "spice"}
+# Without a circuit on the bench: active circuits, a netlist, whose equations only the netlist itself has, and a
+# tracker, which takes its voltage from an excitation that a circuit there does not see; switches there are timed, while
+# breakers find their own time.
+NOT_ON_THE_BENCH = {"digital", "negative_capacitance", "network", "spice", "mppt"} | {
+    f"self_powered_{kind}" for kind in ("sshi", "series_sshi", "sece", "ssdi")
+}
 
 
 @pytest.mark.parametrize("cls", EFFECTS, ids=lambda cls: cls.name)

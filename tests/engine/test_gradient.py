@@ -32,6 +32,10 @@ CIRCUITS = {
     "half-wave": {"kind": "half_wave", **SMOOTH, "diode_drop": 0.1, "diode_leakage": 1e-7, "dc_leakage": 1e-7},
     "doubler": {"kind": "doubler", **SMOOTH, "diode_drop": 0.1, "diode_leakage": 1e-7},
     "battery": {"kind": "battery", "dc_voltage": 2.0, "diode_resistance": 1e3, "internal_resistance": 2e3},
+    "mppt": {"kind": "mppt", "fraction": 0.4, "sampling_duty": 0.1, "diode_drop": 0.1},
+    "supply": {
+        "kind": "rectifier", **SMOOTH, "storage": {"turn_on": 1.0, "turn_off": 0.5, "power": 1e-5, "efficiency": 0.9},
+    },
     "sshc": {"kind": "sshc", **SMOOTH, "flip_capacitances": [40e-9, 60e-9], "switch_resistance": 300.0},
     "sshc late": {
         "kind": "sshc", "dc_voltage": 3.0, "flip_capacitances": [50e-9], "switch_resistance": 300.0,
@@ -225,6 +229,8 @@ UNITS = {
     "bias_capacitance": (-1, -2, 4, 2), "flip_capacitances": (-1, -2, 4, 2),
     "flip_time": (0, 0, 1, 0), "time_constant": (0, 0, 1, 0), "source_voltage": (1, 2, -3, -1),
     "dc_voltage": (1, 2, -3, -1), "diode_drop": (1, 2, -3, -1), "force_participation": (0, 0, 0, 0),
+    **dict.fromkeys(("initial_dc_voltage", "turn_on", "turn_off", "max_voltage"), (1, 2, -3, -1)),
+    "power": (1, 2, -3, 0), **dict.fromkeys(("fraction", "sampling_duty"), (0, 0, 0, 0)),
     "diode_leakage": (-1, -2, 3, 2), "dc_leakage": (-1, -2, 3, 2), "detector_threshold": (1, 2, -3, -1),
     "phase_lag": (0, 0, 0, 0), "quality": (0, 0, 0, 0), "efficiency": (0, 0, 0, 0), "on_time_error": (0, 0, 0, 0),
 }  # fmt: skip

@@ -1,14 +1,16 @@
 """Closed forms of harvesting circuits at a prescribed displacement, against the engine's steady states."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
-from piezoharvest.description.excitation import SineForce
+from piezoharvest.description.excitation import RandomForce, SineForce
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import (
     DSSH,
+    MPPT,
     SCSECE,
     SECE,
     SICE,
@@ -17,6 +19,7 @@ from piezoharvest.description.shunts import (
     BiasFlip,
     Doubler,
     HalfWave,
+    Open,
     Rectifier,
 )
 from piezoharvest.description.system import System
@@ -63,7 +66,7 @@ def test_sshc_with_capacitors_as_the_electrodes(count):
     """n/(n + 2) of the voltage (Du & Seshia 2017, Du et al. 2017)."""
     shunt = sshc((CAPACITANCE,) * count, 1.2 * V_OC)
     assert shunt.inversion(CAPACITANCE) == pytest.approx(count / (count + 2), abs=1e-9)
-    assert power(shunt) == pytest.approx(bridge(1.2 * V_OC, count / (count + 2)), rel=CLOSE)
+    assert power(shunt) == pytest.approx(bridge(1.2 * V_OC, count / (count + 2)), rel=CLOSE, abs=0)
 
 
 @pytest.mark.parametrize("ratio", [0.3, 1.0, 5.0, 1e4])
@@ -73,7 +76,7 @@ def test_sshc_with_one_capacitor_of_any_size(ratio):
     shunt = sshc((ratio * CAPACITANCE,), V_OC)
     assert shunt.inversion(CAPACITANCE) == pytest.approx(wanted, abs=1e-9)
     if ratio < 100:  # a larger one takes as many periods to settle
-        assert power(shunt) == pytest.approx(bridge(V_OC, wanted), rel=CLOSE)
+        assert power(shunt) == pytest.approx(bridge(V_OC, wanted), rel=CLOSE, abs=0)
 
 
 def test_sshc_that_does_not_settle_in_its_phases():
@@ -101,15 +104,15 @@ def test_twice_the_voltage_of_a_bridge(cls, share):
     """Power f C V (2 V_oc - V): as behind a bridge, at twice its voltage (Ramadass & Chandrakasan 2010)."""
     voltage = share * V_OC
     wanted = FREQUENCY * CAPACITANCE * voltage * (2 * V_OC - voltage)
-    assert power(cls(dc_voltage=voltage)) == pytest.approx(wanted, rel=CLOSE)
-    assert power(Rectifier(dc_voltage=0.5 * voltage)) == pytest.approx(wanted, rel=CLOSE)
+    assert power(cls(dc_voltage=voltage)) == pytest.approx(wanted, rel=CLOSE, abs=0)
+    assert power(Rectifier(dc_voltage=0.5 * voltage)) == pytest.approx(wanted, rel=CLOSE, abs=0)
 
 
 @pytest.mark.parametrize("cls", [HalfWave, Doubler])
 def test_drops_of_one_diode_in_each_half_wave(cls):
     voltage, drop = 0.8 * V_OC, 0.1 * V_OC
     wanted = FREQUENCY * CAPACITANCE * voltage * (2 * V_OC - voltage - 2 * drop)
-    assert power(cls(dc_voltage=voltage, diode_drop=drop)) == pytest.approx(wanted, rel=CLOSE)
+    assert power(cls(dc_voltage=voltage, diode_drop=drop)) == pytest.approx(wanted, rel=CLOSE, abs=0)
 
 
 @pytest.mark.parametrize("cls", [HalfWave, Doubler])
@@ -126,9 +129,10 @@ def test_resistance_of_diodes_or_of_a_battery(share):
     """Conduction from v = V on: tau v' + v = V + R I sin(w t) until the current ends; integrated in closed form."""
     voltage, resistance = 0.5 * V_OC, share / (OMEGA * CAPACITANCE)
     wanted = resistive_bridge(voltage, resistance)
-    assert power(Rectifier(dc_voltage=voltage, diode_resistance=0.5 * resistance)) == pytest.approx(wanted, rel=CLOSE)
+    found = power(Rectifier(dc_voltage=voltage, diode_resistance=0.5 * resistance))
+    assert found == pytest.approx(wanted, rel=CLOSE, abs=0)
     found = power(Battery(dc_voltage=voltage, diode_resistance=0.2 * resistance, internal_resistance=0.6 * resistance))
-    assert found == pytest.approx(wanted, rel=CLOSE)
+    assert found == pytest.approx(wanted, rel=CLOSE, abs=0)
 
 
 def resistive_bridge(voltage, resistance):
@@ -170,14 +174,14 @@ def test_bias_flips(steps):
     """Equal steps: (1 - q_n)/(1 + q_n) = (1 - q)/(1 + q)/n."""
     lost = (1 - INVERTS) / (1 + INVERTS) / steps
     wanted = bridge(1.5 * V_OC, (1 - lost) / (1 + lost))
-    assert power(BiasFlip(steps=steps, dc_voltage=1.5 * V_OC, **COIL)) == pytest.approx(wanted, rel=CLOSE)
+    assert power(BiasFlip(steps=steps, dc_voltage=1.5 * V_OC, **COIL)) == pytest.approx(wanted, rel=CLOSE, abs=0)
 
 
 def test_extraction_through_a_coil():
     """Twice a period from 2 V_oc (Lefeuvre et al. 2005), less what the coil's resistance takes."""
     wanted = 4 * FREQUENCY * CAPACITANCE * V_OC**2
-    assert power(SECE()) == pytest.approx(wanted, rel=CLOSE)
-    assert power(SECE(**COIL, efficiency=0.8)) == pytest.approx(0.8 * HELD * wanted, rel=CLOSE)
+    assert power(SECE()) == pytest.approx(wanted, rel=CLOSE, abs=0)
+    assert power(SECE(**COIL, efficiency=0.8)) == pytest.approx(0.8 * HELD * wanted, rel=CLOSE, abs=0)
 
 
 @pytest.mark.parametrize("phase_lag", [0.4, -0.4])
@@ -191,7 +195,7 @@ def test_phase_shifted_extraction_through_a_coil(phase_lag):
 def test_inversion_and_extraction():
     """Once a period from 2 V_oc (1 + q) (Lallart et al. 2017)."""
     wanted = FREQUENCY * 0.5 * CAPACITANCE * (2 * V_OC * (1 + INVERTS)) ** 2 * HELD
-    assert power(SICE(**COIL)) == pytest.approx(wanted, rel=CLOSE)
+    assert power(SICE(**COIL)) == pytest.approx(wanted, rel=CLOSE, abs=0)
 
 
 @pytest.mark.parametrize("angle", [0.3, 1.2])
@@ -200,7 +204,8 @@ def test_extraction_and_short_circuit(angle):
     emptying = FLIP / math.pi * (math.pi / 2 + math.atan(DECAY))
     theta = angle + OMEGA * emptying
     wanted = FREQUENCY * CAPACITANCE * (V_OC * (1 + math.cos(theta))) ** 2 * HELD
-    assert power(SCSECE(**COIL, short_time=angle / OMEGA)) == pytest.approx(wanted, rel=CLOSE)
+    found = power(SCSECE(**COIL, short_time=angle / OMEGA))
+    assert found == pytest.approx(wanted, rel=1e-5, abs=0)  # in a flip strain moves on by such a share
 
 
 @pytest.mark.parametrize("ratio", [0.5, 3.0])
@@ -215,10 +220,41 @@ def test_double_switch(ratio):
     before = 2 * V_OC / (2 - taken)
     voltage = taken * before / ratio
     wanted = 2 * FREQUENCY * 0.5 * ratio * CAPACITANCE * voltage**2
-    assert power(DSSH(**COIL, intermediate_capacitance=ratio * CAPACITANCE)) == pytest.approx(wanted, rel=CLOSE)
+    assert power(DSSH(**COIL, intermediate_capacitance=ratio * CAPACITANCE)) == pytest.approx(wanted, rel=CLOSE, abs=0)
 
 
 def test_a_battery_is_the_whole_dc_side():
     with pytest.raises(ParameterError, match="found beside a battery") as caught:
         Battery(dc_voltage=3.0, load_resistance=1e5)
     assert caught.value.key == "load_resistance"
+
+
+@pytest.mark.parametrize("drop", [0.0, 0.05])
+@pytest.mark.parametrize("fraction", [0.3, 0.5])
+def test_tracker_at_a_fraction_of_the_open_circuit_voltage(fraction, drop):
+    """Without a load the dc side comes to the peak less two drops; sampling takes its share of the time."""
+    shunt = MPPT(fraction=fraction, sampling_duty=0.02, diode_drop=drop * V_OC)
+    wanted = 0.98 * bridge(fraction * (1 - 2 * drop) * V_OC, drop=2 * drop * V_OC)
+    assert power(shunt) == pytest.approx(wanted, rel=CLOSE, abs=0)
+
+
+def test_tracker_beside_strong_coupling_holds_what_open_electrodes_come_to():
+    device, drive = dataclasses.replace(STIFF, coupling=20 * COUPLING), SineForce(amplitude=100.0, frequency=190.0)
+    opened = simulate(System(device, Open()), drive).voltage_amplitude
+    found = simulate(System(device, MPPT(fraction=0.4)), drive)
+    assert found.dc_voltage == pytest.approx(0.4 * opened, rel=1e-9)
+    held = simulate(System(device, Rectifier(dc_voltage=found.dc_voltage)), drive)
+    assert found.harvested_power == pytest.approx(held.harvested_power, rel=1e-9)
+
+
+@pytest.mark.parametrize("given", [{"dc_voltage": 1.0}, {"load_resistance": 1e5}, {"initial_dc_voltage": 1.0}])
+def test_a_tracker_is_the_whole_dc_side(given):
+    with pytest.raises(ParameterError, match="found beside a tracker") as caught:
+        MPPT(fraction=0.5, **given)
+    assert caught.value.key == next(iter(given))
+
+
+def test_a_tracker_needs_a_sine():
+    noise = RandomForce(psd=1.0, band=(10.0, 20.0), duration=1.0, seed=1)
+    with pytest.raises(ParameterError, match="found with random_force"):
+        simulate(System(STIFF, MPPT(fraction=0.5)), noise)

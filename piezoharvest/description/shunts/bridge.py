@@ -11,6 +11,7 @@ import numpy as np
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.parameters import ParameterError, quantity
 from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.storage import Storage
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,10 +26,14 @@ class Bridge(Shunt):
     Circuits with other diodes change `diodes`, the number of them in a path, and `level`, what their voltages stop at.
     The name of a conducting configuration ends in the sign of the electrode voltage, as in "open+".
 
+    A smoothing capacitor may begin at `initial_dc_voltage`, and with a table `storage` it feeds a supply, beside the
+    load resistance or in its place (`piezoharvest.description.shunts.stored`).
+
     Raises
     ------
     ParameterError
-        Neither a smoothing capacitance with a load resistance nor a dc voltage is given, or both.
+        Neither a smoothing capacitance with a load nor a dc voltage is given, or both; or the initial voltage is above
+        that at which the storage is protected.
     """
 
     diodes: ClassVar[int] = 2
@@ -43,21 +48,41 @@ class Bridge(Shunt):
     )
     diode_leakage: float = quantity("S", "conductance of one diode, backwards", default=0.0, at_least=0)
     dc_leakage: float = quantity("S", "conductance across the dc side beside the load", default=0.0, at_least=0)
+    initial_dc_voltage: float | None = quantity(
+        "V", "dc voltage where a transient begins; default: 0", default=None, at_least=0
+    )
+    storage: Storage | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        keys = ("smoothing_capacitance", "load_resistance", "dc_voltage")
+        self._check_dc_side()
+        limit: Any = np.inf if self.storage is None else np.real(self.storage.limit)
+        begins: Any = 0.0 if self.initial_dc_voltage is None else np.real(self.initial_dc_voltage)
+        if np.any(begins > limit):
+            found = f"found {np.max(begins):g} V"
+            allowed = f"allowed is up to storage.max_voltage ({np.min(limit):g} V)"
+            raise ParameterError("initial_dc_voltage", f"{found}, {allowed}")
+
+    def _check_dc_side(self) -> None:
+        keys = ["smoothing_capacitance", "load_resistance", "dc_voltage"]
         given = [key for key in keys if getattr(self, key) is not None]
-        if given not in (["smoothing_capacitance", "load_resistance"], ["dc_voltage"]):
+        if given == ["dc_voltage"]:
+            for unused in ("storage", "initial_dc_voltage"):
+                if getattr(self, unused) is not None:
+                    raise ParameterError(unused, "found beside dc_voltage, allowed is one with a smoothing_capacitance")
+        elif given != keys[:2] and not (self.storage is not None and given == keys[:1]):
             raise ParameterError(
                 given[-1] if given else "smoothing_capacitance",
                 f"found {' and '.join(given) or 'no dc side'}, "
-                "allowed is smoothing_capacitance with load_resistance, or dc_voltage alone",
+                "allowed is smoothing_capacitance with load_resistance or a table storage, or dc_voltage alone",
             )
 
     def bridge_states(self) -> tuple[State, ...]:
         """The smoothing capacitor's voltage, if there is one."""
-        return () if self.smoothing_capacitance is None else (State("dc", self.dc_capacitance, odd=False),)
+        if self.smoothing_capacitance is None:
+            return ()
+        begins = 0.0 if self.initial_dc_voltage is None else self.initial_dc_voltage
+        return (State("dc", self.dc_capacitance, odd=False, initial=begins),)
 
     @property
     def dc_capacitance(self) -> Any:
@@ -78,10 +103,10 @@ class Bridge(Shunt):
 
     def dc_equations(self, rectified: Row, z: SimpleNamespace, dz: SimpleNamespace) -> list[Row]:
         """Current balance of the smoothing capacitor, charged by the `rectified` current."""
-        if self.smoothing_capacitance is None or self.load_resistance is None:
+        if self.smoothing_capacitance is None:
             return []
-        leaks = self.dc_conductance * z.dc
-        return [self.dc_capacitance * dz.dc + z.dc / self.load_resistance + leaks - rectified]
+        conductance = self.dc_conductance + (0.0 if self.load_resistance is None else 1.0 / self.load_resistance)
+        return [self.dc_capacitance * dz.dc + conductance * z.dc - rectified]
 
     @property
     def dc_conductance(self) -> Any:
@@ -99,7 +124,7 @@ class Bridge(Shunt):
     @property
     def tuned_side(self) -> str | None:
         """Name of the key of the dc side that a design tunes."""
-        return "load_resistance" if self.dc_voltage is None else "dc_voltage"
+        return next((key for key in ("load_resistance", "dc_voltage") if getattr(self, key) is not None), None)
 
     def inversion(self, capacitance: float) -> Any:
         """Share of the electrode voltage that is inverted at an extremum; -1 where it is kept."""
@@ -135,10 +160,10 @@ class Bridge(Shunt):
         lost = [*self.path_loss(rectified, port), *self.dc_loss(port, z)]
         dc = self.dc_side(port, z)
         if self.load_resistance is not None:
-            harvested = Product(1.0 / self.load_resistance, z.dc, z.dc)
+            harvested = [Product(1.0 / self.load_resistance, z.dc, z.dc)]
         else:
-            harvested = Product(1.0, dc, rectified)
-        return {"harvested": [harvested], "shunt_loss": lost}
+            harvested = [] if self.storage is not None else [Product(1.0, dc, rectified)]
+        return {"harvested": harvested, "shunt_loss": lost}
 
     def dc_loss(self, port: Port, z: SimpleNamespace) -> list[Product]:
         """Power of what discharges the smoothing capacitor beside the load."""

@@ -64,8 +64,8 @@ class SynchronisedShunt(Shunt):
 
 
 @dataclass(frozen=True, kw_only=True)
-class InductiveSwitch(SynchronisedShunt):
-    """A switched inductance that inverts the electrode voltage, with the losses of its loop.
+class SwitchedCoil(Shunt):
+    """A switched inductance with the losses of its loop.
 
     Raises
     ------
@@ -76,7 +76,6 @@ class InductiveSwitch(SynchronisedShunt):
     quality: float = quantity("", "quality of the switched loop, Q_i = sqrt(L/C)/R", above=0.5)
     inductance: float | None = quantity("H", "inductance of the switched loop", default=None, above=0)
     flip_time: float | None = quantity("s", "damped half period, instead of inductance", default=None, above=0)
-    on_time_error: float = quantity("", "relative error of the time for which it is closed", default=0.0, above=-1)
     switch_resistance: float | None = quantity(
         "ohm", "of the closed switch, beside what the quality tells of; None: none", default=None, at_least=0
     )
@@ -126,6 +125,24 @@ class InductiveSwitch(SynchronisedShunt):
         """Seconds after which the loop alone has taken the voltage to zero: (pi/2 + atan(R/(2 L w_d)))/w_d."""
         return emptying_time(*self.loop(capacitance), capacitance)
 
+    def loop_current(self, closed: bool, port: Port, z: SimpleNamespace):
+        """Current in the loop: the state while closed, zero while open."""
+        return z.current if closed else 0.0 * port.one
+
+    def loop_equation(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace, dz: SimpleNamespace):
+        """L di/dt + R i = drive while closed; the current stays zero while open."""
+        if not closed:
+            return dz.current
+        inductance, resistance = self.loop(port.capacitance)
+        return inductance * dz.current + resistance * z.current - drive
+
+
+@dataclass(frozen=True, kw_only=True)
+class InductiveSwitch(SynchronisedShunt, SwitchedCoil):
+    """A switched inductance that inverts the electrode voltage at the extrema."""
+
+    on_time_error: float = quantity("", "relative error of the time for which it is closed", default=0.0, above=-1)
+
     def swing_time(self, capacitance: float) -> float:
         """Seconds for which the switch lets the voltage swing."""
         return (1 + self.on_time_error) * self.nominal_flip_time(capacitance)
@@ -141,17 +158,6 @@ class InductiveSwitch(SynchronisedShunt):
         values["switch_resistance"] = None
         moved = replace(self, **values, on_time_error=0.0)
         return replace(moved, on_time_error=self.swing_time(capacitance) / moved.nominal_flip_time(actual) - 1)
-
-    def loop_current(self, closed: bool, port: Port, z: SimpleNamespace):
-        """Current in the loop: the state while closed, zero while open."""
-        return z.current if closed else 0.0 * port.one
-
-    def loop_equation(self, closed: bool, drive: Row, port: Port, z: SimpleNamespace, dz: SimpleNamespace):
-        """L di/dt + R i = drive while closed; the current stays zero while open."""
-        if not closed:
-            return dz.current
-        inductance, resistance = self.loop(port.capacitance)
-        return inductance * dz.current + resistance * z.current - drive
 
 
 def emptying_time(inductance: Any, resistance: Any, capacitance: Any) -> Any:

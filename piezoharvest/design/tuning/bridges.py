@@ -15,6 +15,7 @@ from scipy.optimize import minimize_scalar
 from piezoharvest.description.shunts.bridge import Bridge
 from piezoharvest.description.shunts.harvesting.series_sshi import SeriesSSHI
 from piezoharvest.description.shunts.linear.open import Open
+from piezoharvest.description.shunts.self_powered.series_sshi import SelfPoweredSeriesSSHI
 from piezoharvest.design.drafts import Draft
 from piezoharvest.design.linear_view import LinearView
 from piezoharvest.design.tuning.starts import Start
@@ -109,7 +110,7 @@ def powers(
 
 def _impedance(bridge: Bridge, x: np.ndarray, drop: np.ndarray, capacitance: float) -> tuple[np.ndarray, np.ndarray]:
     """Equivalent impedance and its harvested part, both times C w."""
-    if isinstance(bridge, SeriesSSHI):
+    if isinstance(bridge, SeriesSSHI | SelfPoweredSeriesSSHI):
         inversion = np.exp(-np.pi / (2 * bridge.loop_quality(capacitance)))
         g = (1 + inversion) / (1 - inversion)
         ratio = np.minimum((2 * g * x + np.pi * drop) / (np.pi + 2 * g * x), 1.0)

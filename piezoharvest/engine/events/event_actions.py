@@ -14,7 +14,10 @@ from piezoharvest.engine.memory.state import QUEUE_LENGTH, dot_column
 
 @compiled
 def log_event(S, D, code):
-    """Record an event in the log."""
+    """Record an event in the log, and count it by its kind."""
+    if D[D[st.COUNTS] + code] == 0:
+        S[D[st.FIRST_TIMES] + code] = S[D[st.CLOCK] + st.NOW]
+    D[D[st.COUNTS] + code] += 1
     if D[st.LOGGED] < D[st.LOG_ROOM]:
         S[D[st.LOG_TIME] + D[st.LOGGED]] = S[D[st.CLOCK] + st.NOW]
         D[D[st.LOG_CODE] + D[st.LOGGED]] = code
@@ -134,7 +137,8 @@ def trigger_event(P, L, S, D, what):
         k = configuration * own + what
         if L[L[pg.GUARD_CUT] + k] >= 0:
             cut_state(P, L, S, D, L[L[pg.GUARD_CUT] + k])
-        log_event(S, D, L[L[pg.GUARD_CODE] + k])
+        if L[L[pg.GUARD_CODE] + k] != NONE:
+            log_event(S, D, L[L[pg.GUARD_CODE] + k])
         D[st.CONFIGURATION] = L[L[pg.GUARD_TARGET] + k]
     elif what == own:
         schedule_action(P, L, S, D)

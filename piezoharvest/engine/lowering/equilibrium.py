@@ -14,10 +14,16 @@ ROUNDING_SHARE = 1e-12  # of its terms: a sum below this counts as zero
 
 
 def equilibrium(layout: Layout, physics: Physics, excitation: Excitation, scale: np.ndarray) -> np.ndarray:
-    """Scaled states at rest under the static part of the excitation, the electrodes and all stops relaxed."""
-    rest = np.zeros(layout.n)
-    if not np.any(excitation.rest):
-        return rest
+    """Scaled states at rest under the static part of the excitation, the electrodes and all stops relaxed.
+
+    States of the shunt have their initial values.
+    """
+    begins = stack([*[0.0] * (layout.n - len(layout.shunt_states)), *(s.initial for s in layout.shunt_states)]) / scale
+    return begins + _at_rest(layout, physics, excitation, scale) if np.any(excitation.rest) else begins
+
+
+def _at_rest(layout: Layout, physics: Physics, excitation: Excitation, scale: np.ndarray) -> np.ndarray:
+    """Scaled states at rest, those of the shunt being zero."""
     count, device = 2 * len(layout.modes), physics.device
     own = np.delete(np.arange(layout.n - len(layout.shunt_states)), layout.stop_states)
     relaxed = [device.placing.v_t, *(physics.ports[number].v for number in layout.charged if number)]

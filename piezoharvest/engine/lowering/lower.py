@@ -12,11 +12,15 @@ from piezoharvest.description.excitation import Excitation, Ramps, Tones
 from piezoharvest.description.limits import check_size
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.harvesting.mppt import MPPT
+from piezoharvest.description.shunts.linear.open import Open
 from piezoharvest.description.shunts.linear.short import Short
+from piezoharvest.description.shunts.stored import with_supply
 from piezoharvest.description.system import System
 from piezoharvest.engine.lowering.element_scales import influences
 from piezoharvest.engine.lowering.equilibrium import equilibrium, inputs_of
 from piezoharvest.engine.lowering.layout import Layout, Physics, joined, rows_of, scalar, stack
+from piezoharvest.engine.lowering.open_voltage import open_voltage
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.work_limit import Budget
 from piezoharvest.equations.circuits import circuit_equations, circuit_powers
@@ -57,7 +61,9 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
         is too much of something.
     """
     check_size(system.transducer, excitation, system.shunt)
-    signal, system = excitation.signal(), connected(system)
+    signal = excitation.signal()
+    system = settled(connected(system), excitation)
+    system = System(system.transducer, with_supply(system.shunt))
     drive = "displacement" if excitation.imposed else "base_acceleration" if excitation.base else "force"
     if excitation.imposed and system.transducer.modes:
         message = "found further modes, but only one is allowed where the displacement is imposed"
@@ -97,6 +103,23 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
         raise ParameterError("transducer", message) from None
     categories = (*pg.CATEGORIES, *layout.effects, pg.MEAN_DC)
     return Lowered(program, tuple(layout.names), names, categories, signal, terms.unfelt, Budget())
+
+
+def settled(system: System, excitation: Excitation) -> System:
+    """The system whose tracker, if it has one, has found its voltage.
+
+    Raises
+    ------
+    ParameterError
+        There is a tracker, and the excitation is not one sine.
+    """
+    if not isinstance(system.shunt, MPPT):
+        return system
+    if excitation.size is None:
+        message = f"found with {excitation.kind}, allowed is a tracker of open-circuit voltage under a sine"
+        raise ParameterError("kind", message)
+    opened = lower(System(system.transducer, Open()), excitation)
+    return System(system.transducer, system.shunt.tracked(open_voltage(opened.program)))
 
 
 def symmetric(lowered: Lowered, excitation: Excitation) -> bool:
@@ -249,9 +272,10 @@ def _guards(layout: Layout, guards: list[list[Guard]], index: dict[str, int], co
 
 
 def _code_of(guard: Guard) -> int:
-    """Code of a guard's event."""
-    conducts = guard.target[-1] in "+-" if guard.conducts is None else guard.conducts
-    return pg.CONDUCT if conducts else pg.BLOCK
+    """Code of a guard's event, `pg.NONE` where it is not told."""
+    if guard.event is None:
+        return pg.CONDUCT if guard.begins_to_conduct else pg.BLOCK
+    return pg.EVENT_NAMES.index(guard.event) if guard.event else pg.NONE
 
 
 def _switching(

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from piezoharvest.description.circuit import EVENTS
 from piezoharvest.engine.memory.vector import COLUMNS as COLUMNS_AT_ONCE
 from piezoharvest.engine.memory.vector import padded
 
@@ -24,7 +25,7 @@ NONE = -1  # number of a guard, a configuration or a table that does not exist
 DERIVATIVES = 4
 
 # Codes of events, in the order of their names in results.
-CLOSE, OPEN, CONDUCT, BLOCK, EXTRACT, SLIP, STICK, STEP_ON, TICK = range(9)
+CLOSE, OPEN, CONDUCT, BLOCK, EXTRACT, SLIP, STICK, STEP_ON, TICK, TURN_ON, TURN_OFF, FILL = range(12)
 EVENT_NAMES = (
     "switch closes",
     "switch opens",
@@ -35,6 +36,7 @@ EVENT_NAMES = (
     "hysteresis sticks",
     "switch steps on",
     "controller acts",
+    *EVENTS,
 )
 
 # Output rows of every configuration.

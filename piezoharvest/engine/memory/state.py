@@ -22,12 +22,12 @@ VECTORS = 16  # of scratch
     # recorded quantities,
     SENSITIVITIES, ENERGIES, TRACKED, LOG_ROOM, SAMPLES_WANTED, TAPE_ROOM, TAPED,
     # places of lists in D,
-    SLIP, POLARITY, CANDIDATE, LOG_CODE, TAPE_KIND, PIVOTS,
+    SLIP, POLARITY, CANDIDATE, LOG_CODE, TAPE_KIND, PIVOTS, COUNTS,
     # and in S.
     CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, SIZE, LOW, HIGH, GUESS, THERE_GUARDS, TAYLOR, LOWER, UPPER,
     FREE_STEP, CURVE, CURVE_PHI, WORK, EXTREMES, ENERGY, PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME,
-    SAMPLES, TAPE, QUADRATURE, END,
-) = range(52)  # fmt: skip
+    SAMPLES, TAPE, QUADRATURE, FIRST_TIMES, END,
+) = range(54)  # fmt: skip
 # Places from CLOCK on in S: time now, when the switch opens, when it last acted, all in s.
 NOW, OPENS, ACTED = range(3)
 
@@ -67,10 +67,11 @@ class EngineState:
             EXTREMES: 4, ENERGY: energies, PHI: sensitivities * rows, QUEUE_PHI: QUEUE_LENGTH * sensitivities,
             OPENS_PHI: sensitivities, EVENT_PHI: sensitivities, LOG_TIME: log, SAMPLE_TIME: len(times),
             SAMPLES: len(times) * outputs, TAPE: tape * (2 + int(contents[pg.A])), QUADRATURE: energies,
+            FIRST_TIMES: len(pg.EVENT_NAMES),
         }  # fmt: skip
         lists = {
             SLIP: h, POLARITY: QUEUE_LENGTH, CANDIDATE: guards, LOG_CODE: log, TAPE_KIND: tape * (3 + int(h)),
-            PIVOTS: elements,
+            PIVOTS: elements, COUNTS: len(pg.EVENT_NAMES),
         }  # fmt: skip
         in_d, in_s = _offsets(lists, END + 1), _offsets(places, rows)
         self.D = np.zeros(in_d[-1], np.int64)
@@ -88,6 +89,7 @@ class EngineState:
         self.sample_time[:] = times
         self.samples = self[SAMPLES].reshape(-1, outputs)
         self.log_time, self.log_code = self[LOG_TIME], self[LOG_CODE]
+        self.counts, self.first_times = self[COUNTS], self[FIRST_TIMES]  # of events, by their codes
 
     def __getitem__(self, place: int) -> np.ndarray:
         """Part of S or D that a place stands for, without copying."""

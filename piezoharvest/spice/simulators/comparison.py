@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.system import System
@@ -12,6 +12,8 @@ from piezoharvest.spice.simulators.ngspice import run_netlist
 
 # The netlist begins where the engine says that the steady state is: were it elsewhere, so many periods would show it.
 PERIODS = 20
+# Of a store that feeds a supply, which has no steady state: both begin at rest.
+STORE_PERIODS = 100
 # Differences below this share of the largest value of their kind are rounding: 0 W against 1e-20 W.
 NOTHING = 1e-9
 
@@ -51,9 +53,14 @@ def compare(
     NgspiceError
         There is no ngspice, or it did not run to the end.
     """
-    response = simulate(system, excitation, samples=1, attenuation=False)
-    periods = PERIODS if excitation.period is not None and diodes is None else None
-    netlist = export_spice(system.transducer, system.shunt, excitation, periods=periods, diodes=diodes)
+    period, transient = excitation.period, None
+    window: dict[str, Any] = {}
+    if period is not None and getattr(system.shunt, "storage", None) is not None:
+        transient, window = STORE_PERIODS * period, {"periods": STORE_PERIODS, "measured_periods": STORE_PERIODS}
+    elif period is not None and diodes is None:
+        window = {"periods": PERIODS}
+    response = simulate(system, excitation, transient=transient, samples=64, attenuation=False)
+    netlist = export_spice(system.transducer, system.shunt, excitation, **window, diodes=diodes)
     found = run_netlist(netlist, timeout)
     figures = (
         ("harvested_power", "W", response.harvested_power, response.mechanical_power),

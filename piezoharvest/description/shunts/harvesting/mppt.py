@@ -1,0 +1,71 @@
+"""Bridge whose dc voltage a tracker holds at a fraction of the open-circuit voltage."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from piezoharvest.description.circuit import Port, Product, Row
+from piezoharvest.description.parameters import ParameterError, quantity
+from piezoharvest.description.shunts.harvesting.rectifier import Rectifier
+
+
+@dataclass(frozen=True, kw_only=True)
+class MPPT(Rectifier):
+    """Bridge at `fraction` times the voltage that its dc side has without a load, once the motion has settled then.
+
+    That voltage is the peak of the open electrodes' less the drops of the diodes. To sample it, the converter is off
+    for a share `sampling_duty` of the time, in which nothing is harvested: that share of what the bridge delivers
+    counts as lost. The best fraction is a half where the circuit leaves the motion as it is.
+
+    Raises
+    ------
+    ParameterError
+        Anything of a dc side is given.
+    """
+
+    kind: ClassVar[str] = "mppt"
+    source: ClassVar[str] = "Esram & Chapman, IEEE Trans. Energy Convers. 22(2), 439-449, 2007, section II-C"
+
+    fraction: float = quantity("", "dc voltage over that without a load", above=0, below=1)
+    sampling_duty: float = quantity("", "share of the time taken by sampling", default=0.0, at_least=0, below=1)
+
+    def _check_dc_side(self) -> None:
+        keys = ("smoothing_capacitance", "load_resistance", "dc_voltage", "storage", "initial_dc_voltage")
+        found = [key for key in keys if getattr(self, key) is not None]
+        if found:
+            raise ParameterError(found[0], "found beside a tracker, which is the whole dc side: take it away")
+
+    @property
+    def tuned_side(self) -> None:
+        return None
+
+    @property
+    def dc_conductance(self) -> Any:
+        return 0.0  # which the converter has to hold against
+
+    def tracked(self, open_voltage: Any) -> Self:
+        """The circuit where the peak of the open electrodes' voltage is `open_voltage` (V)."""
+        excess: Any = open_voltage - self.path_drop
+        found = copy.copy(self)
+        found.__dict__["dc_voltage"] = self.fraction * np.where(np.real(excess) > 0, excess, 0.0)
+        return found
+
+    def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
+        return (0.0 if self.dc_voltage is None else self.dc_voltage) * port.one
+
+    def level_rate(self, sign: int, port: Port, dz: SimpleNamespace) -> Row:
+        return 0.0 * port.one
+
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
+        powers = super().powers(configuration, port, z)
+        kept, missed = (
+            [Product(share * p.coefficient, p.first, p.second) for p in powers["harvested"]]
+            for share in (1 - self.sampling_duty, self.sampling_duty)
+        )
+        return {"harvested": kept, "shunt_loss": [*powers["shunt_loss"], *missed]}

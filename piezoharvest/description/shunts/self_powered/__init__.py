@@ -1,0 +1,1 @@
+"""Circuits whose switches power themselves: electronic breakers find the extrema of the electrode voltage."""

@@ -1,0 +1,184 @@
+"""Electronic breakers: two switches that close where the electrode voltage has passed a maximum or a minimum."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from piezoharvest.description.circuit import Guard, Port, Product, Row, State
+from piezoharvest.description.parameters import quantity
+from piezoharvest.description.shunts.switching import SwitchedCoil
+
+NEITHER = "none"
+
+
+class Breakers(NamedTuple):
+    """Configuration of both breakers and of a bridge beside them.
+
+    Attributes
+    ----------
+    position : "open", "high", "low", "spent_high" or "spent_low"
+        Which breaker has closed: the one that found a maximum, or a minimum; or whose current has ended.
+    charged : "none", "h", "l" or "hl"
+        Envelope capacitors with a charge.
+    envelope : "idle", "rise" or "fall"
+        Whether the voltage charges the one of maxima or that of minima.
+    bridge : "", "+" or "-"
+        Sign of the voltage at which a bridge beside them conducts.
+    """
+
+    position: str
+    charged: str
+    envelope: str
+    bridge: str
+
+    @property
+    def name(self) -> str:
+        """Name of the configuration."""
+        return f"{self.position} {self.charged} {self.envelope}{self.bridge}"
+
+    @property
+    def sign(self) -> int:
+        """Sign of the voltage at which the breaker that has closed conducts, 0 if none has."""
+        return {"high": 1, "low": -1}.get(self.position, 0)
+
+    @property
+    def charging(self) -> bool:
+        """Whether an envelope capacitor is being charged."""
+        return self.envelope != "idle"
+
+    @property
+    def exists(self) -> bool:
+        """Whether the breakers can be so: one that is closed keeps its capacitor empty, and signs agree."""
+        empty = "" if self.position == "open" else "h" if self.position.endswith("high") else "l"
+        wanted, against = {"idle": ("", " "), "rise": ("h", "-"), "fall": ("l", "+")}[self.envelope]
+        return not (empty and empty in self.charged) and wanted in self.charged and self.bridge != against
+
+    def charge(self, which: str) -> str:
+        """The charged capacitors with another one."""
+        return "".join(each for each in "hl" if each in self.charged or each == which)
+
+    def discharge(self, which: str) -> str:
+        """The charged capacitors without one of them."""
+        return self.charged.replace(which, "") or NEITHER
+
+
+def breakers_of(configuration: str) -> Breakers:
+    """State of the breakers from the name of a configuration."""
+    position, charged, last = configuration.split(" ")
+    envelope = last.rstrip("+-")
+    return Breakers(position, charged, envelope, last[len(envelope) :])
+
+
+@dataclass(frozen=True, kw_only=True)
+class ElectronicBreaker(SwitchedCoil):
+    """Coil with two electronic breakers in its loop, one for each sign of the voltage.
+
+    A diode charges an envelope capacitor to the voltage less its drop. Where the voltage has fallen by `threshold`,
+    that of a transistor, below what the capacitor holds, the breaker closes: the lag follows. At constant amplitude of
+    the displacement the voltage falls as V_oc (1 - cos phi), so that cos phi = 1 - (threshold + diode_drop)/V_oc. What
+    the capacitor holds is spent on closing. The breaker conducts one way through a diode, opens where its current ends,
+    and keeps its capacitor empty until the voltage has fallen below that of the diode before it. Below `least_voltage`
+    it closes without a current: the circuit does not start.
+
+    While it rises the voltage charges an envelope capacitor beside C, from its drop on. `consumption` is what control
+    takes besides, from the harvest.
+    """
+
+    mirrors: ClassVar[bool] = False  # half waves exchange the states of both envelope capacitors
+    bridge_marks: ClassVar[tuple[str, ...]] = ("",)
+    path_diodes: ClassVar[int] = 1  # in the path of a breaker
+
+    envelope_capacitance: float = quantity("F", "capacitor that holds the extreme voltage", above=0)
+    threshold: float = quantity("V", "voltage below it at which the breaker closes", at_least=0)
+    diode_drop: float = quantity("V", "forward drop of one diode", default=0.0, at_least=0)
+    consumption: float = quantity("W", "what the control takes besides", default=0.0, at_least=0)
+
+    @property
+    def least_voltage(self) -> Any:
+        """Open-circuit voltage amplitude above which a breaker passes a current, V; any store being empty."""
+        return self.threshold + (1 + self.path_diodes) * self.diode_drop
+
+    def breaker_states(self, capacitance: float) -> tuple[State, ...]:
+        """Current of the coil, and voltages of both envelope capacitors."""
+        held = (State(f"envelope_{which}", self.envelope_capacitance, odd=False) for which in ("high", "low"))
+        return (State("current", self.loop(capacitance)[0]), *held)
+
+    def configurations(self) -> tuple[str, ...]:
+        every = (
+            Breakers(position, charged, envelope, bridge)
+            for position in ("open", "high", "low", "spent_high", "spent_low")
+            for charged in (NEITHER, "h", "l", "hl")
+            for envelope in ("idle", "rise", "fall")
+            for bridge in self.bridge_marks
+        )
+        return tuple(breakers.name for breakers in every if breakers.exists)
+
+    def path_excess(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
+        """Voltage that drives the current of the breaker of this sign."""
+        return sign * port.v - self.path_diodes * self.diode_drop * port.one
+
+    def breaker_current(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> Row:
+        """Current of the coil and of the envelope capacitors, out of the electrodes."""
+        charging = self.envelope_capacitance if breakers.charging else 0.0
+        return self.loop_current(breakers.sign != 0, port, z) + charging * port.dv
+
+    def breaker_equations(self, breakers: Breakers, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> list[Row]:
+        """Equations of the states of the breakers."""
+        sign = breakers.sign
+        drive = sign * self.path_excess(sign, port, z)
+        high = dz.envelope_high - (port.dv if breakers.envelope == "rise" else 0.0)
+        low = dz.envelope_low + (port.dv if breakers.envelope == "fall" else 0.0)
+        return [self.loop_equation(sign != 0, drive, port, z, dz), high, low]
+
+    def breaker_losses(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> list[Product]:
+        """Power in the coil's resistance and in the diodes of breakers and envelopes."""
+        losses = [Product(self.loop(port.capacitance)[1], z.current, z.current)]
+        if breakers.sign and np.any(self.diode_drop):
+            losses.append(Product(breakers.sign * self.path_diodes * self.diode_drop, port.one, z.current))
+        if breakers.charging and np.any(self.diode_drop):
+            direction = 1.0 if breakers.envelope == "rise" else -1.0
+            losses.append(Product(direction * self.diode_drop * self.envelope_capacitance, port.one, port.dv))
+        return losses
+
+    def control(self, port: Port) -> list[Product]:
+        """Power that control takes."""
+        return [Product(self.consumption, port.one, port.one)] if np.any(self.consumption) else []
+
+    def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
+        breakers = breakers_of(configuration)
+        return [*self._switching(breakers, port, z), *self.following(breakers, port, z)]
+
+    def _switching(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> list[Guard]:
+        """A breaker closes where the voltage has left the envelope, and opens where its current ends."""
+        if breakers.sign:
+            after = breakers._replace(position=f"spent_{breakers.position}")
+            return [Guard(-breakers.sign * z.current, after.name, "current", event="switch opens")]
+        if breakers.position != "open":
+            sign = 1 if breakers.position == "spent_high" else -1
+            fallen = self.diode_drop * port.one - sign * port.v
+            return [Guard(fallen, breakers._replace(position="open").name, event="")]
+        found: list[Guard] = []
+        for which, position, follows, sign in (("h", "high", "rise", 1), ("l", "low", "fall", -1)):
+            if which in breakers.charged and breakers.envelope != follows:
+                fallen = getattr(z, f"envelope_{position}") - sign * port.v - self.threshold * port.one
+                after = breakers._replace(position=position, charged=breakers.discharge(which))
+                found.append(Guard(fallen, after.name, f"envelope_{position}", event="switch closes"))
+        return found
+
+    def following(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> list[Guard]:
+        """Envelope capacitors begin to follow the voltage, and cease to where it turns."""
+        if breakers.charging:
+            turns = -port.dv if breakers.envelope == "rise" else port.dv
+            return [Guard(turns, breakers._replace(envelope="idle").name, conducts=False)]
+        found: list[Guard] = []
+        for which, position, follows, sign in (("h", "high", "rise", 1), ("l", "low", "fall", -1)):
+            after = breakers._replace(envelope=follows, charged=breakers.charge(which))
+            if after.exists:
+                excess = sign * port.v - getattr(z, f"envelope_{position}") - self.diode_drop * port.one
+                found.append(Guard(excess, after.name, conducts=True))
+        return found

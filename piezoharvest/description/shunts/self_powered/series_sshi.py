@@ -1,0 +1,46 @@
+"""Series switch harvesting on an inductor, by electronic breakers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import ClassVar
+
+from piezoharvest.description.circuit import Port, Product, Row, State
+from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker, breakers_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class SelfPoweredSeriesSSHI(ElectronicBreaker, Bridge):
+    """Breakers, coil and rectifier in one loop: charge flows to the dc side while a breaker is closed.
+
+    The path of a breaker has its own diode and two of the bridge. What these conduct backwards between the leads is
+    left out, as in series SSHI.
+    """
+
+    kind: ClassVar[str] = "self_powered_series_sshi"
+    source: ClassVar[str] = "Lallart & Guyomar, Smart Mater. Struct. 17(3), 035030, 2008"
+    path_diodes: ClassVar[int] = 3
+
+    def states(self, capacitance: float) -> tuple[State, ...]:
+        return (*self.breaker_states(capacitance), *self.bridge_states())
+
+    def path_excess(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
+        lost = self.path_resistance * sign * z.current
+        return super().path_excess(sign, port, z) - self.dc_side(port, z) - lost
+
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
+        breakers = breakers_of(configuration)
+        own, rectified = self.breaker_equations(breakers, port, z, dz), breakers.sign * z.current
+        return [port.i - self.breaker_current(breakers, port, z), *own, *self.dc_equations(rectified, z, dz)]
+
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
+        breakers, control = breakers_of(configuration), self.control(port)
+        powers = self.bridge_powers(breakers.sign * z.current, port, z)
+        # The drops of the bridge are those of the breaker's path, too, and counted there.
+        lost = [Product(self.path_resistance, z.current, z.current), *self.dc_loss(port, z)]
+        powers["harvested"] += [product._replace(coefficient=-product.coefficient) for product in control]
+        powers["shunt_loss"] = [*lost, *self.breaker_losses(breakers, port, z), *control]
+        return powers

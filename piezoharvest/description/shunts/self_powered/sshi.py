@@ -1,0 +1,82 @@
+"""Parallel switch harvesting on an inductor, by electronic breakers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from piezoharvest.description.circuit import Guard, Port, Product, Row, State
+from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.description.shunts.self_powered.breaker import Breakers, ElectronicBreaker, breakers_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class SelfPoweredSSHI(ElectronicBreaker, Bridge):
+    """Rectifier with a coil across the electrodes, in whose loop two breakers invert the voltage.
+
+    While the bridge conducts, the voltage stays; it begins to fall where the displacement turns.
+    """
+
+    kind: ClassVar[str] = "self_powered_sshi"
+    source: ClassVar[str] = "Liang & Liao, IEEE Trans. Ind. Electron. 59(4), 1950-1960, 2012"
+    bridge_marks: ClassVar[tuple[str, ...]] = ("", "+", "-")
+
+    def inversion(self, capacitance: float) -> Any:
+        return np.exp(-np.pi / (2 * self.quality))
+
+    def configurations(self) -> tuple[str, ...]:
+        every = super().configurations()
+        if not self._rests:
+            return every
+        return tuple(name for name in every if not (breakers_of(name).bridge and breakers_of(name).charging))
+
+    def states(self, capacitance: float) -> tuple[State, ...]:
+        return (*self.breaker_states(capacitance), *self.bridge_states())
+
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
+        breakers = breakers_of(configuration)
+        sign, rectified = self._bridge(breakers, port, z)
+        if sign:
+            port_equation = self.conduction(sign, rectified, port, z, dz)
+        else:
+            port_equation = self.forward(port, z) - self.breaker_current(breakers, port, z)
+        own = self.breaker_equations(breakers, port, z, dz)
+        return [port_equation, *own, *self.dc_equations(rectified, z, dz)]
+
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
+        breakers, control = breakers_of(configuration), self.control(port)
+        powers = self.bridge_powers(self._bridge(breakers, port, z)[1], port, z)
+        powers["harvested"] += [product._replace(coefficient=-product.coefficient) for product in control]
+        powers["shunt_loss"] += [*self.leads_loss(port, z), *self.breaker_losses(breakers, port, z), *control]
+        return powers
+
+    def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
+        breakers, guards = breakers_of(configuration), list(super().guards(configuration, port, z))
+        if breakers.bridge:
+            rectified = self._bridge(breakers, port, z)[1]
+            return [*guards, Guard(-rectified, breakers._replace(bridge="").name, conducts=False)]
+        envelope = "idle" if self._rests else breakers.envelope
+        conducting = (breakers._replace(bridge=mark, envelope=envelope) for mark in "+-")
+        signs = {
+            after.name: 1 if after.bridge == "+" else -1
+            for after in conducting
+            if after.exists and after._replace(envelope=breakers.envelope).exists
+        }
+        return [*guards, *(Guard(self.excess(sign, port, z), name) for name, sign in signs.items())]
+
+    @property
+    def _rests(self) -> bool:
+        """Whether the voltage stays while the bridge conducts: nothing is left for envelope capacitors to follow."""
+        return self.dc_voltage is not None and not np.any(self.path_resistance)
+
+    def following(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> list[Guard]:
+        return [] if breakers.bridge and self._rests else super().following(breakers, port, z)
+
+    def _bridge(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> tuple[int, Row]:
+        """Sign of the conducting diodes, and the current through them towards the dc side."""
+        sign = {"": 0, "+": 1, "-": -1}[breakers.bridge]
+        return sign, sign * (self.forward(port, z) - self.breaker_current(breakers, port, z))

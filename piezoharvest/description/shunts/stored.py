@@ -1,0 +1,134 @@
+"""A rectifying circuit together with the supply at its storage capacitor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+from piezoharvest.description.circuit import Guard, Port, Product, Row, State, Switch
+from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.description.shunts.storage import Storage
+
+OFF, FULL = "off", "full"
+RETURN_TIME = 1.0  # s; of states that no motion comes to, so that any is as good
+REACHED = 1e-9  # of the voltage to turn on, within which it is reached: a store that begins with it is on
+
+
+def with_supply(shunt: Shunt) -> Shunt:
+    """The circuit with the supply that its storage feeds, if it has one."""
+    return Stored(circuit=shunt, storage=shunt.storage) if isinstance(shunt, Bridge) and shunt.storage else shunt
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stored(Shunt):
+    """A circuit in all its configurations while the supply is off, on, or the store full.
+
+    A configuration is that of the supply ("off", the number of a piece of its load's line, or "full") with that of the
+    circuit behind it, as in "3 open+".
+    """
+
+    circuit: Bridge
+    storage: Storage
+
+    @property
+    def kind(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Kind of the circuit."""
+        return self.circuit.kind
+
+    @property
+    def mirrors(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Whether swapped leads make no difference to the circuit."""
+        return self.circuit.mirrors
+
+    @property
+    def pieces(self) -> int:
+        """Number of pieces of the load's line."""
+        return len(self.storage.knots()[0]) - 1
+
+    def configurations(self) -> tuple[str, ...]:
+        supplies = (OFF, *map(str, range(self.pieces)), FULL)
+        return tuple(f"{supply} {own}" for supply in supplies for own in self.circuit.configurations())
+
+    def states(self, capacitance: float) -> tuple[State, ...]:
+        return self.circuit.states(capacitance)
+
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
+        supply, own = configuration.split(" ", 1)
+        rows = list(self.circuit.equations(own, port, z, dz))
+        at = self._balance(port)
+        # A full store stays at its limit; from above it, where only a search tries states, it comes back to that.
+        full = RETURN_TIME * dz.dc + z.dc - self.storage.limit * port.one
+        rows[at] = full if supply == FULL else rows[at] + self._load(supply, port, z)
+        return rows
+
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
+        supply, own = configuration.split(" ", 1)
+        powers = {name: list(products) for name, products in self.circuit.powers(own, port, z).items()}
+        load, share = self._load(supply, port, z), self.storage.efficiency
+        powers["harvested"].append(Product(share, z.dc, load))
+        powers["shunt_loss"].append(Product(1.0 - share, z.dc, load))
+        if supply == FULL:
+            powers["shunt_loss"].append(Product(1.0, z.dc, self._surplus(own, port, z)))
+        return powers
+
+    def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
+        supply, own = configuration.split(" ", 1)
+        guards = [
+            guard._replace(target=f"{supply} {guard.target}", conducts=guard.begins_to_conduct)
+            for guard in self.circuit.guards(own, port, z)
+        ]
+        if supply == FULL:
+            surplus = self._surplus(own, port, z)
+            return [*guards, Guard(-surplus, f"{self.pieces - 1} {own}", event="")]
+        knots, first = self.storage.knots()
+        if supply == OFF:
+            reached = z.dc - (1 - REACHED) * knots[first] * port.one
+            return [*guards, Guard(reached, f"{first} {own}", event="supply turns on")]
+        piece = int(supply)
+        rises, falls = z.dc - knots[piece + 1] * port.one, knots[piece] * port.one - z.dc
+        if piece == self.pieces - 1:
+            guards.append(Guard(rises, f"{FULL} {own}", event="store is full"))
+        else:
+            guards.append(Guard(rises, f"{piece + 1} {own}", event=""))
+        if piece == 0:
+            return [*guards, Guard(falls, f"{OFF} {own}", event="supply turns off")]
+        return [*guards, Guard(falls, f"{piece - 1} {own}", event="")]
+
+    def switch(self, capacitance: float, period: float | None) -> Switch | None:
+        return self.circuit.switch(capacitance, period)
+
+    def closed(self, configuration: str, polarity: int) -> str:
+        return _behind(configuration, lambda own: self.circuit.closed(own, polarity))
+
+    def opened(self, configuration: str) -> str:
+        return _behind(configuration, self.circuit.opened)
+
+    def stage(self, configuration: str, capacitance: float) -> Any:
+        return self.circuit.stage(configuration.split(" ", 1)[1], capacitance)
+
+    def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
+        return self.circuit.dc_side(port, z)
+
+    def _balance(self, port: Port) -> int:
+        """Place of the store's balance of currents among the equations: behind the port's, in the order of states."""
+        return 1 + [state.name for state in self.circuit.states(port.capacitance)].index("dc")
+
+    def _load(self, supply: str, port: Port, z: SimpleNamespace) -> Row:
+        """Current into the supply."""
+        if supply == OFF:
+            return 0.0 * port.one
+        return self.storage.load(self.pieces - 1 if supply == FULL else int(supply), z.dc, port.one)
+
+    def _surplus(self, own: str, port: Port, z: SimpleNamespace) -> Row:
+        """Current that a full store does not take: what arrives, less what leaves it at a constant voltage."""
+        at_rest = SimpleNamespace(**{name: 0.0 * port.one for name in vars(z)})
+        return -(self.circuit.equations(own, port, z, at_rest)[self._balance(port)] + self._load(FULL, port, z))
+
+
+def _behind(configuration: str, change: Callable[[str], str]) -> str:
+    """A configuration in which that of the circuit has changed."""
+    supply, own = configuration.split(" ", 1)
+    return f"{supply} {change(own)}"

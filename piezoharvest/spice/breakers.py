@@ -1,0 +1,100 @@
+"""Electronic breakers as netlist elements: envelope capacitors, and latches that their charge holds."""
+
+from __future__ import annotations
+
+import math
+
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.description.shunts.self_powered.breaker import ElectronicBreaker
+from piezoharvest.description.shunts.self_powered.series_sshi import SelfPoweredSeriesSSHI
+from piezoharvest.spice.bridges import BRIDGE, write_bridge, write_dc_side
+from piezoharvest.spice.deck import Deck, number
+from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
+
+# Resistance of a closed breaker relative to sqrt(L/C), which is left out of the coil's, and that beside the coil, which
+# takes what an edge leaves in it.
+CLOSED, SNUBBER = 2e-3, 1e3
+# Conductance of an open breaker relative to 1/sqrt(L/C), logarithm of the conductance per unit of a latch, and rounding
+# of the corner of its diode as a share of the expected voltage.
+OPEN, STEEPNESS, ROUNDING = 1e-8, 100.0, 2e-4
+HELD = 3e-6  # rounding of the corner of an envelope's diode, as a share of that voltage
+# Time constants as shares of a flip: with which a latch follows, and with which a capacitor is emptied.
+FOLLOW, SPEND = 0.01, 0.5
+# Shares of the expected voltage: within which a latch decides, at which a capacitor counts as empty, and what keeps a
+# latch set until it is, which is more than any voltage.
+DECIDE, EMPTY, HOLD = 1e-4, 1e-3, 1e3
+
+
+def write_breakers(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint) -> NetlistCircuit:
+    """Coil and breakers from `p` to the ground or, of a series SSHI, to the dc side; and a bridge beside them.
+
+    Raises
+    ------
+    ParameterError
+        The circuit gives the energy of its coil to a load.
+    """
+    if getattr(shunt, "efficiency", None) is not None:
+        message = f"found {shunt.kind}, which cannot be exported: no element passes on what a coil holds at an instant"
+        raise ParameterError("shunt", message)
+    in_line = isinstance(shunt, SelfPoweredSeriesSSHI)
+    forward, backward = _write_coil(deck, shunt, point, in_line)
+    if in_line:
+        deck.section("dc side: V(dc) is the voltage behind the bridge")
+        deck.add(f"Bout 0 dc I={forward} + {backward}")
+        circuit = write_dc_side(deck, shunt, point)
+    else:
+        circuit = write_bridge(deck, shunt, point) if isinstance(shunt, Bridge) else NetlistCircuit()
+    if shunt.consumption and isinstance(shunt, Bridge):
+        circuit = circuit._replace(harvested=f"{circuit.harvested} - {number(shunt.consumption)}")
+    return circuit._replace(fastest=shunt.nominal_flip_time(point.transducer.capacitance))
+
+
+def _write_coil(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint, in_line: bool) -> tuple[str, str]:
+    """Coil and both breakers; return the currents of these in the direction of their diodes."""
+    inductance, resistance = shunt.loop(point.transducer.capacitance)
+    impedance = math.sqrt(inductance / point.transducer.capacitance)
+    least = CLOSED * impedance
+    low, high = number(math.log(OPEN)), number(math.log(1 / CLOSED))
+    latches = [_write_breaker(deck, shunt, point, *side) for side in (("high", "V(p)"), ("low", "(-V(p))"))]
+    deck.section("coil, and the paths of both breakers")
+    deck.add("Lloop p l", inductance, point.condition("current"))
+    deck.add("Rsnubber p l", SNUBBER * impedance)
+    # What the snubber takes while a breaker is closed is left out of the coil's resistance, as in `write_coil`.
+    extra = float(getattr(shunt, "path_resistance", 0.0)) if in_line else 0.0
+    deck.add("Rloop l k", extra + resistance - least - 2 * impedance / SNUBBER)
+    drop = f"{shunt.path_diodes}*{deck.parameter('diode_drop', shunt.diode_drop)}" + ("+V(dc)" if in_line else "")
+    corner = number((ROUNDING * point.voltage) ** 2)
+    currents = []
+    for latch, sign in zip(latches, ("", "-"), strict=True):
+        excess = f"({sign}V(k)-({drop}))"
+        conductance = f"{number(0.5 / impedance)}*exp(min({high}, max({low}, {number(STEEPNESS)}*(V({latch})-0.5))))"
+        currents.append(f"{conductance}*({excess} + sqrt({excess}*{excess}+{corner}))")
+    deck.add(f"Bpath k 0 I={currents[0]} - {currents[1]}")
+    return currents[0], currents[1]
+
+
+def _write_breaker(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint, name: str, across: str) -> str:
+    """Envelope capacitor and latch of one breaker, `across` which this voltage lies; return the latch's node."""
+    flip = shunt.nominal_flip_time(point.transducer.capacitance)
+    deck.section(f"breaker of the {name} voltage: V({name}) is held, V(on{name}) is 1 while it is on")
+    drop = deck.parameter("diode_drop", shunt.diode_drop)
+    threshold = deck.parameter("threshold", shunt.threshold)
+    # Rounder, or of less resistance, the corner would let the capacitor creep up while the voltage rests.
+    least, corner = BRIDGE / (point.omega * shunt.envelope_capacitance), number((HELD * point.voltage) ** 2)
+    excess = f"({across}-V({name})-{drop})"
+    current = f"max(0, 1-2*V(on{name}))*{number(0.5 / least)}*({excess} + sqrt({excess}*{excess}+{corner}))"
+    capacitance = deck.parameter("capacitance_envelope", shunt.envelope_capacitance)
+    deck.add(f"C{name} {name} 0 {capacitance} {point.condition(f'envelope_{name}')}")
+    deck.add(f"Bcharge{name} 0 {name} I={current}")
+    deck.add(f"Btake{name} {'p 0' if name == 'high' else '0 p'} I={current}")
+    deck.add(f"Bspend{name} {name} 0 I=V({name})*max(0, V(on{name})-0.3)*{capacitance}*{number(1 / (SPEND * flip))}")
+    # Each turns over: what keeps a latch set comes before it spends anything, and it takes more to set than to keep it.
+    filled = f"V({name})-{number(EMPTY * point.voltage)}*(5-4*V(on{name}))"
+    fallen = f"V({name})-{across}-{threshold}+{number(HOLD * point.voltage)}*max(0, V(on{name})-0.1)"
+    deck.add(f"Bdecide{name} decide{name} 0 V=min({filled}, {fallen})")
+    width = number((DECIDE * point.voltage) ** 2)
+    deck.add(f"Bwanted{name} wanted{name} 0 V=0.5+0.5*V(decide{name})/sqrt(V(decide{name})*V(decide{name})+{width})")
+    deck.add(f"Rlatch{name} wanted{name} on{name} 1")
+    deck.add(f"Clatch{name} on{name} 0 {number(FOLLOW * flip)} IC=0")
+    return f"on{name}"

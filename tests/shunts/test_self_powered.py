@@ -1,0 +1,173 @@
+"""Electronic breakers: closed forms at a prescribed displacement, where they start, and netlists."""
+
+import math
+
+import numpy as np
+import pytest
+from messages import is_sentence
+from oracles.ngspice import needs_ngspice
+from studies import BENCH
+
+from piezoharvest import (
+    SelfPoweredSECE,
+    SelfPoweredSeriesSSHI,
+    SelfPoweredSSDI,
+    SelfPoweredSSHI,
+    SineForce,
+    System,
+    Transducer,
+    simulate,
+)
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.storage import Storage
+from piezoharvest.spice import export_spice
+from piezoharvest.spice.simulators.comparison import compare
+
+# So weakly coupled that no shunt can change the displacement; flips of a 1e-6th of the period, and envelope capacitors
+# that take next to nothing.
+FREQUENCY, CAPACITANCE, COUPLING, FORCE = 20.0, 40e-9, 2e-5, 100.0
+OMEGA = 2 * math.pi * FREQUENCY
+STIFF = Transducer(mass=0.63, damping=480.0, stiffness=1e6, coupling=COUPLING, capacitance=CAPACITANCE)
+DRIVE = SineForce(amplitude=FORCE, frequency=FREQUENCY)
+V_OC = COUPLING * FORCE / abs(1e6 - 0.63 * OMEGA**2 + 480j * OMEGA) / CAPACITANCE
+THRESHOLD, DROP, QUALITY = 0.06 * V_OC, 0.02 * V_OC, 5.0
+KEYS = {
+    "flip_time": 1e-6 / FREQUENCY, "quality": QUALITY, "envelope_capacitance": 1e-8 * CAPACITANCE,
+    "threshold": THRESHOLD, "diode_drop": DROP,
+}  # fmt: skip
+COS = 1 - (THRESHOLD + DROP) / V_OC  # of the lag
+INVERTED = math.exp(-math.pi / math.sqrt(4 * QUALITY**2 - 1))  # of a damped half swing
+CLOSE = 5e-6  # in a flip strain moves on by a share of 2 pi 1e-6
+KINDS = [SelfPoweredSSHI, SelfPoweredSeriesSSHI, SelfPoweredSECE, SelfPoweredSSDI]
+
+
+def behind(kind, voltage):
+    """A circuit of a kind, with a constant dc voltage where it has one."""
+    bridged = issubclass(kind, SelfPoweredSSHI | SelfPoweredSeriesSSHI)
+    return kind(**KEYS, **({"dc_voltage": voltage} if bridged else {}))
+
+
+def steady(shunt, drive=DRIVE, **keys):
+    found = simulate(System(STIFF, shunt), drive, attenuation=False, **keys)
+    assert found.converged, found.message
+    assert abs(found.energy["closure"]) < 1e-10
+    return found
+
+
+def after_flip(voltage, level):
+    """Voltage after half a swing about a level."""
+    return level - INVERTED * (voltage - level)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_lag_follows_from_threshold_and_drop(kind):
+    waves = steady(behind(kind, 0.4 * V_OC), samples=20000).waveforms
+    closes = [t for name, t in zip(waves.event_names, waves.event_times, strict=True) if name == "switch closes"]
+    assert len(closes) == 2
+    extrema = waves.time[np.flatnonzero(np.diff(np.sign(waves.velocity)))]
+    lags = [OMEGA * min(abs(t - turned) for turned in extrema) for t in closes]
+    assert lags == pytest.approx([math.acos(COS)] * 2, abs=2 * math.pi / 20000)
+
+
+@pytest.mark.parametrize("share", [0.8, 1.5])
+def test_parallel(share):
+    """It rests at the dc side's, falls by threshold and drop, swings about the drop; strain does the rest."""
+    dc = share * V_OC
+    held = dc + 2 * DROP
+    left = after_flip(held - THRESHOLD - DROP, DROP)
+    wanted = 2 * FREQUENCY * dc * CAPACITANCE * (V_OC * (1 + COS) - held - left)
+    assert steady(behind(SelfPoweredSSHI, dc)).harvested_power == pytest.approx(wanted, rel=CLOSE, abs=0)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5])
+def test_series(share):
+    dc = share * V_OC
+    level = dc + 3 * DROP
+    fires = (2 * V_OC * COS - level * (1 + INVERTED)) / (1 - INVERTED)
+    wanted = 2 * FREQUENCY * dc * CAPACITANCE * (fires - after_flip(fires, level))
+    assert steady(behind(SelfPoweredSeriesSSHI, dc)).harvested_power == pytest.approx(wanted, rel=CLOSE, abs=0)
+
+
+def test_extraction():
+    """From empty electrodes the voltage rises by V_oc (1 + cos phi), and has fallen by threshold and drop."""
+    fires = 2 * V_OC * COS
+    shunt = SelfPoweredSECE(**{**KEYS, "quality": 1e8}, efficiency=0.8)
+    wanted = 2 * FREQUENCY * 0.8 * CAPACITANCE * (0.5 * fires**2 - 2 * DROP * fires)
+    assert steady(shunt).harvested_power == pytest.approx(wanted, rel=CLOSE, abs=0)
+
+
+def test_damping():
+    """The peak is what a breaker fires at, with threshold and drop."""
+    fires = (2 * V_OC * COS - DROP * (1 + INVERTED)) / (1 - INVERTED)
+    found = steady(behind(SelfPoweredSSDI, 0.0))
+    assert found.voltage_amplitude == pytest.approx(fires + THRESHOLD + DROP, rel=CLOSE, abs=0)
+    assert found.harvested_power == 0.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_least_amplitude(kind):
+    """Below it no breaker passes a current, above it one does."""
+    shunt = behind(kind, 0.0)
+    least = steady(shunt).least_switching_voltage
+    assert least == pytest.approx(THRESHOLD + {SelfPoweredSeriesSSHI: 4, SelfPoweredSECE: 3}.get(kind, 2) * DROP)
+    flips = []
+    for share in (0.98, 1.02):
+        # A bridge without a voltage behind it would hold the electrodes: the leads are free until one breaker closes.
+        free = behind(kind, 2 * V_OC if kind is SelfPoweredSSHI else 0.0)
+        found = steady(free, SineForce(amplitude=share * least / V_OC * FORCE, frequency=FREQUENCY))
+        flips.append(found.voltage_amplitude / (share * least) > 1.005 or found.harvested_power > 0)
+    assert flips == [False, True]
+
+
+def test_what_is_at_rest_says_so():
+    found = simulate(
+        System(STIFF, behind(SelfPoweredSSDI, 0.0)), SineForce(amplitude=0.01 * FORCE, frequency=FREQUENCY)
+    )
+    assert "no breaker closes" in found.message
+
+
+def test_envelope_capacitors_cost_what_they_hold():
+    """With larger ones less is harvested."""
+    capacitors = [share * CAPACITANCE for share in (1e-6, 1e-2, 1e-1)]
+    shunts = [SelfPoweredSSHI(**{**KEYS, "envelope_capacitance": each}, dc_voltage=V_OC) for each in capacitors]
+    powers = [steady(shunt).harvested_power for shunt in shunts]
+    assert powers == sorted(powers, reverse=True) and powers[2] < 0.99 * powers[0]
+
+
+@pytest.mark.parametrize("kind", [SelfPoweredSSHI, SelfPoweredSECE])
+def test_consumption_is_taken_from_the_harvest(kind):
+    plain = steady(behind(kind, V_OC))
+    takes = 0.1 * plain.harvested_power
+    keys = {**KEYS, "consumption": takes, **({"dc_voltage": V_OC} if kind is SelfPoweredSSHI else {})}
+    assert steady(kind(**keys)).harvested_power == pytest.approx(0.9 * plain.harvested_power, rel=1e-6, abs=0)
+
+
+@pytest.mark.parametrize("kind", [SelfPoweredSSHI, SelfPoweredSeriesSSHI])
+def test_breakers_charge_a_store(kind):
+    """From an empty store to the supply that it feeds."""
+    keys = {"quality": 5.0, "inductance": 0.1, "envelope_capacitance": 1e-9, "threshold": 0.6, "diode_drop": 0.3}
+    storage = Storage(turn_on=2.0, turn_off=1.0, power=1e-3)
+    system = System(Transducer(**BENCH), kind(**keys, smoothing_capacitance=1e-6, storage=storage))
+    found = simulate(system, SineForce(amplitude=0.02, frequency=50.6), transient=0.6, attenuation=False)
+    assert found.converged, found.message
+    assert abs(found.energy["closure"]) < 1e-10
+    assert found.time_to_turn_on is not None and found.energy["harvested"] > 0
+
+
+def test_extraction_is_not_exported():
+    with pytest.raises(ParameterError, match="self_powered_sece, which cannot be exported") as caught:
+        export_spice(STIFF, behind(SelfPoweredSECE, 0.0), DRIVE)
+    assert is_sentence(caught.value.message)
+
+
+@pytest.mark.slow
+@needs_ngspice
+@pytest.mark.parametrize("kind", [SelfPoweredSSHI, SelfPoweredSeriesSSHI, SelfPoweredSSDI])
+def test_against_ngspice(kind):
+    keys = {"quality": 5.0, "inductance": 0.1, "envelope_capacitance": 1e-9, "threshold": 0.6, "diode_drop": 0.3}
+    dc = {} if kind is SelfPoweredSSDI else {"dc_voltage": 5.0 if kind is SelfPoweredSSHI else 3.0}
+    system = System(Transducer(**BENCH), kind(**keys, **dc))
+    figures, trusted = compare(system, SineForce(amplitude=0.02, frequency=50.6))
+    assert trusted
+    for figure in figures:
+        assert abs(figure.difference) < 0.01, figure

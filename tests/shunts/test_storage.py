@@ -1,0 +1,144 @@
+"""A storage capacitor from its first charge to the supply that it feeds: closed forms, and ngspice."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from messages import is_sentence
+from oracles.ngspice import needs_ngspice
+from studies import BENCH
+
+from piezoharvest import Doubler, ParallelSSHI, Rectifier, SineForce, System, Transducer, simulate, simulate_many
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.storage import Storage
+from piezoharvest.spice.simulators.comparison import compare
+from piezoharvest.study import load_study
+
+DEVICE = Transducer(**BENCH)
+STILL, DRIVE = (SineForce(amplitude=force, frequency=50.6) for force in (0.0, 0.02))
+SUPPLY = Storage(turn_on=4.5, turn_off=3.0, power=1e-3, efficiency=0.8)
+STORE = 1e-4
+
+
+def transient(shunt, length, drive=STILL, **keys):
+    found = simulate(System(DEVICE, shunt), drive, transient=length, attenuation=False, **keys)
+    assert found.converged, found.message
+    assert abs(found.energy["closure"]) < 1e-10
+    return found
+
+
+def times(found, event):
+    names, when = found.waveforms.event_names, found.waveforms.event_times
+    return [t for name, t in zip(names, when, strict=True) if name == event]
+
+
+@pytest.mark.parametrize("leakage", [0.0, 1e-6, 1e-4])
+@pytest.mark.parametrize("begins", [4.5, 8.0])
+def test_store_that_discharges_on_its_own(leakage, begins):
+    """C/2 d(v^2)/dt = -P/efficiency - G v^2, whatever the power is replaced by in between."""
+    shunt = Rectifier(
+        smoothing_capacitance=STORE, initial_dc_voltage=begins, dc_leakage=leakage, storage=SUPPLY
+    )  # fmt: skip
+    drawn, on = SUPPLY.power / SUPPLY.efficiency, begins**2 - SUPPLY.turn_off**2
+    wanted = 0.5 * STORE * on / drawn
+    if leakage:
+        ends = (leakage * v**2 + drawn for v in (begins, SUPPLY.turn_off))
+        wanted = 0.5 * STORE / leakage * np.log(np.divide(*ends))
+    found = transient(shunt, 2.0 * wanted)
+    # From the middle of a piece on, the power is right to 2e-4 only for as long as that piece lasts.
+    assert times(found, "supply turns off") == [pytest.approx(wanted, rel=1e-6 if begins == 4.5 else 1e-5)]
+    assert found.time_to_turn_on == 0.0
+    assert found.energy["harvested"] == pytest.approx(SUPPLY.power * wanted, rel=1e-5)
+
+
+def test_store_that_keeps_its_charge():
+    found = transient(Rectifier(smoothing_capacitance=STORE, initial_dc_voltage=2.0, storage=SUPPLY), 1.0)
+    assert found.energy_stored == pytest.approx(0.5 * STORE * 4.0, rel=1e-12)
+    assert (found.time_to_turn_on, found.wakes_per_hour) == (None, 0.0)
+
+
+def test_initial_voltage_decays_in_a_load_resistance():
+    found = transient(
+        Rectifier(
+            smoothing_capacitance=STORE, load_resistance=1e3, initial_dc_voltage=4.0,
+            storage=Storage(turn_on=5.0, turn_off=1.0),
+        ),
+        0.1,
+    )  # fmt: skip
+    wanted = 4.0 * np.exp(-found.waveforms.time / 0.1)
+    np.testing.assert_allclose(found.waveforms.dc_voltage, wanted, rtol=1e-9)
+
+
+def test_wakes_come_at_the_energy_that_the_store_gives():
+    """Between two wakes the load has what the store loses, and what comes in meanwhile: energy balance of cycles."""
+    shunt = Rectifier(smoothing_capacitance=1e-6, storage=SUPPLY)
+    found = transient(shunt, 4.0, DRIVE)
+    on, off = times(found, "supply turns on"), times(found, "supply turns off")
+    assert found.time_to_turn_on == on[0]
+    assert found.wakes_per_hour == pytest.approx(3600 * len(on) / 4.0)
+    lasted = sum(b - a for a, b in zip(on, off, strict=False))
+    assert found.energy["harvested"] == pytest.approx(SUPPLY.power * lasted, rel=1e-3)
+    assert np.diff(on).min() > 0
+    v = found.waveforms.dc_voltage[found.waveforms.time > on[0]]
+    assert v.max() <= SUPPLY.turn_on * (1 + 1e-2) and v.min() >= SUPPLY.turn_off * (1 - 1e-2)
+
+
+def test_protection_takes_what_is_too_much():
+    storage = dataclasses.replace(SUPPLY, power=1e-5, max_voltage=6.0)
+    found = transient(Rectifier(smoothing_capacitance=1e-6, storage=storage), 4.0, DRIVE)
+    assert found.waveforms.dc_voltage.max() == pytest.approx(6.0, rel=1e-9)
+    assert "store is full" in found.waveforms.event_names
+    steady = simulate(System(DEVICE, Rectifier(smoothing_capacitance=1e-6, storage=storage)), DRIVE)
+    assert steady.converged, steady.message
+    assert steady.harvested_power == pytest.approx(1e-5, rel=1e-3)
+
+
+def test_many_designs_are_those_of_one():
+    powers = np.array([[1e-5], [2e-5]])
+    storage = Storage(turn_on=1.0, turn_off=0.5, power=powers, max_voltage=12.0)
+    system = System(DEVICE, Rectifier(smoothing_capacitance=1e-6, storage=storage))
+    found = simulate_many(system, DRIVE, 2, attenuation=False)
+    assert found["converged"].all()
+    np.testing.assert_allclose(found["harvested_power"], powers[:, 0], rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "key, changes",
+    [
+        ("turn_off", {"storage": {"turn_on": 3.0, "turn_off": 3.0}}),
+        ("max_voltage", {"storage": {"turn_on": 3.0, "turn_off": 2.0, "max_voltage": 2.5}}),
+        ("initial_dc_voltage", {"initial_dc_voltage": 20.0, "storage": {"turn_on": 3.0, "turn_off": 2.0}}),
+        ("storage", {"smoothing_capacitance": None, "dc_voltage": 1.0, "storage": {"turn_on": 3.0, "turn_off": 2.0}}),
+        ("initial_dc_voltage", {"smoothing_capacitance": None, "dc_voltage": 1.0, "initial_dc_voltage": 2.0}),
+        ("smoothing_capacitance", {"initial_dc_voltage": 2.0}),
+    ],
+)
+def test_what_is_refused(key, changes):
+    keys = {"smoothing_capacitance": STORE, **changes}
+    with pytest.raises(ParameterError) as caught:
+        Rectifier(**{**keys, **({"storage": Storage(**keys["storage"])} if "storage" in keys else {})})
+    assert caught.value.key == key
+    assert is_sentence(caught.value.message)
+
+
+def test_from_a_file(tmp_path):
+    (tmp_path / "study.toml").write_text(
+        "[transducer]\nmass = 0.01\ndamping = 0.06\nstiffness = 986.0\ncoupling = 1e-3\ncapacitance = 4e-8\n"
+        '[excitation]\nkind = "sine_force"\namplitude = 0.02\nfrequency = 50.6\n'
+        '[[shunts]]\nkind = "rectifier"\nsmoothing_capacitance = 1e-6\ninitial_dc_voltage = 1.0\n'
+        "[shunts.storage]\nturn_on = 4.5\nturn_off = 3.0\npower = 1e-3\nefficiency = 0.8\n"
+    )
+    assert load_study(tmp_path / "study.toml").shunts[0].storage == SUPPLY
+
+
+@pytest.mark.slow
+@needs_ngspice
+@pytest.mark.parametrize("kind", [Doubler, ParallelSSHI])
+def test_against_ngspice(kind):
+    loop = {"inductance": 0.1, "quality": 5.0} if kind is ParallelSSHI else {}
+    storage = dataclasses.replace(SUPPLY, power=5e-5, max_voltage=6.0) if kind is Doubler else SUPPLY
+    shunt = kind(smoothing_capacitance=1e-6, initial_dc_voltage=2.0, storage=storage, **loop)
+    figures, trusted = compare(System(DEVICE, shunt), DRIVE)
+    assert trusted
+    for figure in figures:
+        assert abs(figure.difference) < 0.01, figure
