@@ -26,13 +26,18 @@ def diagnose(
     path: Path, *, as_json: bool, report: Path | None, save: Path | None, save_effect: Path | None = None
 ) -> int:
     """Diagnose a campaign, print the verdict, write the report, the specimen and the law."""
+    from piezoharvest.cli import specimens_output
+    from piezoharvest.diagnose import Diagnosis
     from piezoharvest.diagnose import diagnose as run
+    from piezoharvest.population import diagnose_specimens
 
     if save_effect is not None:
         check_file(save_effect, (".py",))
-    found = on_campaign(path, report, save, run)
+    found = on_campaign(path, report, save, run, diagnose_specimens)
     if found is None:
         return 1
+    if not isinstance(found, Diagnosis):
+        return specimens_output.diagnosed(found, as_json=as_json, report=report, save=save, save_effect=save_effect)
     if not found.search.final.converged:
         note(f"warning: not to be trusted: {found.search.final.message}")
     if as_json:

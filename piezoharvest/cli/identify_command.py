@@ -17,10 +17,17 @@ if TYPE_CHECKING:
     from piezoharvest.identify.identification import Quality
 
 _T = TypeVar("_T")
+_S = TypeVar("_S")
 MAX_NOISE_RATIO = 1.2  # times the noise, above which residuals give a warning
 
 
-def on_campaign(path: Path, report: Path | None, save: Path | None, run: Callable[..., _T]) -> _T | None:
+def on_campaign(
+    path: Path,
+    report: Path | None,
+    save: Path | None,
+    run: Callable[..., _T],
+    of_several: Callable[..., _S] | None = None,
+) -> _T | _S | None:
     """Run on a campaign after printing the warnings of its checks; None where no model can follow it.
 
     Parameters
@@ -33,20 +40,25 @@ def on_campaign(path: Path, report: Path | None, save: Path | None, run: Callabl
         Specimen file, checked first.
     run : callable
         Called with the campaign and a function for progress messages.
+    of_several : callable, optional
+        The same for a campaign of several specimens, which is an error without it.
     """
     from numpy.linalg import LinAlgError
 
     from piezoharvest.predict.prediction import PredictionError
     from piezoharvest.records import load_campaign
+    from piezoharvest.records.specimens import SpecimenSet, load
 
     if report is not None:
         check_new_directory(report)
     if save is not None:
         check_file(save, (".toml",))
-    campaign = load_campaign(path)
+    campaign = load_campaign(path) if of_several is None else load(path)
     for finding in campaign.warnings:
         note(f"warning: {finding}")
     try:
+        if of_several is not None and isinstance(campaign, SpecimenSet):
+            return of_several(campaign, note)
         return run(campaign, note)
     except PredictionError as error:
         note(f"piezoharvest: error: {path}: the model with its nominal values cannot follow the records: {error}")
@@ -58,11 +70,16 @@ def on_campaign(path: Path, report: Path | None, save: Path | None, run: Callabl
 
 def identify(path: Path, *, as_json: bool, report: Path | None, save: Path | None) -> int:
     """Identify the parameters of a campaign, print them, write the report and the specimen."""
+    from piezoharvest.cli import specimens_output
+    from piezoharvest.identify import Identification
     from piezoharvest.identify import identify as run
+    from piezoharvest.population import identify_specimens
 
-    found = on_campaign(path, report, save, run)
+    found = on_campaign(path, report, save, run, identify_specimens)
     if found is None:
         return 1
+    if not isinstance(found, Identification):
+        return specimens_output.identified(found, as_json=as_json, report=report, save=save)
     for text in remarks(found):
         note(f"warning: {text}")
     if as_json:

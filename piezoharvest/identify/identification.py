@@ -334,7 +334,7 @@ def identify(
     if {(name,) for name in INERT} <= unconfirmed and _explained_quasi_statically(campaign, problem, last):
         return _identify_quasi_static(campaign, progress, offsets)
     estimates = _estimates(campaign, first, verdict, unsigned)
-    return _identification(campaign, problem, last, tuple(estimates), progress)
+    return identification_of(campaign, problem, last, tuple(estimates), progress)
 
 
 def with_parameters_held(
@@ -359,14 +359,14 @@ def with_parameters_held(
     model = replace(found.model, parameters=(), offset_channels=kept)
     nuisance = nuisance_for_model(before, found.model, found.nuisance, model)
     last = fit(problem, model, nuisance, found.noise, estimate_noise=False, progress=progress)
-    bare = _identification(campaign, problem, last, other.estimates, progress)
+    bare = identification_of(campaign, problem, last, other.estimates, progress)
     return replace(bare, held=other.held or found.model.parameters)
 
 
-def _identification(
+def identification_of(
     campaign: Campaign, problem: Problem, last: Fit, estimates: tuple[Estimate, ...], progress: Progress
 ) -> Identification:
-    """The last fit with the residuals of all records."""
+    """Identification with a last fit and its estimates: the residuals of all records."""
     offsets = problem.offset_channels
     shown = [*judged(problem.data, last), *_validation_qualities(campaign, last, offsets, progress)]
     return Identification(
@@ -678,6 +678,6 @@ def combined_quality(records: Sequence[RecordQuality]) -> Quality:
 
 
 __all__ = [
-    "Estimate", "FrequencyRecord", "Identification", "Quality", "RecordQuality", "identify", "prepared",
-    "with_parameters_held",
+    "Estimate", "FrequencyRecord", "Identification", "Quality", "RecordQuality", "identification_of", "identify",
+    "prepared", "with_parameters_held",
 ]  # fmt: skip

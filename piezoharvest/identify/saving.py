@@ -41,7 +41,14 @@ class Estimated(Protocol):
         ...
 
 
-def save(found: Fit, estimates: Sequence[Estimated], campaign: Campaign, path: str | Path, **source: Any) -> None:
+def save(
+    found: Fit,
+    estimates: Sequence[Estimated],
+    campaign: Campaign,
+    path: str | Path,
+    scatter: np.ndarray | None = None,
+    **source: Any,
+) -> None:
     """Write the specimen of a fit as TOML, completely or not at all; `source` is added to the table of that name.
 
     Raises
@@ -49,14 +56,18 @@ def save(found: Fit, estimates: Sequence[Estimated], campaign: Campaign, path: s
     OutputError
         The file cannot be written.
     """
-    write_specimen(specimen_of(found, estimates, campaign, **source), path, campaign.title)
+    write_specimen(specimen_of(found, estimates, campaign, scatter, **source), path, campaign.title)
 
 
-def specimen_of(found: Fit, estimates: Sequence[Estimated], campaign: Campaign, **source: Any) -> Specimen:
+def specimen_of(
+    found: Fit, estimates: Sequence[Estimated], campaign: Campaign, scatter: np.ndarray | None = None, **source: Any
+) -> Specimen:
     """Specimen of a fit: its transducer without errors of sensors, and the covariance of what was fitted of it.
 
-    A law without a name is left out: an effect file has it.
+    A law without a name is left out: an effect file has it. The covariance of all parameters of the fit is `scatter`,
+    where there is a better one than its own.
     """
+    scatter = covariance(found) if scatter is None else scatter
     fitted = found.model.transducer
     named = [n for n, effect in enumerate(fitted.effects) if not isinstance(effect, Law)]
     own = [n for n in named if fitted.effects[n].of_specimen]
@@ -68,7 +79,7 @@ def specimen_of(found: Fit, estimates: Sequence[Estimated], campaign: Campaign, 
     transducer = replace(fitted, effects=tuple(fitted.effects[n] for n in own), quasi_static=bool(campaign.unknown))
     return Specimen(
         values=dict(zip(names, numbers, strict=True)),
-        covariance=covariance(found)[np.ix_(places, places)] * np.outer(slopes, slopes),
+        covariance=scatter[np.ix_(places, places)] * np.outer(slopes, slopes),
         scaling=tuple(parameter.scaling for parameter in parameters),
         transducer=_sorted(transducer),
         lacking={e.parameter.name: e.experiment for e in estimates if not e.identifiable},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -87,7 +88,9 @@ class Campaign(plain.Campaign):
         path = Path(str(title))
         tables, data = in_memory(records, path)
         whole = {"title": title, "transducer": transducer, "channels": dict(channels or {}), "records": tables}
-        return _sound(_made(whole, path, data))
+        with reading(path):
+            campaign = campaign_of(whole, path, data=data)
+        return checked(campaign)
 
     @classmethod
     def from_frame(cls, frame: Any, transducer: Transducer | Mapping[str, Any], **record: Any) -> Campaign:
@@ -149,29 +152,17 @@ def load_campaign(path: str | Path) -> Campaign:
       or impedance_ohm and phase_rad or phase_deg. Sweeps may go up or down and overlap; a line at 0 Hz is left out.
     """
     path = Path(path)
-    try:
-        table = read_toml(path)
-    except StudyError as error:
-        raise CampaignError(error.path, error.key, error.message) from None
-    return _sound(_made(table, path))
+    with reading(path):
+        campaign = campaign_of(read_toml(path), path)
+    return checked(campaign)
 
 
-def _sound(campaign: Campaign) -> Campaign:
-    """The campaign itself, unless a check found an error; raises `CampaignError`."""
-    path, errors = campaign.path, campaign.errors
-    if errors:
-        first = errors[0]
-        more = f" (and {counted(len(errors) - 1, 'more error')})" if len(errors) > 1 else ""
-        where = {"channel": first.channel, "rows": first.rows, "campaign": campaign}
-        raise CampaignError(path.parent / first.file, "", first.message + more, **where)
-    return campaign
-
-
-def _made(table: Mapping[str, Any], path: Path, data: Sequence[Reader] = ()) -> Campaign:
-    """Campaign from its tables, of which each record is read from its file or from `data`; raises `CampaignError`."""
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Turn whatever is wrong with a campaign's file into `CampaignError`."""
     try:
         with np.errstate(all="ignore"):  # values that are or become NaN are found by the checks
-            return _campaign(table, path, data)
+            yield
     except ParameterError as error:
         raise CampaignError(path, error.key, error.message) from None
     except CampaignError:
@@ -180,8 +171,42 @@ def _made(table: Mapping[str, Any], path: Path, data: Sequence[Reader] = ()) -> 
         raise CampaignError(error.path, error.key, error.message) from None
 
 
-def _campaign(table: Mapping[str, Any], path: Path, data: Sequence[Reader]) -> Campaign:
-    """Campaign from the tables of its file; raises `ParameterError` and `CampaignError`."""
+def checked(campaign: Campaign) -> Campaign:
+    """The campaign; raises `CampaignError` where a check found an error."""
+    errors = campaign.errors
+    if errors:
+        first = errors[0]
+        more = f" (and {counted(len(errors) - 1, 'more error')})" if len(errors) > 1 else ""
+        where = {"channel": first.channel, "rows": first.rows, "campaign": campaign}
+        raise CampaignError(campaign.path.parent / first.file, "", first.message + more, **where)
+    return campaign
+
+
+def campaign_of(
+    table: Mapping[str, Any], path: Path, where: str = "", before: int = 0, data: Sequence[Reader] = ()
+) -> Campaign:
+    """Campaign from the tables of its file, with the findings of the checks.
+
+    Parameters
+    ----------
+    table : mapping
+    path : Path
+        The file.
+    where : str
+        Prefix of the keys of its own tables: "specimens.0." for one of several specimens.
+    before : int
+        Numbers in the records of other specimens of the file, which are in memory at the same time.
+    data : sequence of Reader
+        One for each record, in the place of its file.
+
+    Raises
+    ------
+    ParameterError, CampaignError
+        Something in the tables, or a data file, is wrong.
+    """
+    if "specimens" in table:
+        several = "found several specimens, allowed is one here: identify and diagnose take several"
+        raise ParameterError("specimens", several)
     for key in table:
         if key not in _TABLES:
             raise ParameterError(key, f"unknown key, known keys are {', '.join(_TABLES)}")
@@ -195,8 +220,9 @@ def _campaign(table: Mapping[str, Any], path: Path, data: Sequence[Reader]) -> C
     entries = table.get("records")
     if not isinstance(entries, list) or not entries:
         found = "missing" if entries is None else f"found {repr(entries)[:60]}"
-        raise ParameterError("records", f"{found}, at least one table [[records]] is needed")
-    read = list(_entries(entries, sources, path, data))
+        table_name = f"[[{where and 'specimens.'}records]]"
+        raise ParameterError(f"{where}records", f"{found}, at least one table {table_name} is needed")
+    read = list(_entries(entries, f"{where}records", sources, path, before, data))
     records = tuple(record for record, _ in read)
     fitted = dict.fromkeys(value for record in records if isinstance(record, Record) for value in record.fitted)
     transducer = replace(transducer, effects=(*transducer.effects, *fitted))
@@ -234,16 +260,15 @@ def _checked(record: Record | FrequencyRecord, transducer: Transducer) -> tuple[
 
 
 def _entries(
-    entries: list, sources: Mapping, path: Path, data: Sequence[Reader]
+    entries: list, where: str, sources: Mapping, path: Path, count: int, data: Sequence[Reader]
 ) -> Iterator[tuple[Record | FrequencyRecord, list[Finding]]]:
-    """Read all records; they are in memory at the same time."""
-    count = 0
+    """Read all records; they are in memory at the same time, with `count` numbers of others."""
     for n, entry in enumerate(entries):
-        record, found = _read_entry(entry, f"records.{n}", sources, path.parent, data[n] if data else None)
-        count += len(record) * (1 + len(record.signals) if isinstance(record, Record) else 4)
+        record, found = _read_entry(entry, f"{where}.{n}", sources, path.parent, data[n] if data else None)
+        count += record.numbers
         if count > MAX_NUMBERS:
             raise ParameterError(
-                f"records.{n}", f"found {count} numbers in the records up to this one, allowed are {MAX_NUMBERS} in all"
+                f"{where}.{n}", f"found {count} numbers in the records up to this one, allowed are {MAX_NUMBERS} in all"
             )
         yield record, found
 

@@ -89,6 +89,11 @@ class Record:
     def __len__(self) -> int:
         return len(self.time.values)
 
+    @property
+    def numbers(self) -> int:
+        """How many numbers it has in memory."""
+        return len(self) * (1 + len(self.signals))
+
     def beginning(self, count: int) -> Record:
         """Record of the first samples, without copying; a few periods in steady state are not divided."""
         if self.periodic:
@@ -177,3 +182,8 @@ class FrequencyRecord:
 
     def __len__(self) -> int:
         return len(self.frequency)
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers it has in memory."""
+        return 4 * len(self)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +14,7 @@ from piezoharvest.identify.fitting.model import Model, nuisance_limits, nuisance
 from piezoharvest.identify.noise.drive_denoising import high_frequency_noise
 from piezoharvest.identify.noise.noise_model import Noise, initial_noise, noise_upper_bound
 from piezoharvest.predict.circuit.setting import has_events
-from piezoharvest.predict.parameters import value_at
+from piezoharvest.predict.parameters import Path, value_at
 from piezoharvest.predict.prediction import Prediction
 
 PRIOR_DEVIATION = 1.0  # prior standard deviation of the logarithm of a parameter about its nominal value
@@ -45,12 +45,20 @@ class Problem:
     nominal : Transducer
         Mean of the prior.
     offset_channels : tuple of str
+    beliefs : mapping of Path to (float, float), optional
+        Prior mean and standard deviation of the variables of parameters whose prior is not that about nominal values:
+        other specimens of the same kind tell it.
     """
 
     def __init__(
-        self, data: Sequence[Data | FrequencyData], nominal: Transducer, offset_channels: tuple[str, ...]
+        self,
+        data: Sequence[Data | FrequencyData],
+        nominal: Transducer,
+        offset_channels: tuple[str, ...],
+        beliefs: Mapping[Path, tuple[float, float]] | None = None,
     ) -> None:
         self.data, self.nominal, self.offset_channels = tuple(data), nominal, offset_channels
+        self.beliefs = dict(beliefs or {})
 
     @cached_property
     def has_events(self) -> bool:
@@ -226,6 +234,11 @@ def prior_of(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]:
     """Prior means and inverse variances of all parameters."""
     means, precision = [], []
     for parameter in model.parameters:
+        if parameter.path in problem.beliefs:
+            mean, deviation = problem.beliefs[parameter.path]
+            means.append(mean)
+            precision.append(deviation**-2)
+            continue
         if parameter.path[0] == "effects" and int(parameter.path[1]) >= len(problem.nominal.effects):
             means.append(0.0)
             precision.append(parameter.deviation**-2)

@@ -1,0 +1,22 @@
+"""Names under which specimens share effects and parameters, wherever these stand in a specimen's model."""
+
+from __future__ import annotations
+
+from piezoharvest.description.effects import Effect
+from piezoharvest.description.effects.nameless.law import Law
+from piezoharvest.description.transducer import Transducer
+from piezoharvest.diagnose.candidate_fits import effect_key
+from piezoharvest.predict.parameters import Parameter
+
+
+def kind_of(effect: Effect) -> str:
+    """Identity of an effect among specimens: its name, with its channel or label; of a law its place and form."""
+    return effect.name if isinstance(effect, Law) else effect_key(effect)
+
+
+def variable_name(parameter: Parameter, transducer: Transducer) -> str:
+    """Name of a parameter: its own, that of an effect by the effect: "leakage.resistance"."""
+    if parameter.title or parameter.path[0] != "effects":
+        return parameter.name
+    words = [str(part) for part in parameter.path[2:] if part not in ("form", "memory")]
+    return ".".join([kind_of(transducer.effects[int(parameter.path[1])]), *words])
