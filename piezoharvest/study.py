@@ -19,6 +19,8 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, crea
 
 from piezoharvest.description import catalogue, effects, excitation, shunts
 from piezoharvest.description.effects import Effect
+from piezoharvest.description.effects.nameless.kinds import PARTS, in_a_path, kinds_of
+from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.figures import Modal, data_sheet
 from piezoharvest.description.limits import check_size
@@ -510,13 +512,40 @@ def _in_si(value: Any, unit: str, where: str) -> Any:
 def _build_part(part: type[Component], hint: Any, value: Any, where: str) -> Any:
     """Component or tuple of components inside another one; effects stand in a table by name."""
     if issubclass(part, Effect):
-        known = effects.registered()
-        for name in (name for name in _typed(dict, value, where) if name not in known):
-            raise unknown(f"{where}.{name}", name, known, "effect")
-        return tuple(build(known[name], table, f"{where}.{name}") for name, table in value.items())
+        return tuple(
+            build_effect(name, table, f"{where}.{name}") for name, table in _typed(dict, value, where).items()
+        )
     if get_origin(hint) is tuple:
         return _build_list(value, where, lambda table, place: build(part, table, place))
     return build(part, value, where)
+
+
+def build_effect(name: str, table: Any, where: str) -> Effect:
+    """Effect from its table, by name; one that has a `place` is a law without a name.
+
+    Raises
+    ------
+    ParameterError
+        There is no such effect, or its table does not fit.
+    """
+    known = effects.registered()
+    if name in known:
+        return build(known[name], table, where)
+    if not isinstance(table, dict) or "place" not in table:
+        raise unknown(where, name, known, "effect")
+    for key in table:
+        if key not in PARTS:
+            raise unknown(f"{where}.{key}", key, PARTS, "key")
+    if "form" not in table:
+        raise ParameterError(f"{where}.form", "missing key, a law has a place and a form")
+    places = {key: f"{where}.{key}" for key in table}
+    parts: dict[str, Any] = {
+        key: build(*_by_kind(part, kinds_of(key), places[key]), places[key]) for key, part in table.items()
+    }
+    law = Law(**parts)
+    if in_a_path(law.name) != name:
+        raise ParameterError(where, f"found the law {in_a_path(law.name)!r} under this name, allowed is its own")
+    return law
 
 
 def _build_list(value: Any, where: str, make) -> tuple:

@@ -47,8 +47,6 @@ def diagnose(
     if save is not None:
         found.save(save)
         note(f"specimen: {save}")
-        if found.discovery:
-            note("warning: the specimen lacks the law without a name, which --save-effect writes")
     if save_effect is not None:
         save_laws(found, save_effect)
     if report is not None:

@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 
 from piezoharvest.description.effects import Effect
+from piezoharvest.description.effects.nameless.kinds import in_a_path, kind_of
+from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.parameters import Component, ParameterError
 
 
 def named(parts: tuple) -> list[tuple[str, Any]]:
     """Members of a tuple with their keys in a path: effects by name, all others by position."""
-    return [(part.name if isinstance(part, Effect) else str(n), part) for n, part in enumerate(parts)]
+    return [(in_a_path(part.name) if isinstance(part, Effect) else str(n), part) for n, part in enumerate(parts)]
 
 
 def tree_of(paths: Sequence[str], values: Sequence[Any]) -> dict[str, Any]:
@@ -77,18 +79,28 @@ def found_at(part: Component, path: str) -> tuple[float, dataclasses.Field]:
 
 
 def component_table(component: Component) -> dict[str, Any]:
-    """Table of a component in the format of a study file: effects by name, without fields that are None."""
+    """Table of a component in the format of a study file: effects by name, without fields that are None.
+
+    Of a law without a name a table each of place, form and memory, by their kinds.
+    """
+    if isinstance(component, Law):
+        parts = {"place": component.place, "form": component.form, "memory": component.memory}
+        return {key: {"kind": kind_of(type(part)), **component_table(part)} for key, part in parts.items() if part}
     found: dict[str, Any] = {}
     for field in (field for field in dataclasses.fields(component) if field.init):
         value = getattr(component, field.name)
         if field.name == "effects":
-            value = {effect.name: component_table(effect) for effect in value}
+            value = {in_a_path(effect.name): component_table(effect) for effect in value}
         elif isinstance(value, Component):
             value = component_table(value)
         elif isinstance(value, tuple):
-            value = [component_table(part) if isinstance(part, Component) else part for part in value]
-        if isinstance(value, np.generic):
-            value = value.item()
+            value = [component_table(part) if isinstance(part, Component) else _plain(part) for part in value]
+        value = _plain(value)
         if value is not None and value not in ("", [], {}):
             found[field.name] = value
     return found
+
+
+def _plain(value: Any) -> Any:
+    """A number of numpy as one of Python."""
+    return value.item() if isinstance(value, np.generic) else value

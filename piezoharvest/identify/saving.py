@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 import piezoharvest
-from piezoharvest.description.effects.nameless.law import Law
+from piezoharvest.description.effects.nameless.kinds import in_a_path
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import covariance
@@ -64,13 +64,11 @@ def specimen_of(
 ) -> Specimen:
     """Specimen of a fit: its transducer without errors of sensors, and the covariance of what was fitted of it.
 
-    A law without a name is left out: an effect file has it. The covariance of all parameters of the fit is `scatter`,
-    where there is a better one than its own.
+    The covariance of all parameters of the fit is `scatter`, where there is a better one than its own.
     """
     scatter = covariance(found) if scatter is None else scatter
     fitted = found.model.transducer
-    named = [n for n, effect in enumerate(fitted.effects) if not isinstance(effect, Law)]
-    own = [n for n in named if fitted.effects[n].of_specimen]
+    own = [n for n, effect in enumerate(fitted.effects) if effect.of_specimen]
     places = [k for k, p in enumerate(found.model.parameters) if p.path[0] != "effects" or p.path[1] in own]
     parameters = [found.model.parameters[k] for k in places]
     numbers = [float(np.real(value_at(fitted, parameter.path))) for parameter in parameters]
@@ -83,7 +81,7 @@ def specimen_of(
         scaling=tuple(parameter.scaling for parameter in parameters),
         transducer=_sorted(transducer),
         lacking={e.parameter.name: e.experiment for e in estimates if not e.identifiable},
-        measurement=tuple(fitted.effects[n] for n in named if n not in own),
+        measurement=tuple(effect for n, effect in enumerate(fitted.effects) if n not in own),
         unknown=campaign.unknown,
         source={**source, **_source(campaign)},
     )
@@ -100,7 +98,7 @@ def _name(parameter: Parameter, transducer: Transducer) -> str:
     """Path of a parameter in a specimen file: effects by name, operators in the order of their thresholds."""
     words = [str(part) for part in parameter.path]
     if parameter.path[0] == "effects":
-        words[1] = transducer.effects[int(words[1])].name
+        words[1] = in_a_path(transducer.effects[int(words[1])].name)
     elif parameter.path[0] == "hysteresis" and transducer.hysteresis is not None:
         words[2] = str(int(np.argsort(np.argsort(transducer.hysteresis.thresholds))[int(words[2])]))
     return ".".join(words)

@@ -12,12 +12,13 @@ import numpy as np
 import tomli_w
 
 from piezoharvest.description.effects import Effect, registered
+from piezoharvest.description.effects.nameless.kinds import in_a_path
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.paths import component_table, found_at
 from piezoharvest.description.transducer import INERT, Transducer
 from piezoharvest.input import InputError, check_readable
 from piezoharvest.output import write_text
-from piezoharvest.study import MAX_TOML_BYTES, StudyError, build, build_transducer, read_specimen
+from piezoharvest.study import MAX_TOML_BYTES, StudyError, build_effect, build_transducer, read_specimen
 from piezoharvest.study import unknown as unknown_name
 
 SCALINGS = ("linear", "log", "reciprocal")  # what of a value is normally distributed: itself, its logarithm, 1/value
@@ -95,7 +96,9 @@ def _table(specimen: Specimen, title: str) -> dict[str, Any]:
     if specimen.lacking:
         found["not_identifiable"] = {name: {"told_by": text} for name, text in specimen.lacking.items()}
     if specimen.measurement:
-        found["measurement"] = [{"name": each.name, **component_table(each)} for each in specimen.measurement]
+        found["measurement"] = [
+            {"name": in_a_path(each.name), **component_table(each)} for each in specimen.measurement
+        ]
     return {**found, "source": dict(specimen.source)} if specimen.source else found
 
 
@@ -150,9 +153,9 @@ def _measurement(tables: Any) -> tuple[Effect, ...]:
     known, found = registered(), []
     for n, table in enumerate(tables):
         where, name = f"measurement.{n}", table.get("name")
-        if name not in known:
+        if not isinstance(name, str) or (name not in known and "place" not in table):
             raise unknown_name(f"{where}.name", name, known)
-        found.append(build(known[name], {key: value for key, value in table.items() if key != "name"}, where))
+        found.append(build_effect(name, {key: value for key, value in table.items() if key != "name"}, where))
     return tuple(found)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.switching import InductiveSwitch
@@ -57,7 +58,9 @@ def intervals(
     if isinstance(shunt, InductiveSwitch):
         shunt = shunt.beside(specimen.transducer.capacitance, batch.capacitance)
     system = System(batch, shunt)
-    if transient is None and excitation.period is not None:
+    # The corners of a law stand elsewhere in each draw, where a batch has them in common.
+    batched = not any(isinstance(effect, Law) for effect in batch.effects)
+    if transient is None and excitation.period is not None and batched:
         columns = simulate_many(system, excitation, samples)
     else:
         columns = _one_by_one(system, excitation, samples, transient)

@@ -14,6 +14,7 @@ from piezoharvest.diagnose.discovery.forms.formulas import candidates
 from piezoharvest.diagnose.discovery.result import discovery
 from piezoharvest.diagnose.summary import sentence
 from piezoharvest.report import write_diagnosis
+from piezoharvest.specimen import load_specimen
 
 STACK = [
     (Drive((450.0,), (4.0,), 550.0), 97780.0),
@@ -119,6 +120,12 @@ def test_a_diagnosis_finds_place_and_law(name, tmp_path):
     assert table["discovery"][0]["place"] == name
     assert len(table["discovery"][0]["curve"]["std"]) == len(law.input)
     assert sentence(found).startswith("No known effect explains what was missing")
+    found.save(tmp_path / "specimen.toml")
+    specimen = load_specimen(tmp_path / "specimen.toml")
+    assert specimen.transducer is not None
+    assert law.law in (*specimen.transducer.effects, *specimen.measurement)
+    if law.law.of_specimen:
+        assert any(key.startswith(f"effects.{law.law.name}.form.") and std > 0 for key, std in specimen.errors.items())
     if name == "spring":
         page = write_diagnosis(found, tmp_path / "page").read_text()
         assert "A law without a name: spring" in page

@@ -6,12 +6,12 @@ Source of the tables: de Boor, A Practical Guide to Splines, 2001, chapters III 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from piezoharvest.description.circuit import Row
-from piezoharvest.description.parameters import Component, altered, quantity
+from piezoharvest.description.parameters import Component, ParameterError, altered, quantity
 from piezoharvest.description.protocol import EquationBuilder
 
 Array = Any  # a float array, complex where a parameter has a complex step
@@ -45,6 +45,18 @@ class Form(Component):
         """The derivative of the function of a row, as a row."""
         raise NotImplementedError
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("scale", "width"):
+            value = getattr(self, name, 1.0)
+            if not np.all(np.isfinite(value)) or np.any(np.asarray(value) == 0.0):
+                raise ParameterError(name, f"found {value!r:.60}, allowed is a finite number other than 0")
+        knots = getattr(self, "knots", (0.0,))
+        if not len(knots) or not np.all(np.isfinite(knots)):
+            raise ParameterError("knots", f"found {knots!r:.60}, allowed are finite numbers, at least one")
+        if len(getattr(self, "kinks", knots)) != len(knots):
+            raise ParameterError("kinks", f"found another number of them than of knots, which are {len(knots)}")
+
     @property
     def word(self) -> str:
         """The form's word in results."""
@@ -72,7 +84,7 @@ class Corners(Form):
     strengths: ClassVar[tuple[str, ...]] = ("kinks",)
 
     knots: tuple[float, ...]
-    kinks: tuple[float, ...]
+    kinks: tuple[float, ...] = quantity("", "change of slope at each knot, in units of what is added by the input's")
 
     def values(self, x: np.ndarray) -> Array:
         sides = outward(self.knots)
@@ -91,7 +103,7 @@ class Bends(Form):
     smooth: ClassVar[bool] = True
 
     knots: tuple[float, ...]
-    kinks: tuple[float, ...]
+    kinks: tuple[float, ...] = quantity("", "change of slope at each knot, in units of what is added by the input's")
 
     def values(self, x: np.ndarray) -> Array:
         sides = outward(self.knots)
@@ -156,7 +168,7 @@ class Knee(Form):
 
     factor: float = quantity("", "slope beyond the knee, in units of what is added by the input's", null=0.0)
     knee: float = quantity("", "input at which it begins, in its unit")
-    sides: int = 2  # 2: odd; 1: above the knee; -1: below it
+    sides: Literal[2, 1, -1] = 2  # 2: odd; 1: above the knee; -1: below it
 
     @property
     def _corners(self) -> list[tuple[float, Any]]:
@@ -207,7 +219,7 @@ class Power(Form):
     exponent: float = quantity("", "n", above=0)
     scale: float  # input of reference, in its unit: fixed, so that factor and exponent are told apart
     odd: bool = True
-    side: int = 0  # 1: above zero only; -1: below it; 0: both
+    side: Literal[0, 1, -1] = 0  # 1: above zero only; -1: below it; 0: both
 
     def values(self, x: np.ndarray) -> Array:
         size = (self.side * np.asarray(x) if self.side else np.abs(x)) / self.scale
@@ -252,7 +264,16 @@ class Hertz(Power):
     label: ClassVar[str] = "hertz"
 
     exponent: float = 1.5  # not fitted: force of an approach; 2/3: approach of a force
-    side: int = 1
+    side: Literal[0, 1, -1] = 1
+
+
+LARGEST_EXPONENT = 12  # of a polynomial: far above what is fitted, and no power of it overflows
+
+
+def _check_whole(exponent: int, key: str) -> None:
+    """Raise `ParameterError` unless an exponent is one that a polynomial beside a straight line has."""
+    if not 2 <= exponent <= LARGEST_EXPONENT:
+        raise ParameterError(key, f"found {exponent}, allowed is a whole number from 2 to {LARGEST_EXPONENT}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -266,6 +287,10 @@ class Monomial(Form):
     factor: float = quantity("", "what is added where the input is `scale`", null=0.0)
     scale: float  # input of reference, in its unit: fixed, so that factor and exponent are told apart
     exponent: int = 2
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_whole(self.exponent, "exponent")
 
     def values(self, x: np.ndarray) -> Array:
         return self.factor * (x / self.scale) ** self.exponent
@@ -292,6 +317,11 @@ class Polynomial(Form):
     second: float = quantity("", "what the second power adds there", null=0.0)
     scale: float  # input of reference, in its unit: fixed
     exponents: tuple[int, int] = (2, 3)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for n, exponent in enumerate(self.exponents):
+            _check_whole(exponent, f"exponents.{n}")
 
     @property
     def _terms(self) -> tuple[Monomial, Monomial]:

@@ -4,19 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 
 from piezoharvest.description.circuit import Row
 from piezoharvest.description.effects.nameless.forms import Form
 from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE
+from piezoharvest.description.parameters import Component
 from piezoharvest.description.protocol import EquationBuilder, SpecimenRows
 
 UNITS = {
     "force": "N", "base_acceleration": "m/s^2", "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2",
     "voltage": "V", "current": "A", "time": "", "amplitude": "", "frequency": "Hz",
 }  # fmt: skip
+Channel: TypeAlias = Literal[
+    "force", "base_acceleration", "displacement", "velocity", "acceleration", "voltage", "current"
+]
+Input: TypeAlias = Literal[
+    "force", "base_acceleration", "displacement", "velocity", "acceleration", "voltage", "current", "time",
+    "force_rate", "base_acceleration_rate", "displacement_rate", "velocity_rate", "acceleration_rate", "voltage_rate",
+    "current_rate",
+]  # fmt: skip
 
 
 def input_unit(name: str) -> str:
@@ -38,7 +47,7 @@ def input_row(specimen: EquationBuilder, name: str) -> Row | None:
 
 
 @dataclass(frozen=True)
-class Place:
+class Place(Component):
     """A place of the model.
 
     Subclasses define `name`, `input` (its name), `unit` of what a law adds, and `add`; ports also `rows`. Where `bent`
@@ -171,8 +180,8 @@ class Reading(Place):
 
     bent: ClassVar[bool] = False  # a straight line is a gain, or crosstalk, of which the model has none
 
-    channel: str
-    of: str
+    channel: Channel
+    of: Input
 
     @property
     def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -199,8 +208,8 @@ class Reading(Place):
 class OverTime(Place):
     """Relative change of a parameter over the time of a record, or with amplitude or frequency of its drive."""
 
-    parameter: str
-    of: str = "time"
+    parameter: Literal["stiffness", "damping", "coupling", "capacitance"]
+    of: Literal["time", "amplitude", "frequency"] = "time"
     unit: ClassVar[str] = ""
     bent: ClassVar[bool] = False
 

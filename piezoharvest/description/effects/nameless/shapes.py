@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -73,7 +73,7 @@ class Shape(Curve):
 
     factor: float = quantity("", "factor of the curve", null=0.0)
     scale: float = quantity("", "input at which its argument is one, in its unit")
-    curve: str
+    curve: Literal["exponential", "sinh", "tanh", "langevin", "log"]  # of `CURVES`
     bent: bool
 
     @property

@@ -1,0 +1,40 @@
+"""Laws without a name in files: their parts by kind, and names for paths."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from piezoharvest.description.effects.nameless.forms import Form
+from piezoharvest.description.effects.nameless.memory import Memory
+from piezoharvest.description.effects.nameless.places import Place
+from piezoharvest.description.effects.nameless.shapes import Curve
+from piezoharvest.description.parameters import Component
+
+# Parts of a law, and the method without which a class is none that can be used.
+PARTS: Mapping[str, tuple[type[Component], str]] = {
+    "place": (Place, "add"), "form": (Form, "values"), "memory": (Memory, "row"),
+}  # fmt: skip
+assert issubclass(Curve, Form)  # its module has forms, too
+
+
+def kinds_of(part: str) -> dict[str, type[Any]]:
+    """Classes of places, forms or memories, by their kinds in files."""
+    base, method = PARTS[part]
+    usable = (cls for cls in _below(base) if getattr(cls, method) is not getattr(base, method))
+    return {kind_of(cls): cls for cls in usable}
+
+
+def _below(base: type) -> list[type]:
+    return [cls for direct in base.__subclasses__() for cls in (direct, *_below(direct))]
+
+
+def kind_of(cls: type) -> str:
+    """Kind of a class in files: its name in lower case, words joined by underscores."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+
+
+def in_a_path(name: str) -> str:
+    """Name of an effect as one word of a dotted path: laws of a reading or a parameter have a dot in theirs."""
+    return name.replace(".", " ")
