@@ -77,6 +77,8 @@ class Terms:
         Time passes from the beginning of a record to its end, for effects that change during it.
     size : (float, float), optional
         Amplitude and frequency of the drive, for effects that depend on these.
+    absent : bool
+        Effects at their null value act, too: they have states, though no influence.
 
     Attributes
     ----------
@@ -109,10 +111,10 @@ class Terms:
 
     def __init__(
         self, transducer: Transducer, drive: str = "force", *, linearised: bool = False, passes: bool = False,
-        size: Any = None,
+        size: Any = None, absent: bool = False,
     ) -> None:  # fmt: skip
         self.transducer, self.drive_name, self.size = transducer, drive, size
-        self._linearised, self._passes = linearised, passes
+        self._linearised, self._passes, self._absent = linearised, passes, absent
         self.columns: dict[str, int] = {}
         self.states: list[State] = []
         self.stops: list[StopElement] = []
@@ -137,7 +139,7 @@ class Terms:
         """Let an effect act; return True if it acts on the specimen."""
         word = re.sub(r"\W", "_", effect.name)  # blanks and points are for no node of a netlist
         self._effect, self._prefix, self._felt = effect.name, f"effect{n}_{word}_", 0
-        if effect.absent:
+        if effect.absent and not self._absent:
             return True
         effect.act(self)
         self.stored += effect.stores(self)

@@ -117,6 +117,11 @@ class Prediction:
         self.local = np.zeros((len(matrices.kinds), 2))
 
     @property
+    def begun_from(self) -> int:
+        """Place of the first state of an effect among the nuisance parameters."""
+        return len(self.free) - len(self.begun)
+
+    @property
     def reach(self) -> np.ndarray:
         """Largest initial values, SI units, that the states of effects could have, in the order of `begun`."""
         return self.setting.reach * self.matrices.scale[[k for _, k in self.matrices.own[: len(self.begun)]]]

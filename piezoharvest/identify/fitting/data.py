@@ -135,6 +135,7 @@ def data_of(record: Record, transducer: Transducer) -> Data:
     if has_events(shunt, record.drive):
         moved = _range_of(record, "displacement")
         behind = circuit_setting(record.drive, shunt, step, clean, transducer, moved, record.gate)
+        behind = replace(behind, reach=_reach(record, clean, transducer))
         start = circuit_start(record, behind, shunt, transducer)
         return Data(record.name, record.role, record, behind, drive - clean, channels, sigma, scatter, start)
     abrupt = any(begins_abruptly(record[c], noise[c]) for c in channels) and not begins_abruptly(clean, 0.0, (1,))

@@ -45,7 +45,7 @@ class Model:
     relaxed : bool
         True if every record begins with stops at zero.
     at_rest : bool
-        True if states of effects, such as creep, begin every record in equilibrium; behind diodes or switches they do.
+        True if states of effects, such as creep, begin every record in equilibrium.
     felt : int or None
         Number of effects that have an influence by themselves; of those behind them only the derivatives count.
     """
@@ -65,13 +65,18 @@ class Model:
             of_engine = CircuitPrediction if data.setting.harmonics is None else PeriodicPrediction
             return of_engine(
                 self.transducer, data.setting, self.parameters, nuisance, relaxed=self.relaxed, felt=self.felt,
-                systems=self._systems,
+                systems=self._systems, under_way=0 if self.at_rest else self._felt,
             )  # fmt: skip
         lowered = self.lowered(data)
         return Prediction(
             self.transducer, data.setting, self.parameters, nuisance, lowered, relaxed=self.relaxed,
             at_rest=self.at_rest,
         )  # fmt: skip
+
+    @property
+    def _felt(self) -> int:
+        """Number of effects that have an influence."""
+        return len(self.transducer.effects) if self.felt is None else self.felt
 
     def forget(self) -> None:
         """Forget the systems of circuits, whose tables take a megabyte each."""
@@ -174,8 +179,7 @@ def nuisance_limits(model: Model, data: Data) -> np.ndarray:
 
 def begun_effects(model: Model, data: object) -> tuple[int, ...]:
     """Index of the effect of each nuisance parameter that is the initial state of one, in a record of any kind."""
-    prediction = model.prediction(data) if isinstance(data, Data) else None
-    return prediction.begun if isinstance(prediction, Prediction) else ()
+    return model.prediction(data).begun if isinstance(data, Data) else ()
 
 
 def prediction_of(model: Model, data: Data, nuisance: np.ndarray) -> AnyPrediction:

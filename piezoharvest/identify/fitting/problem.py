@@ -15,7 +15,6 @@ from piezoharvest.identify.noise.drive_denoising import high_frequency_noise
 from piezoharvest.identify.noise.noise_model import Noise, initial_noise, noise_upper_bound
 from piezoharvest.predict.circuit.setting import has_events
 from piezoharvest.predict.parameters import Path, value_at
-from piezoharvest.predict.prediction import Prediction
 
 PRIOR_DEVIATION = 1.0  # prior standard deviation of the logarithm of a parameter about its nominal value
 LINEAR_PRIOR_DEVIATION = 10.0  # the same for a linear parameter, in units of its nominal value
@@ -207,9 +206,16 @@ def _switches(data: Data | FrequencyData) -> bool:
 def starting(problem: Problem, model: Model) -> tuple[np.ndarray, ...]:
     """Masks of the nuisance parameters that say where records behind diodes or switches begin."""
     return tuple(
-        np.array([_switches(data) and name.startswith("start ") for name in problem.nuisance_names(model, data)], bool)
+        np.array([name in _own_starts(data) for name in problem.nuisance_names(model, data)], bool)
         for data in problem.data
     )
+
+
+def _own_starts(data: Data | FrequencyData) -> set[str]:
+    """Names of the initial states of structure, electrodes and dc side of a record behind diodes or switches."""
+    if not isinstance(data, Data) or not _switches(data):
+        return set()
+    return {f"start {state}" for state in data.setting.free}
 
 
 def starts_as_shown(problem: Problem, model: Model, nuisance: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
@@ -260,10 +266,9 @@ def _nuisance_priors(problem: Problem, model: Model, data: Data | FrequencyData)
     """
     names = problem.nuisance_names(model, data)
     found = [_nuisance_prior(data, name) for name in names]
-    prediction = model.prediction(data) if isinstance(data, Data) else None
-    if isinstance(prediction, Prediction):
-        first = len(prediction.free) - len(prediction.begun)
-        for k, size in enumerate(prediction.reach, first):
+    if isinstance(data, Data):
+        prediction = model.prediction(data)
+        for k, size in enumerate(prediction.reach, prediction.begun_from):
             found[k] = 0.0, size**-2 if size > 0.0 else 0.0
     return found
 

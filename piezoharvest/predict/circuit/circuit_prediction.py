@@ -17,6 +17,7 @@ from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
+from piezoharvest.description.circuit import State
 from piezoharvest.description.excitation import Excitation, Ramps
 from piezoharvest.description.parameters import COMPLEX_STEP
 from piezoharvest.description.shunts import Resistor, Shunt
@@ -28,6 +29,7 @@ from piezoharvest.engine.steady_search import EngineError
 from piezoharvest.engine.transient.sampled_system import SampledSystem
 from piezoharvest.engine.transient.variation import PlainRun, SampledRun, TimedSwitch
 from piezoharvest.equations.rows import connected
+from piezoharvest.equations.terms import Terms
 from piezoharvest.predict.circuit.differences import differences
 from piezoharvest.predict.circuit.effect_groups import by_groups
 from piezoharvest.predict.circuit.initial_state import initial_state
@@ -61,9 +63,10 @@ class CircuitPrediction:
     parameters : sequence of Parameter
         Variables of the derivatives.
     nuisance : (n,) array, optional
-        Named in `nuisance_names`: deviations of the initial states from rest, in units of `Setting.sizes`; the initial
-        output of every stop as fraction of its threshold; the shifts of a gate's edges within their samples, as shares
-        of what these may be. `nuisance_limits` are bounds of their magnitudes.
+        Named in `nuisance_names`: deviations of the initial states from rest, in units of `Setting.sizes`, then those
+        of the states of effects (SI units); the initial output of every stop as fraction of its threshold; the shifts
+        of a gate's edges within their samples, as shares of what these may be. `nuisance_limits` are bounds of their
+        magnitudes.
     relaxed : bool
         Stops begin at zero.
     felt : int, optional
@@ -73,6 +76,8 @@ class CircuitPrediction:
         Systems that other predictions have made, to which these are added.
     begin_given : bool
         Derivatives are those with respect to the parameters alone.
+    under_way : int
+        Number of effects, the first ones, whose states, such as creep, may be out of equilibrium as the record begins.
     """
 
     channels = CHANNELS
@@ -82,7 +87,7 @@ class CircuitPrediction:
     def __init__(
         self, transducer: Transducer, setting: Setting, parameters: Sequence[Parameter] = (),
         nuisance: np.ndarray | None = None, *, relaxed: bool = False, felt: int | None = None,
-        systems: Systems | None = None, begin_given: bool = False,
+        systems: Systems | None = None, begin_given: bool = False, under_way: int = 0,
     ) -> None:  # fmt: skip
         self.transducer, self.setting, self.parameters, self.relaxed = transducer, setting, tuple(parameters), relaxed
         self.felt = len(transducer.effects) if felt is None else felt
@@ -92,9 +97,24 @@ class CircuitPrediction:
         stops = 0 if relaxed or hysteresis is None else len(hysteresis.thresholds)
         memories = tuple(f"history q{k}" for k in range(stops))
         edges = tuple(f"edge {k}" for k in range(loose_edges(setting)))
-        self.nuisance_names = (*(f"start {name}" for name in setting.free), *memories, *edges)
+        self.under_way = under_way
+        own = _own_states(put(transducer, ("effects",), transducer.effects[:under_way]), setting.drive)
+        self.begun = tuple(effect for effect, _ in own)  # of each state of an effect that may be under way
+        self.begun_states = tuple(state for _, state in own)
+        free = tuple(f"start {name}" for name in (*setting.free, *(state.name for state in self.begun_states)))
+        self.nuisance_names = (*free, *memories, *edges)
         self.nuisance = np.zeros(len(self.nuisance_names)) if nuisance is None else nuisance
-        self.nuisance_limits = np.concatenate([np.full(len(setting.free), np.inf), np.ones(stops + len(edges))])
+        self.nuisance_limits = np.concatenate([np.full(len(free), np.inf), np.ones(stops + len(edges))])
+
+    @property
+    def begun_from(self) -> int:
+        """Place of the first state of an effect among the nuisance parameters."""
+        return len(self.setting.free)
+
+    @property
+    def reach(self) -> np.ndarray:
+        """Largest initial values, SI units, that the states of effects could have, in the order of `begun`."""
+        return np.array([self.setting.reach * float(state.storage) ** -0.5 for state in self.begun_states])
 
     # Description with complex steps.
 
@@ -166,8 +186,8 @@ class CircuitPrediction:
 
     def with_drive(self, setting: Setting) -> CircuitPrediction:
         """The same without parameters under another drive."""
-        systems = self.systems
-        return type(self)(self.transducer, setting, (), self.nuisance, relaxed=self.relaxed, systems=systems)
+        kept: dict[str, Any] = {"relaxed": self.relaxed, "systems": self.systems, "under_way": self.under_way}
+        return type(self)(self.transducer, setting, (), self.nuisance, **kept)
 
     # Prediction.
 
@@ -213,7 +233,7 @@ class CircuitPrediction:
         try:
             edges = loose_edges(self.setting)
             begun = self.nuisance[: len(self.nuisance) - edges]
-            state, changes = initial_state(system, self.setting, begun)
+            state, changes = initial_state(system, self.setting, begun, [state.name for state in self.begun_states])
             if self.begin_given:
                 changes = changes[:, : system.count]
             elif edges:
@@ -312,6 +332,21 @@ def loose_edges(setting: Setting) -> int:
     """Number of edges of a gate whose places within their samples are nuisance parameters."""
     gate = setting.gate
     return 0 if gate is None or gate.error == 0.0 or len(gate.times) > MAX_EDGES else len(gate.times)
+
+
+def _own_states(transducer: Transducer, drive: str) -> list[tuple[int, State]]:
+    """States of effects, each with the effect's index.
+
+    An effect that a fit has brought to its null value keeps them: how many numbers a record has must not change.
+    """
+    drive = "force" if drive == "displacement" else drive  # states do not depend on it
+    counts, found = [0], list[State]()
+    with np.errstate(all="ignore"):  # the energy of an effect at its null value
+        for n in range(1, len(transducer.effects) + 1):
+            found = Terms(put(transducer, ("effects",), transducer.effects[:n]), drive, absent=True).states
+            counts.append(len(found))
+    owners = [n for n, count in enumerate(np.diff(counts)) for _ in range(count)]
+    return list(zip(owners, found, strict=True))
 
 
 def _outer(parameter: Parameter, inner: np.ndarray) -> np.ndarray:

@@ -44,7 +44,7 @@ def _moved(of: CircuitPrediction, k: int, step: float) -> CircuitPrediction:
         device = put(device, parameter.path, float(np.real(parameter.outer(inner))))
     else:
         nuisance = nuisance + step * (np.arange(len(nuisance)) == k - len(of.parameters))
-    return type(of)(device, of.setting, (), nuisance, relaxed=of.relaxed)
+    return type(of)(device, of.setting, (), nuisance, relaxed=of.relaxed, under_way=of.under_way)
 
 
 def _lane(of: CircuitPrediction, k: int, base: np.ndarray, channels: Sequence[str]) -> np.ndarray:
@@ -80,6 +80,9 @@ def _has_none(of: CircuitPrediction, k: int) -> bool:
 
 def _step(of: CircuitPrediction, k: int) -> float:
     """First step of a variable."""
+    begun = k - len(of.parameters) - of.begun_from
+    if 0 <= begun < len(of.begun):
+        return 1e-6 * (float(of.reach[begun]) or MIN_STEP)
     if k >= len(of.parameters) or of.parameters[k].scaling == "log":
         return 1e-6
     parameter = of.parameters[k]

@@ -61,5 +61,6 @@ def _part(
 
     parameters = [renumbered(of.parameters[k]) for k in lanes]
     return type(of)(
-        device, of.setting, parameters, of.nuisance, relaxed=of.relaxed, systems=of.systems, begin_given=begin_given
-    )
+        device, of.setting, parameters, of.nuisance, relaxed=of.relaxed, systems=of.systems, begin_given=begin_given,
+        under_way=of.under_way,
+    )  # fmt: skip

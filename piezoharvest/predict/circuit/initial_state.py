@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from piezoharvest.engine.memory import program as pg
@@ -15,7 +17,9 @@ ITERATIONS = 30  # of elements that depend on each other: they are small beside 
 MARGIN = 1e-9  # of the largest charge: far below what a sensor resolves
 
 
-def initial_state(system: SampledSystem, setting: Setting, nuisance: np.ndarray) -> tuple[EngineState, np.ndarray]:
+def initial_state(
+    system: SampledSystem, setting: Setting, nuisance: np.ndarray, begun: Sequence[str] = ()
+) -> tuple[EngineState, np.ndarray]:
     """State at the first sample: rest under the first value of the drive, or what is known, and deviations from it.
 
     Parameters
@@ -24,8 +28,10 @@ def initial_state(system: SampledSystem, setting: Setting, nuisance: np.ndarray)
         Lowered from complex steps of the parameters.
     setting : Setting
     nuisance : (n,) array
-        Deviations of `setting.free` in units of `setting.sizes`, then outputs of the stops as fractions of their
-        limits.
+        Deviations of `setting.free` in units of `setting.sizes`, those of the states `begun` (SI units), then outputs
+        of the stops as fractions of their limits.
+    begun : sequence of str
+        States of effects that may be under way as the record begins.
 
     Returns
     -------
@@ -42,20 +48,23 @@ def initial_state(system: SampledSystem, setting: Setting, nuisance: np.ndarray)
         row = lowered.states.index(name)
         z[row] += value / scale.value[row]
         d[row, :count] -= value / scale.value[row] ** 2 * scale.change[:, row]
-    for k, (name, size) in enumerate(zip(setting.free, setting.sizes, strict=True)):
+    free = [*zip(setting.free, setting.sizes, strict=True), *((name, 1.0) for name in begun)]
+    for k, (name, size) in enumerate(free):
+        if name not in lowered.states:
+            continue  # of an effect at its null value, which no motion feels
         row = lowered.states.index(name)
         slope = size / scale.value[row]
         z[row] += slope * nuisance[k]
         d[row, :count] -= slope * nuisance[k] / scale.value[row] * scale.change[:, row]
         d[row, count + k] = slope
     limits = _of(program, "stop_limit", count)
-    for j in range(len(nuisance) - len(setting.free)):
-        row, k = program.stop_state[j], len(setting.free) + j
+    for j in range(len(nuisance) - len(free)):
+        row, k = program.stop_state[j], len(free) + j
         z[row] = nuisance[k] * limits.value[j]
         d[row, :count], d[row, count + k] = nuisance[k] * limits.change[:, j], limits.value[j]
     state = system.machine().state()
     state.z[: len(z)] = z
-    charge = next((size for name, size in zip(setting.free, setting.sizes, strict=True) if name == "q"), 0.0)
+    charge = next((size for name, size in free if name == "q"), 0.0)
     _discharge(plain.program, state, len(z), MARGIN * charge / scale.value[program.charge])
     return state, d
 

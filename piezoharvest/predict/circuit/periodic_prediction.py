@@ -33,14 +33,14 @@ class PeriodicPrediction(CircuitPrediction):
     ----------
     transducer, setting, parameters, felt, systems
         As in `CircuitPrediction`.
-    nuisance, relaxed, begin_given
+    nuisance, relaxed, begin_given, under_way
         Without influence: there are no such numbers, and stops begin where the period before has left them.
     """
 
     def __init__(
         self, transducer: Transducer, setting: Setting, parameters: Sequence[Parameter] = (),
         nuisance: np.ndarray | None = None, *, relaxed: bool = False, felt: int | None = None,
-        systems: Systems | None = None, begin_given: bool = False,
+        systems: Systems | None = None, begin_given: bool = False, under_way: int = 0,
     ) -> None:  # fmt: skip
         super().__init__(transducer, setting, parameters, np.zeros(0), relaxed=True, felt=felt, systems=systems)
 
