@@ -153,7 +153,10 @@ def _effect(named: Named) -> dict[str, Any]:
     parameters = {
         name: {"value": value, "std": _finite(std), "unit": unit} for name, (value, std, unit) in values(named).items()
     }
-    return {"name": named.effect.name, "p_value": named.p_value, "gain": named.gain, "parameters": parameters}
+    table = {"name": named.effect.name, "p_value": named.p_value, "gain": named.gain, "parameters": parameters}
+    if named.other_sign is not None:
+        table["other_sign"] = named.other_sign._asdict()
+    return table
 
 
 def _test_json(place: ResidualTest) -> dict[str, Any]:

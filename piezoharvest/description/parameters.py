@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+from collections.abc import Collection
 from dataclasses import MISSING, dataclass
 from typing import Any, TypeVar
 
@@ -121,6 +122,17 @@ def check_quantity(field: dataclasses.Field, value: Any) -> None:
         found = value if numbers.ndim == 0 else numbers[~fine].flat[0]
         raise ParameterError(field.name, f"found {found}, allowed is {allowed(field)}")
     check_range(field.name, numbers, inverted=field.metadata.get("above") == 0)
+
+
+def check_choice(key: str, value: Any, allowed_: Collection[Any]) -> None:
+    """Raise `ParameterError` unless a value is one of those that are allowed.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if value not in allowed_:
+        raise ParameterError(key, f"found {value!r:.60}, allowed are {', '.join(map(str, allowed_))}")
 
 
 def check_range(key: str, numbers: Any, *, inverted: bool) -> None:

@@ -23,6 +23,7 @@ from piezoharvest.diagnose.preparation.voltage_offset import voltage_is_off
 from piezoharvest.diagnose.residual_regression import Hint, hints
 from piezoharvest.diagnose.residual_tests import ResidualTest, whitened_squares
 from piezoharvest.diagnose.scanning.scan import Scan, spread
+from piezoharvest.diagnose.scanning.signs import OtherSign
 from piezoharvest.diagnose.score_tests import is_line
 from piezoharvest.diagnose.stepwise_selection import (
     Search,
@@ -78,6 +79,8 @@ class Named:
     values : mapping of str to (value, std, unit)
     spoils : bool
         True if records that were not fitted are worse with it: it compensates for something else.
+    other_sign : OtherSign or None
+        The value with the other sign, where the records do not tell the sign; the standard error covers both.
     """
 
     effect: Effect
@@ -85,6 +88,7 @@ class Named:
     gain: float
     values: Mapping[str, tuple[float, float | None, str]]
     spoils: bool
+    other_sign: OtherSign | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -237,7 +241,7 @@ class Diagnosis(Shown):
 
     def save(self, path: str | Path) -> None:
         """Write the specimen file, which a study takes by `transducer = "FILE"`; raises `OutputError`."""
-        final, source = self.search.final, {"command": "diagnose", "verdict": self.verdict}
+        final, source = self.search.final, dict[str, Any](command="diagnose", verdict=self.verdict)
         save(final, self.estimates, self.campaign, path, **source, trusted=final.converged)
 
     @property
@@ -509,9 +513,14 @@ def _named(problem: Problem, search: Search, n: int, squares: Sequence[tuple[flo
         field = type(effect).strength()
         scan = Scan(problem, final, search.given_effects + n)
         values[field.name] = (scan.value, spread(*scan.interval()), field.metadata["unit"])
+    other = search.other_signs.get(effect.name)
+    if other is not None:
+        name = type(effect).strength().name
+        value, error, unit = values[name]
+        values[name] = (value, other.spread(value, error or 0.0), unit)
     costs = [search.base.cost, *(each.cost for each in search.nested)]
     spoiled = spoils(before, after, costs[n] - costs[n + 1])
-    return Named(effect, search.p_values[n], float(np.clip(gain, -1.0, 1.0)), values, spoiled)
+    return Named(effect, search.p_values[n], float(np.clip(gain, -1.0, 1.0)), values, spoiled, other)
 
 
 def _noise_squares(squares: float, count: float) -> float:

@@ -5,8 +5,8 @@ Source: Davies, Biometrika 74(1), 33-43, 1987 (tests where a parameter exists on
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from scipy.stats import chi2
@@ -24,6 +24,7 @@ from piezoharvest.diagnose.candidate_fits import (
     variance_inflation,
 )
 from piezoharvest.diagnose.residual_tests import ResidualTest
+from piezoharvest.diagnose.scanning.signs import OtherSign, better_signs
 from piezoharvest.diagnose.score_tests import ScoredEffect, effect_parameters, is_line
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import excess_of
@@ -57,6 +58,8 @@ class Search:
         Other sets that are nearly as likely, with their additional cost; only sought where no residual test fails.
     fits : tuple of FitRecord
         Full fits that were made.
+    other_signs : mapping of str to OtherSign
+        Of effects whose sign the records do not tell, by name.
     """
 
     base: Fit
@@ -67,6 +70,7 @@ class Search:
     left: tuple[ResidualTest, ...]
     alternatives: tuple[tuple[EffectChange, float], ...]
     fits: tuple[FitRecord, ...]
+    other_signs: Mapping[str, OtherSign] = field(default_factory=dict)
 
     @property
     def given_effects(self) -> int:
@@ -149,13 +153,23 @@ class Searcher:
                 trials.progress(UNEXPLAINED_MESSAGE)
                 break
         now, levels = self._drop_uncertain(found.now, found.levels)
-        now = trials.refined(now) if len(now.effects) > self.given_effects else now
+        now, signs = self._with_better_signs(now) if len(now.effects) > self.given_effects else (now, {})
         left = trials.failed_tests_refitted(now.found)
         close = () if left else self._alternatives(now, found.alternatives)
         return Search(
             trials.base, self._nested(now), now.found.model.transducer.effects[self.given_effects :], tuple(levels),
-            tuple(first), left, close, tuple(trials.fit_records),
+            tuple(first), left, close, tuple(trials.fit_records), signs,
         )  # fmt: skip
+
+    def _with_better_signs(self, now: EffectChange) -> tuple[EffectChange, Mapping[str, OtherSign]]:
+        """The step iterated to full convergence, with the likelier sign of effects that show by their squares."""
+        refined = self.trials.refined(now)
+        found, signs = better_signs(self.trials.problem, refined.found)
+        if found is refined.found:
+            return refined, signs
+        better = EffectChange(found, now.begun)
+        self.trials.remember(better)
+        return better, signs
 
     def _add_effect(self, found: _SearchState) -> _SearchState | None:
         """State with one more effect, or in a better minimum without it; None where no effect is significant."""

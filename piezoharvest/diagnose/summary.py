@@ -105,6 +105,8 @@ def sentence(diagnosis: Diagnosis) -> str:
         parts.append(
             f"The fit wants {far}, which may stand in for what no known effect has, unless that value was wrong."
         )
+    for named in (each for each in diagnosis.effects if each.other_sign is not None):
+        parts.append(_other_sign(named))
     if diagnosis.cut:
         after = "after the drive was cut off is left out."
         parts.append(f"What {', '.join(diagnosis.cut)} hold{_s(diagnosis.cut)} {after}")
@@ -120,6 +122,17 @@ def sentence(diagnosis: Diagnosis) -> str:
         if not diagnosis.campaign.of_role("validate"):
             parts.append("No record is left to validate with.")
     return " ".join(parts)
+
+
+def _other_sign(named: Named) -> str:
+    """That the sign of an effect is not told."""
+    assert named.other_sign is not None
+    (other, probability), name = named.other_sign, type(named.effect).strength().name
+    value, odds = named.values[name][0], (1.0 - probability) / probability
+    return (
+        f"The sign of {_words(named.effect.name)} is not told: {name} may be {value:.3g} or, at odds of {odds:.2g} to "
+        f"one against it, {other:.3g}."
+    )
 
 
 def _s(names: Sequence[str]) -> str:

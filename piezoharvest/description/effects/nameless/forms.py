@@ -6,12 +6,12 @@ Source of the tables: de Boor, A Practical Guide to Splines, 2001, chapters III 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 
 from piezoharvest.description.circuit import Row
-from piezoharvest.description.parameters import Component, ParameterError, altered, quantity
+from piezoharvest.description.parameters import Component, ParameterError, altered, check_choice, quantity
 from piezoharvest.description.protocol import EquationBuilder
 
 Array = Any  # a float array, complex where a parameter has a complex step
@@ -51,6 +51,8 @@ class Form(Component):
             value = getattr(self, name, 1.0)
             if not np.all(np.isfinite(value)) or np.any(np.asarray(value) == 0.0):
                 raise ParameterError(name, f"found {value!r:.60}, allowed is a finite number other than 0")
+        check_choice("sides", getattr(self, "sides", 2), (2, 1, -1))
+        check_choice("side", getattr(self, "side", 0), (0, 1, -1))
         knots = getattr(self, "knots", (0.0,))
         if not len(knots) or not np.all(np.isfinite(knots)):
             raise ParameterError("knots", f"found {knots!r:.60}, allowed are finite numbers, at least one")
@@ -168,7 +170,7 @@ class Knee(Form):
 
     factor: float = quantity("", "slope beyond the knee, in units of what is added by the input's", null=0.0)
     knee: float = quantity("", "input at which it begins, in its unit")
-    sides: Literal[2, 1, -1] = 2  # 2: odd; 1: above the knee; -1: below it
+    sides: int = 2  # 2: odd; 1: above the knee; -1: below it
 
     @property
     def _corners(self) -> list[tuple[float, Any]]:
@@ -219,7 +221,7 @@ class Power(Form):
     exponent: float = quantity("", "n", above=0)
     scale: float  # input of reference, in its unit: fixed, so that factor and exponent are told apart
     odd: bool = True
-    side: Literal[0, 1, -1] = 0  # 1: above zero only; -1: below it; 0: both
+    side: int = 0  # 1: above zero only; -1: below it; 0: both
 
     def values(self, x: np.ndarray) -> Array:
         size = (self.side * np.asarray(x) if self.side else np.abs(x)) / self.scale
@@ -264,7 +266,7 @@ class Hertz(Power):
     label: ClassVar[str] = "hertz"
 
     exponent: float = 1.5  # not fitted: force of an approach; 2/3: approach of a force
-    side: Literal[0, 1, -1] = 1
+    side: int = 1
 
 
 LARGEST_EXPONENT = 12  # of a polynomial: far above what is fitted, and no power of it overflows

@@ -4,28 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Literal, TypeAlias
+from typing import ClassVar
 
 import numpy as np
 
 from piezoharvest.description.circuit import Row
 from piezoharvest.description.effects.nameless.forms import Form
 from piezoharvest.description.effects.nameless.memory import CHARGE, DIRECT, RATE
-from piezoharvest.description.parameters import Component
+from piezoharvest.description.parameters import Component, check_choice
 from piezoharvest.description.protocol import EquationBuilder, SpecimenRows
 
 UNITS = {
     "force": "N", "base_acceleration": "m/s^2", "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2",
     "voltage": "V", "current": "A", "time": "", "amplitude": "", "frequency": "Hz",
 }  # fmt: skip
-Channel: TypeAlias = Literal[
-    "force", "base_acceleration", "displacement", "velocity", "acceleration", "voltage", "current"
-]
-Input: TypeAlias = Literal[
-    "force", "base_acceleration", "displacement", "velocity", "acceleration", "voltage", "current", "time",
-    "force_rate", "base_acceleration_rate", "displacement_rate", "velocity_rate", "acceleration_rate", "voltage_rate",
-    "current_rate",
-]  # fmt: skip
+CHANNELS = ("force", "base_acceleration", "displacement", "velocity", "acceleration", "voltage", "current")
+INPUTS = (*CHANNELS, *(f"{channel}_rate" for channel in CHANNELS), "time")
 
 
 def input_unit(name: str) -> str:
@@ -180,8 +174,13 @@ class Reading(Place):
 
     bent: ClassVar[bool] = False  # a straight line is a gain, or crosstalk, of which the model has none
 
-    channel: Channel
-    of: Input
+    channel: str
+    of: str
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_choice("channel", self.channel, CHANNELS)
+        check_choice("of", self.of, INPUTS)
 
     @property
     def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -208,10 +207,15 @@ class Reading(Place):
 class OverTime(Place):
     """Relative change of a parameter over the time of a record, or with amplitude or frequency of its drive."""
 
-    parameter: Literal["stiffness", "damping", "coupling", "capacitance"]
-    of: Literal["time", "amplitude", "frequency"] = "time"
+    parameter: str
+    of: str = "time"
     unit: ClassVar[str] = ""
     bent: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_choice("parameter", self.parameter, PARAMETERS_OVER_TIME)
+        check_choice("of", self.of, ("time", *SIZES))
 
     @property
     def name(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 
 from piezoharvest.description.circuit import Row
 from piezoharvest.description.effects.nameless.forms import Array, Form, broken_line, outward
-from piezoharvest.description.parameters import quantity
+from piezoharvest.description.parameters import check_choice, quantity
 from piezoharvest.description.protocol import EquationBuilder
 
 _SERIES = 1e-2  # argument below which the Langevin function is its series: both are exact to 1e-10 there
@@ -73,8 +73,12 @@ class Shape(Curve):
 
     factor: float = quantity("", "factor of the curve", null=0.0)
     scale: float = quantity("", "input at which its argument is one, in its unit")
-    curve: Literal["exponential", "sinh", "tanh", "langevin", "log"]  # of `CURVES`
+    curve: str
     bent: bool
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_choice("curve", self.curve, tuple(CURVES))
 
     @property
     def word(self) -> str:
