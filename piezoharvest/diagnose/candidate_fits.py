@@ -367,9 +367,12 @@ class CandidateFits:
         self.remember(step)
 
     def refined(self, now: EffectChange) -> EffectChange:
-        """The same fit, iterated to full convergence."""
+        """The same fit, iterated to full convergence; as it is where the model cannot be followed from there."""
         found = now.found
-        return EffectChange(self._refit(found.model, found.nuisance, found), now.begun)
+        try:
+            return EffectChange(self._refit(found.model, found.nuisance, found), now.begun)
+        except (PredictionError, np.linalg.LinAlgError):
+            return now
 
     def _refit(self, model: Model, nuisance, before: Fit, **options: Any) -> Fit:
         """Fit with the noise and the whitening of another fit."""

@@ -155,7 +155,11 @@ class Searcher:
         now, levels = self._drop_uncertain(found.now, found.levels)
         now, signs = self._with_better_signs(now) if len(now.effects) > self.given_effects else (now, {})
         left = trials.failed_tests_refitted(now.found)
-        close = () if left else self._alternatives(now, found.alternatives)
+        try:
+            close = () if left else self._alternatives(now, found.alternatives)
+        except PredictionError as error:  # without one of its effects the model cannot be scored
+            trials.progress(f"no other set is tried: the model cannot follow the records with it ({error})")
+            close = ()
         return Search(
             trials.base, self._nested(now), now.found.model.transducer.effects[self.given_effects :], tuple(levels),
             tuple(first), left, close, tuple(trials.fit_records), signs,
