@@ -18,7 +18,7 @@ __version__ = "0.1.0"
 
 # Where each public name lives: loaded when first used, so that importing the package costs nothing.
 _HOMES = {
-    "description.transducer": ("Mode", "Transducer"),
+    "description.transducer": ("Electrode", "Mode", "Transducer"),
     "description.hysteresis": ("Hysteresis",),
     "description.system": ("System",),
     "description.circuit": ("Port", "Product", "State"),

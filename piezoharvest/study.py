@@ -22,6 +22,7 @@ from piezoharvest.description.effects import Effect
 from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.figures import Modal, data_sheet
 from piezoharvest.description.limits import check_size
+from piezoharvest.description.modes_file import KEY, with_modes
 from piezoharvest.description.parameters import Component, ParameterError, allowed, quantity
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.system import System
@@ -343,10 +344,11 @@ def check_systems(study: Study) -> None:
     from piezoharvest.linear import check_stability
 
     check_size(study.transducer, study.excitation)
-    for n, system in enumerate(study.systems):
+    for n, shunt in enumerate(study.shunts):
         try:
-            check_size(study.transducer, study.excitation, system.shunt)
-            system.shunt.switch(study.transducer.capacitance, study.excitation.period)
+            system = System(study.transducer, shunt)
+            check_size(study.transducer, study.excitation, shunt)
+            shunt.switch(system.electrode.capacitance, study.excitation.period)
             with np.errstate(all="ignore"):
                 check_stability(system)
         except ParameterError as error:
@@ -393,6 +395,11 @@ def _with_figures(table: dict[str, Any], where: str) -> dict[str, Any]:
 
 def _transducer(value: Any, folder: Path) -> tuple[Transducer, Path | None]:
     """Transducer from its table, or from the specimen file (relative to `folder`) that stands in its place."""
+    if isinstance(value, dict) and KEY in value:
+        try:
+            value = with_modes(value, folder)
+        except ParameterError as error:
+            raise error.within("transducer") from None
     if not isinstance(value, str):
         return build_transducer(value), None
     path = folder / value
@@ -514,6 +521,8 @@ def _build_part(part: type[Component], hint: Any, value: Any, where: str) -> Any
         for name in (name for name in _typed(dict, value, where) if name not in known):
             raise unknown(f"{where}.{name}", name, known, "effect")
         return tuple(build(known[name], table, f"{where}.{name}") for name, table in value.items())
+    if issubclass(part, Shunt):
+        return _build_list(value, where, build_shunt)
     if get_origin(hint) is tuple:
         return _build_list(value, where, lambda table, place: build(part, table, place))
     return build(part, value, where)

@@ -27,6 +27,7 @@ LAYERS = [
     {
         "description.diode",
         "description.limits",
+        "description.modes_file",
         "description.paths",
         "description.system",
         "description.tolerance",
@@ -34,6 +35,7 @@ LAYERS = [
     {"equations.laws"},
     {"equations.terms"},
     {"equations.rows"},
+    {"equations.circuits"},
     {"linear", "engine.compilation", "engine.response"},
     {"engine.memory"},
     {"engine.work_limit"},

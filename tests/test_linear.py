@@ -30,7 +30,7 @@ from piezoharvest.description.shunts import (
     Short,
 )
 from piezoharvest.description.system import System
-from piezoharvest.description.transducer import Mode, Transducer
+from piezoharvest.description.transducer import Electrode, Mode, Transducer
 from piezoharvest.linear import TwoPort
 
 PLAIN = Transducer(mass=0.010, damping=0.0628, stiffness=986.96, coupling=1e-3, capacitance=40e-9)
@@ -324,6 +324,21 @@ def test_state_space_is_the_exact_response(transducer, base):
     assert close(found[2, 0], opened.voltage)
     two_port = TwoPort.of(transducer, FREQUENCIES)
     assert np.allclose(-found[2, 1], two_port.impedance("free"), rtol=1e-9, atol=0)
+
+
+def test_further_electrodes_have_currents_and_voltages_of_their_own():
+    host = dataclasses.replace(FULL, electrodes=(Electrode(capacitance=3e-8, coupling=(6e-4, -8e-4, 2e-4)),))
+    plant = linear.linearize(host)
+    assert plant.input_labels == ["force", "current", "current1"]
+    assert plant.output_labels == ["displacement", "velocity", "voltage", "voltage1"]
+    loads = np.array([1 / R, 1 / (5e4 + 2j * np.pi * 51.0 * L)])
+    gains = plant(2j * np.pi * 51.0)  # v = g F + Z i, and i = v Y
+    voltages = np.linalg.solve(np.eye(2) - gains[2:, 1:] * loads, gains[2:, 0])
+    displacement = gains[0] @ np.array([1.0, *(loads * voltages)])
+    shunt = SeriesRL(inductance=L, resistance=5e4, electrode=1, others=(Resistor(resistance=R),))
+    found = linear.frequency_response(System(host, shunt), np.array([51.0]))
+    assert found.voltage[0] == pytest.approx(voltages[1], rel=1e-9)
+    assert found.displacement[0] == pytest.approx(displacement, rel=1e-9)
 
 
 def test_voltage_drive_is_the_exact_response_but_for_the_leads():

@@ -452,12 +452,12 @@ class TestNames:
             (
                 ("resistance = 1e5", "resistence = 1e5"),
                 "shunts.0.resistence",
-                "unknown key (did you mean 'resistance'?), known keys are resistance",
+                "unknown key (did you mean 'resistance'?), known keys are electrode, others, resistance",
             ),
             (
                 ("resistance = 1e5", "resistance = 1e5\nxyz = 0"),
                 "shunts.0.xyz",
-                "unknown key, known keys are resistance",
+                "unknown key, known keys are electrode, others, resistance",
             ),
             (
                 ('["resistor", ', '["resister", '),

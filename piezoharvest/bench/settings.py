@@ -118,6 +118,9 @@ def build_bench(study: Study) -> tuple[Bench, tuple[BenchEffect, ...], tuple[Set
         A key is missing, unknown, of the wrong type or out of bounds.
     """
     table = dict(study.bench)
+    if study.transducer.electrodes:
+        found = f"found {len(study.transducer.electrodes)}, allowed is none on the virtual bench"
+        raise ParameterError("transducer.electrodes", found)
     effects = _effects(study, table.pop("effects", {}))
     bench = build(Bench, table, "bench")
     if not bench.channels:
@@ -127,6 +130,8 @@ def build_bench(study: Study) -> tuple[Bench, tuple[BenchEffect, ...], tuple[Set
     for n, option in enumerate(options):
         where = f"bench.records.{n}" if bench.records else f"shunts.{n}"
         shunt = _shunt(study, option, where, 0 if bench.records else n)
+        if shunt.taken != (0,):
+            raise ParameterError(where, "found a shunt at further electrodes, which the virtual bench has not got")
         excitation = _excitation(study, option.excitation, f"{where}.excitation")
         duration = option.duration or bench.duration or excitation.length or 10.0
         if duration * bench.sample_rate < 3:

@@ -20,6 +20,8 @@ MOST_SAMPLES = 10_000_000
 MOST_TONES = 100
 MOST_MODES = 50
 MOST_ELEMENTS = 100
+# A shunt at each adds states as a mode does.
+MOST_ELECTRODES = 50
 # The combinations of sticking and slipping stops are numbered: 2^50 of them in 9 configurations are below 2^63.
 MOST_STOPS = 50
 # Of the drive in a transient: with a resistor, recorded, so many take about all the work allowed in a simulation.
@@ -40,6 +42,7 @@ def check_size(transducer: Transducer, excitation: Excitation, shunt: Shunt | No
         found = len(transducer.hysteresis.thresholds)
         _check("transducer.hysteresis.thresholds", found, MOST_STOPS, "thresholds", "merge neighbours")
     _check("transducer.modes", len(transducer.modes), MOST_MODES, "modes", "keep those nearest to the drive")
+    _check("transducer.electrodes", len(transducer.electrodes), MOST_ELECTRODES, "electrodes", "leave out open ones")
     if isinstance(excitation, Multisine):
         found = len(excitation.frequencies)
         _check("excitation.frequencies", found, MOST_TONES, "tones", "take kind = 'record' with the sum of them")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.linear.short import Short
-from piezoharvest.description.transducer import Transducer
+from piezoharvest.description.transducer import Pair, Transducer
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,31 @@ class System:
     transducer : Transducer
     shunt : Shunt
         Default: shorted electrodes.
+
+    Raises
+    ------
+    ParameterError
+        The shunt is at electrodes that the transducer has not got.
     """
 
     transducer: Transducer
     shunt: Shunt = field(default_factory=Short)
+
+    def __post_init__(self) -> None:
+        most = len(self.transducer.electrodes)
+        for place, number in enumerate(self.shunt.taken):
+            if number > most:
+                key = f"others.{place - 1}.electrode" if place else "electrode"
+                further = "no further electrodes" if not most else f"further electrodes 1 to {most}"
+                raise ParameterError(key, f"found {number}, allowed is 0 to {most} (the transducer has {further})")
+
+    @property
+    def electrode(self) -> Pair:
+        """The electrodes of the shunt, of whose others it is not."""
+        return self.transducer.all_electrodes[self.shunt.electrode]
+
+    @property
+    def shorted(self) -> System:
+        """The transducer with all electrodes shorted that have a shunt: the reference of attenuation."""
+        first, *others = (Short(electrode=number) for number in self.shunt.taken)
+        return System(self.transducer, replace(first, others=tuple(others)))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,8 +32,16 @@ class Mode(Component):
     damping: float = quantity("N s/m", "viscous damping b", at_least=0)
     stiffness: float = quantity("N/m", "short-circuit stiffness k", above=0)
     coupling: float = quantity("N/V", "electromechanical coupling T, force a volt or charge a metre")
-    force_participation: float = quantity("", "share of F and of the displacement read", default=1.0)
+    force_participation: float = quantity("", "share of F, and of the displacement read there", default=1.0)
     effective_mass: float | None = quantity("kg", "mass that base acceleration drives", default=None)
+    sensor_participation: float | None = quantity(
+        "", "share of the displacement read; default that of the force", default=None
+    )
+
+    @property
+    def seen(self) -> float:
+        """Share of the mode in the displacement that is read: where the force acts, unless a sensor is elsewhere."""
+        return self.force_participation if self.sensor_participation is None else self.sensor_participation
 
     @property
     def base_mass(self) -> float:
@@ -41,14 +49,49 @@ class Mode(Component):
         return self.mass if self.effective_mass is None else self.effective_mass
 
 
+class Pair(NamedTuple):
+    """A pair of electrodes: clamped capacitance in F, and coupling with each mode in N/V."""
+
+    capacitance: float
+    couplings: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Electrode(Component):
+    """A further pair of electrodes on the same structure: q = C v + sum T_i x_i, and a force T_i v on each mode.
+
+    A `coupling` that is one number is that of a single mode.
+    """
+
+    capacitance: float = quantity("F", "clamped capacitance C", above=0)
+    coupling: tuple[float, ...] | float = quantity("N/V", "coupling T with each mode, the first one's first")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not isinstance(self.coupling, tuple):
+            object.__setattr__(self, "coupling", (self.coupling,))
+
+    @property
+    def couplings(self) -> tuple[float, ...]:
+        """Coupling with each mode, N/V."""
+        assert isinstance(self.coupling, tuple)  # made one in __post_init__
+        return self.coupling
+
+
 @dataclass(frozen=True, kw_only=True)
 class Transducer(Component):
-    """Piezoelectric transducer: first mode, clamped capacitance, hysteresis, further modes, effects.
+    """Piezoelectric transducer: first mode, clamped capacitance, hysteresis, further modes and electrodes, effects.
 
     Equations (docs/equations.md): m x'' + b x' + k x = F + T v_t, q_p = C v_t + sum T_i x_i, v_p = v_t + v_h(q_p).
     `assumptions` are sentences on what was assumed where the values follow from other figures (`from_modal`,
     `from_datasheet`). For a `quasi_static` specimen (a film, a stack far below its resonance) mass and damping are
-    unknown and have no effect: k x = F + T v_t.
+    unknown and have no effect: k x = F + T v_t. Further `electrodes` (patches elsewhere on the structure) act on the
+    same modes; hysteresis and effects are those of the transducer's own. Those without a shunt are open.
+
+    Raises
+    ------
+    ParameterError
+        An electrode has not one coupling for each mode.
     """
 
     mass: float = quantity("kg", "mass m of the first mode", above=0)
@@ -57,8 +100,12 @@ class Transducer(Component):
     coupling: float = quantity("N/V", "electromechanical coupling T, force a volt or charge a metre")
     capacitance: float = quantity("F", "clamped capacitance C", above=0)
     effective_mass: float | None = quantity("kg", "mass that base acceleration drives; default the mass", default=None)
+    sensor_participation: float | None = quantity(
+        "", "share of the first mode in the displacement read; default 1, as of the force", default=None
+    )
     hysteresis: Hysteresis | None = None
     modes: tuple[Mode, ...] = ()
+    electrodes: tuple[Electrode, ...] = ()
     effects: tuple[Effect, ...] = ()
     name: str = ""
     quasi_static: bool = False
@@ -68,6 +115,18 @@ class Transducer(Component):
         super().__post_init__()
         object.__setattr__(self, "modes", tuple(self.modes))
         object.__setattr__(self, "effects", tuple(self.effects))
+        object.__setattr__(self, "electrodes", tuple(self.electrodes))
+        wanted = 1 + len(self.modes)
+        for n, electrode in enumerate(self.electrodes):
+            if len(electrode.couplings) != wanted:
+                found = f"found {len(electrode.couplings)} for {wanted} mode{'s' if wanted > 1 else ''}"
+                raise ParameterError(f"electrodes.{n}.coupling", f"{found}, allowed is one for each mode")
+
+    @property
+    def all_electrodes(self) -> tuple[Pair, ...]:
+        """The transducer's own electrodes, number 0, and the further ones."""
+        own = Pair(self.capacitance, tuple(mode.coupling for mode in self.all_modes))
+        return (own, *(Pair(electrode.capacitance, electrode.couplings) for electrode in self.electrodes))
 
     @classmethod
     def from_modal(cls, **figures: Any) -> Transducer:

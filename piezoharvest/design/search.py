@@ -79,6 +79,11 @@ class _Design:
 
     def run(self) -> DesignResult:
         study, options = self.study, self.options
+        for n, shunt in enumerate(study.shunts):
+            if shunt.taken != (0,):
+                found = f"found shunts at electrodes {', '.join(map(str, shunt.taken))}"
+                allowed = "allowed in a design is one at electrode 0, the transducer's own, all others being open"
+                raise ParameterError(f"shunts.{n}", f"{found}, {allowed}")
         if options.band is not None and not is_sine(study.excitation):
             self.notes.append(f"design.band is not used: {study.excitation.kind} has a spectrum of its own")
         unused = [name for name in ("order", "coil_quality") if getattr(options, name) is not None]

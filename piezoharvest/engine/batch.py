@@ -10,7 +10,6 @@ import numpy as np
 
 from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.parameters import Component
-from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.system import System
 from piezoharvest.engine.lowering.lower import Lowered, lower, symmetric
 from piezoharvest.engine.memory import program as pg
@@ -89,7 +88,7 @@ def simulate_many(
     for name, column in slow.items():
         found.setdefault(name, np.full(designs, np.nan))[left] = column[left]
     power, moved = found["harvested_power"], found["displacement_amplitude"]
-    found["figure_of_merit"] = figure_of_merit(power, moved, system.transducer, excitation)
+    found["figure_of_merit"] = figure_of_merit(power, moved, system, excitation)
     if attenuation:
         _attenuate(found, system, excitation, designs)
     return found
@@ -140,7 +139,7 @@ def _columns(lowered: Lowered, out: np.ndarray, designs: int, most: Bounds) -> d
 
 def _attenuate(found: dict[str, np.ndarray], system: System, excitation: Excitation, designs: int) -> None:
     """Add the attenuation relative to the displacement of the short circuit."""
-    shorted = System(system.transducer, Short())
+    shorted = system.shorted
     if _differs(system.transducer) or _differs(excitation):
         reference = simulate_many(shorted, excitation, designs, attenuation=False)["displacement_amplitude"]
     else:

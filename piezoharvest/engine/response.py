@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from piezoharvest.description.excitation import Excitation, SineBase, SineForce
+from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.notebook import Shown, axes_for, frame
 
@@ -191,7 +192,7 @@ def has_merit(transducer: Transducer, excitation: Excitation) -> bool:
     return not transducer.modes and isinstance(excitation, SineForce | SineBase)
 
 
-def figure_of_merit(power: Any, displacement: Any, transducer: Transducer, excitation: Excitation) -> Any:
+def figure_of_merit(power: Any, displacement: Any, system: System, excitation: Excitation) -> Any:
     """Harvested power over C V_oc^2 f, what a bridge with ideal diodes harvests at most where the coupling is weak.
 
     V_oc = T U/C is the voltage of open electrodes at the displacement amplitude U that the circuit leaves: the figure
@@ -208,12 +209,12 @@ def figure_of_merit(power: Any, displacement: Any, transducer: Transducer, excit
     float or array
         NaN where nothing moves, and for further modes or an excitation that is not one sine.
     """
-    if not has_merit(transducer, excitation):
+    if not has_merit(system.transducer, excitation):
         return np.nan * np.asarray(power)
     assert isinstance(excitation, SineForce | SineBase)  # has_merit
     coupling, capacitance, frequency = (
         np.squeeze(value, axis=-1) if np.ndim(value) else value
-        for value in (transducer.coupling, transducer.capacitance, excitation.frequency)
+        for value in (system.electrode.couplings[0], system.electrode.capacitance, excitation.frequency)
     )
     with np.errstate(all="ignore"):  # the motion of what is unstable has any size
         unit = (coupling * np.asarray(displacement, dtype=float)) ** 2 / capacitance * frequency

@@ -11,7 +11,6 @@ from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.excitation import Excitation, Ramps
 from piezoharvest.description.limits import check_length
 from piezoharvest.description.shunts.base import Shunt
-from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.system import System
 from piezoharvest.engine.batch_means import batch_edges, rms_error, standard_error
 from piezoharvest.engine.lowering.lower import Lowered, lower, symmetric
@@ -94,7 +93,7 @@ def simulate(
             most = bounds(system.transducer, excitation, lowered)
             response = _steady(lowered, excitation, samples, system.shunt.kind, most)
             power, moved = response.harvested_power, response.displacement_amplitude
-            merit = float(figure_of_merit(power, moved, system.transducer, excitation))
+            merit = float(figure_of_merit(power, moved, system, excitation))
             response = _replaced(response, figure_of_merit=merit)
         else:
             response = _transient(lowered, system, excitation, length, samples)
@@ -107,11 +106,11 @@ def simulate(
     idle = [effect.name for effect in system.transducer.effects if _is_idle(effect, system.shunt)]
     if idle:
         response = _with_remark(response, f"{', '.join(idle)}: {system.shunt.kind} has no part that it changes")
-    if isinstance(system.shunt, Short):
+    if system.shunt == system.shorted.shunt:
         return response
     if not attenuation:
         return _replaced(response, attenuation_db=np.nan)
-    reference, reason = _short_circuit(system.transducer, excitation, transient)
+    reference, reason = _short_circuit(system.shorted, excitation, transient)
     if not reason and not response.displacement_amplitude > 0:
         reason = "nothing moves"
     if reason:
@@ -125,9 +124,9 @@ def _is_idle(effect: Effect, shunt: Shunt) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _short_circuit(transducer, excitation: Excitation, transient: float | None) -> tuple[float, str]:
+def _short_circuit(shorted: System, excitation: Excitation, transient: float | None) -> tuple[float, str]:
     """Displacement amplitude with shorted electrodes, the reference of attenuation, and a reason not to use it."""
-    response = simulate(System(transducer, Short()), excitation, transient=transient, samples=1)
+    response = simulate(shorted, excitation, transient=transient, samples=1)
     if not response.converged:
         return np.nan, f"with shorted electrodes it is not to be trusted ({response.message})"
     moves = response.displacement_amplitude > 0

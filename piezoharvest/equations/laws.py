@@ -39,8 +39,8 @@ def hysteresis_voltage(weights: Iterable[Any], stops: Iterable[Row], none: Row) 
 
 
 def participating(modes: Sequence[Mode], rows: Iterable[Row], none: Row) -> Row:
-    """Displacement or velocity of the host: sum over the modes by their participation in a force."""
-    return sum((mode.force_participation * row for mode, row in zip(modes, rows, strict=True)), none)
+    """Displacement or velocity of the host: sum over the modes by their share where it is read."""
+    return sum((mode.seen * row for mode, row in zip(modes, rows, strict=True)), none)
 
 
 def strain_charge(modes: Sequence[Mode], rows: Iterable[Row], none: Row) -> Row:

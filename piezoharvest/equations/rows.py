@@ -6,6 +6,7 @@ Rows (see `circuit`) have names: x1, u1, x2, ... displacements and velocities of
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -13,8 +14,8 @@ import numpy as np
 
 from piezoharvest.description.circuit import Port, Product, Row, State
 from piezoharvest.description.system import System
-from piezoharvest.description.transducer import Transducer
-from piezoharvest.equations.laws import charge_law, drive_gain, momentum, node_law, participating, spring, strain_charge
+from piezoharvest.description.transducer import Pair, Transducer
+from piezoharvest.equations.laws import charge_law, drive_gain, momentum, node_law, participating, spring
 from piezoharvest.equations.terms import Rows, Terms
 
 
@@ -71,6 +72,46 @@ def _without(row: Row, column: int) -> tuple[Row, np.ndarray | float]:
     return rest, share if row.ndim > 1 else share[0]
 
 
+@dataclass(frozen=True)
+class Ports:
+    """Ports of all electrodes, the transducer's own first, and what makes them move.
+
+    Attributes
+    ----------
+    all : tuple of Port
+    charged : tuple of int
+        Numbers of the electrodes whose charges are states. The others are open: a voltage that follows the motion.
+    strain_currents : tuple of Row
+        Of each sum T_i u_i in A: the switches of synchronised shunts act where it crosses zero.
+    """
+
+    all: tuple[Port, ...]
+    charged: tuple[int, ...]
+    strain_currents: tuple[Row, ...]
+
+    def __getitem__(self, number: int) -> Port:
+        return self.all[number]
+
+
+def further_ports(transducer: Transducer, z: Rows, dz: Rows, one: Row) -> list[Port]:
+    """Ports of the further electrodes: C v = q - sum T_i x_i; q is zero where z has no state "q1", ... of them."""
+    found = []
+    for number, electrode in enumerate(transducer.all_electrodes[1:], 1):
+        name = f"q{number}"
+        v, dv = (
+            (rows.get(name, 0.0 * one) - _by_coupling(electrode, rows, "x", one)) / electrode.capacitance
+            for rows in (z, dz)
+        )
+        found.append(Port(v, dv, -dz.get(name, 0.0 * one), one, electrode.capacitance))
+    return found
+
+
+def _by_coupling(electrode: Pair, rows: Rows, state: str, one: Row) -> Row:
+    """Sum over the modes of a state by an electrode's coupling."""
+    pairs = enumerate(electrode.couplings, 1)
+    return sum((coupling * rows[f"{state}{n}"] for n, coupling in pairs), 0.0 * one)
+
+
 class Mechanics(NamedTuple):
     """Equations of motion and outputs of the mechanics.
 
@@ -82,8 +123,6 @@ class Mechanics(NamedTuple):
         Participation-weighted sums of the modes, m, m/s and m/s^2.
     drive_velocity : Row
         Conjugate of the drive, whose product with it is its power: W per N, or per m/s^2.
-    strain_current : Row
-        sum T_i u_i in A: the switches of synchronised shunts act where it crosses zero.
     drive : Row
         The drive; of an imposed motion the force that it takes, but for the inertia, N.
     """
@@ -93,7 +132,6 @@ class Mechanics(NamedTuple):
     velocity: Row
     acceleration: Row
     drive_velocity: Row
-    strain_current: Row
     drive: Row
 
 
@@ -102,10 +140,13 @@ def gains(transducer: Transducer, base: bool) -> list[float]:
     return [drive_gain(mode, base) for mode in transducer.all_modes]
 
 
-def mechanics(placing: Placing, z: Rows, dz: Rows, drive: Row, base: bool, imposed: bool = False) -> Mechanics:
+def mechanics(
+    placing: Placing, further: Sequence[Port], z: Rows, dz: Rows, drive: Row, base: bool, imposed: bool = False
+) -> Mechanics:
     """Equations of motion of all modes under a force or a base acceleration, or of one mode with this acceleration.
 
-    An imposed motion is integrated from its acceleration, so that its extrema are where its velocity crosses zero.
+    The voltages of `further` electrodes act on the modes beside that of the transducer's own. An imposed motion is
+    integrated from its acceleration, so that its extrema are where its velocity crosses zero.
     """
     transducer = placing.terms.transducer
     modes, by = transducer.all_modes, gains(transducer, base)
@@ -113,6 +154,8 @@ def mechanics(placing: Placing, z: Rows, dz: Rows, drive: Row, base: bool, impos
     x, u, du, dx = ([rows[f"{s}{n}"] for n in range(1, len(modes) + 1)] for s, rows in places)
     equations = []
     for n, (mode, push) in enumerate(zip(modes, placing.rows(placing.terms.pushes), strict=True)):
+        for electrode, port in zip(transducer.electrodes, further, strict=True):
+            push = push + electrode.couplings[n] * port.v
         moves = momentum(mode, x[n], u[n], du[n], placing.v_t, by[n] * drive + push)
         taken = spring(mode, x[n], u[n], placing.v_t, push) if imposed else drive
         equations += [dx[n] - u[n], du[n] - drive if imposed else moves]
@@ -123,7 +166,6 @@ def mechanics(placing: Placing, z: Rows, dz: Rows, drive: Row, base: bool, impos
         velocity=participating(modes, u, none),
         acceleration=participating(modes, du, none),
         drive_velocity=sum((gain * row for gain, row in zip(by, u, strict=True)), none),
-        strain_current=strain_charge(modes, u, none),
         drive=taken,
     )
 
@@ -141,15 +183,15 @@ class Device(NamedTuple):
     placing : Placing
         The effects' terms in these rows.
     motion : Mechanics
-    port : Port
-        Port of the shunt: its current is the transducer's less that drawn by the effects.
+    ports : Ports
+        Of all electrodes; the current of the transducer's own is less that drawn by the effects.
     equations : list of Row
         Of the states that effects add.
     """
 
     placing: Placing
     motion: Mechanics
-    port: Port
+    ports: Ports
     equations: list[Row]
 
 
@@ -160,8 +202,17 @@ def device(
     """Write down the equations, given v_h and its rate as rows."""
     v_h, dv_h = hysteresis
     placing = Placing(terms, z, dz, drive, one, v_h)
-    port = Port(placing.v_t + v_h, placing.dv_t + dv_h, placing.current, one, terms.transducer.capacitance)
-    return Device(placing, mechanics(placing, z, dz, drive, base, imposed), port, placing.rows(terms.equations))
+    transducer = terms.transducer
+    own = Port(placing.v_t + v_h, placing.dv_t + dv_h, placing.current, one, transducer.capacitance)
+    further = further_ports(transducer, z, dz, one)
+    charged = (0, *(number for number in range(1, 1 + len(further)) if f"q{number}" in z))
+    currents = [_by_coupling(electrode, z, "u", one) for electrode in transducer.all_electrodes]
+    return Device(
+        placing,
+        mechanics(placing, further, z, dz, drive, base, imposed),
+        Ports((own, *further), charged, tuple(currents)),
+        placing.rows(terms.equations),
+    )
 
 
 def connected(system: System) -> System:

@@ -7,7 +7,7 @@ An effect acts on `Terms` as it acts on the specimen of a predicted record. Rows
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,9 +25,10 @@ PRODUCT, TIMED, HINGE = 0, 1, -1
 Rows = Mapping[str, Row]
 
 
-def state_names(transducer: Transducer) -> list[str]:
-    """Names of the transducer's own states: x1, u1, ... in m and m/s, and q in C."""
-    return [f"{s}{n}" for n in range(1, len(transducer.all_modes) + 1) for s in "xu"] + ["q"]
+def state_names(transducer: Transducer, charged: Sequence[int] = ()) -> list[str]:
+    """Names of the transducer's own states: x1, u1, ... in m and m/s, q in C, and q1, ... of further electrodes."""
+    moving = [f"{s}{n}" for n in range(1, len(transducer.all_modes) + 1) for s in "xu"]
+    return [*moving, "q", *(f"q{number}" for number in charged if number)]
 
 
 class StopElement(NamedTuple):

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
-from piezoharvest.description.circuit import Port, Product, Row, State
+from piezoharvest.description.circuit import Product, Row, State
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import LinearShunt, Shunt
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
-from piezoharvest.equations.rows import connected, device, own_rows
+from piezoharvest.equations.circuits import circuit_equations, circuit_powers, circuit_states
+from piezoharvest.equations.rows import Ports, connected, device, own_rows
 from piezoharvest.equations.terms import Rows, Terms, state_names
 
 OperatingPoint = str | Sequence[bool]
-Termination = Callable[[Port, SimpleNamespace, SimpleNamespace, Mapping[str, Row]], Sequence[Row]]
+Termination = Callable[[Ports, SimpleNamespace, SimpleNamespace, Mapping[str, Row]], Sequence[Row]]
 CANCELLED = "the circuit cancels the transducer's capacitance exactly"
 
 
@@ -171,17 +173,19 @@ def assemble(
     ParameterError
         The shunt is not a linear circuit.
     """
-    shunt = connected(System(transducer, shunt)).shunt
+    system = connected(System(transducer, shunt))
+    shunt = system.shunt
     if not isinstance(shunt, LinearShunt):
         raise ParameterError("shunt", f"found {shunt.kind}, allowed is a linear circuit (no switches, no diodes)")
     return connect(
         transducer,
-        lambda port, z, dz, inputs: shunt.equations("linear", port, z, dz),
-        shunt.states(transducer.capacitance),
+        lambda ports, z, dz, inputs: list(chain(*circuit_equations(shunt, "linear", ports, z, dz))),
+        circuit_states(system),
+        electrodes=shunt.taken,
         slope=slope,
         base=base,
         operating_point=operating_point,
-        powers=lambda port, z: shunt.powers("linear", port, z),
+        powers=lambda ports, z: circuit_powers(shunt, "linear", ports, z),
     )
 
 
@@ -194,43 +198,51 @@ def connect(
     resistance: float = 0.0,
     base: bool = False,
     operating_point: OperatingPoint = "stick",
-    electrical: str | None = None,
+    electrical: Sequence[str] = (),
+    electrodes: Sequence[int] = (0,),
     prefix: str = "shunt_",
-    powers: Callable[[Port, SimpleNamespace], Mapping[str, Sequence[Product]]] | None = None,
+    powers: Callable[[Ports, SimpleNamespace], Mapping[str, Sequence[Product]]] | None = None,
 ) -> LinearModel:
-    """Rows of a transducer whose port is terminated by `terminate`.
+    """Rows of a transducer whose ports are terminated by `terminate`.
 
     Parameters
     ----------
     transducer : Transducer
     terminate : callable
-        Given (port, z, dz, inputs) it returns an equation for the port and one for each of `states`.
+        Given (ports, z, dz, inputs) it returns an equation for each port whose charge is a state, and for each of
+        `states`.
     states : sequence of State
         States of the termination.
     slope, base, operating_point
         As in `assemble`.
     resistance : float
         In series with the transducer, ohm: represents the loss of the hysteresis at one frequency.
-    electrical : str, optional
-        Name of a second, electrical input.
+    electrical : sequence of str
+        Names of electrical inputs, beside the drive.
+    electrodes : sequence of int
+        Numbers of the electrodes that are terminated. The first one's voltage and current are rows of the model; the
+        charges of all, and that of the transducer's own, are states. The others are open.
     prefix : str
         Prefix of the names of `states`.
     powers : callable, optional
-        Powers by category, given (port, z).
+        Powers by category, given (ports, z).
     """
-    inputs = ["base_acceleration" if base else "force"] + ([electrical] if electrical else [])
+    inputs = ["base_acceleration" if base else "force", *electrical]
     terms = Terms(transducer, inputs[0], linearised=True)
-    names = state_names(transducer) + [state.name for state in terms.states] + [prefix + state.name for state in states]
+    names = [*state_names(transducer, sorted(electrodes)), *(state.name for state in terms.states)]
+    names += [prefix + state.name for state in states]
     z, dz, w, one = _unit_rows(names, inputs)
     z, dz = _with_stops(terms, z, operating_point), _with_stops(terms, dz, operating_point)
     hysteresis = _hysteresis(z, dz, hysteresis_slope(transducer) if slope is None else slope, resistance)
-    motion, port, of_effects = device(terms, z, dz, w[inputs[0]], one, hysteresis, base)[1:]
+    motion, ports, of_effects = device(terms, z, dz, w[inputs[0]], one, hysteresis, base)[1:]
     own_z = own_rows(z, prefix, states)
-    equations = [*motion.equations, *of_effects, *terminate(port, own_z, own_rows(dz, prefix, states), w)]
+    equations = [*motion.equations, *of_effects, *terminate(ports, own_z, own_rows(dz, prefix, states), w)]
     rows = {name: getattr(motion, name) for name in ("displacement", "velocity", "drive_velocity")}
+    port = ports[electrodes[0]]
+    rows |= {f"voltage{number}": ports[number].v for number in ports.charged if number}
     rows |= {"voltage": port.v, "current": port.i, "charge": z["q"]}
     rows |= {prefix + name: row for name, row in vars(own_z).items()}
-    return _model(names, inputs, equations, rows, powers(port, own_z) if powers else {})
+    return _model(names, inputs, equations, rows, powers(ports, own_z) if powers else {})
 
 
 def _with_stops(terms: Terms, rows: Rows, operating_point: OperatingPoint) -> Rows:

@@ -99,6 +99,9 @@ def _resonance(transducer: Transducer, shunt: LinearShunt, operating_point: Oper
     slope = float(np.real(hysteresis_slope(transducer, operating_point)))
     elastance = slope / (1 + slope * transducer.capacitance) if shorted else 1 / transducer.capacitance
     stiffness = np.diag([mode.stiffness / mode.mass for mode in modes]) + elastance * np.outer(coupling, coupling)
+    for electrode in transducer.electrodes:  # open
+        own = np.array(electrode.couplings) / root_mass
+        stiffness += np.outer(own, own) / electrode.capacitance
     found = poles(System(transducer, shunt), operating_point=operating_point)
     found = found[np.imag(found) > 0]
     return Resonance(

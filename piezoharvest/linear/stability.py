@@ -9,6 +9,7 @@ import numpy as np
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import LinearShunt
 from piezoharvest.description.system import System
+from piezoharvest.equations.circuits import circuit_states
 from piezoharvest.equations.terms import Terms
 from piezoharvest.linear.assembly import CANCELLED, OperatingPoint, assemble, hysteresis_slope
 
@@ -63,8 +64,10 @@ def _energy_scales(system: System) -> np.ndarray:
     transducer = system.transducer
     scales = [scale for mode in transducer.all_modes for scale in (mode.stiffness**-0.5, mode.mass**-0.5)]
     states = Terms(transducer, linearised=True).states
-    states += system.shunt.states(transducer.capacitance)
-    return np.array([*scales, transducer.capacitance**0.5, *(abs(s.storage or 1.0) ** -0.5 for s in states)])
+    states += circuit_states(system)
+    charged = sorted({0, *system.shunt.taken})
+    charges = [transducer.all_electrodes[number].capacitance ** 0.5 for number in charged]
+    return np.array([*scales, *charges, *(abs(s.storage or 1.0) ** -0.5 for s in states)])
 
 
 def check_stability(system: System) -> None:
@@ -110,7 +113,7 @@ def _unstable_pole(system: System) -> complex | None:
 
 def _active_field(system: System) -> str | None:
     """Name of the shunt's field for the magnitude of a negative storage element, if there is one."""
-    negative = [-state.storage for state in system.shunt.states(system.transducer.capacitance) if state.storage < 0]
+    negative = [-state.storage for state in system.shunt.states(system.electrode.capacitance) if state.storage < 0]
     for field in dataclasses.fields(system.shunt):
         if "unit" in field.metadata and any(getattr(system.shunt, field.name) == value for value in negative):
             return field.name

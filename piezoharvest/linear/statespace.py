@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from piezoharvest.description.circuit import Port, Row, State
+from piezoharvest.description.circuit import Row, State
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import LinearShunt
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
+from piezoharvest.equations.rows import Ports
 from piezoharvest.linear.assembly import (
     LinearModel,
     OperatingPoint,
@@ -46,7 +47,8 @@ def linearize(
     transducer : Transducer
     drive : "current" or "voltage"
         Quantity imposed on the electrodes. "current": inputs `force` and `current`, outputs `displacement`, `velocity`
-        and `voltage`. "voltage": inputs `force` and `voltage`, outputs `displacement`, `velocity`, `charge`, `current`.
+        and `voltage`, with further electrodes also `current1`, `voltage1`, ... "voltage": those are open; inputs
+        `force` and `voltage`, outputs `displacement`, `velocity`, `charge`, `current`.
         `current` is the LOAD current i (A), positive out of the transducer, and `charge` its integral (C, without
         effects -q_p), so that current = d charge/dt and a resistor closes the loop by current = voltage/R.
     base : bool
@@ -79,12 +81,17 @@ def linearize(
     frequency = transducer.short_circuit_frequency if frequency is None else frequency
     require_positive("frequency", frequency, "Hz")
     settings: dict[str, Any] = {
-        "slope": slope.real, "resistance": slope.imag / (2 * np.pi * frequency), "base": base, "electrical": drive,
+        "slope": slope.real, "resistance": slope.imag / (2 * np.pi * frequency), "base": base,
         "operating_point": operating_point,
     }  # fmt: skip
     if drive == "current":
-        model = connect(transducer, lambda port, z, dz, w: [port.i - w["current"]], **settings)
-        return _state_space(model, ("displacement", "velocity", "voltage"), name)
+        numbers = ["", *map(str, range(1, 1 + len(transducer.electrodes)))]
+        currents = [f"current{number}" for number in numbers]
+        model = connect(
+            transducer, lambda ports, z, dz, w: [p.i - w[name] for p, name in zip(ports.all, currents, strict=True)],
+            electrical=currents, electrodes=range(len(numbers)), **settings,
+        )  # fmt: skip
+        return _state_space(model, ("displacement", "velocity", *(f"voltage{number}" for number in numbers)), name)
     if drive != "voltage":
         raise ParameterError("drive", f'found "{drive}", allowed is "current" or "voltage"')
     model = _voltage_driven(transducer, lead_resistance, settings)
@@ -98,13 +105,14 @@ def _voltage_driven(transducer: Transducer, lead_resistance: float | None, setti
     require_positive("lead_resistance", lead_resistance, "ohm")
     integrate = bool(transducer.effects)
 
-    def terminate(port: Port, z, dz, w) -> list[Row]:
+    def terminate(ports: Ports, z, dz, w) -> list[Row]:
+        port = ports[0]
         # The source's voltage drives -i through the leads into the electrodes: w = v - R i.
         leads = port.v - lead_resistance * port.i - w["voltage"]
         return [leads, dz.charge - port.i] if integrate else [leads]
 
     states = (State("charge", 0.0),) if integrate else ()
-    model = connect(transducer, terminate, states, prefix="load_", **settings)
+    model = connect(transducer, terminate, states, prefix="load_", electrical=("voltage",), **settings)
     return dataclasses.replace(model, rows={"load_charge": -model.rows["charge"], **model.rows})
 
 

@@ -60,8 +60,8 @@ class TwoPort:
         frequencies = np.atleast_1d(np.asarray(frequencies, float))
         slope = hysteresis_slope(transducer, operating_point, amplitude)
         model = connect(
-            transducer, lambda port, z, dz, w: [port.i - w["current"]],
-            slope=slope, operating_point=operating_point, electrical="current",
+            transducer, lambda ports, z, dz, w: [ports[0].i - w["current"]],
+            slope=slope, operating_point=operating_point, electrical=("current",),
         )  # fmt: skip
         transfer = model.phasors(angular(frequencies))
         u, v = transfer(model.rows["velocity"]), transfer(model.rows["voltage"])

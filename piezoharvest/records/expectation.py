@@ -92,7 +92,8 @@ def _models(
 def _model(transducer: Transducer, shunt: Shunt | None, drive: str, point: str) -> LinearModel:
     slope = hysteresis_slope(transducer, point)
     if drive == "voltage":
-        return connect(transducer, lambda port, z, dz, w: [port.v - w["voltage"]], slope=slope, electrical="voltage")
+        imposed = {"slope": slope, "electrical": ("voltage",)}
+        return connect(transducer, lambda ports, z, dz, w: [ports[0].v - w["voltage"]], **imposed)
     assert shunt is not None
     return assemble(transducer, shunt, slope=slope, base=drive == "base_acceleration")
 

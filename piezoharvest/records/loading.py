@@ -222,7 +222,11 @@ def _nominal(table: Any) -> tuple[Transducer, tuple[str, ...]]:
         if unknown or table.get("quasi_static") is True:
             unknown = tuple(name for name in INERT if name in unknown or not {name, "catalogue"} & set(table))
             table |= {"quasi_static": True, **dict.fromkeys(unknown, PLACEHOLDER)}
-    return build_transducer(table), unknown
+    transducer = build_transducer(table)
+    if transducer.electrodes:
+        found = f"found {len(transducer.electrodes)}, allowed is none: the records of a campaign are of one pair"
+        raise ParameterError("transducer.electrodes", found)
+    return transducer, unknown
 
 
 def _checked(record: Record | FrequencyRecord, transducer: Transducer) -> tuple[Finding, ...]:

@@ -197,6 +197,8 @@ def transducer_tables(transducer: Transducer) -> Iterator[tuple[str, list[Quanti
         yield "Hysteresis", list(entries(transducer.hysteresis))
     for n, mode in enumerate(transducer.modes, 2):
         yield f"Mode {n}", list(entries(mode))
+    for n, electrode in enumerate(transducer.electrodes, 1):
+        yield f"Electrodes {n}", list(entries(electrode))
     for effect in transducer.effects:
         yield f"Effect: {effect.name.replace('_', ' ')}", list(entries(effect))
 

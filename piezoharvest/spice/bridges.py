@@ -27,7 +27,7 @@ class _Diodes:
             "conduct, with a rounded corner; real diodes stand here with --diodes."
         )
         self.drop = deck.parameter("diode_drop", shunt.diode_drop)
-        least = BRIDGE / (point.omega * point.transducer.capacitance)
+        least = BRIDGE / (point.omega * point.capacitance)
         self.resistance = deck.parameter("resistance_path", least + shunt.path_resistance)
 
     def current(self, voltage: str) -> str:
@@ -96,7 +96,7 @@ def _write_real_bridge(deck: Deck, shunt: Bridge, point: OperatingPoint, node: s
         deck.add("Rinside dcp inside", inside)
     deck.add(f"Edc dc 0 {plus} dcn 1")
     deck.comment("While no diode conducts, strays of its capacitance hold the floating dc side: without, steps vanish.")
-    stray = deck.parameter("capacitance_stray", STRAY * point.transducer.capacitance)
+    stray = deck.parameter("capacitance_stray", STRAY * point.capacitance)
     deck.add(f"Cstrayp dcp 0 {stray} {point.condition('dc')}")
     deck.add(f"Cstrayn dcn 0 {stray} IC=0")
     return _write_dc_side(deck, shunt, point, (plus, "dcn"))

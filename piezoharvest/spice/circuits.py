@@ -34,7 +34,23 @@ def write_shunt(deck: Deck, shunt: Shunt, point: OperatingPoint) -> NetlistCircu
             "shunt", f"found kind {shunt.kind!r}, which cannot be exported to SPICE, allowed are {known}"
         )
     deck.section(f"shunt: {shunt.kind}")
-    return WRITERS[shunt.kind](deck, shunt, point)
+    circuit = WRITERS[shunt.kind](deck, shunt, point)
+    for other in shunt.others:
+        circuit = _beside(deck, circuit, other, point)
+    return circuit
+
+
+def _beside(deck, circuit, other, point):
+    """Add another shunt, at electrodes of its own: a subcircuit, in which nodes and elements have their usual names."""
+    own, number = Deck(""), other.electrode
+    found = write_shunt(own, other, point.of_other(other))
+    own.add("Bharvested harvested 0 V=" + found.harvested)
+    deck.add(f".subckt shunt{number} p harvested")
+    deck.include(own, f"_electrode{number}")
+    deck.add(f".ends shunt{number}")
+    deck.add(f"Xshunt{number} p{number} harvested{number} shunt{number}")
+    harvested = f"{circuit.harvested} + V(harvested{number})"
+    return circuit._replace(harvested=harvested, slowest=max(circuit.slowest, found.slowest))
 
 
 def _open(deck, shunt, point):
@@ -49,7 +65,7 @@ def _short(deck, shunt, point):
 
 def _resistor(deck, shunt, point):
     deck.add("Rload p 0", shunt.resistance)
-    capacitance = point.transducer.capacitance + getattr(shunt, "capacitance", 0.0)
+    capacitance = point.capacitance + getattr(shunt, "capacitance", 0.0)
     return _load("p", shunt, 2 * shunt.resistance * capacitance)
 
 

@@ -7,6 +7,7 @@ LTspice), the ternary operator, limit(), expressions in .meas, further propertie
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterable
 from typing import ClassVar
@@ -66,6 +67,12 @@ class Deck:
         self._lines += textwrap.wrap(
             line, 110, subsequent_indent="+ ", break_long_words=False, break_on_hyphens=False
         )  # fmt: skip
+
+    def include(self, other: Deck, suffix: str) -> None:
+        """Add the lines of another netlist, a suffix behind the names of its parameters."""
+        for name, value in other._parameters.items():
+            self.parameter(name + suffix, value)
+        self._lines += [re.sub(r"\{(\w+)\}", rf"{{\1{suffix}}}", line) for line in other._lines[1:]]
 
     def text(self) -> str:
         """The whole netlist."""

@@ -63,14 +63,19 @@ def write_transducer(deck: Deck, point: OperatingPoint) -> None:
         "Pins: p positive lead (the negative one is node 0), drive, t voltage v_t of the clamped capacitance; of mode "
         "n un velocity in m/s, fn force of the spring in N" + (", pushn force of effects in N" if pushed else "") + "."
     )
-    pins = f"p drive t {' '.join(inside)}"
-    deck.add(f".subckt transducer {pins}")
+    pins = f"drive t {' '.join(inside)}"
+    further = range(1, 1 + len(point.transducer.electrodes))
+    if further:
+        deck.comment("Further electrodes have the positive leads en, outside pn; the shunt's are the lead there.")
+    deck.add(f".subckt transducer {' '.join(['p', *(f'e{k}' for k in further)])} {pins}")
     _write_mechanics(deck, point)
     _write_electrodes(deck, point)
+    _write_further_electrodes(deck, point)
     write_effects(deck, point)
     deck.add(".ends transducer")
     deck.section("circuit: V(p) electrode voltage v_p, I(Vload) current out of the transducer's positive lead")
-    deck.add(f"Xtransducer lead {pins.removeprefix('p ')} transducer")
+    leads = ["lead" if k == point.taken[0] else f"p{k}" for k in (0, *further)]
+    deck.add(f"Xtransducer {' '.join(leads)} {pins} transducer")
     deck.add("Vload lead p 0")
 
 
@@ -111,7 +116,7 @@ def _write_electrodes(deck: Deck, point: OperatingPoint) -> None:
     deck.comment("Electrodes: I(Vport) is i_p, into the positive lead.")
     deck.add(f"Vport p {'h' if transducer.hysteresis else 't'} 0")
     capacitance = deck.parameter("capacitance", transducer.capacitance)
-    deck.add(f"Cclamped t 0 {capacitance} {point.condition('v_t')}")
+    deck.add(f"Cclamped t 0 {capacitance} IC={number(point.across(0))}")
     for n, mode in enumerate(transducer.all_modes, 1):
         deck.add(f"Gstrain{n} t 0 u{n} 0 {_of_mode(deck, n, 'coupling', mode.coupling)}")
     if not transducer.hysteresis:
@@ -126,29 +131,48 @@ def _write_electrodes(deck: Deck, point: OperatingPoint) -> None:
         write_slip(deck, point, n, (ends[n - 1], ends[n]), threshold, weight)
 
 
+def _write_further_electrodes(deck: Deck, point: OperatingPoint) -> None:
+    """Positive leads `e1`, ... of the further electrodes, which are their clamped capacitances."""
+    for k, electrode in enumerate(point.transducer.electrodes, 1):
+        capacitance = deck.parameter(f"capacitance_electrode{k}", electrode.capacitance)
+        deck.add(f"Celectrode{k} e{k} 0 {capacitance} IC={number(point.across(k))}")
+        for n in range(1, 1 + len(electrode.couplings)):
+            coupling = _coupling(deck, point, k, n)
+            deck.add(f"Gstrain{k}_{n} e{k} 0 u{n} 0 {coupling}")
+            deck.add(f"Gcoupling{k}_{n} 0 u{n} e{k} 0 {coupling}")
+
+
+def _coupling(deck: Deck, point: OperatingPoint, k: int, n: int) -> str:
+    """Add the coupling of electrodes with a mode as a parameter, and return what stands for it."""
+    value = point.transducer.all_electrodes[k].couplings[n - 1]
+    return deck.parameter(f"coupling_electrode{k}_{n}" if k else _named(n, "coupling")[1:-1], value)
+
+
 def displacement(point: OperatingPoint) -> str:
     """Expression of the displacement output, m."""
     modes = enumerate(point.transducer.all_modes, 1)
-    return total((f"{number(mode.force_participation)}/{_named(n, 'stiffness')}", f"V(f{n})") for n, mode in modes)
+    return total((f"{number(mode.seen)}/{_named(n, 'stiffness')}", f"V(f{n})") for n, mode in modes)
 
 
-def coupled_acceleration(point: OperatingPoint) -> str:
-    """Expression of sum T_i x_i'', A/s."""
-    terms = []
+def coupled_acceleration(deck: Deck, point: OperatingPoint) -> str:
+    """Expression of sum T_i x_i'', A/s, of the shunt's electrodes."""
+    terms, further = [], range(1, 1 + len(point.transducer.electrodes))
     for n, mode in enumerate(point.transducer.all_modes, 1):
         forces = [(_named(n, "drive_gain"), "V(drive)"), (_named(n, "coupling"), "V(t)"), ("-1", f"V(f{n})")]
         if mode.damping:
             forces.append((f"-{_named(n, 'damping')}", f"V(u{n})"))
+        forces += [(_coupling(deck, point, k, n), "V(p)" if k == point.taken[0] else f"V(p{k})") for k in further]
         if point.terms.pushes[n - 1].any():
             forces.append(("1", f"V(push{n})"))
-        terms.append((f"{_named(n, 'coupling')}/{_named(n, 'mass')}", f"({total(forces)})"))
+        coupling = _coupling(deck, point, point.taken[0], n)
+        terms.append((f"{coupling}/{_named(n, 'mass')}", f"({total(forces)})"))
     return total(terms)
 
 
-def coupled_velocity(point: OperatingPoint) -> str:
-    """Expression of sum T_i x_i', A."""
-    modes = enumerate(point.transducer.all_modes, 1)
-    return total((_named(n, "coupling"), f"V(u{n})") for n, _ in modes)
+def coupled_velocity(deck: Deck, point: OperatingPoint) -> str:
+    """Expression of sum T_i x_i', A, of the shunt's electrodes."""
+    modes = range(1, 1 + len(point.transducer.all_modes))
+    return total((_coupling(deck, point, point.taken[0], n), f"V(u{n})") for n in modes)
 
 
 def mechanical_power(point: OperatingPoint) -> str:

@@ -96,11 +96,14 @@ def export_spice(
         The shunt is of an unsupported kind, an effect has terms that a netlist cannot express or acts on a shunt with
         which it cannot be simulated, or a number of periods or steps is not positive.
     """
-    begin = steady_start(System(transducer, shunt), excitation) if start == "steady" else None
-    shunt = connected(System(transducer, shunt)).shunt
-    point = estimate_operating_point(transducer, excitation, dc_start, begin)
+    system = System(transducer, shunt)
+    # What hysteresis and effects hold at the transducer's own electrodes is not known of a start elsewhere.
+    known = not (shunt.electrode and (transducer.hysteresis or transducer.effects))
+    begin = steady_start(system, excitation) if start == "steady" and known else None
+    shunt = connected(system).shunt
+    point = estimate_operating_point(System(transducer, shunt), excitation, dc_start, begin)
     point = point._replace(diodes=_diode_model(diodes, shunt))
-    point.terms.check(shunt, shunt.switch(transducer.capacitance, excitation.period))
+    point.terms.check(shunt, shunt.switch(point.capacitance, excitation.period))
     deck = Deck(title or f"piezoharvest: {shunt.kind}")
     _write_introduction(deck, dialect)
     deck.section("values")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from piezoharvest.description.excitation import Excitation, Ramps, Tones
-from piezoharvest.description.shunts import Open
+from piezoharvest.description.shunts import Open, Shunt
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.engine.lowering.lower import lower
@@ -37,6 +38,8 @@ class OperatingPoint(NamedTuple):
         The steady state in which it begins.
     diodes : str or None
         Model of real diodes in a bridge.
+    taken : tuple of int
+        Numbers of the electrodes that have a shunt; of the first one are the circuit's voltage and current.
     """
 
     transducer: Transducer
@@ -48,6 +51,26 @@ class OperatingPoint(NamedTuple):
     begins: dict[str, float]
     start: SteadyStart | None = None
     diodes: str | None = None
+    taken: tuple[int, ...] = (0,)
+
+    @property
+    def capacitance(self) -> float:
+        """Clamped capacitance of the shunt's electrodes, F."""
+        return self.transducer.all_electrodes[self.taken[0]].capacitance
+
+    def across(self, number: int) -> float:
+        """Initial voltage of the clamped capacitance of electrodes, V."""
+        if number == 0 and self.taken[0] == 0:
+            return self.initial("v_t")
+        electrode = self.transducer.all_electrodes[number]
+        moved = sum(coupling * self.initial(f"x{n}") for n, coupling in enumerate(electrode.couplings, 1))
+        return (self.initial(f"q{number or ''}") - moved) / electrode.capacitance
+
+    def of_other(self, other: Shunt) -> OperatingPoint:
+        """The point as another shunt sees it, at further electrodes: its states under their own names."""
+        prefix = f"electrode{other.electrode}_"
+        own = {n.removeprefix(prefix): value for n, value in self.begins.items() if n.startswith(prefix)}
+        return self._replace(begins=own, taken=(other.electrode,))
 
     def initial(self, name: str) -> float:
         """Initial value of a state, zero if it is none."""
@@ -66,7 +89,7 @@ class OperatingPoint(NamedTuple):
     @property
     def current(self) -> float:
         """Expected current through the clamped capacitance, A."""
-        return self.omega * self.transducer.capacitance * self.voltage
+        return self.omega * self.capacitance * self.voltage
 
 
 class NetlistCircuit(NamedTuple):
@@ -91,9 +114,10 @@ class NetlistCircuit(NamedTuple):
 
 
 def estimate_operating_point(
-    transducer: Transducer, excitation: Excitation, dc_start: float, start: SteadyStart | None = None
+    system: System, excitation: Excitation, dc_start: float, start: SteadyStart | None = None
 ) -> OperatingPoint:
     """Estimate the magnitudes of voltage and current in a system that begins in a steady state, or at rest."""
+    transducer = system.transducer
     signal = excitation.signal()
     own = 2 * np.pi * transducer.open_circuit_frequency
     if isinstance(signal, Tones):
@@ -106,27 +130,28 @@ def estimate_operating_point(
     else:
         # A sudden load displaces a mode twice as far as a slow one.
         omega, tones = own, [(0.0, 2 * float(np.max(np.abs(signal.starts))))]
-    voltage = sum(_voltage(transducer, excitation.base, w, a) for w, a in tones)
+    voltage = sum(_voltage(system, excitation.base, w, a) for w, a in tones)
     passes = excitation.period is None
     terms = Terms(transducer, "base_acceleration" if excitation.base else "force", passes=passes, size=excitation.size)
-    begins = start.values if start else _rest(transducer, excitation) | {"dc": dc_start}
+    begins = start.values if start else _rest(system, excitation) | {"dc": dc_start}
     most = max(voltage, dc_start) or 1.0
-    return OperatingPoint(transducer, excitation, signal, omega, most, terms, begins, start)
+    return OperatingPoint(transducer, excitation, signal, omega, most, terms, begins, start, taken=system.shunt.taken)
 
 
-def _rest(transducer: Transducer, excitation: Excitation) -> dict[str, float]:
+def _rest(system: System, excitation: Excitation) -> dict[str, float]:
     """States in the equilibrium under the static part of the excitation, the electrodes relaxed."""
-    lowered = lower(System(transducer, Open()), excitation)
+    first, *others = (Open(electrode=number) for number in system.shunt.taken)
+    lowered = lower(System(system.transducer, replace(first, others=tuple(others))), excitation)
     values = lowered.program.equilibrium * lowered.program.scale
     return dict(zip(lowered.states, map(float, values), strict=True))
 
 
-def _voltage(transducer: Transducer, base: bool, omega: float, amplitude: float) -> float:
+def _voltage(system: System, base: bool, omega: float, amplitude: float) -> float:
     """Open-circuit voltage at the displacement under the damping of a matched load, V."""
-    charge = 0.0
-    for mode in transducer.all_modes:
+    charge, electrode = 0.0, system.electrode
+    for mode, coupling in zip(system.transducer.all_modes, electrode.couplings, strict=True):
         gain = mode.base_mass if base else abs(mode.force_participation)
-        loss = omega * mode.damping + mode.coupling**2 / (2 * transducer.capacitance)
+        loss = omega * mode.damping + coupling**2 / (2 * electrode.capacitance)
         elasticity = abs(mode.stiffness - mode.mass * omega**2 + 1j * loss)
-        charge += abs(mode.coupling) * gain * amplitude / elasticity
-    return charge / transducer.capacitance
+        charge += abs(coupling) * gain * amplitude / elasticity
+    return charge / electrode.capacitance

@@ -39,7 +39,7 @@ LOAD = 0.3
 
 def write_sshc(deck: Deck, shunt: SSHC, point: OperatingPoint) -> NetlistCircuit:
     """Bridge, and switched capacitors at nodes of their own, which the phases connect with either sign."""
-    capacitance = point.transducer.capacitance
+    capacitance = point.capacitance
     switch = shunt.switch(capacitance, point.excitation.period)
     closed, phase = 1 / shunt.switch_resistance, switch.on_time / len(shunt.stages)
     timing = write_timing(deck, switch, phase, point)
@@ -66,8 +66,8 @@ def write_sshc(deck: Deck, shunt: SSHC, point: OperatingPoint) -> NetlistCircuit
 
 def write_bias_flip(deck: Deck, shunt: BiasFlip, point: OperatingPoint) -> NetlistCircuit:
     """Bridge, and a coil with a source in line that is the bias capacitor of the step, at a node of its own."""
-    switch = shunt.switch(point.transducer.capacitance, point.excitation.period)
-    shares = [float(shunt.stage(f"+{stage}", point.transducer.capacitance)) for stage in shunt.stages]
+    switch = shunt.switch(point.capacitance, point.excitation.period)
+    shares = [float(shunt.stage(f"+{stage}", point.capacitance)) for stage in shunt.stages]
     ends = switch.on_time * np.cumsum([0.0, *shares])
     step = switch.on_time * min(shares)
     timing = write_timing(deck, switch, step, point)
@@ -76,7 +76,7 @@ def write_bias_flip(deck: Deck, shunt: BiasFlip, point: OperatingPoint) -> Netli
     deck.section("bias: V(capacitorN) is in line with the coil in step N, with the other sign in the last but N - 1")
     deck.add("Vbiased bias biased 0")
     sources = []
-    capacitances = {state.name: float(state.storage) for state in shunt.states(point.transducer.capacitance)}
+    capacitances = {state.name: float(state.storage) for state in shunt.states(point.capacitance)}
     for k in range(1, shunt.steps // 2 + 1):
         last = shunt.steps + 1 - k
         for n in (k, last):
@@ -98,7 +98,7 @@ def write_sece(deck: Deck, shunt: SECE, point: OperatingPoint) -> NetlistCircuit
     """At once, as a short pulse through a resistance, or through a coil."""
     if shunt.inductance is None:
         return write_discharge(deck, shunt, point)
-    switch = shunt.switch(point.transducer.capacitance, point.excitation.period)
+    switch = shunt.switch(point.capacitance, point.excitation.period)
     timing = write_timing(deck, switch, switch.on_time, point)
     harvested = _write_extraction(deck, shunt, point, timing, switch.on_time)
     return NetlistCircuit(harvested, fastest=switch.on_time)
@@ -106,7 +106,7 @@ def write_sece(deck: Deck, shunt: SECE, point: OperatingPoint) -> NetlistCircuit
 
 def write_sice(deck: Deck, shunt: SICE, point: OperatingPoint) -> NetlistCircuit:
     """Two coils: one inverts after a minimum, one extracts after a maximum."""
-    capacitance = point.transducer.capacitance
+    capacitance = point.capacitance
     switch = shunt.switch(capacitance, point.excitation.period)
     extraction = switch.on_time * float(shunt.stage("extract", capacitance))
     timing = write_timing(deck, switch, extraction, point)
@@ -119,7 +119,7 @@ def write_sice(deck: Deck, shunt: SICE, point: OperatingPoint) -> NetlistCircuit
 
 def write_sc_sece(deck: Deck, shunt: SCSECE, point: OperatingPoint) -> NetlistCircuit:
     """Extraction through a coil, then a resistance across the electrodes."""
-    capacitance = point.transducer.capacitance
+    capacitance = point.capacitance
     switch = shunt.switch(capacitance, point.excitation.period)
     extraction = float(shunt.swing_time(capacitance))
     timing = write_timing(deck, switch, extraction, point)
@@ -133,7 +133,7 @@ def write_sc_sece(deck: Deck, shunt: SCSECE, point: OperatingPoint) -> NetlistCi
 
 def write_dssh(deck: Deck, shunt: DSSH, point: OperatingPoint) -> NetlistCircuit:
     """Coil and bridge in line with the intermediate capacitor, which a second pulse empties through a resistance."""
-    capacitance = point.transducer.capacitance
+    capacitance = point.capacitance
     switch = shunt.switch(capacitance, point.excitation.period)
     timing = write_timing(deck, switch, switch.on_time, point)
     timing.pulse("", 0.0, switch.on_time)
@@ -168,7 +168,7 @@ def _write_extraction(
     The switch is closed for `on_time` (s) from the action on; the coil has a pulse of its own, "x", of which `pulse`
     may be a part.
     """
-    capacitance = point.transducer.capacitance
+    capacitance = point.capacitance
     inductance, resistance = (float(part) for part in shunt.coil(capacitance))
     impedance = math.sqrt(inductance / capacitance)
     # A voltage meets the coil already where the contact resists as much as L over the time in which it changes by a

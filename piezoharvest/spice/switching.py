@@ -43,9 +43,9 @@ def write_timing(deck: Deck, switch: Switch, on_time: float, point: OperatingPoi
         f"V(extremum) is the sign of sum T_i x_i', rounded over {number(EDGE * on_time)} s to each side of a crossing, "
         "and delayed by ideal lines; both edges of the pulse are rounded alike, so that its length is exact."
     )
-    deck.add("Brate rate 0 V=(" + coupled_velocity(point) + f")/{number(point.current)}")
+    deck.add("Brate rate 0 V=(" + coupled_velocity(deck, point) + f")/{number(point.current)}")
     width = number(EDGE * on_time / point.current)
-    deck.add("Bwidth width 0 V=(" + coupled_acceleration(point) + f")*{width}")
+    deck.add("Bwidth width 0 V=(" + coupled_acceleration(deck, point) + f")*{width}")
     deck.add("Bextremum extremum 0 V=max(-1, min(1, V(rate)/sqrt(V(width)*V(width)+1e-12)))")
     lines = _Lines(deck, point, on_time, switch.hold_off)
     taken = "extremum"
@@ -154,7 +154,7 @@ class SwitchedLoop(NamedTuple):
 
 def write_loop(deck: Deck, shunt: InductiveSwitch, point: OperatingPoint, end: str) -> SwitchedLoop:
     """Inductor, its resistance and switch from `p` to the node `end`."""
-    capacitance = point.transducer.capacitance
+    capacitance = point.capacitance
     switch = shunt.switch(capacitance, point.excitation.period)
     write_timing(deck, switch, switch.on_time, point).pulse("", 0.0, switch.on_time)
     return SwitchedLoop(switch.on_time, write_coil(deck, shunt, point, end, switch.on_time))
@@ -162,7 +162,7 @@ def write_loop(deck: Deck, shunt: InductiveSwitch, point: OperatingPoint, end: s
 
 def write_coil(deck: Deck, shunt: InductiveSwitch, point: OperatingPoint, end: str, on_time: float) -> float:
     """Inductor, its resistance and a switch that follows V(pulse); return the impedance sqrt(L/C)."""
-    capacitance = point.transducer.capacitance
+    capacitance = point.capacitance
     inductance, resistance = shunt.loop(capacitance)
     impedance = math.sqrt(inductance / capacitance)
     deck.section("switched inductor")
@@ -184,7 +184,7 @@ def write_coil(deck: Deck, shunt: InductiveSwitch, point: OperatingPoint, end: s
 
 def write_discharge(deck: Deck, shunt: SynchronisedShunt, point: OperatingPoint) -> NetlistCircuit:
     """Short pulse that takes the electrode voltage to zero through a resistance; part of the energy is harvested."""
-    capacitance = point.transducer.capacitance
+    capacitance = point.capacitance
     switch = shunt.switch(capacitance, point.excitation.period)
     on_time = DISCHARGE * 2 * math.pi / point.omega
     write_timing(deck, switch, on_time, point).pulse("", 0.0, on_time)

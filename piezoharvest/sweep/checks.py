@@ -70,7 +70,7 @@ def _refusal(study: Study, plan: Plan, shunt: int, design: int) -> ParameterErro
         system, excitation = place(study, shunt, paths(study), values)
         shunts = (system.shunt,)
         check_systems(dataclasses.replace(study, transducer=system.transducer, excitation=excitation, shunts=shunts))
-        switch = system.shunt.switch(system.transducer.capacitance, excitation.period)
+        switch = system.shunt.switch(system.electrode.capacitance, excitation.period)
         Terms(system.transducer).check(system.shunt, switch)
     except ParameterError as error:
         found = ", ".join(f"{path} = {value:g}" for path, value in zip(paths(study), values, strict=True))

@@ -86,6 +86,7 @@ class Model:
         self.mass, self.damping, self.stiffness = column("mass"), column("damping"), column("stiffness")
         self.coupling, self.participation = column("coupling"), column("force_participation")
         self.gain = -column("base_mass") if base else self.participation
+        self.seen = column("seen")
         self.q_row, self.own_rows = 2 * n, slice(2 * n + 1, 2 * n + 1)
         self.sizes = [*np.sqrt(self.stiffness[:, 0]), *np.sqrt(self.mass[:, 0]), transducer.capacitance**-0.5]
         pairs = transducer.hysteresis
@@ -179,7 +180,7 @@ class Model:
 
     def displacement(self, m: SimpleNamespace) -> np.ndarray:
         """Participation-weighted sum of the modes, m."""
-        return (self.participation * m.x).sum(axis=0)
+        return (self.seen * m.x).sum(axis=0)
 
     def values(self, t: np.ndarray, drive: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Rates of the states, then guards that are below zero while the branches hold; (states + guards, instants).
@@ -203,11 +204,11 @@ class Model:
         m, z = self.moment(t, drive, y, np.empty_like(y)), y[self.own_rows.stop :]
         dc, through = self.circuit.dc(z), self.circuit.dc_current(z, m.v, m.i)
         return {
-            "acceleration": (self.participation * m.rates[self.count : 2 * self.count]).sum(axis=0),
+            "acceleration": (self.seen * m.rates[self.count : 2 * self.count]).sum(axis=0),
             "dc_voltage": np.nan * t if dc is None else dc,
             "dc_current": np.nan * t if through is None else through,
             "displacement": self.displacement(m),
-            "velocity": (self.participation * m.u).sum(axis=0),
+            "velocity": (self.seen * m.u).sum(axis=0),
             "reading": self.sensed(m) if self.reading is None else y[self.reading],
             "voltage": m.v,
             "current": m.i,

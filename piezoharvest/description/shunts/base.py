@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any, ClassVar
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State, Switch
-from piezoharvest.description.parameters import Component
+from piezoharvest.description.parameters import Component, ParameterError
 
 _MIRROR = str.maketrans("+-", "-+")
 
@@ -19,11 +19,40 @@ class Shunt(Component):
 
     Subclasses define `kind` (the name in study files) and `source`, and override the methods below. A circuit without
     switches or diodes has the single configuration "linear".
+
+    Raises
+    ------
+    ParameterError
+        One of the others is not linear, or at electrodes that have a shunt.
     """
 
     kind: ClassVar[str]
     source: ClassVar[str]
     mirrors: ClassVar[bool] = True  # swapped leads make no difference
+
+    electrode: int = 0  # number of the electrodes; 0 are the transducer's own
+    others: tuple[Shunt, ...] = ()  # linear ones that act together with this one, each at electrodes of its own
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "others", tuple(self.others))
+        if type(self.electrode) is not int or self.electrode < 0:
+            raise ParameterError("electrode", f"found {self.electrode!r}, allowed is a whole number from 0 on")
+        taken = [self.electrode]
+        for n, other in enumerate(self.others):
+            if not isinstance(other, LinearShunt) or other.others:
+                found = getattr(other, "kind", type(other).__name__) + (" with others" if other.others else "")
+                allowed = "allowed are linear circuits (no switches, no diodes) without others"
+                raise ParameterError(f"others.{n}", f"found {found}, {allowed}")
+            if other.electrode in taken:
+                found = f"found {other.electrode}, where there is a shunt already"
+                raise ParameterError(f"others.{n}.electrode", f"{found}, allowed are other electrodes")
+            taken.append(other.electrode)
+
+    @property
+    def taken(self) -> tuple[int, ...]:
+        """Numbers of the electrodes that have a shunt, this one's first."""
+        return (self.electrode, *(other.electrode for other in self.others))
 
     @classmethod
     def assumed(cls, capacitance: float, frequency: float) -> tuple[dict[str, Any], str]:

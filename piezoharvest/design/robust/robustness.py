@@ -143,7 +143,7 @@ class Robustness:
     def _certified(self, space: ToleranceSpace, search: WorstCase) -> float | None:
         """Certified figure, W or m; the search goes on from what the certificate meets that is worse."""
         known = self._figure(search.worst)
-        if not known > 0:
+        if not known > 0 or space.nominal.transducer.electrodes:  # enclosures have one pair of electrodes
             return None
         if not space.box.names:
             return known

@@ -20,7 +20,8 @@ def equilibrium(layout: Layout, physics: Physics, excitation: Excitation, scale:
         return rest
     count, device = 2 * len(layout.modes), physics.device
     own = np.delete(np.arange(layout.n - len(layout.shunt_states)), layout.stop_states)
-    forms = rows_of([*physics.motion.equations, device.placing.v_t, *device.equations], layout.width)
+    relaxed = [device.placing.v_t, *(physics.ports[number].v for number in layout.charged if number)]
+    forms = rows_of([*physics.motion.equations, *relaxed, *device.equations], layout.width)
     rows = forms[..., own] * scale[..., None, own]
     forces = [0.0] * len(own)
     forces[1:count:2] = [gain * excitation.rest for gain in gains(physics.transducer, excitation.base)]

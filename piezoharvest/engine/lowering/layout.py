@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from piezoharvest.description.circuit import Product, Row, State
 from piezoharvest.description.excitation import Excitation, Ramps, Tones
 from piezoharvest.description.system import System
 from piezoharvest.engine.memory import program as pg
+from piezoharvest.equations.circuits import circuit_states
 from piezoharvest.equations.laws import hysteresis_voltage
 from piezoharvest.equations.rows import device
 from piezoharvest.equations.terms import Rows, Terms, state_names
@@ -49,18 +52,22 @@ def rows_of(rows, width: int) -> np.ndarray:
 class Layout:
     """Columns of the rows: [states | derivatives | exogenous], and named access to them."""
 
-    def __init__(self, system: System, terms: Terms, signal: Tones | Ramps):
+    def __init__(self, system: System, terms: Terms, signal: Tones | Ramps, preloaded: bool):
         transducer, shunt = system.transducer, system.shunt
         hysteresis = transducer.hysteresis
         self.modes, self.terms = transducer.all_modes, terms
         pairs = zip(hysteresis.thresholds, hysteresis.weights, strict=True) if hysteresis else ()
         self.operators: tuple[tuple[float, float], ...] = tuple(pairs)
         self.effects = tuple(dict.fromkeys(effect.name for effect in transducer.effects))
-        self.shunt_states = shunt.states(transducer.capacitance)
-        self.names = state_names(transducer)
-        self.charge = len(self.names) - 1
+        self.shunt_states = circuit_states(system)
+        # Under a preload open electrodes begin relaxed as well, with a charge.
+        charged = range(1 + len(transducer.electrodes)) if preloaded else shunt.taken
+        self.charged = sorted({0, *charged})
+        self.names = state_names(transducer, self.charged)
+        self.charge = self.names.index(f"q{shunt.electrode}" if shunt.electrode else "q")
+        own = len(self.names)
         self.names += [f"stop{j + 1}" for j in range(len(self.operators))] + [stop.name for stop in terms.stops]
-        self.stop_states = np.arange(self.charge + 1, len(self.names))
+        self.stop_states = np.arange(own, len(self.names))
         self.names += [state.name for state in terms.states]
         self.names += [state.name for state in self.shunt_states]
         self.n = len(self.names)
@@ -98,7 +105,9 @@ class Physics:
         rows, rates = {**z, **layout.smooth}, {**dz, **layout.smooth_rates}
         hysteresis, kind = (self.v_h, dv_h), (excitation.base, excitation.imposed)
         self.device = device(layout.terms, rows, rates, drive, layout.one, hysteresis, *kind)
-        self.motion, self.port = self.device.motion, self.device.port
+        self.motion, self.ports = self.device.motion, self.device.ports
+        self.port = self.ports[system.shunt.electrode]
+        self.strain_current = self.ports.strain_currents[system.shunt.electrode]
         self.drive = self.motion.drive
 
     def _hysteresis(self, rows: Rows) -> Row:
@@ -107,10 +116,10 @@ class Physics:
         stops = [rows[f"stop{j}"] for j in range(1, len(operators) + 1)]
         return hysteresis_voltage([weight for _, weight in operators], stops, 0.0 * self.layout.one)
 
-    def equations(self, port_equation: np.ndarray) -> list[np.ndarray]:
+    def equations(self, of_ports: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Residuals in the order of the states; the stops' rows are placeholders that each mode completes."""
         stops = [self.layout.dz[self.layout.names[k]] for k in self.layout.stop_states]
-        return [*self.motion.equations, port_equation, *stops, *self.device.equations]
+        return [*self.motion.equations, *of_ports, *stops, *self.device.equations]
 
     def products(self) -> list[tuple[int, Product]]:
         """Powers that do not depend on the configuration, with their categories."""
@@ -129,8 +138,10 @@ class Physics:
         for mode in lay.modes:
             diagonal += [mode.stiffness, mode.mass]
             scale += [mode.stiffness**-0.5, mode.mass**-0.5]
-        scale += [capacitance**0.5] * (1 + len(lay.operators))
-        diagonal += [0.0, *(w for _, w in lay.operators), *[0.0] * (len(lay.terms.stops) + len(lay.terms.states))]
+        scale += [self.ports[number].capacitance ** 0.5 for number in lay.charged]
+        scale += [capacitance**0.5] * len(lay.operators)
+        diagonal += [*[0.0] * len(lay.charged), *(w for _, w in lay.operators)]
+        diagonal += [0.0] * (len(lay.terms.stops) + len(lay.terms.states))
         diagonal += [state.storage for state in lay.shunt_states]
         added = [np.abs(state.storage) ** -0.5 for state in lay.added_states]
         own = stack([*scale, *[0.0] * len(lay.terms.stops), *added])
@@ -142,6 +153,8 @@ class Physics:
         diagonal += [0.0] * lay.signal
         matrix = stack(diagonal)[..., None] * np.eye(lay.n + lay.signal)
         matrix = matrix + 0.5 * self._energy(Product(capacitance, placing.v_t, placing.v_t))
+        for port in self.ports.all[1:]:
+            matrix = matrix + 0.5 * self._energy(Product(port.capacitance, port.v, port.v))
         matrix = sum((self._energy(placing.product(product)) for product in lay.terms.stored), matrix)
         return matrix, stack(scale)
 

@@ -19,6 +19,7 @@ from piezoharvest.engine.lowering.equilibrium import equilibrium, inputs_of
 from piezoharvest.engine.lowering.layout import Layout, Physics, joined, rows_of, scalar, stack
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.work_limit import Budget
+from piezoharvest.equations.circuits import circuit_equations, circuit_powers
 from piezoharvest.equations.rows import connected, own_rows
 from piezoharvest.equations.terms import Terms
 
@@ -62,17 +63,17 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
         message = "found further modes, but only one is allowed where the displacement is imposed"
         raise ParameterError("transducer.modes", message)
     terms = Terms(system.transducer, drive, passes=record is not None, size=excitation.size)
-    layout = Layout(system, terms, signal)
+    layout = Layout(system, terms, signal, preloaded=bool(np.any(excitation.rest)))
     physics = Physics(system, excitation, layout, signal)
-    shunt, capacitance = system.shunt, system.transducer.capacitance
+    shunt, capacitance = system.shunt, system.electrode.capacitance
     z, dz = own_rows(layout.z, "", layout.shunt_states), own_rows(layout.dz, "", layout.shunt_states)
     names = shunt.configurations()
     tables = SimpleNamespace(equations=[], guards=[], products=[], outputs=[])
     for name in names:
-        port_equation, *own = shunt.equations(name, physics.port, z, dz)
-        tables.equations.append(rows_of([*physics.equations(port_equation), *own], layout.width))
+        of_ports, own = circuit_equations(shunt, name, physics.ports, z, dz)
+        tables.equations.append(rows_of([*physics.equations(of_ports), *own], layout.width))
         tables.guards.append(list(shunt.guards(name, physics.port, z)))
-        powers = shunt.powers(name, physics.port, z)
+        powers = circuit_powers(shunt, name, physics.ports, z)
         dc = shunt.dc_side(physics.port, z)
         mean_dc = (len(pg.CATEGORIES) + len(layout.effects), Product(1.0, layout.one, dc))
         own_powers = [(pg.CATEGORIES.index(key), product) for key in powers for product in powers[key]]
@@ -155,7 +156,7 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation,
         **_motion(layout, columns.split(equations, 2)),
         **_stops(layout, scale),
         **_guards(layout, tables.guards, index, columns),
-        **_switching(shunt, switch, index, layout, physics.transducer.capacitance),
+        **_switching(shunt, switch, index, layout, physics.port.capacitance),
         **_products(layout, tables.products, columns),
         "exosystem": _exosystem(layout, omega, exo_scale),
         "equilibrium": equilibrium(layout, physics, excitation, scale),
@@ -169,7 +170,7 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation,
         "storage": storage * sizes[..., :, None] * sizes[..., None, :],
         "charge": layout.charge,
         "voltage_row": columns.split(physics.port.v, 0)[0],
-        "trigger_row": columns.split(physics.motion.strain_current, 0)[0],
+        "trigger_row": columns.split(physics.strain_current, 0)[0],
         "output_z": outputs[0],
         "output_d": outputs[1],
         "categories": len(pg.CATEGORIES) + len(layout.effects) + 1,

@@ -93,7 +93,11 @@ class _EntryWithShunt(_Entry):
         if isinstance(self.shunt, Shunt):  # of a campaign that is made in Python
             return self.shunt
         if self.shunt is not None:
-            return build_shunt(self._table, f"{where}.shunt")
+            shunt = build_shunt(self._table, f"{where}.shunt")
+            if shunt.taken != (0,):
+                found = f"found shunts at electrodes {', '.join(map(str, shunt.taken))}"
+                raise ParameterError(f"{where}.shunt", f"{found}, allowed in a record is one at electrode 0")
+            return shunt
         if self.load_resistance is not None:
             return Resistor(resistance=self.load_resistance)
         if voltage_imposed:

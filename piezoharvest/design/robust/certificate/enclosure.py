@@ -164,7 +164,7 @@ class Enclosure:
         """Displacement of a unit drive, or the mean harvested power (half of the peak values' product)."""
         count = len(self.view.transducer.all_modes)
         if self.view.goal.damping:
-            shares = [mode.force_participation for mode in self.view.transducer.all_modes]
+            shares = [mode.seen for mode in self.view.transducer.all_modes]
             return _combined(found, np.array([*shares, *np.zeros(len(found.value) - count)]))
         assert self._circuit is not None
         total = None

@@ -1,0 +1,122 @@
+"""A host structure as a list of its modes in a file, as a finite-element program or a modal test gives it.
+
+One row for each mode, columns by name, shapes normalised to unit modal mass:
+
+| column | unit | |
+|---|---|---|
+| `frequency_Hz` | Hz | natural frequency with all electrodes shorted |
+| `damping_ratio` | | share of critical damping |
+| `force` | kg^-1/2 | shape where and as the force acts |
+| `sensor` | kg^-1/2 | shape where the displacement is read; without the column, where the force acts |
+| `coupling_0`, `coupling_1`, ... | N/(V kg^1/2) | of the transducer's own and of each further pair of electrodes |
+| `base` | kg^1/2 | participation in a base acceleration a, which drives the mode with -base a; needed for one |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from piezoharvest.description.parameters import ParameterError
+
+KEY = "modes_file"
+GIVEN = ("mass", "damping", "stiffness", "coupling", "effective_mass", "sensor_participation", "modes")  # by the file
+
+
+def with_modes(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Table of a transducer in which the modes of its file, relative to `folder`, stand in the place of the key.
+
+    The first mode that the force moves comes first, scaled so that its share of the force is 1.
+
+    Raises
+    ------
+    ParameterError
+        The file is not as described above, or the table gives what the file does.
+    """
+    table = dict(table)
+    name = table.pop(KEY)
+    if not isinstance(name, str):
+        raise ParameterError(KEY, f"found {name!r}, allowed is the name of a file")
+    for key in GIVEN:
+        if key in table:
+            raise ParameterError(key, f"{KEY} gives the modes, but only one of the two may")
+    electrodes = table.get("electrodes", [])
+    count = 1 + len(electrodes) if isinstance(electrodes, list) else 1
+    columns = _read(folder / name, name, count)
+    first = np.flatnonzero(columns["force"])
+    if not len(first):
+        raise ParameterError(KEY, f"{name}: found only zeros in column 'force', allowed is one that moves some mode")
+    order = [first[0], *(n for n in range(len(columns["force"])) if n != first[0])]
+    shares = [columns["force"][first[0]], *[1.0] * (len(order) - 1)]
+    modes = [_mode(columns, n, share) for n, share in zip(order, shares, strict=True)]
+    table |= {key: value for key, value in modes[0].items() if key != "force_participation"}
+    couplings = [[float(columns[f"coupling_{k}"][n] / share) for n, share in zip(order, shares, strict=True)]
+                 for k in range(1, count)]  # fmt: skip
+    if count > 1:
+        pairs = zip(electrodes, couplings, strict=True)
+        table["electrodes"] = [_with_coupling(each, coupling, k) for k, (each, coupling) in enumerate(pairs)]
+    return {**table, "modes": modes[1:]}
+
+
+def _mode(columns: Mapping[str, np.ndarray], n: int, share: float) -> dict[str, float]:
+    """Table of a mode in the coordinate that is `share` times that of unit modal mass."""
+    omega, mass = 2 * np.pi * columns["frequency_Hz"][n], share**-2
+    values = {
+        "mass": mass,
+        "damping": 2 * columns["damping_ratio"][n] * omega * mass,
+        "stiffness": omega**2 * mass,
+        "coupling": columns["coupling_0"][n] / share,
+        "force_participation": columns["force"][n] / share,
+        "sensor_participation": columns["sensor"][n] / share,
+    }
+    if "base" in columns:
+        values["effective_mass"] = columns["base"][n] / share
+    return {key: float(value) for key, value in values.items()}
+
+
+def _with_coupling(electrode: Any, coupling: list[float], k: int) -> Any:
+    """Table of further electrodes with the coupling of the file."""
+    if not isinstance(electrode, dict):
+        return electrode  # building it says what is wrong
+    if "coupling" in electrode:
+        raise ParameterError(f"electrodes.{k}.coupling", f"{KEY} gives the couplings, but only one of the two may")
+    return {**electrode, "coupling": coupling}
+
+
+def _read(path: Path, name: str, electrodes: int) -> dict[str, np.ndarray]:
+    """Columns of a file by name."""
+    from piezoharvest.readers import ReadError, open_reader
+
+    needed = ["frequency_Hz", "damping_ratio", "force", *(f"coupling_{k}" for k in range(electrodes))]
+    if not path.exists():
+        raise ParameterError(KEY, f"the file {name!r} does not exist")
+    try:
+        with open_reader(path) as reader:
+            wanted = needed + [column for column in ("sensor", "base") if column in reader.names]
+            found = reader.read([reader.resolve(column) for column in wanted])
+            columns = {column: found[reader.resolve(column)] for column in wanted}
+            spare = [column for column in reader.names if column.startswith("coupling_") and column not in wanted]
+            numbering = reader.numbering
+    except ReadError as error:
+        where = name if error.row is None else f"{name}, row {error.row}"
+        raise ParameterError(KEY, f"{where}: {error.message}") from None
+    if spare:
+        found = f"found column {spare[0]!r}, but {electrodes} pair{'s' if electrodes > 1 else ''} of electrodes"
+        raise ParameterError(KEY, f"{name}: {found}; each further one needs a table [[transducer.electrodes]]")
+    for message, row in _faults(columns):
+        at = numbering[row] if isinstance(numbering, np.ndarray) else numbering + row
+        raise ParameterError(KEY, f"{name}, row {at}: {message}")
+    return {"sensor": columns["force"], **columns}
+
+
+def _faults(columns: Mapping[str, np.ndarray]) -> Iterator[tuple[str, int]]:
+    """What is wrong with values, and in which row."""
+    for column, values in columns.items():
+        least = {"frequency_Hz": "greater than 0 Hz", "damping_ratio": "at least 0"}.get(column, "")
+        for row, value in enumerate(values):
+            fine = bool(np.isfinite(value)) and np.imag(value) == 0
+            if not fine or (column == "frequency_Hz" and value <= 0) or (column == "damping_ratio" and value < 0):
+                yield f"found {value} in column {column!r}, allowed is a finite number {least}".rstrip(), row

@@ -1,0 +1,209 @@
+"""Further electrodes: several shunts at once against matrices by hand, and swapped electrodes against plain ones."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from messages import is_sentence
+from oracles.ngspice import needs_ngspice, run_netlist
+
+from piezoharvest import simulate
+from piezoharvest.description.excitation import SineForce
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts import SSDI, Open, ParallelRL, ParallelSSHI, Resistor, SeriesRL
+from piezoharvest.description.system import System
+from piezoharvest.description.transducer import Electrode, Mode, Transducer
+from piezoharvest.linear import assemble, frequency_response, poles, resonances
+from piezoharvest.spice import export_spice
+from piezoharvest.study import StudyError, load_study
+
+OWN, FIRST, SECOND = (
+    Electrode(capacitance=40e-9, coupling=(1e-3, 5e-4)),
+    Electrode(capacitance=30e-9, coupling=(6e-4, -8e-4)),
+    Electrode(capacitance=20e-9, coupling=(3e-4, 4e-4)),
+)
+DRIVE = SineForce(amplitude=0.02, frequency=51.0)
+
+
+def host(own, *further):
+    """Two modes with these electrodes; the displacement is read elsewhere than the force acts."""
+    first = {"mass": 0.010, "damping": 0.0628, "stiffness": 986.96, "coupling": own.couplings[0]}
+    second = Mode(
+        mass=0.01, damping=0.2, stiffness=4e4, coupling=own.couplings[1], force_participation=0.7,
+        sensor_participation=-0.4,
+    )  # fmt: skip
+    return Transducer(**first, capacitance=own.capacitance, modes=(second,), electrodes=further)
+
+
+TWO = host(OWN, FIRST, SECOND)
+ALL = SeriesRL(
+    inductance=200.0, resistance=3e4, electrode=1,
+    others=(ParallelRL(inductance=300.0, resistance=5e4, electrode=2), Resistor(resistance=5e5)),
+)  # fmt: skip
+
+
+def by_hand(frequency):
+    """Displacement at the sensor, voltages and harvested power per N of the host with `ALL`: K u = f in phasors."""
+    s = 2j * np.pi * frequency
+    coupling = np.array([OWN.couplings, FIRST.couplings, SECOND.couplings]).T
+    capacitance = np.diag([OWN.capacitance, FIRST.capacitance, SECOND.capacitance])
+    admittance = np.diag([1 / 5e5, 1 / (3e4 + 200.0 * s), 1 / 5e4 + 1 / (300.0 * s)])
+    stiffness = np.diag([0.01 * s**2 + 0.0628 * s + 986.96, 0.01 * s**2 + 0.2 * s + 4e4])
+    matrix = np.block([[stiffness, -coupling], [s * coupling.T, s * capacitance + admittance]])
+    found = np.linalg.solve(matrix, np.array([1.0, 0.7, 0.0, 0.0, 0.0]))
+    v = found[2:]
+    power = 0.5 * (abs(v[0]) ** 2 / 5e5 + abs(v[1] / (3e4 + 200.0 * s)) ** 2 * 3e4 + abs(v[2]) ** 2 / 5e4)
+    return found[0] - 0.4 * found[1], v, power
+
+
+def test_the_linear_view_has_all_shunts():
+    for frequency in (20.0, 51.0, 320.0):
+        displacement, voltages, power = by_hand(frequency)
+        found = frequency_response(System(TWO, ALL), np.array([frequency]))
+        assert found.displacement[0] == pytest.approx(displacement, rel=1e-10)
+        assert found.voltage[0] == pytest.approx(voltages[1], rel=1e-10)
+        assert found.harvested_power[0] == pytest.approx(power, rel=1e-10)
+    states = assemble(TWO, ALL).states
+    assert states == ("x1", "u1", "x2", "u2", "q", "q1", "q2", "shunt_current", "shunt_electrode2_current")
+
+
+def test_the_engine_has_all_shunts():
+    displacement, voltages, power = by_hand(DRIVE.frequency)
+    response = simulate(System(TWO, ALL), DRIVE)
+    assert response.converged and response.energy["closure"] < 1e-10
+    assert response.displacement_amplitude == pytest.approx(0.02 * abs(displacement), rel=1e-6)
+    assert response.voltage_amplitude == pytest.approx(0.02 * abs(voltages[1]), rel=1e-6)
+    assert response.harvested_power == pytest.approx(0.02**2 * power, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "shunt",
+    [
+        SSDI(inductance=0.1, quality=5.0),
+        ParallelSSHI(inductance=0.1, quality=5.0, smoothing_capacitance=1e-6, load_resistance=1e6, diode_drop=0.2),
+    ],
+    ids=lambda shunt: shunt.kind,
+)
+def test_electrodes_are_alike(shunt):
+    beside = {"inductance": 200.0, "resistance": 3e4}
+    plain = dataclasses.replace(shunt, others=(SeriesRL(**beside, electrode=1),))
+    swapped = dataclasses.replace(shunt, electrode=1, others=(SeriesRL(**beside),))
+    one = simulate(System(host(FIRST, OWN, SECOND), plain), DRIVE)
+    other = simulate(System(host(OWN, FIRST, SECOND), swapped), DRIVE)
+    assert one.converged and other.converged
+    names = ("harvested_power", "mechanical_power", "displacement_amplitude", "voltage_amplitude", "attenuation_db")
+    for name in names:
+        assert getattr(other, name) == pytest.approx(getattr(one, name), rel=1e-8, abs=1e-15), name
+
+
+def test_open_electrodes_stiffen_the_modes():
+    lone = Transducer(mass=0.01, damping=0.0, stiffness=1e3, coupling=1e-3, capacitance=40e-9,
+                      electrodes=(Electrode(capacitance=30e-9, coupling=6e-4),))  # fmt: skip
+    wanted = np.sqrt((1e3 + 6e-4**2 / 30e-9) / 0.01) / (2 * np.pi)
+    assert resonances(lone).short_circuit.undamped == pytest.approx([wanted], rel=1e-12)
+    opened = System(lone, Open(others=(Open(electrode=1),)))
+    assert np.abs(poles(opened))[-1] == pytest.approx(2 * np.pi * resonances(lone).open_circuit.undamped[0], rel=1e-9)
+    # Under a preload all electrodes begin relaxed: none pulls on the mean position.
+    still = simulate(System(dataclasses.replace(lone, damping=0.1), Open()), SineForce(
+        amplitude=0.02, frequency=40.0, offset=0.05))  # fmt: skip
+    assert np.mean(still.waveforms.displacement) == pytest.approx(0.05 / 1e3, rel=1e-6)
+
+
+def test_every_bad_place_is_told():
+    rl = {"inductance": 1.0, "resistance": 1.0}
+    cases = [
+        (lambda: System(TWO, SeriesRL(**rl, electrode=3)), "electrode"),
+        (lambda: System(TWO, SeriesRL(**rl, others=(Open(electrode=7),))), "others.0.electrode"),
+        (lambda: SeriesRL(**rl, electrode=-1), "electrode"),
+        (lambda: SeriesRL(**rl, others=(Open(),)), "others.0.electrode"),
+        (lambda: SeriesRL(**rl, others=(SSDI(inductance=0.1, quality=5.0, electrode=1),)), "others.0"),  # pyright: ignore
+        (lambda: dataclasses.replace(TWO, electrodes=(Electrode(capacitance=1e-9, coupling=1e-3),)),
+         "electrodes.0.coupling"),
+    ]  # fmt: skip
+    for make, key in cases:
+        with pytest.raises(ParameterError) as caught:
+            make()
+        assert caught.value.key == key
+        assert is_sentence(caught.value.message)
+
+
+@needs_ngspice
+def test_ngspice_agrees():
+    for shunt in (ALL, SSDI(inductance=0.1, quality=5.0, electrode=2)):
+        response = simulate(System(TWO, shunt), DRIVE)
+        found = run_netlist(export_spice(TWO, shunt, DRIVE))
+        assert found["displacement_pp"] == pytest.approx(2 * response.displacement_amplitude, rel=2e-3)
+        assert found["voltage_pp"] == pytest.approx(2 * response.voltage_amplitude, rel=2e-3)
+        assert found["mechanical_power"] == pytest.approx(response.mechanical_power, rel=3e-3)
+
+
+MODES = """frequency_Hz,damping_ratio,force,sensor,coupling_0,coupling_1,base
+50,0.01,0,2,0.01,0.006,0.1
+51,0.02,10,9,0.011,0.007,0.2
+318,0.005,9,-5,0.005,-0.008,-0.05
+"""
+STUDY = """
+[transducer]
+modes_file = "modes.csv"
+capacitance = 40e-9
+[[transducer.electrodes]]
+capacitance = 30e-9
+
+[excitation]
+kind = "sine_force"
+amplitude = 0.02
+frequency = 51.0
+
+[[shunts]]
+kind = "series_rl"
+electrode = 1
+inductance = 200
+resistance = 3e4
+[[shunts.others]]
+kind = "resistor"
+resistance = 5e5
+"""
+
+
+def studied(folder, modes=MODES, study=STUDY):
+    """Study with its file of modes."""
+    (folder / "modes.csv").write_text(modes)
+    (folder / "study.toml").write_text(study)
+    return load_study(folder / "study.toml")
+
+
+def test_a_host_by_its_modes_in_a_file(tmp_path):
+    study = studied(tmp_path)
+    table = np.array([[float(word) for word in line.split(",")] for line in MODES.splitlines()[1:]])
+    frequency, ratio, force, sensor, *coupling, base = table.T
+    s = 2j * np.pi * 51.0
+    omega, coupling = 2 * np.pi * frequency, np.array(coupling).T
+    matrix = np.block([
+        [np.diag(omega**2 + 2 * ratio * omega * s + s**2), -coupling],
+        [s * coupling.T, np.diag([40e-9 * s + 1 / 5e5, 30e-9 * s + 1 / (3e4 + 200 * s)])],
+    ])  # fmt: skip
+    for by_base, drive in ((False, force), (True, -base)):
+        found = frequency_response(study.systems[0], np.array([51.0]), base=by_base)
+        wanted = np.linalg.solve(matrix, np.array([*drive, 0.0, 0.0]))
+        assert found.displacement[0] == pytest.approx(sensor @ wanted[:3], rel=1e-9)
+        assert found.voltage[0] == pytest.approx(wanted[4], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "message"),
+    [
+        ("318", "-3", "transducer.modes_file", "modes.csv, row 4: found -3.0 in column 'frequency_Hz'"),
+        ("coupling_1", "couplin_1", "transducer.modes_file", "modes.csv: the file has no column 'coupling_1'"),
+        ("coupling_1,base", "coupling_1,coupling_2", "transducer.modes_file", "modes.csv: found column 'coupling_2'"),
+        ("modes.csv", "none.csv", "transducer.modes_file", "the file 'none.csv' does not exist"),
+        ("capacitance = 40e-9", "capacitance = 40e-9\nmass = 1.0", "transducer.mass", "modes_file gives the modes"),
+        ("electrode = 1", "electrode = 2", "shunts.0.electrode", "found 2, allowed is 0 to 1"),
+        ("resistance = 5e5", "resistance = -1", "shunts.0.others.0.resistance", "found -1"),
+    ],
+)
+def test_what_is_wrong_with_a_file_or_a_place_is_told(tmp_path, old, new, key, message):
+    with pytest.raises(StudyError) as caught:
+        studied(tmp_path, MODES.replace(old, new), STUDY.replace(old, new))
+    assert caught.value.key == key
+    assert caught.value.message.startswith(message)
+    assert is_sentence(caught.value.message)
