@@ -28,10 +28,10 @@ _HOMES = {
         "Excitation", "Multisine", "RandomBase", "RandomForce", "Record", "SineBase", "SineForce", "StepForce",
     ),
     "description.shunts": (
-        "Battery", "BiasFlip", "CurrentBlocking", "CurrentFlowing", "DSSH", "Doubler", "HalfWave", "LinearShunt",
-        "NegativeCapacitance", "Network", "Open", "ParallelBranches", "ParallelRL", "ParallelRLC", "ParallelSSHI",
-        "Rectifier", "Resistor", "SCSECE", "SECE", "SICE", "SSDI", "SSDS", "SSDV", "SSHC", "SeriesRL", "SeriesRLC",
-        "SeriesSSHI", "Short", "Shunt", "SpiceCircuit",
+        "Battery", "BiasFlip", "CurrentBlocking", "CurrentFlowing", "DSSH", "Digital", "Doubler", "HalfWave",
+        "LinearShunt", "NegativeCapacitance", "Network", "Open", "ParallelBranches", "ParallelRL", "ParallelRLC",
+        "ParallelSSHI", "Rectifier", "Resistor", "SCSECE", "SECE", "SICE", "SSDI", "SSDS", "SSDV", "SSHC", "SeriesRL",
+        "SeriesRLC", "SeriesSSHI", "Short", "Shunt", "SpiceCircuit",
     ),
     "description.effects": (
         "BiasCurrent", "ChannelSkew", "Clipping", "ContactCompliance", "CouplingDrift", "Creep",
@@ -43,7 +43,8 @@ _HOMES = {
         "Gradient", "NoGradientError", "Response", "Waveforms", "gradient", "simulate", "simulate_many",
     ),
     "linear": (
-        "TwoPort", "admittance", "closed_loop", "coupling_factor", "frequency_response", "linearize", "resonances",
+        "TwoPort", "admittance", "anticipating", "closed_loop", "coupling_factor", "frequency_response", "linearize",
+        "resonances", "sampled_loop", "stability_limit",
     ),
     "study": ("DesignOptions", "Study", "StudyError", "load_study"),
     "design": ("DesignResult", "design"),

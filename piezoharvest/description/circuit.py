@@ -51,12 +51,15 @@ class State(NamedTuple):
     recovered : float, optional
         With a value, the state is set to zero when the switch opens or steps on, and this share of its energy is
         harvested; the rest is lost. A state named "current" is cut so without one, and all of it is lost.
+    stores : bool
+        False for a number that a controller remembers: `storage` then only tells of what size it is.
     """
 
     name: str
     storage: float
     odd: bool = True
     recovered: Number | None = None
+    stores: bool = True
 
 
 class Product(NamedTuple):
@@ -79,8 +82,17 @@ class Guard(NamedTuple):
     conducts: bool | None = None
 
 
+class Assignment(NamedTuple):
+    """A state that a controller sets to a value, rounded to a multiple of `resolution` and kept within `limit`."""
+
+    state: str
+    value: Row
+    resolution: Number = 0.0
+    limit: Number = float("inf")
+
+
 class Switch(NamedTuple):
-    """A switch that acts at the extrema of sum T_i x_i.
+    """A switch that acts at the extrema of sum T_i x_i, or a clock.
 
     Attributes
     ----------
@@ -98,6 +110,9 @@ class Switch(NamedTuple):
         Voltage (V) that diodes take in the path of this charge; its energy is lost before that share is taken.
     threshold : float
         Electrode voltage (V, of either sign) at an extremum, below which nothing follows from it.
+    clocked : bool
+        True for a controller's clock: from the beginning, where half of the first configuration's share of `on_time` is
+        over, one configuration follows the other without end.
     """
 
     lag: float
@@ -107,3 +122,4 @@ class Switch(NamedTuple):
     efficiency: float = 0.0
     drop: float = 0.0
     threshold: float = 0.0
+    clocked: bool = False

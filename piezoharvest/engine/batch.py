@@ -78,7 +78,7 @@ def simulate_many(
     """
     alone = _differs(excitation) and not excitation.batched
     budget = budget or Budget(2 * designs * MAX_WORK)  # a design may be searched for twice
-    if alone or excitation.period is None:
+    if alone or excitation.period is None or _clocked(system, excitation):
         return _one_by_one(system, excitation, range(designs), designs, budget)
     lowered = lower(system, excitation)._replace(budget=budget)
     kept = _steady_states(lowered, symmetric(lowered, excitation), designs)
@@ -167,6 +167,12 @@ def _one_by_one(
             empty = np.zeros(designs, bool) if name == "converged" else np.full(designs, np.nan)
             columns.setdefault(name, empty)[n] = value
     return columns
+
+
+def _clocked(system: System, excitation: Excitation) -> bool:
+    """True if the shunt has a clock, of whose samples a period need not have a whole number."""
+    switch = system.shunt.switch(system.electrode.capacitance, excitation.period)
+    return switch is not None and switch.clocked
 
 
 def _differs(part: Any) -> bool:

@@ -52,6 +52,9 @@ class Machine:
         state = EngineState(self.L, **{"ledger": self.ledger, **recorded})
         at = self.L[pg.EQUILIBRIUM]
         state.z[: self.L[pg.N]] = self.P[at : at + self.L[pg.N]]
+        if self.L[pg.SWITCHED] == pg.CLOCKED:
+            state.D[st.CLOSED] = 1
+            state.clock[st.OPENS] = 0.5 * self.P[self.L[pg.ON_TIME]] * self.P[self.L[pg.STAGE]]
         return state
 
     def run(self, state: EngineState, t_end: float) -> int:

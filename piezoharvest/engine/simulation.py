@@ -11,6 +11,7 @@ from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.excitation import Excitation, Ramps
 from piezoharvest.description.limits import check_length
 from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.damping.digital import Digital
 from piezoharvest.description.system import System
 from piezoharvest.engine.batch_means import batch_edges, rms_error, standard_error
 from piezoharvest.engine.lowering.lower import Lowered, lower, symmetric
@@ -31,9 +32,11 @@ from piezoharvest.engine.run import Machine
 from piezoharvest.engine.steady_search import EngineError, Orbit, Shooting, check
 from piezoharvest.engine.steady_state.shooting import ACCEPTED
 from piezoharvest.engine.work_limit import Budget
+from piezoharvest.linear.sampled import sampled_loop
 
 MAX_LOG = 100_000
 MAX_SAMPLES = 1_000_000  # of a transient: no more samples than this are taken
+STEADY_SPAN = 1e-3  # relative: what grows or dies away would change the averages by as much
 UNSETTLED_PERIODS = 64  # periods of the average if there is no periodic steady state
 
 
@@ -103,6 +106,8 @@ def simulate(
         response = _with_remark(
             response, f"{', '.join(lowered.unfelt)}: no part of this simulation, only of measured records"
         )
+    if isinstance(system.shunt, Digital) and not (radius := sampled_loop(system).radius) < 1.0:
+        response = _with_remark(response, f"the sampled loop is unstable, spectral radius {radius:.6g}")
     idle = [effect.name for effect in system.transducer.effects if _is_idle(effect, system.shunt)]
     if idle:
         response = _with_remark(response, f"{', '.join(idle)}: {system.shunt.kind} has no part that it changes")
@@ -269,8 +274,7 @@ def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evalu
     """Averages of a long run from rest where no periodic steady state was found."""
     period, skipped = excitation.period, 10 * UNSETTLED_PERIODS
     machine = Machine(lowered, ledger=True)
-    state = machine.state()
-    check(machine.run(state, skipped * period))
+    state = _after(machine, skipped * period, UNSETTLED_PERIODS * period)
     begin, window = skipped * period, UNSETTLED_PERIODS * period
     times = begin + np.arange(samples * UNSETTLED_PERIODS) * period / samples
     recorder = machine.state(track=True, log=MAX_LOG, sample_time=times)
@@ -289,7 +293,24 @@ def _unsettled(lowered, excitation, samples: int, kind: str, orbit: Orbit, evalu
     message = f"no steady state: {reason}; averages are over {UNSETTLED_PERIODS} periods after {skipped}"
     events = response.events_per_period // UNSETTLED_PERIODS
     response = _replaced(response, period=period, energy=energy, events_per_period=events)
+    spans = [float(each.extremes[0, 1] - each.extremes[0, 0]) for each in (state, recorder)]
+    if response.converged and abs(spans[1] - spans[0]) <= STEADY_SPAN * spans[1]:
+        message = f"samples do not repeat with the period, or are rounded: averages over {UNSETTLED_PERIODS} periods"
+        return _replaced(response, message=message, periods_evaluated=evaluations + skipped)
     return _replaced(response, converged=False, message=message, periods_evaluated=evaluations + skipped)
+
+
+def _after(machine: Machine, time: float, window: float) -> EngineState:
+    """State after a run from rest; under a controller's clock with the extremes in the last part of it (s)."""
+    state = machine.state()
+    if machine.lowered.program.switched != pg.CLOCKED:
+        check(machine.run(state, time))
+        return state
+    check(machine.run(state, time - window))
+    watched = machine.state(track=True)
+    watched.follow(state)
+    check(machine.run(watched, time))
+    return watched
 
 
 def _response(

@@ -12,6 +12,7 @@ from piezoharvest.linear.material import (
 from piezoharvest.linear.modal import CouplingFactors, Resonance, Resonances, coupling_factor, resonances
 from piezoharvest.linear.noise import MeanSquares, white_noise_response
 from piezoharvest.linear.response import FrequencyResponse, frequency_response
+from piezoharvest.linear.sampled import SampledLoop, anticipating, sampled_loop, stability_limit
 from piezoharvest.linear.stability import check_stability, poles
 from piezoharvest.linear.statespace import closed_loop, linearize, linearize_shunt
 from piezoharvest.linear.twoport import TwoPort, conversion_efficiency, parallel_element, series_element
@@ -23,8 +24,10 @@ __all__ = [
     "MeanSquares",
     "Resonance",
     "Resonances",
+    "SampledLoop",
     "TwoPort",
     "admittance",
+    "anticipating",
     "assemble",
     "check_stability",
     "closed_loop",
@@ -40,7 +43,9 @@ __all__ = [
     "parallel_element",
     "poles",
     "resonances",
+    "sampled_loop",
     "series_element",
+    "stability_limit",
     "static_matrix",
     "transmission_coefficient",
     "white_noise_response",

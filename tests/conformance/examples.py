@@ -50,6 +50,12 @@ GIVEN = {
     "probe_loading": {"capacitance": 4e-9},
     "network": {"netlist": "L1 1 2 150\nC1 2 0 30n\nR1 2 0 100k load"},
     "spice": {"netlist": SPICE, "load": ("Rload",)},
+    # A series RL circuit at 200 samples a period.
+    "digital": {
+        "numerator": (1.0,),
+        "denominator": (IMPEDANCE / OMEGA, 0.2 * IMPEDANCE),
+        "sample_time": 0.005 / DRIVE["frequency"],
+    },
     "current_flowing": {**BRANCHES, "capacitances": (5e-8, 4e-8)},
     "parallel_branches": {**BRANCHES, "capacitances": (4e-8,)},
     "current_blocking": {**BRANCHES, "blocking_inductances": (25.0, 3.0), "blocking_capacitances": (4e-7, 5e-7)},
@@ -94,6 +100,7 @@ VARIANTS = {
     "ssdi": [{"phase_lag": 0.2, "on_time_error": 0.4}],
     "ssdv": [{"phase_lag": -0.1, "on_time_error": -0.2}],
     "current_blocking": [{"coil_quality": 20.0}],
+    "digital": [{"delay": 0.0065 / DRIVE["frequency"]}],
     "negative_capacitance": [{"topology": "series", "capacitance": 3 * BENCH["capacitance"]}],
 }
 

@@ -10,7 +10,7 @@ from piezoharvest.description import effects, shunts
 SHUNTS = [cls for cls in shunts.registered().values() if cls.__module__.startswith("piezoharvest.")]
 EFFECTS = [cls for cls in effects.registered().values() if cls.__module__.startswith("piezoharvest.")]
 # Without a circuit on the bench: an active circuit, and a netlist, whose equations only the netlist itself has.
-NOT_ON_THE_BENCH = {"negative_capacitance", "network", "spice"}
+NOT_ON_THE_BENCH = {"digital", "negative_capacitance", "network", "spice"}
 
 
 @pytest.mark.parametrize("cls", EFFECTS, ids=lambda cls: cls.name)

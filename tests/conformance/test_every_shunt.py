@@ -53,7 +53,7 @@ def test_names_its_source_and_its_units(cls):
     assert cls.__doc__
     for field in dataclasses.fields(cls):
         if "unit" not in field.metadata:
-            without = ("netlist", "topology", "port", "load", "subcircuit", "steps")
+            without = ("netlist", "topology", "port", "load", "subcircuit", "steps", "electrode", "others")
             assert field.name in without, f"{field.name} has no unit"
             continue
         UNITS.parse_units(field.metadata["unit"])

@@ -26,6 +26,7 @@ EXAMPLES = {
     for name, shunt in examples(shunts.registered()).items()
     if shunt.kind not in ("network", "spice") and getattr(shunt, "topology", "") != "series"
 }
+THRESHOLDS = ("V", "C", "A")
 VOLTAGE = 2.0  # what strain makes of open electrodes
 decades = st.floats(-3, 3)
 few = settings(max_examples=4, deadline=None, derandomize=True)
@@ -50,6 +51,12 @@ def rescaled(component, scales):
             changes[field.name] = rescaled(value, scales)
         elif isinstance(value, tuple) and value and dataclasses.is_dataclass(value[0]):
             changes[field.name] = tuple(rescaled(part, scales) for part in value)
+        elif field.name in ("numerator", "denominator"):  # polynomials in 1/s, of an admittance
+            by = factor("S", scales) if field.name == "numerator" else 1.0
+            powers = range(len(value) - 1, -1, -1)
+            changes[field.name] = tuple(
+                by * factor("s", scales) ** n * coefficient for n, coefficient in zip(powers, value, strict=True)
+            )
         elif "unit" in field.metadata and value is not None:
             # Of the units in the alternative, the first is that of a force.
             by = factor(field.metadata["unit"].split(" or ")[0], scales)
@@ -93,7 +100,7 @@ def test_power_grows_with_the_square_of_the_force(name, decade):
 
 
 def has_thresholds(component):
-    values = [getattr(component, f.name) for f in dataclasses.fields(component) if f.metadata.get("unit") in ("V", "C")]
+    values = [getattr(component, f.name) for f in dataclasses.fields(component) if f.metadata.get("unit") in THRESHOLDS]
     return any(values)
 
 

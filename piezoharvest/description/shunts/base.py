@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
-from piezoharvest.description.circuit import Guard, Port, Product, Row, State, Switch
+from piezoharvest.description.circuit import Assignment, Guard, Port, Product, Row, State, Switch
 from piezoharvest.description.parameters import Component, ParameterError
 
 _MIRROR = str.maketrans("+-", "-+")
@@ -109,6 +109,10 @@ class Shunt(Component):
         A switch with several stages is led from one to the next, and out of the last, by `opened`.
         """
         return 1.0
+
+    def assignments(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Assignment]:
+        """What a clocked controller sets, one after the other, at the end of its time in a configuration."""
+        return ()
 
     def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
         """Voltage of the dc side, V; zero if there is none."""

@@ -53,6 +53,32 @@ def operate_switch(P, L, S, D, polarity):
 
 
 @compiled
+def assign(P, L, S, D, configuration):
+    """Set the states that a controller sets at the end of a configuration, one after the other."""
+    rows, a = L[pg.ROWS], L[pg.A]
+    for m in range(L[L[pg.ASSIGNED_FIRST] + configuration], L[L[pg.ASSIGNED_FIRST] + configuration + 1]):
+        row, k, step = L[pg.ASSIGNED_ROW] + m * a, L[L[pg.ASSIGNED_STATE] + m], P[L[pg.ASSIGNED_STEP] + m]
+        value, limit, slope = dot_column(P, row, 1, S, 0, a), P[L[pg.ASSIGNED_LIMIT] + m], 1.0
+        if step > 0.0:
+            value = step * np.floor(value / step + 0.5)
+        if abs(value) > limit:
+            value, slope = min(max(value, -limit), limit), 0.0
+        S[k] = value
+        for s in range(D[st.SENSITIVITIES]):
+            phi = D[st.PHI] + s * rows
+            S[phi + k] = slope * dot_column(P, row, 1, S, phi, L[pg.N])
+
+
+@compiled
+def tick(P, L, S, D):
+    """Let a controller act, and set its clock."""
+    assign(P, L, S, D, D[st.CONFIGURATION])
+    D[st.CONFIGURATION] = L[L[pg.OPENED] + D[st.CONFIGURATION]]
+    S[D[st.CLOCK] + st.OPENS] += P[L[pg.ON_TIME]] * P[L[pg.STAGE] + D[st.CONFIGURATION]]
+    log_event(S, D, pg.TICK)
+
+
+@compiled
 def open_switch(P, L, S, D):
     """Open the switch, or move on to its next stage, and cut the currents that remain."""
     after = L[L[pg.OPENED] + D[st.CONFIGURATION]]
@@ -138,7 +164,10 @@ def next_scheduled(S, D):
 def trigger_scheduled(P, L, S, D, kind):
     """Carry out a scheduled event."""
     if kind == 1:
-        open_switch(P, L, S, D)
+        if L[pg.SWITCHED] == pg.CLOCKED:
+            tick(P, L, S, D)
+        else:
+            open_switch(P, L, S, D)
         return
     queue, polarities, phi, count = D[st.QUEUE], D[st.POLARITY], D[st.QUEUE_PHI], D[st.SENSITIVITIES]
     polarity = D[polarities]

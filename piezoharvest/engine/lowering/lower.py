@@ -68,11 +68,12 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     shunt, capacitance = system.shunt, system.electrode.capacitance
     z, dz = own_rows(layout.z, "", layout.shunt_states), own_rows(layout.dz, "", layout.shunt_states)
     names = shunt.configurations()
-    tables = SimpleNamespace(equations=[], guards=[], products=[], outputs=[])
+    tables = SimpleNamespace(equations=[], guards=[], products=[], outputs=[], assignments=[])
     for name in names:
         of_ports, own = circuit_equations(shunt, name, physics.ports, z, dz)
         tables.equations.append(rows_of([*physics.equations(of_ports), *own], layout.width))
         tables.guards.append(list(shunt.guards(name, physics.port, z)))
+        tables.assignments.append(list(shunt.assignments(name, physics.port, z)))
         powers = circuit_powers(shunt, name, physics.ports, z)
         dc = shunt.dc_side(physics.port, z)
         mean_dc = (len(pg.CATEGORIES) + len(layout.effects), Product(1.0, layout.one, dc))
@@ -158,6 +159,7 @@ def _assemble(layout, physics, tables, names, shunt, switch, signal, excitation,
         **_guards(layout, tables.guards, index, columns),
         **_switching(shunt, switch, index, layout, physics.port.capacitance),
         **_products(layout, tables.products, columns),
+        **_assignments(layout, tables.assignments, columns, scale),
         "exosystem": _exosystem(layout, omega, exo_scale),
         "equilibrium": equilibrium(layout, physics, excitation, scale),
         "period": np.inf if excitation.period is None else scalar(excitation.period),
@@ -187,12 +189,14 @@ def _without_unused_constant(program: pg.Program) -> pg.Program:
     """
     rows = (
         program.rate, program.guard_z, program.output_z, program.voltage_row, program.trigger_row, program.element_z,
+        program.assigned_row,
     )  # fmt: skip
     alive = np.any(program.product_z, axis=-1) | np.any(program.product_d, axis=-1)
     powers = program.product_z * np.all(alive, axis=-1)[..., None, None]
     if any(np.any(row[..., -1]) for row in (*rows, powers)):
         return program
-    forms = ("rate", "guard_z", "output_z", "voltage_row", "trigger_row", "product_z", "exo_scale", "element_z")
+    forms = ("rate", "guard_z", "output_z", "voltage_row", "trigger_row", "product_z", "exo_scale", "element_z",
+             "assigned_row")  # fmt: skip
     changes = {name: np.ascontiguousarray(getattr(program, name)[..., :-1]) for name in forms}
     return program._replace(**changes, exosystem=np.ascontiguousarray(program.exosystem[..., :-1, :-1]))
 
@@ -257,7 +261,7 @@ def _switching(
     timing = switch or Switch(0.0, 0.0, 0.0)
     recovered = {s.name: s.recovered for s in layout.shunt_states if s.recovered is not None}
     return {
-        "switched": 0 if switch is None else 1 if np.all(np.real(timing.on_time) > 0) else 2,
+        "switched": _kind_of(switch),
         "lag": scalar(timing.lag),
         "on_time": scalar(timing.on_time),
         "stage": stack([shunt.stage(c, capacitance) for c in index]),
@@ -273,6 +277,31 @@ def _switching(
         "mirror": np.array([index[shunt.mirrored(c)] if shunt.mirrors else -1 for c in index]),
         "shorted": isinstance(shunt, Short),
     }
+
+
+def _kind_of(switch: Switch | None) -> int:
+    """Number by which the engine knows a kind of switch."""
+    if switch is None:
+        return 0
+    return pg.CLOCKED if switch.clocked else 1 if np.all(np.real(switch.on_time) > 0) else 2
+
+
+def _assignments(layout: Layout, assignments, columns: _Columns, scale: np.ndarray) -> dict[str, Any]:
+    """Tables of what a controller sets: values as rows over the scaled state, in the scale of their states."""
+    own = [each for of_configuration in assignments for each in of_configuration]
+    states = [layout.names.index(each.state) for each in own]
+    rows, of_rates = columns.split(rows_of([each.value for each in own], layout.width), 1)
+    assert not np.any(of_rates)  # a controller knows no rates
+    size = scale[..., states]
+
+    def scaled(values) -> np.ndarray:
+        return (stack(values) if own else np.zeros(0)) / size
+
+    return {
+        "assigned_row": rows / size[..., None], "assigned_step": scaled([each.resolution for each in own]),
+        "assigned_limit": scaled([each.limit for each in own]), "assigned_state": np.array(states, int),
+        "assigned_first": np.cumsum([0, *(len(of_configuration) for of_configuration in assignments)]),
+    }  # fmt: skip
 
 
 def _products(layout: Layout, products, columns: _Columns) -> dict[str, Any]:

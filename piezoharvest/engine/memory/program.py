@@ -17,13 +17,14 @@ from piezoharvest.engine.memory.vector import COLUMNS as COLUMNS_AT_ONCE
 from piezoharvest.engine.memory.vector import padded
 
 TONES, RAMPS = 0, 1
+CLOCKED = 3  # kind of a switch that is a clock
 NONE = -1  # number of a guard, a configuration or a table that does not exist
 
 # The output of a smooth element is a cubic of time: so many exogenous states, its value and three derivatives.
 DERIVATIVES = 4
 
 # Codes of events, in the order of their names in results.
-CLOSE, OPEN, CONDUCT, BLOCK, EXTRACT, SLIP, STICK, STEP_ON = range(8)
+CLOSE, OPEN, CONDUCT, BLOCK, EXTRACT, SLIP, STICK, STEP_ON, TICK = range(9)
 EVENT_NAMES = (
     "switch closes",
     "switch opens",
@@ -33,6 +34,7 @@ EVENT_NAMES = (
     "hysteresis slips",
     "hysteresis sticks",
     "switch steps on",
+    "controller acts",
 )
 
 # Output rows of every configuration.
@@ -52,9 +54,9 @@ MECHANICAL_IN, DAMPING, HYSTERESIS, HARVESTED, SHUNT_LOSS, SOURCE = range(6)
 class Program(NamedTuple):
     """One design.
 
-    n states, w exogenous states, a = n + w, c configurations, h stops, g guards, p products, k tones, e elements. A
-    linear form has a part over the augmented state (`*_z`, length a) and one over the derivative (`*_d`, length n). A
-    batch has the designs as the leading axis of those arrays of numbers that differ.
+    n states, w exogenous states, a = n + w, c configurations, h stops, g guards, p products, k tones, e elements,
+    m assignments. A linear form has a part over the augmented state (`*_z`, length a) and one over the derivative
+    (`*_d`, length n). A batch has the designs as the leading axis of those arrays of numbers that differ.
     """
 
     rate: np.ndarray  # (c, n, a): z' = rate [z | exogenous] with every stop slipping
@@ -89,12 +91,15 @@ class Program(NamedTuple):
     threshold: float  # V, of the electrodes at an extremum: below it the switch does not act
     early: float  # 1 if the lag is counted from the previous extremum
     step: float  # largest step, s
+    assigned_row: np.ndarray  # (m, a) value of each assignment, over the augmented state
+    assigned_step: np.ndarray  # (m,) multiples of which it is rounded to, 0 for none
+    assigned_limit: np.ndarray  # (m,)
     drift: float  # 1/s: time as share of a record is drift * t
     period: float  # of the excitation, s; infinite if it has none
 
     signal_kind: int  # TONES or RAMPS
     charge: int  # index of q
-    switched: int  # 0 none, 1 closes and opens, 2 extracts at once
+    switched: int  # 0 none, 1 closes and opens, 2 extracts at once, or CLOCKED
     shorted: int  # 1 if the electrodes are always at zero voltage
     categories: int
     odd: np.ndarray  # (n,) sign that mirroring gives each state
@@ -108,6 +113,8 @@ class Program(NamedTuple):
     mirror: np.ndarray  # (c,)
     product_category: np.ndarray  # (c, p), -1 where there is none
     element_power: np.ndarray  # (e,) as in `terms.Element`
+    assigned_state: np.ndarray  # (m,)
+    assigned_first: np.ndarray  # (c + 1,) first assignment at the end of a configuration; the next one's is the end
 
 
 # The table of contents `L`: first the sizes,
@@ -117,11 +124,11 @@ _SIZES = 12
 (
     RATE, STOP_RESPONSE, EXOSYSTEM, OMEGA, PHASE, EXO_SCALE, SCALE, STORAGE, STOP_INPUT, STOP_LIMIT, STOP_WEIGHT,
     VOLTAGE_ROW, GUARD_Z, GUARD_D, TRIGGER_ROW, PRODUCT_COEFFICIENT, PRODUCT_Z, PRODUCT_D, OUTPUT_Z, OUTPUT_D,
-    EQUILIBRIUM, ELEMENT_Z, LAG, ON_TIME, STAGE, RECOVERED, HOLD_OFF, EFFICIENCY, DROP, THRESHOLD, EARLY, STEP, DRIFT,
-    PERIOD,
+    EQUILIBRIUM, ELEMENT_Z, LAG, ON_TIME, STAGE, RECOVERED, HOLD_OFF, EFFICIENCY, DROP, THRESHOLD, EARLY, STEP,
+    ASSIGNED_ROW, ASSIGNED_STEP, ASSIGNED_LIMIT, DRIFT, PERIOD,
     SIGNAL_KIND, CHARGE, SWITCHED, SHORTED, CATEGORY_COUNT,
     ODD, STOP_STATE, GUARD_TARGET, GUARD_CUT, GUARD_CODE, CLOSED, OPENED, CUT, MIRROR, PRODUCT_CATEGORY,
-    ELEMENT_POWER,
+    ELEMENT_POWER, ASSIGNED_STATE, ASSIGNED_FIRST,
 ) = range(_SIZES, _SIZES + len(Program._fields))  # fmt: skip
 NUMBERS = Program._fields[: PERIOD - _SIZES + 1]
 PLAIN = Program._fields[SIGNAL_KIND - _SIZES : CATEGORY_COUNT - _SIZES + 1]
@@ -182,10 +189,11 @@ def _shapes(program: Program) -> dict[str, tuple[int, ...]]:
     """Shape of every array of numbers in one design."""
     c, n, a = program.rate.shape[-3:]
     h, w, k, o, e = len(program.stop_state), a - n, len(program.phase), len(OUTPUTS), len(program.element_power)
+    r = len(program.assigned_state)
     g, p, m = program.guard_target.shape[1], program.product_category.shape[1], n + DERIVATIVES * e
     shapes = (
         (c, n, a), (c, n, h), (w, w), (k,), (k,), (w,), (n,), (m, m), (h, n), (h,), (h,), (a,), (c, g, a), (c, g, n),
         (a,), (c, p), (c, p, 2, a), (c, p, 2, n), (c, o, a), (c, o, n), (n,), (e, 2, a),
-        (), (), (c,), (n,), (), (), (), (), (), (), (), (),
+        (), (), (c,), (n,), (), (), (), (), (), (), (r, a), (r,), (r,), (), (),
     )  # fmt: skip
     return dict(zip(NUMBERS, shapes, strict=True))

@@ -50,7 +50,7 @@ def forms_of_mode(P, L, D, slot, configuration, slip):
             _guard(P, L, slot, line, row)
             _append_guard(L, slot, g, row)
             row += 1
-    if L[pg.SWITCHED]:
+    if L[pg.SWITCHED] and L[pg.SWITCHED] != pg.CLOCKED:
         for k in range(a):
             P[line + k] = P[L[pg.TRIGGER_ROW] + k]
         _guard(P, L, slot, line, row)

@@ -36,9 +36,9 @@ def build(P, L, D, configuration, slip):
     L[L[MAP] + key % L[MAPPED]] = slot
     _motion(P, L, D, slot, configuration, slip)
     forms_of_mode(P, L, D, slot, configuration, slip)
-    # A switch that stays closed for a given time is stepped through in halves of that time.
+    # A switch that stays closed, or a clock that runs, for a given time is stepped through in halves of that time.
     longest = P[L[pg.STEP]]
-    if L[pg.SWITCHED] == 1 and L[L[pg.OPENED] + configuration] != configuration:
+    if L[pg.SWITCHED] in (1, pg.CLOCKED) and L[L[pg.OPENED] + configuration] != configuration:
         longest = min(longest, P[L[pg.ON_TIME]] * P[L[pg.STAGE] + configuration])
     exponentials(P, L, slot, configuration, longest)
     delayed_forms(P, L, slot)

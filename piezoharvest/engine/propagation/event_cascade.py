@@ -39,7 +39,7 @@ def process_due_events(P, L, S, D):
                 begin_clamp(P, L, S, D, L[slot_of(L, slot) + tb.CLAMPED_FORM])
         known = NONE
         read_guards(P, L, S, D, slot, L[tb.GUARDS], 0, D[st.NOW_GUARDS])
-        if L[pg.SWITCHED] and D[st.DIRECTION] == 0:
+        if L[pg.SWITCHED] and L[pg.SWITCHED] != pg.CLOCKED and D[st.DIRECTION] == 0:
             initial_direction(P, L, S, D, slot)
         guard = first_due(P, L, S, D, slot)
         if guard == NONE:

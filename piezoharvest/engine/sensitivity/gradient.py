@@ -82,6 +82,9 @@ def gradient(system: System, excitation: Excitation, budget: Budget | None = Non
         raise NoGradientError(f"{excitation.kind} has no period")
     if Terms(system.transducer).elements:
         raise NoGradientError("the transducer has effects that are nonlinear between events")
+    switch = system.shunt.switch(system.electrode.capacitance, excitation.period)
+    if switch is not None and switch.clocked:
+        raise NoGradientError(f"{system.shunt.kind} has a clock of its own")
     batch = lower(*stepped(system, excitation))
     # One lowering is used for both: the real parts of the complex steps are the design itself.
     lowered = batch._replace(program=nominal(batch.program), budget=budget or batch.budget)

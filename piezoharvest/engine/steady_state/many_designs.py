@@ -30,6 +30,9 @@ def reset(P, L, S, D):
     for j in range(L[pg.H]):
         D[D[st.SLIP] + j] = 0
     S[D[st.CLOCK] + st.OPENS], S[D[st.CLOCK] + st.ACTED] = np.inf, -np.inf
+    if L[pg.SWITCHED] == pg.CLOCKED:
+        D[st.CLOSED] = 1
+        S[D[st.CLOCK] + st.OPENS] = 0.5 * P[L[pg.ON_TIME]] * P[L[pg.STAGE]]
     for k in range(pg.WATCHED):
         S[D[st.EXTREMES] + 2 * k], S[D[st.EXTREMES] + 2 * k + 1] = np.inf, -np.inf
     for i in range(L[pg.N]):

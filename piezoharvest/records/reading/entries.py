@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from piezoharvest.description.effects.circuit_value import CircuitValue, circuit_values
 from piezoharvest.description.parameters import Component, ParameterError, quantity
-from piezoharvest.description.shunts import Resistor, Shunt
+from piezoharvest.description.shunts import Digital, Resistor, Shunt
 from piezoharvest.records.reading.channels import COLUMNS, RATES, UNITS, ChannelSource, check_unit
 from piezoharvest.study import build, build_shunt
 
@@ -90,10 +90,12 @@ class _EntryWithShunt(_Entry):
         """
         if self.shunt is not None and self.load_resistance is not None:
             raise ParameterError(f"{where}.shunt", "load_resistance is given too, but only one of the two may be")
-        if isinstance(self.shunt, Shunt):  # of a campaign that is made in Python
-            return self.shunt
         if self.shunt is not None:
-            shunt = build_shunt(self._table, f"{where}.shunt")
+            made = isinstance(self.shunt, Shunt)  # of a campaign that is made in Python
+            shunt = self.shunt if made else build_shunt(self._table, f"{where}.shunt")
+            if isinstance(shunt, Digital):
+                found = "found 'digital', whose clock no record shows"
+                raise ParameterError(f"{where}.shunt.kind", f"{found}, allowed are circuits without a controller")
             if shunt.taken != (0,):
                 found = f"found shunts at electrodes {', '.join(map(str, shunt.taken))}"
                 raise ParameterError(f"{where}.shunt", f"{found}, allowed in a record is one at electrode 0")
