@@ -24,6 +24,7 @@ from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.limits import check_size
 from piezoharvest.description.parameters import Component, ParameterError, quantity
 from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.linear.coil import WoundShunt
 from piezoharvest.description.shunts.linear.resistor import Resistor
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.study import Study, build, build_excitation, build_shunt
@@ -206,6 +207,8 @@ def _sensed(shunt: Shunt, sense: CurrentSense, where: str) -> Shunt:
     if shunt.kind not in CIRCUITS:
         found = f"found {shunt.kind!r}, which the bench has no circuit for"
         raise ParameterError(f"{where}.kind", f"{found}, allowed are {', '.join(CIRCUITS)}")
+    if isinstance(shunt, WoundShunt) and not shunt.is_ideal:
+        raise ParameterError(where, "found a coil with losses or a self-resonance, but the bench only has ideal ones")
     if isinstance(shunt, Short):
         return Resistor(resistance=sense.resistance)
     if isinstance(shunt, Resistor) and shunt.resistance < sense.resistance:

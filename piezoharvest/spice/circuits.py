@@ -70,14 +70,27 @@ def _resistor(deck, shunt, point):
 
 
 def _series_rl(deck, shunt, point):
-    deck.add("Lshunt p r", shunt.inductance, point.condition("current"))
+    _coil(deck, shunt, point, "r")
     deck.add("Rload r 0", shunt.resistance)
-    return _load("r", shunt, 2 * shunt.inductance / shunt.resistance)
+    return _load("r", shunt, 2 * shunt.inductance / (shunt.resistance + getattr(shunt, "winding", 0.0)))
 
 
 def _parallel_rl(deck, shunt, point):
-    deck.add("Lshunt p 0", shunt.inductance, point.condition("current"))
+    _coil(deck, shunt, point, "0")
     return _resistor(deck, shunt, point)
+
+
+def _coil(deck, shunt, point, end):
+    """Coil from the lead to `end`: inductance, core loss and winding capacitance side by side, behind the winding."""
+    begin = "p"
+    if getattr(shunt, "winding", 0.0):
+        deck.add("Rwinding p w", shunt.winding)
+        begin = "w"
+    deck.add(f"Lshunt {begin} {end}", shunt.inductance, point.condition("current"))
+    if getattr(shunt, "core_resistance", None) is not None:
+        deck.add(f"Rcore {begin} {end}", shunt.core_resistance)
+    if getattr(shunt, "self_resonance", None) is not None:
+        deck.add(f"Cwinding {begin} {end}", shunt.stray_capacitance, point.condition("winding"))
 
 
 def _series_rlc(deck, shunt, point):

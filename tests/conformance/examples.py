@@ -100,6 +100,17 @@ VARIANTS = {
     "ssdi": [{"phase_lag": 0.2, "on_time_error": 0.4}],
     "ssdv": [{"phase_lag": -0.1, "on_time_error": -0.2}],
     "current_blocking": [{"coil_quality": 20.0}],
+    "series_rl": [
+        {"winding_resistance": 0.1 * IMPEDANCE, "core_resistance": 20 * IMPEDANCE},
+        {"winding_resistance": 0.1 * IMPEDANCE, "self_resonance": 4 * DRIVE["frequency"]},
+    ],
+    "parallel_rl": [
+        {
+            "winding_resistance": 0.1 * IMPEDANCE,
+            "core_resistance": 20 * IMPEDANCE,
+            "self_resonance": 4 * DRIVE["frequency"],
+        }
+    ],
     "digital": [{"delay": 0.0065 / DRIVE["frequency"]}],
     "negative_capacitance": [{"topology": "series", "capacitance": 3 * BENCH["capacitance"]}],
 }
