@@ -18,6 +18,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, create_model
 
 from piezoharvest.description import catalogue, effects, excitation, shunts
+from piezoharvest.description.catalogue.parts import with_parts
 from piezoharvest.description.effects import Effect
 from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.figures import Modal, data_sheet
@@ -465,7 +466,12 @@ def _build_design(table: Any, folder: Path) -> DesignOptions:
 
 def build_shunt(table: Any, where: str = "shunt") -> Shunt:
     """Shunt from its table, by kind."""
-    return build(*_by_kind(table, shunts.registered(), where), where)
+    cls, keys = _by_kind(table, shunts.registered(), where)
+    try:
+        keys = with_parts(keys, [field.name for field in dataclasses.fields(cls)])
+    except ParameterError as error:
+        raise error.within(where) from None
+    return build(cls, keys, where)
 
 
 def build(cls: type[_C], table: Any, where: str) -> _C:

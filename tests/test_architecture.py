@@ -32,6 +32,7 @@ LAYERS = [
         "description.system",
         "description.tolerance",
     },
+    {"description.catalogue"},
     {"equations.laws"},
     {"equations.terms"},
     {"equations.rows"},

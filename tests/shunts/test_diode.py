@@ -4,12 +4,15 @@ import math
 
 import numpy as np
 import pytest
+from messages import is_sentence
 from oracles.ngspice import needs_ngspice, run_netlist
 from studies import bench, objects, solve
 
 from piezoharvest import exponential_diode, measured_diode
+from piezoharvest.description.catalogue import parts
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.spice import export_spice
+from piezoharvest.study import build_shunt
 
 THERMAL = 1.380649e-23 * 300.15 / 1.602176634e-19
 
@@ -70,3 +73,34 @@ def test_what_is_no_diode(call, key):
     with pytest.raises(ParameterError) as caught:
         call()
     assert caught.value.key == key
+
+
+@pytest.mark.parametrize("name", parts.diodes())
+def test_diodes_of_the_catalogue(name):
+    """The line in the place of the name follows the law that the catalogue has, where most of the current flows."""
+    part, current = parts.diodes()[name], 1e-3
+    table = {"kind": "rectifier", "dc_voltage": 1.0, "diode": name, "diode_current": current}
+    shunt = build_shunt(table)
+    assert part["source"]
+    assert shunt.diode_leakage == part["reverse_conductance"]
+    thermal = part["emission"] * 1.380649e-23 * 300.15 / 1.602176634e-19
+    i = current * np.array([0.3, 0.6, 0.9])
+    law = thermal * np.log1p(i / part["saturation_current"]) + part["series_resistance"] * i
+    assert shunt.diode_drop + shunt.diode_resistance * i == pytest.approx(law, abs=0.3 * thermal)
+
+
+@pytest.mark.parametrize(
+    ("table", "key"),
+    [
+        ({"kind": "rectifier", "dc_voltage": 1.0, "diode": "1N4149"}, "shunt.diode"),
+        ({"kind": "rectifier", "dc_voltage": 1.0, "diode": 3}, "shunt.diode"),
+        ({"kind": "rectifier", "dc_voltage": 1.0, "diode": "BAT54", "diode_drop": 0.3}, "shunt.diode_drop"),
+        ({"kind": "rectifier", "dc_voltage": 1.0, "diode": "BAT54", "diode_current": -1.0}, "shunt.diode_current"),
+        ({"kind": "rectifier", "dc_voltage": 1.0, "diode_current": 1.0}, "shunt.diode_current"),
+        ({"kind": "resistor", "resistance": 1.0, "diode": "BAT54"}, "shunt.diode"),
+    ],
+)
+def test_a_diode_that_cannot_be_is_told(table, key):
+    with pytest.raises(ParameterError) as caught:
+        build_shunt(table)
+    assert caught.value.key == key and is_sentence(caught.value.message)

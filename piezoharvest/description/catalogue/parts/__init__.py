@@ -1,0 +1,69 @@
+"""Catalogue of parts that can be bought, with their sources, by which shunts in studies may name them."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Collection, Mapping
+from functools import cache
+from importlib import resources
+from typing import Any
+
+from piezoharvest.description.diode import exponential_diode
+from piezoharvest.description.parameters import ParameterError
+
+DIODE, CURRENT = "diode", "diode_current"
+KEYS = ("diode_drop", "diode_resistance", "diode_leakage")  # that stand for a diode
+# A, peak: some volts across the impedance of some 10 nF at some 10 Hz, as most harvesters have.
+USUAL_CURRENT = 1e-4
+
+
+@cache
+def diodes() -> Mapping[str, Mapping[str, Any]]:
+    """Diodes by name, as in diodes.toml."""
+    return tomllib.loads(resources.files(__name__).joinpath("diodes.toml").read_text(encoding="utf-8"))
+
+
+def with_parts(table: Mapping[str, Any], fields: Collection[str]) -> dict[str, Any]:
+    """Keys of a shunt in which those of a diode stand in the place of its name.
+
+    `diode = "BAT54"` gives the straight line that is best over a half sine of the current with the peak `diode_current`
+    (A), and the conductance backwards where the kind has one.
+
+    Parameters
+    ----------
+    table : mapping
+        Keys of a shunt, without its kind.
+    fields : collection of str
+        Keys that its kind has.
+
+    Raises
+    ------
+    ParameterError
+        There is no such diode, the kind has none, or the table gives the keys itself.
+    """
+    values = dict(table)
+    if DIODE not in values:
+        if CURRENT in values and CURRENT not in fields:
+            raise ParameterError(CURRENT, f"found without {DIODE}, which must say whose peak current it is")
+        return values
+    name, current = values.pop(DIODE), values.pop(CURRENT, USUAL_CURRENT)
+    if KEYS[0] not in fields:
+        raise ParameterError(DIODE, f"found {name!r}, but no key of this kind tells of diodes")
+    if name not in diodes():
+        near = difflib.get_close_matches(str(name)[:100], diodes(), n=1)
+        hint = f" (did you mean {near[0]!r}?)" if near else ""
+        raise ParameterError(DIODE, f"found {str(name)[:100]!r}{hint}, allowed are {', '.join(diodes())}")
+    for key in KEYS:
+        if key in values:
+            raise ParameterError(key, f"{DIODE} is given too, but only one of the two may be")
+    if isinstance(current, bool) or not isinstance(current, int | float) or not current > 0:
+        raise ParameterError(CURRENT, f"found {current!r}, allowed is a finite number greater than 0 A")
+    part = diodes()[name]
+    laws = (part[key] for key in ("saturation_current", "emission", "series_resistance"))
+    try:
+        line = exponential_diode(*laws, peak_current=float(current))
+    except ParameterError as error:
+        raise ParameterError(CURRENT, error.message) from None
+    found = {**line.keys, "diode_leakage": part["reverse_conductance"]}
+    return {**values, **{key: value for key, value in found.items() if key in fields}}
