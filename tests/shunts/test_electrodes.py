@@ -13,6 +13,8 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import SSDI, Open, ParallelRL, ParallelSSHI, Resistor, SeriesRL
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Electrode, Mode, Transducer
+from piezoharvest.engine.lowering.lower import lower
+from piezoharvest.engine.run import Machine
 from piezoharvest.linear import assemble, frequency_response, poles, resonances
 from piezoharvest.spice import export_spice
 from piezoharvest.study import StudyError, load_study
@@ -135,6 +137,32 @@ def test_ngspice_agrees():
         assert found["displacement_pp"] == pytest.approx(2 * response.displacement_amplitude, rel=2e-3)
         assert found["voltage_pp"] == pytest.approx(2 * response.voltage_amplitude, rel=2e-3)
         assert found["mechanical_power"] == pytest.approx(response.mechanical_power, rel=3e-3)
+
+
+def test_work_grows_less_than_with_the_square_of_the_modes():
+    """Of a period with eight pairs of electrodes, counted as the limit on work counts it."""
+    spent = []
+    for count in (10, 40):
+        modes = [
+            {"mass": 0.01, "damping": 0.02 * n, "stiffness": 986.96 * n**2, "coupling": 1e-3 * np.cos(n)}
+            for n in range(1, count + 1)
+        ]
+        further = tuple(
+            Electrode(capacitance=40e-9, coupling=tuple(float(1e-3 * np.cos(k * n)) for n in range(1, count + 1)))
+            for k in range(2, 9)
+        )
+        device = Transducer(
+            **modes[0], capacitance=40e-9, modes=tuple(Mode(**mode) for mode in modes[1:]), electrodes=further
+        )
+        others = tuple(SeriesRL(inductance=200.0, resistance=3e4, electrode=k) for k in range(1, 8))
+        lowered = lower(System(device, SSDI(inductance=0.1, quality=5.0, others=others)), DRIVE)
+        machine = Machine(lowered)
+        state = machine.state()
+        machine.run(state, 5 / DRIVE.frequency)  # builds the tables
+        before = lowered.budget.left
+        machine.run(state, 15 / DRIVE.frequency)
+        spent.append(before - lowered.budget.left)
+    assert np.log(spent[1] / spent[0]) / np.log(4) < 2
 
 
 MODES = """frequency_Hz,damping_ratio,force,sensor,coupling_0,coupling_1,base
