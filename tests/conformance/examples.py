@@ -97,7 +97,7 @@ VARIANTS = {
         {**COIL, "on_time_error": -0.3, "phase_lag": -0.2},
     ],
     "ssds": [{"phase_lag": 0.2, "detector_threshold": 1.0}],
-    "ssdi": [{"phase_lag": 0.2, "on_time_error": 0.4}],
+    "ssdi": [{"phase_lag": 0.2, "on_time_error": 0.4, "switch_resistance": 30.0}],
     "ssdv": [{"phase_lag": -0.1, "on_time_error": -0.2}],
     "current_blocking": [{"coil_quality": 20.0}],
     "series_rl": [

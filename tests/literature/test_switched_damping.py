@@ -1,5 +1,6 @@
 """Closed forms of switched damping (REFERENCE.md section 4) against the engine's steady states."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from studies import inversion
 
 from piezoharvest.description.excitation import SineForce
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import SSDI, SSDS, SSDV, Short
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
@@ -99,3 +101,19 @@ def test_switching_out_of_time_damps_less(phase_lag):
     off = amplitude(device, SSDI(quality=4.0, flip_time=1e-5 / f, phase_lag=phase_lag), f)
     assert off > in_time * (1 + 0.2 * phase_lag**2)
     assert np.isfinite(off)
+
+
+def test_the_resistance_of_a_switch_is_in_the_loop():
+    """A coil of quality Q and a switch of resistance R_on: the loop is one of the quality sqrt(L/C)/(R + R_on)."""
+    device, inductance = host(0.01, 50.0), 1e-2
+    impedance = math.sqrt(inductance / device.capacitance)
+    shunt = SSDI(inductance=inductance, quality=20.0, switch_resistance=0.1 * impedance)
+    alike = SSDI(inductance=inductance, quality=1 / (1 / 20 + 0.1))
+    drive = SineForce(amplitude=1e-3, frequency=device.short_circuit_frequency)
+    found, wanted = (simulate(System(device, each), drive) for each in (shunt, alike))
+    assert found.displacement_amplitude == pytest.approx(wanted.displacement_amplitude, rel=1e-10)
+    assert found.energy["shunt_loss"] == pytest.approx(wanted.energy["shunt_loss"], rel=1e-9)
+    with pytest.raises(ParameterError, match="switch_resistance: found"):
+        simulate(System(device, dataclasses.replace(shunt, switch_resistance=3 * impedance)), drive)
+    with pytest.raises(ParameterError, match="switch_resistance: found beside flip_time"):
+        SSDI(flip_time=1e-4, quality=5.0, switch_resistance=1.0)

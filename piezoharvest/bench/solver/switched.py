@@ -124,6 +124,7 @@ class SSDI(Switched, Circuit):
     inductance: float | None
     flip_time: float | None
     on_time_error: float
+    switch_resistance: float | None
     source_voltage = 0.0
 
     def meet(self, capacitance):
@@ -131,7 +132,9 @@ class SSDI(Switched, Circuit):
         if self.inductance is None:
             assert self.flip_time is not None  # one of the two is given
             self.inductance = (self.flip_time * damped / math.pi) ** 2 / capacitance
-        self.resistance = math.sqrt(self.inductance / capacitance) / self.quality
+        impedance = math.sqrt(self.inductance / capacitance)
+        self.resistance = impedance / self.quality + (self.switch_resistance or 0.0)
+        damped = math.sqrt(1.0 - 0.25 * (self.resistance / impedance) ** 2)
         self.on_time = math.pi * math.sqrt(self.inductance * capacitance) / damped * (1.0 + self.on_time_error)
         self.surge = math.sqrt(capacitance / self.inductance)
         self.storage = (self.inductance, *self.storage)

@@ -77,12 +77,17 @@ class InductiveSwitch(SynchronisedShunt):
     inductance: float | None = quantity("H", "inductance of the switched loop", default=None, above=0)
     flip_time: float | None = quantity("s", "damped half period, instead of inductance", default=None, above=0)
     on_time_error: float = quantity("", "relative error of the time for which it is closed", default=0.0, above=-1)
+    switch_resistance: float | None = quantity(
+        "ohm", "of the closed switch, beside what the quality tells of; None: none", default=None, at_least=0
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.inductance is None) == (self.flip_time is None):
             found = "neither inductance nor" if self.inductance is None else "both inductance and"
             raise ParameterError("inductance", f"found {found} flip_time, allowed is one of them")
+        if self.switch_resistance is not None and self.flip_time is not None:
+            raise ParameterError("switch_resistance", "found beside flip_time, allowed is one with inductance only")
 
     def loop(self, capacitance: float) -> tuple[float, float]:
         """Inductance (H) and resistance (ohm) of the loop with the clamped capacitance (F)."""
@@ -91,11 +96,30 @@ class InductiveSwitch(SynchronisedShunt):
         else:
             assert self.flip_time is not None  # one of the two is given: __post_init__
             inductance = (self.flip_time / np.pi) ** 2 * (1 - 0.25 / self.quality**2) / capacitance
-        return inductance, np.sqrt(inductance / capacitance) / self.quality
+        own = 0.0 if self.switch_resistance is None else self.switch_resistance
+        return inductance, np.sqrt(inductance / capacitance) / self.quality + own
+
+    def loop_quality(self, capacitance: Any) -> Any:
+        """Quality sqrt(L/C)/R of the loop with its switch.
+
+        Raises
+        ------
+        ParameterError
+            With the resistance of the switch the voltage does not swing.
+        """
+        inductance, resistance = self.loop(capacitance)
+        found = np.sqrt(inductance / capacitance) / resistance
+        if np.any(np.real(found) <= 0.5):
+            most = np.real(np.sqrt(inductance / capacitance) * (2 - 1 / self.quality))
+            allowed = f"allowed is less than {np.min(most):.4g} ohm, with which the voltage swings"
+            raise ParameterError("switch_resistance", f"found {self.switch_resistance} ohm, {allowed}")
+        return found
 
     def nominal_flip_time(self, capacitance: float) -> float:
         """Damped half period pi/w_d in s, w_d^2 = 1/(L C) - (R/(2 L))^2."""
         inductance, resistance = self.loop(capacitance)
+        if self.switch_resistance is not None:
+            self.loop_quality(capacitance)  # raises if nothing swings
         return np.pi / np.sqrt(1 / (inductance * capacitance) - (resistance / (2 * inductance)) ** 2)
 
     def emptying_time(self, capacitance: float) -> Any:
@@ -114,6 +138,7 @@ class InductiveSwitch(SynchronisedShunt):
         """The same loop beside another capacitance (F): coil, resistance and on time stay those for `capacitance`."""
         inductance, resistance = self.loop(capacitance)
         values = {"inductance": inductance, "flip_time": None, "quality": np.sqrt(inductance / actual) / resistance}
+        values["switch_resistance"] = None
         moved = replace(self, **values, on_time_error=0.0)
         return replace(moved, on_time_error=self.swing_time(capacitance) / moved.nominal_flip_time(actual) - 1)
 

@@ -23,7 +23,7 @@ class ParallelSSHI(InductiveSwitch, Bridge):
     source: ClassVar[str] = "Guyomar, Badel, Lefeuvre & Richard, IEEE Trans. UFFC 52(4), 584-595, 2005"
 
     def inversion(self, capacitance: float) -> Any:
-        return np.exp(-np.pi / (2 * self.quality))
+        return np.exp(-np.pi / (2 * self.loop_quality(capacitance)))
 
     def states(self, capacitance: float) -> tuple[State, ...]:
         return (State("current", self.loop(capacitance)[0]), *self.bridge_states())
