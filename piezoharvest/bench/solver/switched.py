@@ -124,7 +124,7 @@ class SSDI(Switched, Circuit):
     inductance: float | None
     flip_time: float | None
     on_time_error: float
-    switch_resistance: float | None
+    switch_resistance: float | None = None
     source_voltage = 0.0
 
     def meet(self, capacitance):
