@@ -23,6 +23,8 @@ PATHS = {
         f"transducer.modes.0.{name}"
         for name in ("mass", "damping", "stiffness", "coupling", "force_participation", "effective_mass")
     ),
+    "transducer.sensor_participation",
+    "transducer.modes.0.sensor_participation",
     "transducer.effects.leakage.resistance",
     *(f"excitation.{name}" for name in ("amplitude", "frequency", "offset")),
     "shunts.0.resistance",
@@ -31,7 +33,7 @@ PATHS = {
         for name in (
             "inductance", "flip_time", "quality", "on_time_error", "phase_lag", "time_lag", "hold_off", "dc_voltage",
             "smoothing_capacitance", "load_resistance", "diode_drop", "diode_resistance", "diode_leakage", "dc_leakage",
-            "detector_threshold",
+            "detector_threshold", "switch_resistance",
         )
     ),
 }  # fmt: skip
