@@ -54,6 +54,7 @@ from piezoharvest.description.shunts import (
     BiasFlip,
     CurrentBlocking,
     CurrentFlowing,
+    Digital,
     Doubler,
     HalfWave,
     LinearShunt,
@@ -74,7 +75,7 @@ from piezoharvest.description.shunts import (
     SpiceCircuit,
 )
 from piezoharvest.description.system import System
-from piezoharvest.description.transducer import Mode, Transducer
+from piezoharvest.description.transducer import Electrode, Mode, Transducer
 from piezoharvest.design import DesignResult, design
 from piezoharvest.diagnose import Diagnosis, diagnose
 from piezoharvest.engine import Gradient, NoGradientError, Response, Waveforms, gradient, simulate, simulate_many
@@ -82,11 +83,14 @@ from piezoharvest.identify import Identification, identify
 from piezoharvest.linear import (
     TwoPort,
     admittance,
+    anticipating,
     closed_loop,
     coupling_factor,
     frequency_response,
     linearize,
     resonances,
+    sampled_loop,
+    stability_limit,
 )
 from piezoharvest.records import Campaign, CampaignError, load_campaign
 from piezoharvest.report import write_diagnosis, write_identification, write_report
@@ -121,11 +125,13 @@ __all__ = [
     "DesignResult",
     "Diagnosis",
     "DielectricRelaxation",
+    "Digital",
     "DiodeDropError",
     "DiodeLine",
     "DisplacementLag",
     "Doubler",
     "Effect",
+    "Electrode",
     "Excitation",
     "Friction",
     "Gradient",
@@ -184,6 +190,7 @@ __all__ = [
     "Waveforms",
     "__version__",
     "admittance",
+    "anticipating",
     "closed_loop",
     "coupling_factor",
     "design",
@@ -200,8 +207,10 @@ __all__ = [
     "measured_diode",
     "quantity",
     "resonances",
+    "sampled_loop",
     "simulate",
     "simulate_many",
+    "stability_limit",
     "sweep",
     "write_diagnosis",
     "write_identification",

@@ -34,7 +34,7 @@ def mean_power(transducer, shunt, band, count=4001):
 
 def brute_force(figure, make, centre, span):
     """Best of a shunt's parts about typical values by a global method that knows nothing of the problem."""
-    names = list(centre)
+    names = [name for name, value in centre.items() if isinstance(value, float)]
 
     def at(logs):
         return figure(make(**{n: centre[n] * np.exp(x)[:, None] for n, x in zip(names, logs, strict=True)}))
