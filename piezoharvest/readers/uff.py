@@ -90,7 +90,7 @@ def _read(path: Path) -> list[dict[str, Any]]:
     try:
         file = pyuff.UFF(str(path))
         wanted = [n for n, number in enumerate(file.get_set_types()) if number in (58, 164)]
-        sets = [file.read_sets(n) for n in wanted]
+        sets: list[dict[str, Any]] = [file.read_sets(n) for n in wanted]  # pyright: ignore[reportAssignmentType] - one
         for each in sets:
             if each["type"] == 58 and not len(each["data"]) == len(each["x"]) == each["num_pts"] > 0:
                 raise ValueError(f"{len(each['data'])} values where {each['num_pts']} are stated")
