@@ -103,12 +103,10 @@ class DesignOptions(Component):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.band is not None and not self.band[0] < self.band[1]:
-            raise ParameterError("band", f"found {list(self.band)}, allowed is [lower, upper] with lower < upper (Hz)")
+            raise ParameterError("band", f"found {list(self.band)}, must be [lower, upper] with lower < upper (Hz)")
         if self.parts_tolerance is not None and self.parts is None:
             found = f"found {self.parts_tolerance:g} without parts"
-            raise ParameterError(
-                "parts_tolerance", f"{found}, allowed is a tolerance with parts = a series (E3 to E192)"
-            )
+            raise ParameterError("parts_tolerance", f"{found}, must be a tolerance with parts = a series (E3 to E192)")
         if self.worst_case and self.tolerance is None:
             raise ParameterError("worst_case", "found true without a tolerance, it needs a table [design.tolerance]")
         if self.candidates is not None and not self.candidates:
@@ -136,7 +134,7 @@ class SweepParameter(Component):
         super().__post_init__()
         for key, value in (("from", self.from_), ("to", self.to)):
             if self.scale == "log" and value <= 0:
-                raise ParameterError(key, f"found {value:g} with scale = 'log', allowed is a number greater than 0")
+                raise ParameterError(key, f"found {value:g} with scale = 'log', must be a number greater than 0")
         if self.from_ == self.to:
             raise ParameterError(
                 "to", f"found {self.to:g}, which is the value of from as well, but the two must differ"
@@ -273,7 +271,7 @@ def load_driven_study(path: str | Path) -> Study:
     study = load_study(path)
     if study.free_frequency:
         found = f"found {FREE!r}, which only the command design finds a value for"
-        raise StudyError(path, "excitation.frequency", f"{found}, allowed is a finite number greater than 0 Hz")
+        raise StudyError(path, "excitation.frequency", f"{found}, must be a finite number greater than 0 Hz")
     return study
 
 
@@ -525,9 +523,7 @@ def _in_si(value: Any, unit: str, where: str) -> Any:
 def _build_part(part: type[Component], hint: Any, value: Any, where: str) -> Any:
     """Component or tuple of components inside another one; effects stand in a table by name."""
     if issubclass(part, Effect):
-        return tuple(
-            build_effect(name, table, f"{where}.{name}") for name, table in _typed(dict, value, where).items()
-        )
+        return tuple(build_effect(name, table, f"{where}.{name}") for name, table in _typed(dict, value, where).items())
     if issubclass(part, Shunt):
         return _build_list(value, where, build_shunt)
     if get_origin(hint) is tuple:
@@ -559,7 +555,7 @@ def build_effect(name: str, table: Any, where: str) -> Effect:
     }
     law = Law(**parts)
     if in_a_path(law.name) != name:
-        raise ParameterError(where, f"found the law {in_a_path(law.name)!r} under this name, allowed is its own")
+        raise ParameterError(where, f"found the law {in_a_path(law.name)!r} under this name, must be its own")
     return law
 
 
@@ -639,7 +635,7 @@ def _validation_message(cls: type[Component], error: ValidationError) -> Paramet
         name, hint = f"{name}.{inner[0]}", get_args(hint)[0]
     # An element is missing if a list is too short: the list is reported.
     found = "missing key" if first["type"] == "missing" and not inner else f"found {_shown_value(first['input'])}"
-    return ParameterError(name, f"{found}, allowed is {_described(field, hint)}")
+    return ParameterError(name, f"{found}, must be {_described(field, hint)}")
 
 
 def _described(field: dataclasses.Field, hint: Any) -> str:
@@ -661,7 +657,7 @@ def _described(field: dataclasses.Field, hint: Any) -> str:
 
 def _typed(wanted: type[_T], value: Any, where: str) -> _T:
     if not isinstance(value, wanted):
-        raise ParameterError(where, f"found {_shown_value(value)}, allowed is {_WORDS[wanted]}")
+        raise ParameterError(where, f"found {_shown_value(value)}, must be {_WORDS[wanted]}")
     return value
 
 

@@ -227,8 +227,8 @@ class TestSimulate:
         assert run("simulate", study)[0] == 0
 
     def test_what_only_the_engine_finds_is_bad_input(self, study, refused, engine):
-        engine(ParameterError("phase_lag", "found 1, allowed is 0"))
-        assert "study.toml: shunts.0 (resistor): phase_lag: found 1, allowed is 0" in refused("simulate", study)
+        engine(ParameterError("phase_lag", "found 1, must be 0"))
+        assert "study.toml: shunts.0 (resistor): phase_lag: found 1, must be 0" in refused("simulate", study)
 
     def test_table_has_one_prefix_in_a_column(self, study, run, engine):
         engine(response(harvested_power=2.5e-6), response("parallel_sshi", harvested_power=1.25e-3))
@@ -622,11 +622,11 @@ class TestExport:
 
     def test_what_cannot_be_exported_leaves_the_old_file(self, study, refused, tmp_path, monkeypatch):
         def export(transducer, shunt, excitation, **options):
-            raise ParameterError("excitation.kind", "found 'record', allowed is a periodic one")
+            raise ParameterError("excitation.kind", "found 'record', must be a periodic one")
 
         monkeypatch.setattr(piezoharvest.spice, "export_spice", export, raising=False)
         (tmp_path / "study.cir").write_text("old")
-        assert "found 'record', allowed is a periodic one" in refused("export", study, "--out", "study.cir")
+        assert "found 'record', must be a periodic one" in refused("export", study, "--out", "study.cir")
         assert (tmp_path / "study.cir").read_text() == "old"
 
 

@@ -91,8 +91,8 @@ def test_where_the_table_begins(tmp_path):
 @pytest.mark.parametrize(
     ("text", "found"),
     [
-        (lines("t,force,x", rows()[:5], "0.005,OVERLOAD,1", rows()[6:]), "found 'OVERLOAD', allowed is a number (in "),
-        (lines("t,force,x", rows()[:5], "0.005,,1", rows()[6:]), "row 7, allowed is a finite number"),
+        (lines("t,force,x", rows()[:5], "0.005,OVERLOAD,1", rows()[6:]), "found 'OVERLOAD', must be a number (in "),
+        (lines("t,force,x", rows()[:5], "0.005,,1", rows()[6:]), "row 7, must be a finite number"),
         (lines("t,force,x", rows()[:5]) + "0.005,-1.", "found 2 columns, but 3 in the rows above"),
         ("x" * 3_000_000 + "\n", "found no rows of numbers (line 1 is 'xxx"),
     ],

@@ -120,7 +120,7 @@ class TestMaterial:
         assert free == pytest.approx(3400 * 8.8541878188e-12 * 0.03 * 0.01 / 2e-4)
 
     def test_an_impossible_one(self):
-        with pytest.raises(ParameterError, match="d31: found 1e-09, allowed is a size below"):
+        with pytest.raises(ParameterError, match="d31: found 1e-09, must be a size below"):
             Transducer.from_datasheet(
                 d31=1e-9, s11=16e-12, relative_permittivity=1000.0, length=0.03, width=0.01, thickness=2e-4,
                 modal_mass=1e-4, quality=50.0,
@@ -132,8 +132,8 @@ class TestMaterial:
     [
         ({"quality": None, "damping_ratio": None}, "quality: missing key, quality or damping_ratio is needed"),
         ({"damping_ratio": 0.01}, "damping_ratio: found with quality beside it"),
-        ({"open_circuit_frequency": 49.0}, "open_circuit_frequency: found 49, allowed is at least"),
-        ({"quality": -1.0}, "quality: found -1.0, allowed is a finite number greater than 0"),
+        ({"open_circuit_frequency": 49.0}, "open_circuit_frequency: found 49, must be at least"),
+        ({"quality": -1.0}, "quality: found -1.0, must be a finite number greater than 0"),
     ],
 )
 def test_wrong_figures(changed, message):
@@ -184,9 +184,9 @@ capacitance_is = "free"
     @pytest.mark.parametrize(
         ("old", "new", "message"),
         [
-            ('"free"', '"loose"', "transducer.modal.capacitance_is: found 'loose', allowed is 'free' or 'clamped'"),
+            ('"free"', '"loose"', "transducer.modal.capacitance_is: found 'loose', must be 'free' or 'clamped'"),
             ("quality", "qality", "transducer.modal.qality: unknown key (did you mean 'quality'?)"),
-            ('"51 Hz"', '"49 Hz"', "transducer.modal.open_circuit_frequency: found 49, allowed is at least"),
+            ('"51 Hz"', '"49 Hz"', "transducer.modal.open_circuit_frequency: found 49, must be at least"),
             ("transducer.modal", "transducer.datasheet", "transducer.datasheet: missing key, one of blocking_force"),
             ("[transducer.modal]", "[transducer.datasheet]\n[transducer.modal]", "only one of the two may be given"),
         ],

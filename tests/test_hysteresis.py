@@ -114,14 +114,14 @@ def test_no_operators_and_no_weights():
     assert none.charge(np.array([2.0, -1.0]), 0.5) == pytest.approx([1.0, -0.5])
     flat = Hysteresis(thresholds=(1.0,), weights=(0.0,))
     assert flat.charge(np.array([2.0, -1.0]), 0.5) == pytest.approx([1.0, -0.5])
-    with pytest.raises(ParameterError, match="allowed is up to 0 V"):
+    with pytest.raises(ParameterError, match="must be up to 0 V"):
         flat.charge(np.array([0.1]))
 
 
 def test_voltage_beyond_saturation_is_refused():
     hysteresis = Hysteresis(thresholds=(1.0, 2.0), weights=(1.0, 2.0))
     assert hysteresis.charge(np.array([5.0])) == pytest.approx([2.0])
-    with pytest.raises(ParameterError, match=r"voltage: found 5\.1 V, allowed is up to 5 V"):
+    with pytest.raises(ParameterError, match=r"voltage: found 5\.1 V, must be up to 5 V"):
         hysteresis.charge(np.array([5.1]))
 
 
@@ -151,8 +151,8 @@ def test_describing_function_is_the_fundamental_of_the_stop(amplitude):
     [
         ((1.0, 2.0), (1.0,), "weights: found 1 for 2 thresholds"),
         ((2.0, 1.0), (1.0, 1.0), "thresholds: found 1.0 after 2.0, allowed are increasing"),
-        ((1.0,), (-1.0,), "weights: found -1.0, allowed is a finite number at least 0"),
-        ((0.0,), (1.0,), "thresholds: found 0.0, allowed is a finite number greater than 0"),
+        ((1.0,), (-1.0,), "weights: found -1.0, must be a finite number at least 0"),
+        ((0.0,), (1.0,), "thresholds: found 0.0, must be a finite number greater than 0"),
     ],
 )
 def test_bad_operators_are_refused(thresholds, weights, message):

@@ -155,7 +155,7 @@ def test_linearize_shunt(shunt, formula, drive):
     }
     name = NAMES[SHUNTS.index(shunt)]
     if name in improper[drive]:
-        with pytest.raises(ParameterError, match=r"improper .* allowed is"):
+        with pytest.raises(ParameterError, match=r"improper .* must be"):
             linear.linearize_shunt(shunt, drive=drive)
         return
     system = linear.linearize_shunt(shunt, drive=drive)
@@ -621,21 +621,21 @@ def test_stability_limit_of_negative_capacitance(transducer, topology):
     with pytest.raises(ParameterError) as error:
         linear.check_stability(system(bad))
     text = str(error.value)
-    assert error.value.key == "capacitance" and f"found {bad * limit:g} F, allowed is {words} " in text
+    assert error.value.key == "capacitance" and f"found {bad * limit:g} F, must be {words} " in text
     assert "(closed loop unstable: pole at +" in text and text.endswith(" 1/s)")
     assert float(text.split(words)[1].split()[0]) == pytest.approx(limit, rel=1e-5)
 
 
 def test_cancelled_capacitance_is_refused():
     exact = System(PLAIN, NegativeCapacitance(capacitance=PLAIN.capacitance, resistance=1e5))
-    with pytest.raises(ParameterError, match="capacitance: found 4e-08 F, allowed is less than 4e-08 F"):
+    with pytest.raises(ParameterError, match="capacitance: found 4e-08 F, must be less than 4e-08 F"):
         linear.check_stability(exact)
 
 
 def test_series_negative_capacitance_with_a_leak_drifts_away():
     """The floating charge leaks through -C_n: a slow unstable pole at any value, for which no limit can be named."""
     leaking = dataclasses.replace(PLAIN, effects=(Leakage(resistance=1e9),))
-    with pytest.raises(ParameterError, match="allowed is no value at all with this transducer"):
+    with pytest.raises(ParameterError, match="must be another shunt: no value at all is stable with this transducer"):
         linear.check_stability(System(leaking, NegativeCapacitance(capacitance=9e-8, resistance=R, topology="series")))
 
 
@@ -688,17 +688,17 @@ def test_transmission_coefficients_by_maximising_over_the_load_field(k2):
     ("call", "message"),
     [
         (lambda: linear.frequency_response(System(PLAIN, Rectifier(dc_voltage=3.0)), [50.0]), "shunt: found rectifier"),
-        (lambda: linear.admittance(Rectifier(dc_voltage=3.0), [50.0]), "shunt: found rectifier, allowed is a linear"),
+        (lambda: linear.admittance(Rectifier(dc_voltage=3.0), [50.0]), "shunt: found rectifier, must be a linear"),
         (lambda: linear.poles(System(PLAIN, Rectifier(dc_voltage=3.0))), "shunt: found rectifier"),
-        (lambda: linear.frequency_response(System(PLAIN), [0.0, 50.0]), "frequencies: found 0.0, allowed is a finite"),
+        (lambda: linear.frequency_response(System(PLAIN), [0.0, 50.0]), "frequencies: found 0.0, must be a finite"),
         (lambda: TwoPort.of(PLAIN, [np.inf]), "frequencies: found inf"),
-        (lambda: linear.linearize(PLAIN, drive="force"), 'drive: found "force", allowed is "current" or "voltage"'),
+        (lambda: linear.linearize(PLAIN, drive="force"), 'drive: found "force", must be "current" or "voltage"'),
         (lambda: linear.linearize_shunt(Open(), drive="force"), 'drive: found "force"'),
         (lambda: linear.linearize(PLAIN, drive="voltage", lead_resistance=0.0), "lead_resistance: found 0.0"),
-        (lambda: linear.linearize(FULL, amplitude=-1.0), "amplitude: found -1.0, allowed is a finite"),
+        (lambda: linear.linearize(FULL, amplitude=-1.0), "amplitude: found -1.0, must be a finite"),
         (lambda: linear.linearize(FULL, operating_point="slide"), 'operating_point: found "slide"'),
         (lambda: linear.linearize(FULL, operating_point=(True,)), "operating_point: found 1 flags for 2 operators"),
-        (lambda: linear.material_coupling(1e-9, 1e-12, 1e-9), r"d: found 1e-09, allowed is \|d\| less than"),
+        (lambda: linear.material_coupling(1e-9, 1e-12, 1e-9), r"d: found 1e-09, must be \|d\| less than"),
         (lambda: linear.material_coupling(1e-9, -1e-12, 1e-9), "s: found -1e-12"),
         (lambda: TwoPort.of(PLAIN, [50.0]).impedance("loose"), 'mechanical: found "loose"'),
     ],

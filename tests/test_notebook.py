@@ -92,9 +92,7 @@ class TestConfidence:
         draws = np.random.default_rng(1).multivariate_normal([1e3, 1e-3], self.SPECIMEN.covariance[:2, :2], 20_000)
         edge = matplotlib.path.Path(np.column_stack([(x - 1e3) / 2.0, (y - 1e-3) / 1e-6]))
         inside = edge.contains_points((draws - [1e3, 1e-3]) / [2.0, 1e-6])
-        assert np.mean(inside) == pytest.approx(
-            0.95, abs=0.006
-        )
+        assert np.mean(inside) == pytest.approx(0.95, abs=0.006)
 
     def test_what_is_not_determined_has_none(self):
         with pytest.raises(ValueError, match="found 'mass', the records determine stiffness, coupling"):

@@ -413,7 +413,7 @@ class TestRealDiodes:
 
     def test_a_wrong_model_is_refused(self):
         for model in ("1N4148", "D(Is=1n) .include x", "D(Is)"):
-            with pytest.raises(ParameterError, match=r"diodes: found .* allowed is a model such as"):
+            with pytest.raises(ParameterError, match=r"diodes: found .* must be a model such as"):
                 netlist(bench(SWITCHED["rectifier"], DRIVE), diodes=model)
         with pytest.raises(ParameterError, match="resistor has no bridge"):
             netlist(bench(LINEAR["resistor"], DRIVE), diodes="D(Is=1n)")

@@ -189,7 +189,7 @@ class TestAccepted:
             study = load(tmp_path, ('"resistor"\nresistance', '"lamp_of_test_study"\nresistance'))
             assert study.shunts[0] == Lamp(resistance=1e5)
             found = error(tmp_path, RESISTOR_TO('kind = "lamp_of_test_study"\nresistance = -1'))
-            assert found == "shunts.0.resistance: found -1.0, allowed is a finite number greater than 0 ohm"
+            assert found == "shunts.0.resistance: found -1.0, must be a finite number greater than 0 ohm"
         finally:
             del Lamp.kind  # leave no new name in the registry, which goes by subclasses
 
@@ -242,7 +242,7 @@ catalogue = "NAME"
 
 
 class TestValues:
-    MASS = "allowed is a finite number greater than 0 kg"
+    MASS = "must be a finite number greater than 0 kg"
 
     @pytest.mark.parametrize(
         ("value", "found"),
@@ -269,65 +269,65 @@ class TestValues:
     @pytest.mark.parametrize(
         ("change", "key", "message"),
         [
-            (("50.6", "0"), "excitation.frequency", "found 0.0, allowed is a finite number greater than 0 Hz"),
-            (("1e5", "0"), "shunts.0.resistance", "found 0.0, allowed is a finite number greater than 0 ohm"),
-            (("= 10\n", '= "ten"\n'), "shunts.1.dc_voltage", "found 'ten', allowed is a finite number at least 0 V"),
+            (("50.6", "0"), "excitation.frequency", "found 0.0, must be a finite number greater than 0 Hz"),
+            (("1e5", "0"), "shunts.0.resistance", "found 0.0, must be a finite number greater than 0 ohm"),
+            (("= 10\n", '= "ten"\n'), "shunts.1.dc_voltage", "found 'ten', must be a finite number at least 0 V"),
             (
                 ("130000", "nan"),
                 "transducer.effects.leakage.resistance",
-                "found nan, allowed is a finite number greater than 0 ohm",
+                "found nan, must be a finite number greater than 0 ohm",
             ),
             (
                 ("[5e5, 1.5e6]", "[5e5, nan]"),
                 "transducer.hysteresis.weights",
-                "found nan, allowed is a finite number at least 0 V/C",
+                "found nan, must be a finite number at least 0 V/C",
             ),
             (
                 ("[5e5, 1.5e6]", '[5e5, "a"]'),
                 "transducer.hysteresis.weights.1",
-                "found 'a', allowed is a finite number at least 0 V/C",
+                "found 'a', must be a finite number at least 0 V/C",
             ),
             (
                 ("[5e5, 1.5e6]", "5e5"),
                 "transducer.hysteresis.weights",
-                "found 500000.0, allowed is a list, each a finite number at least 0 V/C",
+                "found 500000.0, must be a list, each a finite number at least 0 V/C",
             ),
             (
                 ("[5e5, 1.5e6]", "[5e5]"),
                 "transducer.hysteresis.weights",
-                "found 1 for 2 thresholds, allowed is one weight for each",
+                "found 1 for 2 thresholds, must be one weight for each",
             ),
-            (('"bench harvester"', "7"), "title", "found 7, allowed is a string"),
+            (('"bench harvester"', "7"), "title", "found 7, must be a string"),
             (
                 ("[48.0, 53]", "[53, 48]"),
                 "design.band",
-                "found [53.0, 48.0], allowed is [lower, upper] with lower < upper (Hz)",
+                "found [53.0, 48.0], must be [lower, upper] with lower < upper (Hz)",
             ),
             (
                 ("[48.0, 53]", "[48]"),
                 "design.band",
-                "found [48], allowed is a list of 2, each a finite number greater than 0 Hz",
+                "found [48], must be a list of 2, each a finite number greater than 0 Hz",
             ),
             (
                 ("[48.0, 53]", "[48, 50, 53]"),
                 "design.band",
-                "found [48, 50, 53], allowed is a list of 2, each a finite number greater than 0 Hz",
+                "found [48, 50, 53], must be a list of 2, each a finite number greater than 0 Hz",
             ),
             (
                 ('["resistor", "parallel_sshi"]', "[]"),
                 "design.candidates",
                 "found an empty list, at least one kind of shunt is needed",
             ),
-            (('["resistor", "parallel_sshi"]', "[1]"), "design.candidates.0", "found 1, allowed is a string"),
+            (('["resistor", "parallel_sshi"]', "[1]"), "design.candidates.0", "found 1, must be a string"),
             (
                 ('"harvest"', '"harvesting"'),
                 "design.objective",
-                "found 'harvesting', allowed is 'harvest' or 'damping' or 'trade_off'",
+                "found 'harvesting', must be 'harvest' or 'damping' or 'trade_off'",
             ),
             (
                 ("band", "max_voltage = 0\nband"),
                 "design.max_voltage",
-                "found 0.0, allowed is a finite number greater than 0 V",
+                "found 0.0, must be a finite number greater than 0 V",
             ),
         ],
     )
@@ -336,7 +336,7 @@ class TestValues:
 
     def test_bridge_with_both_load_and_voltage(self, tmp_path):
         found = error(tmp_path, ("dc_voltage = 10", "dc_voltage = 10\nload_resistance = 1e5"))
-        assert found.startswith("shunts.1.dc_voltage: found load_resistance and dc_voltage, allowed is ")
+        assert found.startswith("shunts.1.dc_voltage: found load_resistance and dc_voltage, must be ")
 
     def test_whole_numbers(self, tmp_path):
         noise = 'kind = "random_force"\npsd = 1e-6\nband = [10, 20]\nduration = 5\nseed = SEED'
@@ -399,13 +399,13 @@ class TestUnits:
     @pytest.mark.parametrize(
         ("value", "message"),
         [
-            ("40 nH", "found the unit 'nH', allowed is a unit that converts to F"),
-            ("40n", "found the unit 'n', allowed is a unit such as F"),
-            ("40", "found '40', allowed is a finite number greater than 0 F"),
-            ("-40 nF", "found -4e-08, allowed is a finite number greater than 0 F"),
-            ("1e999 F", "found inf, allowed is a finite number greater than 0 F"),
-            ("40 nF nF", "found the unit 'nF nF', allowed is a unit that converts to F"),
-            ("small", "found 'small', allowed is a finite number greater than 0 F"),
+            ("40 nH", "found the unit 'nH', must be a unit that converts to F"),
+            ("40n", "found the unit 'n', must be a unit such as F"),
+            ("40", "found '40', must be a finite number greater than 0 F"),
+            ("-40 nF", "found -4e-08, must be a finite number greater than 0 F"),
+            ("1e999 F", "found inf, must be a finite number greater than 0 F"),
+            ("40 nF nF", "found the unit 'nF nF', must be a unit that converts to F"),
+            ("small", "found 'small', must be a finite number greater than 0 F"),
         ],
     )
     def test_refused(self, tmp_path, value, message):
@@ -478,7 +478,7 @@ class TestNames:
     @pytest.mark.parametrize("key", ["mass", "damping", "stiffness", "coupling", "capacitance"])
     def test_missing_in_transducer(self, tmp_path, key):
         text = "\n".join(line for line in STUDY.split("[transducer.hyst")[0].splitlines() if not line.startswith(key))
-        with pytest.raises(StudyError, match=rf"transducer\.{key}: missing key, allowed is a finite number"):
+        with pytest.raises(StudyError, match=rf"transducer\.{key}: missing key, must be a finite number"):
             load_study(write(tmp_path, text + "\n[transducer.hyst" + STUDY.split("[transducer.hyst")[1]))
 
     @pytest.mark.parametrize(
@@ -509,7 +509,7 @@ class TestNames:
             load_study(write(tmp_path, "\n".join(tables.values())))
 
     @pytest.mark.parametrize(
-        ("value", "found"), [("[]", "an empty list, at least"), ("{}", "{}, allowed is a"), ("[1]", "1, allowed is a")]
+        ("value", "found"), [("[]", "an empty list, at least"), ("{}", "{}, must be a"), ("[1]", "1, must be a")]
     )
     def test_shunts_are_a_list_of_tables(self, tmp_path, value, found):
         text = f"shunts = {value}\n" + STUDY[: STUDY.index("[[shunts]]")]

@@ -120,7 +120,7 @@ def build_bench(study: Study) -> tuple[Bench, tuple[BenchEffect, ...], tuple[Set
     """
     table = dict(study.bench)
     if study.transducer.electrodes:
-        found = f"found {len(study.transducer.electrodes)}, allowed is none on the virtual bench"
+        found = f"found {len(study.transducer.electrodes)}, must be none on the virtual bench"
         raise ParameterError("transducer.electrodes", found)
     effects = _effects(study, table.pop("effects", {}))
     bench = build(Bench, table, "bench")
@@ -160,7 +160,7 @@ def _effects(study: Study, tables: Any) -> tuple[BenchEffect, ...]:
         found[effect.name] = build(known[effect.name], vars(effect), where)
     if not isinstance(tables, Mapping):
         raise ParameterError(
-            "bench.effects", f"found {tables!r}, allowed is a table for each effect, [bench.effects.NAME]"
+            "bench.effects", f"found {tables!r}, must be a table for each effect, [bench.effects.NAME]"
         )
     for name, table in tables.items():
         where = f"bench.effects.{name}"
@@ -182,7 +182,7 @@ def _shunt(study: Study, option: RecordOptions, where: str, default: int) -> Shu
         return Resistor(resistance=option.load_resistance)
     if not study.shunts:
         raise ParameterError(
-            f"{where}.load_resistance", "missing key, allowed is a resistance in ohm, or a table shunt in its place"
+            f"{where}.load_resistance", "missing key, must be a resistance in ohm, or a table shunt in its place"
         )
     return study.shunts[default]
 
@@ -192,7 +192,7 @@ def _excitation(study: Study, table: Any, where: str) -> Excitation:
     if table is None:
         return study.excitation
     if not isinstance(table, Mapping):
-        raise ParameterError(where, f"found {table!r}, allowed is a table")
+        raise ParameterError(where, f"found {table!r}, must be a table")
     kind = study.excitation.kind
     values = {f.name: getattr(study.excitation, f.name) for f in dataclasses.fields(study.excitation) if f.init}
     own = {name: value for name, value in values.items() if value is not None}
@@ -215,6 +215,6 @@ def _sensed(shunt: Shunt, sense: CurrentSense, where: str) -> Shunt:
     if isinstance(shunt, Short):
         return Resistor(resistance=sense.resistance)
     if isinstance(shunt, Resistor) and shunt.resistance < sense.resistance:
-        allowed = f"allowed is at least {sense.resistance:g} ohm (bench.current_sense.resistance, which is part of it)"
+        allowed = f"must be at least {sense.resistance:g} ohm (bench.current_sense.resistance, which is part of it)"
         raise ParameterError(f"{where}.resistance", f"found {shunt.resistance:g} ohm, {allowed}")
     return shunt

@@ -36,7 +36,7 @@ def check_folder(path: str | Path) -> Path:
     if path.exists() and not _replaceable(path):
         found = "this folder holds other files" if path.is_dir() else "this exists and is not a folder"
         raise OutputError(
-            f"{path}: {found}, allowed is a new or empty folder, or one that piezoharvest measure has written"
+            f"{path}: {found}, must be a new or empty folder, or one that piezoharvest measure has written"
         )
     return path
 

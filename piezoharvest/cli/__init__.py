@@ -91,7 +91,7 @@ def _options(
 
 def _positive(value: float | None) -> float | None:
     if value is not None and not 0 < value < math.inf:
-        raise typer.BadParameter(f"found {value}, allowed is a finite number greater than 0")
+        raise typer.BadParameter(f"found {value}, must be a finite number greater than 0")
     return value
 
 

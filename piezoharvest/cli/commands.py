@@ -75,7 +75,7 @@ def _specimen(study: Study) -> Specimen:
     from piezoharvest.specimen import load_specimen
 
     if study.specimen is None:
-        wanted = "allowed is the name of a specimen file, which identify --save writes, to take --uncertainty from"
+        wanted = "must be the name of a specimen file, which identify --save writes, to take --uncertainty from"
         raise StudyError(study.path, "transducer", f"found a table, {wanted}")
     return load_specimen(study.specimen)
 

@@ -77,9 +77,9 @@ def exponential_diode(
     }  # fmt: skip
     for name, value in values.items():
         if not (np.isfinite(value) and value > 0):
-            raise ParameterError(name, f"found {value}, allowed is a finite number greater than 0")
+            raise ParameterError(name, f"found {value}, must be a finite number greater than 0")
     if not (np.isfinite(series_resistance) and series_resistance >= 0):
-        raise ParameterError("series_resistance", f"found {series_resistance}, allowed is a finite number at least 0")
+        raise ParameterError("series_resistance", f"found {series_resistance}, must be a finite number at least 0")
     currents = peak_current * np.sin(np.pi * (np.arange(POINTS) + 0.5) / POINTS)
     thermal = emission * BOLTZMANN * temperature / CHARGE
     voltages = thermal * np.log1p(currents / saturation_current) + series_resistance * currents

@@ -167,7 +167,7 @@ class StepForce(Excitation):
         super().__post_init__()
         if self.rise_time > self.duration:
             raise ParameterError(
-                "rise_time", f"found {self.rise_time:g} s, allowed is at most duration ({self.duration:g} s)"
+                "rise_time", f"found {self.rise_time:g} s, must be at most duration ({self.duration:g} s)"
             )
 
     @property
@@ -200,7 +200,7 @@ class Multisine(Excitation):
         for name in ("amplitudes", "phases"):
             if len(getattr(self, name)) != len(self.frequencies):
                 found = f"found {len(getattr(self, name))} values for {len(self.frequencies)} frequencies"
-                raise ParameterError(name, f"{found}, allowed is one value for each frequency")
+                raise ParameterError(name, f"{found}, must be one value for each frequency")
         if not self.frequencies:
             raise ParameterError("frequencies", "found an empty list, at least one frequency is needed")
 
@@ -238,11 +238,11 @@ class _Random(Excitation):
         super().__post_init__()
         object.__setattr__(self, "band", tuple(self.band))
         if len(self.band) != 2 or not self.band[0] < self.band[1]:
-            raise ParameterError("band", f"found {list(self.band)}, allowed is [lower, upper] with lower < upper (Hz)")
+            raise ParameterError("band", f"found {list(self.band)}, must be [lower, upper] with lower < upper (Hz)")
         if self.duration * (self.band[1] - self.band[0]) < 1:
             least = 1 / (self.band[1] - self.band[0])
             raise ParameterError(
-                "duration", f"found {self.duration:g} s, allowed is at least {least:g} s (one over the bandwidth)"
+                "duration", f"found {self.duration:g} s, must be at least {least:g} s (one over the bandwidth)"
             )
 
     @property
@@ -357,9 +357,9 @@ class Record(Samples):
         super().__post_init__()
         if self.quantity not in _KINDS_OF_UNITS:
             allowed = " or ".join(map(repr, _KINDS_OF_UNITS))
-            raise ParameterError("quantity", f"found {self.quantity!r}, allowed is {allowed}")
+            raise ParameterError("quantity", f"found {self.quantity!r}, must be {allowed}")
         if self.gain == 0:
-            raise ParameterError("gain", "found 0, allowed is any finite number but 0")
+            raise ParameterError("gain", "found 0, must be any finite number but 0")
         object.__setattr__(self, "values", self._read())
 
     @property
@@ -374,11 +374,11 @@ class Record(Samples):
         si, words = _KINDS_OF_UNITS[self.quantity]
         given = None if self.unit is None else unit_of(self.unit)
         if self.unit is not None and (given is None or given.si != si):
-            raise ParameterError("unit", f"found {self.unit!r}, allowed is a unit of {words}, as {si}")
+            raise ParameterError("unit", f"found {self.unit!r}, must be a unit of {words}, as {si}")
         if self.gain is not None:
             return self.gain * (1.0 if given is None else given.factor)
         if stated is not None and stated.si != si and stated.firm:
-            raise ParameterError("column", f"found the unit {stated.text!r} {where}, allowed is a unit of {words}")
+            raise ParameterError("column", f"found the unit {stated.text!r} {where}, must be a unit of {words}")
         if stated is None or stated.si != si:
             return 1.0 if given is None else given.factor
         if given is not None and given.factor != stated.factor:
@@ -391,7 +391,7 @@ class Record(Samples):
 
         if not isinstance(self.column, str) and not (type(self.column) is int and self.column > 0):
             raise ParameterError(
-                "column", f"found {self.column!r}, allowed is the name of a column or its number, counted from 1"
+                "column", f"found {self.column!r}, must be the name of a column or its number, counted from 1"
             )
         if not Path(self.file).exists():
             raise ParameterError("file", f"the file {self.file!r} does not exist")
@@ -412,7 +412,7 @@ class Record(Samples):
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             row = rows[bad[0]] if isinstance(rows, np.ndarray) else rows + bad[0]
-            raise ParameterError("file", f"found {values[bad[0]]} {where}, row {row}, allowed is a finite number")
+            raise ParameterError("file", f"found {values[bad[0]]} {where}, row {row}, must be a finite number")
         if len(values) < 2:
             raise ParameterError("file", f"found {len(values)} samples in {self.file}, allowed are two or more")
         return values

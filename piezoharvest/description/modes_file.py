@@ -39,7 +39,7 @@ def with_modes(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     table = dict(table)
     name = table.pop(KEY)
     if not isinstance(name, str):
-        raise ParameterError(KEY, f"found {name!r}, allowed is the name of a file")
+        raise ParameterError(KEY, f"found {name!r}, must be the name of a file")
     for key in GIVEN:
         if key in table:
             raise ParameterError(key, f"{KEY} gives the modes, but only one of the two may")
@@ -48,7 +48,7 @@ def with_modes(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     columns = _read(folder / name, name, count)
     first = np.flatnonzero(columns["force"])
     if not len(first):
-        raise ParameterError(KEY, f"{name}: found only zeros in column 'force', allowed is one that moves some mode")
+        raise ParameterError(KEY, f"{name}: found only zeros in column 'force', must be one that moves some mode")
     order = [first[0], *(n for n in range(len(columns["force"])) if n != first[0])]
     shares = [columns["force"][first[0]], *[1.0] * (len(order) - 1)]
     modes = [_mode(columns, n, share) for n, share in zip(order, shares, strict=True)]
@@ -119,4 +119,4 @@ def _faults(columns: Mapping[str, np.ndarray]) -> Iterator[tuple[str, int]]:
         for row, value in enumerate(values):
             fine = bool(np.isfinite(value)) and np.imag(value) == 0
             if not fine or (column == "frequency_Hz" and value <= 0) or (column == "damping_ratio" and value < 0):
-                yield f"found {value} in column {column!r}, allowed is a finite number {least}".rstrip(), row
+                yield f"found {value} in column {column!r}, must be a finite number {least}".rstrip(), row

@@ -81,7 +81,7 @@ def read_netlist(netlist: Any) -> tuple[Element, ...]:
     if isinstance(netlist, str):
         netlist = netlist.splitlines()
     if not isinstance(netlist, Sequence):
-        raise ParameterError("netlist", f"found {netlist!r}, allowed is a text, or a list of lines or tables")
+        raise ParameterError("netlist", f"found {netlist!r}, must be a text, or a list of lines or tables")
     keyed: list[tuple[str, Element]] = []
     for index, entry in enumerate(netlist):
         key = f"netlist.{index}"
@@ -95,7 +95,7 @@ def read_netlist(netlist: Any) -> tuple[Element, ...]:
                 continue
             table = _table(words, key)
         else:
-            raise ParameterError(key, f"found {entry!r}, allowed is a line such as 'R1 1 2 100k' or a table")
+            raise ParameterError(key, f"found {entry!r}, must be a line such as 'R1 1 2 100k' or a table")
         keyed.append((key, _element(table, key, len(keyed) + 1)))
     _check_circuit(keyed)
     return tuple(element for _, element in keyed)
@@ -104,7 +104,7 @@ def read_netlist(netlist: Any) -> tuple[Element, ...]:
 def _table(words: list[str], key: str) -> dict[str, Any]:
     """Convert the words of a line in the style of SPICE to a table."""
     if len(words) < 4:
-        raise ParameterError(key, f"found {' '.join(words)!r}, allowed is a line such as 'R1 1 2 100k load=true'")
+        raise ParameterError(key, f"found {' '.join(words)!r}, must be a line such as 'R1 1 2 100k load=true'")
     table: dict[str, Any] = {"name": words[0], "kind": words[0][0], "nodes": words[1:3], "value": words[3]}
     for word in words[4:]:
         name, sign, flag = word.lower().partition("=")
@@ -123,10 +123,10 @@ def _element(table: Mapping[str, Any], key: str, number: int) -> Element:
     kind = _kind(table, key)
     name = table.get("name", f"{kind}{number}")
     if not isinstance(name, str) or not re.fullmatch(r"[\w-]+", name, re.ASCII):
-        raise ParameterError(f"{key}.name", f"found {name!r}, allowed is a name of letters, digits, _ and -")
+        raise ParameterError(f"{key}.name", f"found {name!r}, must be a name of letters, digits, _ and -")
     load = table.get("load", False)
     if not isinstance(load, bool):
-        raise ParameterError(f"{key}.load", f"found {load!r}, allowed is true or false")
+        raise ParameterError(f"{key}.load", f"found {load!r}, must be true or false")
     if load and kind != "R":
         raise ParameterError(
             f"{key}.load", f"found true for {name} of kind {kind}, but only a resistor may be the load"
@@ -147,7 +147,7 @@ def _kind(table: Mapping[str, Any], key: str) -> str:
     letters = {**{k.lower(): k for k in VALUE_KEYS}, "resistor": "R", "inductor": "L", "capacitor": "C"}
     found = letters.get(kind.lower()) if isinstance(kind, str) else None
     if found is None:
-        raise ParameterError(f"{key}.{source}", f"found {kind!r}, allowed is R, L or C")
+        raise ParameterError(f"{key}.{source}", f"found {kind!r}, must be R, L or C")
     return found
 
 
@@ -169,14 +169,14 @@ def _value(table: Mapping[str, Any], kind: str, key: str) -> float:
     if len(given) != 1 or given[0] not in ("value", VALUE_KEYS[kind]):
         found = f"{' and '.join(given) or 'no value'} for kind {kind}"
         where = f"{key}.{given[-1] if given else 'value'}"
-        raise ParameterError(where, f"found {found}, allowed is either value or {VALUE_KEYS[kind]}")
+        raise ParameterError(where, f"found {found}, must be either value or {VALUE_KEYS[kind]}")
     value = table[given[0]]
     number = spice_number(value) if isinstance(value, str) else value
     if isinstance(number, bool) or not isinstance(number, int | float | np.integer | np.floating):
         suffixes = "" if not isinstance(value, str) else ", with or without a suffix f p n u m k meg g t"
-        raise ParameterError(f"{key}.{given[0]}", f"found {value!r}, allowed is {allowed}{suffixes}")
+        raise ParameterError(f"{key}.{given[0]}", f"found {value!r}, must be {allowed}{suffixes}")
     if not (math.isfinite(number) and number > 0):
-        raise ParameterError(f"{key}.{given[0]}", f"found {value}, allowed is {allowed}")
+        raise ParameterError(f"{key}.{given[0]}", f"found {value}, must be {allowed}")
     check_range(f"{key}.{given[0]}", float(number), inverted=True)
     return float(number)
 

@@ -114,13 +114,13 @@ def check_quantity(field: dataclasses.Field, value: Any) -> None:
         numbers = np.real(numbers)
         fine = np.isfinite(numbers.astype(float))
     except (TypeError, ValueError):
-        raise ParameterError(field.name, f"found {value!r}, allowed is {allowed(field)}") from None
+        raise ParameterError(field.name, f"found {value!r}, must be {allowed(field)}") from None
     for key, (_, compare) in _COMPARISONS.items():
         if field.metadata.get(key) is not None:
             fine &= compare(numbers, field.metadata[key])
     if not np.all(fine):
         found = value if numbers.ndim == 0 else numbers[~fine].flat[0]
-        raise ParameterError(field.name, f"found {found}, allowed is {allowed(field)}")
+        raise ParameterError(field.name, f"found {found}, must be {allowed(field)}")
     check_range(field.name, numbers, inverted=field.metadata.get("above") == 0)
 
 
@@ -148,7 +148,7 @@ def check_range(key: str, numbers: Any, *, inverted: bool) -> None:
     beyond = (size > LARGEST) | (size < least)
     if np.any(beyond):
         found = np.ravel(numbers)[np.ravel(beyond)][0]
-        raise ParameterError(key, f"found {found:g}, allowed is a magnitude from {least:g} to {LARGEST:g}")
+        raise ParameterError(key, f"found {found:g}, must be a magnitude from {least:g} to {LARGEST:g}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -35,7 +35,7 @@ class System:
             if number > most:
                 key = f"others.{place - 1}.electrode" if place else "electrode"
                 further = "no further electrodes" if not most else f"further electrodes 1 to {most}"
-                raise ParameterError(key, f"found {number}, allowed is 0 to {most} (the transducer has {further})")
+                raise ParameterError(key, f"found {number}, must be 0 to {most} (the transducer has {further})")
 
     @property
     def electrode(self) -> Pair:

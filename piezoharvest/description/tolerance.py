@@ -70,7 +70,7 @@ class Tolerance(Component):
             if abs(change) * (self.temperature or 0.0) >= 1:
                 found = f"found {change:g} with temperature = {self.temperature:g}"
                 allowed = "less than one over that temperature, so that the quantity keeps its sign"
-                raise ParameterError(f"temperature_coefficient_{name}", f"{found}, allowed is {allowed}")
+                raise ParameterError(f"temperature_coefficient_{name}", f"{found}, must be {allowed}")
 
     @property
     def coefficients(self) -> Mapping[str, float]:

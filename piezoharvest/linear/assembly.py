@@ -110,7 +110,7 @@ def require_positive(key: str, value: Any, unit: str) -> None:
     numbers = np.asarray(value, float)
     bad = numbers[~(np.isfinite(numbers) & (numbers > 0))]
     if bad.size:
-        raise ParameterError(key, f"found {bad.flat[0]}, allowed is a finite number greater than 0 {unit}")
+        raise ParameterError(key, f"found {bad.flat[0]}, must be a finite number greater than 0 {unit}")
 
 
 def hysteresis_slope(
@@ -138,11 +138,11 @@ def hysteresis_slope(
     weights = () if hysteresis is None else hysteresis.weights
     if isinstance(operating_point, str):
         if operating_point not in ("stick", "slip"):
-            raise ParameterError("operating_point", f'found "{operating_point}", allowed is "stick", "slip" or flags')
+            raise ParameterError("operating_point", f'found "{operating_point}", must be "stick", "slip" or flags')
         operating_point = [operating_point == "slip"] * len(weights)
     if len(operating_point) != len(weights):
         found = f"found {len(operating_point)} flags for {len(weights)} operators"
-        raise ParameterError("operating_point", f"{found}, allowed is one flag for each operator")
+        raise ParameterError("operating_point", f"{found}, must be one flag for each operator")
     return sum((w for w, slips in zip(weights, operating_point, strict=True) if not slips), 0.0)
 
 
@@ -176,7 +176,7 @@ def assemble(
     system = connected(System(transducer, shunt))
     shunt = system.shunt
     if not isinstance(shunt, LinearShunt):
-        raise ParameterError("shunt", f"found {shunt.kind}, allowed is a linear circuit (no switches, no diodes)")
+        raise ParameterError("shunt", f"found {shunt.kind}, must be a linear circuit (no switches, no diodes)")
     return connect(
         transducer,
         lambda ports, z, dz, inputs: list(chain(*circuit_equations(shunt, "linear", ports, z, dz))),

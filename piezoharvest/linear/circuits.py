@@ -48,7 +48,7 @@ def circuit_columns(shunt: Shunt, capacitance: float) -> CircuitColumns:
         The circuit has switches or diodes.
     """
     if not isinstance(shunt, LinearShunt):
-        raise ParameterError("shunt", f"found {shunt.kind}, allowed is a linear circuit (no switches, no diodes)")
+        raise ParameterError("shunt", f"found {shunt.kind}, must be a linear circuit (no switches, no diodes)")
     names = tuple(state.name for state in shunt.states(capacitance))
     n = len(names)
     eye = np.eye(2 * n + 4)

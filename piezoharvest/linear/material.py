@@ -36,7 +36,7 @@ def material_coupling(d: float, s: float, epsilon: float) -> float:
     require_positive("epsilon", epsilon, "F/m")
     coupling = d**2 / (s * epsilon)
     if not coupling < 1:
-        raise ParameterError("d", f"found {d}, allowed is |d| less than sqrt(s eps) = {np.sqrt(s * epsilon):g} C/N")
+        raise ParameterError("d", f"found {d}, must be |d| less than sqrt(s eps) = {np.sqrt(s * epsilon):g} C/N")
     return coupling
 
 

@@ -115,7 +115,7 @@ def stability_limit(system: System, key: Literal["delay", "sample_time"] = "dela
     """
     shunt = _shunt(system)
     if key not in ("delay", "sample_time"):
-        raise ParameterError("key", f"found {key!r}, allowed is 'delay' or 'sample_time'")
+        raise ParameterError("key", f"found {key!r}, must be 'delay' or 'sample_time'")
     longest = MOST_DELAYS * shunt.sample_time
     if key == "sample_time":
         longest = 0.5 / system.transducer.short_circuit_frequency
@@ -185,7 +185,7 @@ def anticipating(system: System) -> Digital:
 def _shunt(system: System) -> Digital:
     """The digital shunt of a system."""
     if not isinstance(system.shunt, Digital):
-        raise ParameterError("shunt", f"found {system.shunt.kind}, allowed is a digital one")
+        raise ParameterError("shunt", f"found {system.shunt.kind}, must be a digital one")
     return system.shunt
 
 

@@ -92,7 +92,7 @@ def check_stability(system: System) -> None:
         raise ParameterError("shunt", f"found {system.shunt.kind}, which is not stable with this transducer ({reason})")
     unit = next(field.metadata["unit"] for field in dataclasses.fields(system.shunt) if field.name == key)
     found, allowed = getattr(system.shunt, key), _stable_values(system, key, unit)
-    raise ParameterError(key, f"found {found:g} {unit}, allowed is {allowed} ({reason})")
+    raise ParameterError(key, f"found {found:g} {unit}, must be {allowed} ({reason})")
 
 
 def _unstable_pole(system: System) -> complex | None:
@@ -138,4 +138,4 @@ def _stable_values(system: System, key: str, unit: str) -> str:
                 middle = (good * bad) ** 0.5
                 good, bad = (middle, bad) if stable(middle) else (good, middle)
             return f"{words} {good:.6g} {unit}"
-    return "no value at all with this transducer"
+    return "another shunt: no value at all is stable with this transducer"

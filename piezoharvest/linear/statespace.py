@@ -93,7 +93,7 @@ def linearize(
         )  # fmt: skip
         return _state_space(model, ("displacement", "velocity", *(f"voltage{number}" for number in numbers)), name)
     if drive != "voltage":
-        raise ParameterError("drive", f'found "{drive}", allowed is "current" or "voltage"')
+        raise ParameterError("drive", f'found "{drive}", must be "current" or "voltage"')
     model = _voltage_driven(transducer, lead_resistance, settings)
     return _state_space(model, ("displacement", "velocity", "load_charge", "current"), name, load_charge="charge")
 
@@ -169,7 +169,7 @@ def linearize_shunt(
         The response is improper (a capacitance has no proper admittance, a series inductance no proper impedance).
     """
     if drive not in ("current", "voltage"):
-        raise ParameterError("drive", f'found "{drive}", allowed is "current" or "voltage"')
+        raise ParameterError("drive", f'found "{drive}", must be "current" or "voltage"')
     columns = circuit_columns(shunt, capacitance)
     output = "current" if drive == "voltage" else "voltage"
     imposed, free = (columns.v, columns.i) if drive == "voltage" else (columns.i, columns.v)
@@ -181,7 +181,7 @@ def linearize_shunt(
     if np.any(rest):
         raise ParameterError(
             "drive",
-            f'found "{drive}" for {shunt.kind}, whose response to it is improper (not causal), allowed is "{output}"',
+            f'found "{drive}" for {shunt.kind}, whose response to it is improper (not causal), must be "{output}"',
         )
     n = len(columns.states)
     signals = {"inputs": [drive], "outputs": [output], "states": list(columns.states), "name": name}

@@ -104,7 +104,7 @@ class TwoPort:
         """Impedance v/i_p at the leads, ohm, (f,) array, with the mechanical port free or clamped."""
         z11, z12, z21, z22 = self._elements()
         if mechanical not in ("free", "blocked"):
-            raise ParameterError("mechanical", f'found "{mechanical}", allowed is "free" or "blocked"')
+            raise ParameterError("mechanical", f'found "{mechanical}", must be "free" or "blocked"')
         return z22 if mechanical == "blocked" else z22 - z12 * z21 / z11
 
     def mechanical_impedance(self, load: Any = np.inf) -> np.ndarray:

@@ -285,7 +285,7 @@ class RecordModel:
         for residual in shunt.equations("linear", port, *rows):
             if np.any(np.isnan(residual)):
                 raise ParameterError(
-                    "shunt", f"found {shunt.kind!r}, allowed is a circuit without a capacitor across the leads"
+                    "shunt", f"found {shunt.kind!r}, must be a circuit without a capacitor across the leads"
                 )
             self.equation(residual)
 

@@ -68,7 +68,7 @@ class ArrayReader(Reader):
         fine = len(parts) == len(shape) and ":" in parts
         fine &= all(part == ":" or (part.isdigit() and int(part) < n) for part, n in zip(parts, shape, strict=False))
         if not fine:
-            raise ReadError(f"found an array of shape {shape}, allowed is one index for each of its axes", str(column))
+            raise ReadError(f"found an array of shape {shape}, must be one index for each of its axes", str(column))
         return f"{name}[{', '.join(parts)}]"
 
     def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:

@@ -76,7 +76,7 @@ def unit_factor(unit: str, si: str) -> float:
         given, wanted = registry.Quantity(1.0, meant), registry.Quantity(1.0, si)
         if given.dimensionality != wanted.dimensionality:
             needed = "no unit, or one such as %" if pure else f"a unit that converts to {si}"
-            raise ParameterError("unit", f"found the unit {found}, allowed is {needed}")
+            raise ParameterError("unit", f"found the unit {found}, must be {needed}")
         factor = float((given / wanted).to_base_units().magnitude)
         if not 0 < factor < math.inf:
             raise ValueError
@@ -84,8 +84,6 @@ def unit_factor(unit: str, si: str) -> float:
     except ParameterError:
         raise
     except Exception:  # pint's parser raises errors of many kinds: undefined units, syntax, assertions
-        raise ParameterError(
-            "unit", f"found the unit {found}, allowed is a unit such as {'%' if pure else si}"
-        ) from None
+        raise ParameterError("unit", f"found the unit {found}, must be a unit such as {'%' if pure else si}") from None
     # To pint a radian is dimensionless: 1 rad/s would be 1 Hz.
     return factor / (2 * math.pi) if si == "Hz" and turns else factor

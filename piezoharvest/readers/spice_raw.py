@@ -29,10 +29,10 @@ class SpiceRaw(Reader):
         header, body, binary = _split(data)
         if "transient" not in header.get("plotname", "").lower():
             plot = header.get("plotname", "none")
-            raise ReadError(f"found the analysis {plot!r}, allowed is a transient one")
+            raise ReadError(f"found the analysis {plot!r}, must be a transient one")
         for flag in ("complex", "stepped"):
             if flag in header["flags"].lower().split():
-                raise ReadError(f"found waveforms that are {flag}, allowed is a single real run")
+                raise ReadError(f"found waveforms that are {flag}, must be a single real run")
         try:
             count, points = int(header["no. variables"]), int(header["no. points"])
         except (KeyError, ValueError):

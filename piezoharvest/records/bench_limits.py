@@ -44,6 +44,6 @@ class BenchLimits(Component):
         for name in ("drive", "frequency"):
             pair = getattr(self, name)
             if pair is not None and not pair[0] < pair[1]:
-                raise ParameterError(name, f"found {list(pair)}, allowed is [lowest, highest] with lowest < highest")
+                raise ParameterError(name, f"found {list(pair)}, must be [lowest, highest] with lowest < highest")
         if self.loads == ():
             raise ParameterError("loads", "found an empty list, at least one resistance in ohm is needed")

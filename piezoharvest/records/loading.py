@@ -206,14 +206,14 @@ def campaign_of(
         Something in the tables, or a data file, is wrong.
     """
     if "specimens" in table:
-        several = "found several specimens, allowed is one here: identify and diagnose take several"
+        several = "found several specimens, must be one here: identify and diagnose take several"
         raise ParameterError("specimens", several)
     for key in table:
         if key not in _TABLES:
             raise ParameterError(key, f"unknown key, known keys are {', '.join(_TABLES)}")
     title = table.get("title", path.stem)
     if not isinstance(title, str):
-        raise ParameterError("title", f"found {repr(title)[:80]}, allowed is a string")
+        raise ParameterError("title", f"found {repr(title)[:80]}, must be a string")
     if "transducer" not in table:
         raise ParameterError("transducer", "missing table [transducer]")
     transducer, unknown = _nominal(table["transducer"])
@@ -251,7 +251,7 @@ def _nominal(table: Any) -> tuple[Transducer, tuple[str, ...]]:
             table |= {"quasi_static": True, **dict.fromkeys(unknown, PLACEHOLDER)}
     transducer = build_transducer(table)
     if transducer.electrodes:
-        found = f"found {len(transducer.electrodes)}, allowed is none: the records of a campaign are of one pair"
+        found = f"found {len(transducer.electrodes)}, must be none: the records of a campaign are of one pair"
         raise ParameterError("transducer.electrodes", found)
     return transducer, unknown
 
@@ -290,7 +290,7 @@ def _read_entry(
         return read_record(entry, key, sources, shunt, folder, data)
     shunt = entry.across(key, entry.input == "voltage") if isinstance(entry, FrfEntry) else None
     if isinstance(entry, FrfEntry) and entry.fitted(shunt, key):
-        message = "found fit for a frequency response, allowed is fit in records over time"
+        message = "found fit for a frequency response, must be fit in records over time"
         raise ParameterError(f"{key}.shunt.fit", message)
     sources = build_sources(own, "record", f"{key}.channels", response_units(entry))
     return read_frequency_record(entry, key, sources, shunt, folder, data)

@@ -153,7 +153,7 @@ def cycle_boundaries(
     ends = time[[0, -1]]
     if frequency is not None:
         if not 0 < frequency < np.inf:
-            raise ParameterError("frequency", f"found {frequency}, allowed is a finite number greater than 0 Hz")
+            raise ParameterError("frequency", f"found {frequency}, must be a finite number greater than 0 Hz")
         count = int((time[-1] - time[0]) * frequency * (1 + 1e-9))
         return time[0] + np.arange(count + 1) / frequency if count else ends
     swing = drive - 0.5 * (drive.max() + drive.min())
@@ -230,7 +230,7 @@ def _checked(
         if values.ndim != 1 or len(values) != len(arrays["time"]) or len(values) < 4:
             found = f"found an array of shape {values.shape}"
             raise ParameterError(
-                name, f"{found}, allowed is one-dimensional, of four samples or more, as many as time has"
+                name, f"{found}, must be one-dimensional, of four samples or more, as many as time has"
             )
         if not np.all(np.isfinite(values)):
             raise ParameterError(name, f"found {values[~np.isfinite(values)][0]}, allowed are finite numbers")
@@ -239,5 +239,5 @@ def _checked(
     if not step > 0 or np.any(np.abs(np.diff(time) - step) > 1e-3 * step):
         raise ParameterError("time", "the samples are not equally spaced, but must be")
     if not 0 < cutoff < 0.5 / step:
-        raise ParameterError("cutoff", f"found {cutoff} Hz, allowed is a frequency below {0.5 / step:g} Hz")
+        raise ParameterError("cutoff", f"found {cutoff} Hz, must be a frequency below {0.5 / step:g} Hz")
     return time, arrays, step

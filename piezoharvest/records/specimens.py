@@ -85,7 +85,7 @@ def _specimens(table: Mapping[str, Any], path: Path) -> SpecimenSet:
         raise ParameterError(SPECIMENS, f"found {count}, {allowed}")
     title = table.get("title", path.stem)
     if not isinstance(title, str):
-        raise ParameterError("title", f"found {repr(title)[:80]}, allowed is a string")
+        raise ParameterError("title", f"found {repr(title)[:80]}, must be a string")
     campaigns, count = list[Campaign](), 0
     for n, entry in enumerate(entries):
         merged = _merged(table, entry, n)
@@ -105,19 +105,19 @@ def _merged(common: Mapping[str, Any], entry: Any, n: int) -> dict[str, Any]:
     """Tables of a campaign of one specimen: its own keys in the place of the common ones."""
     where = f"{SPECIMENS}.{n}"
     if not isinstance(entry, Mapping):
-        raise ParameterError(where, f"found {repr(entry)[:60]}, allowed is a table")
+        raise ParameterError(where, f"found {repr(entry)[:60]}, must be a table")
     for key in entry:
         if key not in _OWN:
             raise ParameterError(f"{where}.{key}", f"unknown key, known keys are {', '.join(_OWN)}")
     name = entry.get("name", f"specimen {n + 1}")
     if not isinstance(name, str) or not name.strip():
-        raise ParameterError(f"{where}.name", f"found {repr(name)[:80]}, allowed is a string that is not empty")
+        raise ParameterError(f"{where}.name", f"found {repr(name)[:80]}, must be a string that is not empty")
     found: dict[str, Any] = {"title": name}
     for key in ("transducer", "channels"):
         tables = [table[key] for table in (common, entry) if key in table]
         for table in tables:
             if not isinstance(table, Mapping):
-                raise ParameterError(f"{where}.{key}", f"found {repr(table)[:60]}, allowed is a table")
+                raise ParameterError(f"{where}.{key}", f"found {repr(table)[:60]}, must be a table")
         if tables:
             found[key] = {name: value for table in tables for name, value in table.items()}
     kept = {key: common[key] for key in ("experiment",) if key in common}

@@ -149,7 +149,7 @@ def _transducer(table: Any) -> tuple[Transducer, tuple[str, ...]]:
 def _measurement(tables: Any) -> tuple[Effect, ...]:
     """Effects of sensors and labels from their tables."""
     if not isinstance(tables, list) or not all(isinstance(table, Mapping) for table in tables):
-        raise ParameterError("measurement", f"found {tables!r:.60}, allowed is a list of tables")
+        raise ParameterError("measurement", f"found {tables!r:.60}, must be a list of tables")
     known, found = registered(), []
     for n, table in enumerate(tables):
         where, name = f"measurement.{n}", table.get("name")
@@ -162,7 +162,7 @@ def _measurement(tables: Any) -> tuple[Effect, ...]:
 def _lacking(table: Any) -> dict[str, str]:
     """Parameters that are not identifiable, with the measurement that would tell them."""
     if not isinstance(table, Mapping) or not all(isinstance(row, Mapping) for row in table.values()):
-        raise ParameterError("not_identifiable", f"found {table!r:.60}, allowed is a table for each parameter")
+        raise ParameterError("not_identifiable", f"found {table!r:.60}, must be a table for each parameter")
     return {name: str(row.get("told_by", "")) for name, row in table.items()}
 
 
@@ -196,7 +196,7 @@ def _listed(table: Mapping[str, Any], path: Path) -> Specimen:
     """Specimen of a table `parameters` with value and std of each."""
     rows = table.get("parameters")
     if not isinstance(rows, Mapping):
-        raise StudyError(path, "parameters", "missing table, allowed is what `identify --save` or `--json` writes")
+        raise StudyError(path, "parameters", "missing table, must be what `identify --save` or `--json` writes")
     rows = {name: row for name, row in rows.items() if isinstance(row, Mapping)}
     told = {name: row for name, row in rows.items() if row.get("std") is not None}
     try:
@@ -211,12 +211,12 @@ def _listed(table: Mapping[str, Any], path: Path) -> Specimen:
 def _numbers(table: Any, where: str, least: float = -np.inf) -> dict[str, float]:
     """Table of finite numbers."""
     if not isinstance(table, Mapping):
-        raise ParameterError(where, f"found {table!r:.60}, allowed is a table of numbers")
+        raise ParameterError(where, f"found {table!r:.60}, must be a table of numbers")
     for name, value in table.items():
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if not number or not np.isfinite(value) or value < least:
             allowed = "a finite number" + (" of at least 0" if least == 0 else "")
-            raise ParameterError(f"{where}.{name}", f"found {value!r:.60}, allowed is {allowed}")
+            raise ParameterError(f"{where}.{name}", f"found {value!r:.60}, must be {allowed}")
     return {name: float(value) for name, value in table.items()}
 
 
@@ -229,5 +229,5 @@ def _json(path: Path) -> Mapping[str, Any]:
     except (OSError, ValueError, RecursionError) as error:
         raise StudyError(path, "", f"the file cannot be read ({getattr(error, 'strerror', None) or error})") from None
     if not isinstance(table, dict):
-        raise StudyError(path, "", "this is not a table, allowed is what `identify --json` prints")
+        raise StudyError(path, "", "this is not a table, must be what `identify --json` prints")
     return table

@@ -130,7 +130,7 @@ def _diode_model(model: str | None, shunt: Shunt) -> str | None:
     if not isinstance(shunt, Bridge):
         raise ParameterError("diodes", f"found a model of diodes, but {shunt.kind} has no bridge")
     if not DIODE_MODEL.fullmatch(model.strip()):
-        raise ParameterError("diodes", f"found {model!r}, allowed is a model such as 'D(Is=2.5n N=1.75 Rs=0.57)'")
+        raise ParameterError("diodes", f"found {model!r}, must be a model such as 'D(Is=2.5n N=1.75 Rs=0.57)'")
     return " ".join(model.split())
 
 
@@ -191,7 +191,7 @@ def _write_window(
         periods = max(measured + 1, min(wanted, MAX_PERIODS))
     for key, value, least in (("measured_periods", measured, 1), ("periods", periods, measured)):
         if value < least:
-            raise ParameterError(key, f"found {value}, allowed is a whole number of at least {least}")
+            raise ParameterError(key, f"found {value}, must be a whole number of at least {least}")
     start = point.start
     begins = "from rest" if start is None else f"from a steady state, {number(start.time)} s after phase zero"
     deck.comment(f"{periods} periods of {number(period)} s {begins}, of which the last {measured} are measured.")
@@ -206,7 +206,7 @@ def _write_window(
 def _largest_step(point: OperatingPoint, circuit: NetlistCircuit, steps: int) -> float:
     """Largest time step, s: a fraction of the period, of that of the highest tone and of the shortest pulse."""
     if steps < 1:
-        raise ParameterError("steps_per_period", f"found {steps}, allowed is a whole number of at least 1")
+        raise ParameterError("steps_per_period", f"found {steps}, must be a whole number of at least 1")
     share = [2 * math.pi / point.omega / steps, circuit.fastest / STEPS_IN_PULSE]
     if isinstance(point.signal, Tones):
         share.append(STEP_RATIO / (steps * float(max(point.signal.frequencies))))

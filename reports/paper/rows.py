@@ -134,7 +134,7 @@ def simulated(bench: Bench, row: Row, load: float | None = None) -> Simulated:
     """Simulate a row; `load` (ohm) is needed for the sines, whose load the paper does not print."""
     load = row.load if load is None else load
     if load is None:
-        raise ValueError(f"Table {row.table}, {row.label}: found no load, allowed is one of the paper's")
+        raise ValueError(f"Table {row.table}, {row.label}: found no load, must be one of the paper's")
     if row.frequency is None:
         response, settling = step(bench, row.force, load), -_REST
     else:

@@ -79,7 +79,7 @@ def printed(text: str, unit: str) -> Printed:
     number = Decimal(text)
     exponent = number.as_tuple().exponent
     if not isinstance(exponent, int) or number <= 0:
-        raise ValueError(f"found {text!r}, allowed is a positive number")
+        raise ValueError(f"found {text!r}, must be a positive number")
     factor = UNITS.Quantity(1.0, unit).to_base_units().magnitude
     return Printed(text, float(number) * factor, 0.5 * 10.0**exponent * factor)
 

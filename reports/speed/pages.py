@@ -161,6 +161,6 @@ def refresh(readme: Path, results: dict) -> None:
     old = readme.read_text(encoding="utf-8")
     new, count = MARKED.subn(lambda _: summary(results), old)
     if count != 1:
-        raise ValueError(f"{readme.name}: found {count} places for the table of speeds, allowed is one")
+        raise ValueError(f"{readme.name}: found {count} places for the table of speeds, must be one")
     with atomic(readme) as temporary:
         Path(temporary).write_text(new, encoding="utf-8")

@@ -192,9 +192,9 @@ def test_damps_better_than_a_coil_and_resistor(run, monkeypatch):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"order": 0}, "found 0, allowed is a finite number at least 1 and at most 8"),
-        ({"order": 9}, "found 9, allowed is a finite number at least 1 and at most 8"),
-        ({"coil_quality": 0.0}, "found 0.0, allowed is a finite number greater than 0"),
+        ({"order": 0}, "found 0, must be a finite number at least 1 and at most 8"),
+        ({"order": 9}, "found 9, must be a finite number at least 1 and at most 8"),
+        ({"coil_quality": 0.0}, "found 0.0, must be a finite number greater than 0"),
         ({"candidates": ("synthesized",)}, "synthesised"),
     ],
 )

@@ -99,7 +99,7 @@ class TestKeys:
         ("table", "key", "words"),
         [
             ({"stifness": 0.1}, "stifness", "did you mean 'stiffness'"),
-            ({"stiffness": -0.1}, "stiffness", "found -0.1, allowed is a finite number at least 0 and less than 1"),
+            ({"stiffness": -0.1}, "stiffness", "found -0.1, must be a finite number at least 0 and less than 1"),
             ({"mass": 1.0}, "mass", "less than 1"),
             ({}, "stiffness", "at least one half-width or from"),
             ({"load": 0.1, "load_resistance": 0.1}, "load_resistance", "beside load"),

@@ -139,7 +139,7 @@ def test_healthy_circuits_raise_no_alarm(tmp_path, seed):
     ("change", "message"),
     [
         ('fit = ["quality"]', r"records\.0\.shunt\.fit: found 'quality', allowed are the numbers of this rectifier"),
-        ("fit = 3", r"records\.0\.shunt\.fit: found 3, allowed is a list"),
+        ("fit = 3", r"records\.0\.shunt\.fit: found 3, must be a list"),
     ],
 )
 def test_bad_keys_of_what_is_fitted(tmp_path, change, message):
@@ -154,7 +154,7 @@ def test_bad_keys_of_what_is_fitted(tmp_path, change, message):
     ("timing", "message"),
     [
         ("phase_lag = 0.1", r"records\.0\.shunt\.phase_lag: found 0\.1 for an excitation without a frequency"),
-        ("time_lag = -1e-4", r"records\.0\.shunt\.time_lag: found -0\.0001 s, allowed is early"),
+        ("time_lag = -1e-4", r"records\.0\.shunt\.time_lag: found -0\.0001 s, must be early"),
     ],
 )
 def test_timing_that_needs_a_frequency(tmp_path, timing, message):

@@ -100,7 +100,7 @@ class TestMultisine:
         drive, output = measured(system())
         with pytest.raises(FrequencyError, match="found 1 realisations of 3 periods for 2 inputs"):
             multisine_response(drive[:, :, :1], output[:, :, :1], RATE)
-        with pytest.raises(FrequencyError, match=r"allowed is \(samples, channels, realisations, periods\)"):
+        with pytest.raises(FrequencyError, match=r"must be \(samples, channels, realisations, periods\)"):
             multisine_response(drive[:-1], output, RATE)
         output[3] = np.nan
         with pytest.raises(FrequencyError, match="outputs: found 24 NaN or infinite values"):

@@ -221,9 +221,9 @@ class TestWrong:
             (TRANSDUCER + RECORD + "rows = [9, 2]\n", "records.0.rows", "first < last"),
             (TRANSDUCER + "records = 3\n", "transducer.records", "unknown key"),
             ("x = 1\n" + TRANSDUCER + RECORD, "x", "unknown key, known keys are title, transducer, channels, records"),
-            ("title = 3\n" + TRANSDUCER + RECORD, "title", "found 3, allowed is a string"),
+            ("title = 3\n" + TRANSDUCER + RECORD, "title", "found 3, must be a string"),
             (TRANSDUCER + "[channels]\nvolts = {}\n" + RECORD, "channels.volts", "unknown channel"),
-            (TRANSDUCER + "[channels]\nvoltage = 3\n" + RECORD, "channels.voltage", "allowed is a table"),
+            (TRANSDUCER + "[channels]\nvoltage = 3\n" + RECORD, "channels.voltage", "must be a table"),
             (TRANSDUCER + '[channels]\nvoltage = { unit = "mm" }\n' + RECORD, "channels.voltage.unit", "converts to V"),
             (TRANSDUCER + '[channels]\nvoltage = { unit = "volz" }\n' + RECORD, "channels.voltage.unit", "'volz'"),
             (TRANSDUCER + '[channels]\nvoltage = { unit = "V*" }\n' + RECORD, "channels.voltage.unit", "'V*'"),
@@ -288,7 +288,7 @@ class TestWrong:
         error = failure(tmp_path, TRANSDUCER + RECORD)
         assert (error.channel, error.rows) == ("force", ((42, 42),))
         assert str(error) == (
-            f"{tmp_path / 'run.csv'}: force (column 'force_N'), row 42: found 'OVERLOAD', allowed is a number"
+            f"{tmp_path / 'run.csv'}: force (column 'force_N'), row 42: found 'OVERLOAD', must be a number"
         )
 
     def test_files_of_different_length(self, tmp_path, columns):

@@ -63,7 +63,7 @@ def test_every_form_is_read_at_even_times(tmp_path, form):
 @pytest.mark.parametrize(
     ("form", "message"),
     [
-        ({"plot": "AC Analysis"}, "found the analysis 'AC Analysis', allowed is a transient one"),
+        ({"plot": "AC Analysis"}, "found the analysis 'AC Analysis', must be a transient one"),
         ({"flags": "real stepped"}, "found waveforms that are stepped"),
         ({"flags": "complex"}, "found waveforms that are complex"),
         ({"cut": -8}, "bytes of values, allowed are 144 or 96"),

@@ -213,28 +213,28 @@ def test_a_record_that_overrides_part_of_the_excitation(tmp_path, monkeypatch):
 RECORD = "bench.records.0"
 WRONG = {
     "sample_rat": ({"sample_rat": 5.0}, "bench.sample_rat: unknown key (did you mean 'sample_rate'?)"),
-    "negative rate": ({"sample_rate": -5.0}, "bench.sample_rate: found -5.0, allowed is a finite number greater "),
-    "not a number": ({"sample_rate": "fast"}, "bench.sample_rate: found 'fast', allowed is a finite number"),
-    "nan": ({"duration": float("nan")}, "bench.duration: found nan, allowed is a finite number"),
-    "bits": ({"converter": {"bits": 16.5}}, "bench.converter.bits: found 16.5, allowed is a whole number at least 4"),
-    "sensor": ({"laser": 5}, "bench.laser: found 5, allowed is a table"),
+    "negative rate": ({"sample_rate": -5.0}, "bench.sample_rate: found -5.0, must be a finite number greater "),
+    "not a number": ({"sample_rate": "fast"}, "bench.sample_rate: found 'fast', must be a finite number"),
+    "nan": ({"duration": float("nan")}, "bench.duration: found nan, must be a finite number"),
+    "bits": ({"converter": {"bits": 16.5}}, "bench.converter.bits: found 16.5, must be a whole number at least 4"),
+    "sensor": ({"laser": 5}, "bench.laser: found 5, must be a table"),
     "effect": ({"effects": {"leak": {}}}, "bench.effects.leak: unknown effect, known effects are bias_current, "),
-    "effects": ({"effects": 3}, "bench.effects: found 3, allowed is a table for each effect"),
+    "effects": ({"effects": 3}, "bench.effects: found 3, must be a table for each effect"),
     "parameter": ({"effects": {"leakage": {}}}, "bench.effects.leakage.resistance: missing key"),
     "channel": (
         {"effects": {"clipping": {"limit": 1.0, "channel": "x"}}},
-        "bench.effects.clipping.channel: found 'x', allowed is 'force' or ",
+        "bench.effects.clipping.channel: found 'x', must be 'force' or ",
     ),
     "short": ({"duration": 0.001}, "shunts.0.duration: found 0.001 s at 1000 Hz, which is less than the three samples"),
     "long": ({"duration": 1e9}, "shunts.0.duration: found 1e+09 s at 1000 Hz, 1e+12 samples, allowed are up to 1000"),
     "twice": ({"records": [{"load_resistance": 1e4, "shunt": LOAD}]}, f"{RECORD}.shunt: load_resistance is given too"),
-    "role": ({"records": [{"role": "test"}]}, f"{RECORD}.role: found 'test', allowed is 'fit' or 'validate'"),
+    "role": ({"records": [{"role": "test"}]}, f"{RECORD}.role: found 'test', must be 'fit' or 'validate'"),
     "kind": ({"records": [{"excitation": {"kind": "sine"}}]}, f"{RECORD}.excitation.kind: found 'sine'"),
     "network": (
         {"records": [{"shunt": {"kind": "network", "netlist": "R1 1 0 1k"}}]},
         f"{RECORD}.kind: found 'network', which the bench has no circuit for, allowed are open, short, resistor, ",
     ),
-    "small": ({"records": [{"load_resistance": 50.0}]}, f"{RECORD}.resistance: found 50 ohm, allowed is at least "),
+    "small": ({"records": [{"load_resistance": 50.0}]}, f"{RECORD}.resistance: found 50 ohm, must be at least "),
 }  # fmt: skip
 
 

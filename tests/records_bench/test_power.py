@@ -172,13 +172,13 @@ def test_transposes():
     [
         (
             {"force": np.ones(7)},
-            r"force: found an array of shape \(7,\), allowed is one-dimensional, of four samples or more",
+            r"force: found an array of shape \(7,\), must be one-dimensional, of four samples or more",
         ),
         ({"voltage": np.full(4000, np.nan)}, "voltage: found nan, allowed are finite numbers"),
         ({"time": np.arange(4000.0) ** 2}, "time: the samples are not equally spaced"),
         ({"time": np.zeros(4000)}, "time: the samples are not equally spaced"),
-        ({"cutoff": 600.0}, "cutoff: found 600.0 Hz, allowed is a frequency below 500 Hz"),
-        ({"frequency": -1.0}, "frequency: found -1.0, allowed is a finite number greater than 0 Hz"),
+        ({"cutoff": 600.0}, "cutoff: found 600.0 Hz, must be a frequency below 500 Hz"),
+        ({"frequency": -1.0}, "frequency: found -1.0, must be a finite number greater than 0 Hz"),
     ],
 )
 def test_wrong_input_is_one_sentence(change, message):

@@ -27,7 +27,7 @@ def record(count=5000, **values):
 
 
 def finding(channel, rows, check="clipped", severity="warning"):
-    return Finding(severity, check, "run.csv", channel, rows, "found what it is, allowed is what it should be")
+    return Finding(severity, check, "run.csv", channel, rows, "found what it is, must be what it should be")
 
 
 def texts(axes):
@@ -125,7 +125,7 @@ NAMES = [
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.filterwarnings("error")
 def test_names_of_files_are_drawn_as_they_are(name):
-    said = Finding("warning", name, name, "force", ((5, 9),), f"found {name}, allowed is another")
+    said = Finding("warning", name, name, "force", ((5, 9),), f"found {name}, must be another")
     figure = record_figure(replace(record(), name=name), [said])
     stream = BytesIO()
     write_png(figure, stream)

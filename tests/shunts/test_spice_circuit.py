@@ -94,7 +94,7 @@ class TestAgainstClosedForms:
 
     def test_what_conducts_too_well_is_refused(self):
         text = BRIDGE.format(ron="1m", roff="1t", drop="0")
-        with pytest.raises(ParameterError, match=r"line 3: D1: found Ron=0.001 ohm, allowed is 0.0247 ohm or more"):
+        with pytest.raises(ParameterError, match=r"line 3: D1: found Ron=0.001 ohm, must be 0.0247 ohm or more"):
             solve(bench(of_spice(text), **DAMPED))
 
 
@@ -114,7 +114,7 @@ class TestLanguage:
             ("D1 p 0 m\n.model m D(Is=1n N=1.8)", "line 2: D1: found is in the model m .line 3., which is not"),
             ("D1 p 0 d\n.model d D", "line 2: D1: found model d .line 3., whose law is exponential"),
             ("R1 p 0 1k\nQ1 p 0 a npn", "line 3: Q1: found an element of kind Q, allowed are R, L, C, K"),
-            ("V1 p a SINE(0 1 50)\nR1 a 0 1", "line 2: V1: found 'SINE 0 1 50', allowed is a constant"),
+            ("V1 p a SINE(0 1 50)\nR1 a 0 1", "line 2: V1: found 'SINE 0 1 50', must be a constant"),
             ("R1 p 0 {2*x}", "line 2: R1: found 'x', which is no parameter, known are none"),
             ("R1 p 0 __import__('os')", "line 2: R1: found"),
             ("R1 p a 1k\nR2 b c 1k\nR3 a 0 1", "line 3: R2 is not connected to the port"),
@@ -122,13 +122,13 @@ class TestLanguage:
             ("I1 p a 1m\nI2 a 0 1m\nR1 p 0 1", "has no path for its current"),
             ("S1 p 0 a 0 s\n.model s SW(Ron=1 Roff=1meg Vt=1)", "nothing but a control is connected to node 'a'"),
             ("S1 p 0 p 0 s\n.model s SW(Vt=1 Vh=-0.1)", "below 0 it is smooth"),
-            ("L1 p 0 1\nL2 p 0 1\nK1 L1 L2 1", "line 4: K1: found 1, allowed is between 0 and 1"),
+            ("L1 p 0 1\nL2 p 0 1\nK1 L1 L2 1", "line 4: K1: found 1, must be between 0 and 1"),
             ("X1 p 0 amp\n", "line 2: X1: found subcircuit 'amp', which the net list does not have"),
             (".subckt a p q\nX1 p q a\n.ends\nX1 p 0 a", "subcircuits within each other more than"),
-            ("R1 p 0 -5", "line 2: R1: found -5, allowed is a value greater than 0"),
+            ("R1 p 0 -5", "line 2: R1: found -5, must be a value greater than 0"),
             ("C1 p 0 1u Cpar=1n", "line 2: C1: found cpar, allowed are Rser and IC"),
             (".global vdd", "line 2: found .global, allowed are .param"),
-            ("R1 p 0 1e400", "line 2: R1: found '1e400', allowed is a number"),
+            ("R1 p 0 1e400", "line 2: R1: found '1e400', must be a number"),
             ("R1 p 0 1e70", "line 2: R1: found 1e.70"),
             (".subckt a p q\nR1 p q 1\nR2 p q 1\n.ends\n" + "\n".join(f"X{n} p 0 a" for n in range(40)), "than 60"),
             ("R1 a b 1k", "port: no element is connected to node 'p'"),

@@ -130,10 +130,10 @@ PLACE, FORM = 'place = {kind = "load"}\n', 'form = {kind = "knee", factor = 1e-5
         (PLACE + FORM.replace("knee = 2.0", "knee = 2.0, sides = 3"), "load knee.form.sides: found 3"),
         (PLACE + 'form = {kind = "corners", knots = [1.0], kinks = [1.0, 2.0]}\n', "form.kinks: found another number"),
         (PLACE + 'form = {kind = "corners", knots = [], kinks = []}\n', "form.knots: found (), allowed are finite"),
-        (PLACE + 'form = {kind = "monomial", factor = 1.0, scale = 0.0}\n', "form.scale: found 0.0, allowed is a"),
+        (PLACE + 'form = {kind = "monomial", factor = 1.0, scale = 0.0}\n', "form.scale: found 0.0, must be a"),
         (PLACE + 'form = {kind = "monomial", factor = 1.0, scale = 1.0, exponent = 1}\n', "form.exponent: found 1"),
         (PLACE + FORM + 'memory = {kind = "play", threshold = -1.0}\n', "load knee.memory.threshold: found -1"),
-        ('place = {kind = "spring"}\n' + FORM, "found the law 'spring knee' under this name, allowed is its own"),
+        ('place = {kind = "spring"}\n' + FORM, "found the law 'spring knee' under this name, must be its own"),
         ("factor = 1.0\n", "transducer.effects.load knee: unknown effect"),
     ],
 )

@@ -119,7 +119,7 @@ def test_values_for_another_shunt_are_left_out():
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
-        ("shunts.0.resistance", -1.0, "shunts.0.resistance: found -1.0, allowed is a finite number greater than 0 ohm"),
+        ("shunts.0.resistance", -1.0, "shunts.0.resistance: found -1.0, must be a finite number greater than 0 ohm"),
         ("transducer.modes.0.mass", 0.0, "transducer.modes.0.mass: found 0.0"),
         ("transducer.effects.leakage.resistance", 0.0, "transducer.effects.leakage.resistance: found 0.0"),
         ("transducer.hysteresis.thresholds.0", 4e-7, "transducer.hysteresis.thresholds: found 3e-07 after 4e-07"),

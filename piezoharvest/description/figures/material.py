@@ -19,5 +19,5 @@ def conversion(key: str, d: float, s: float, relative_permittivity: float) -> fl
     """
     limit = math.sqrt(s * relative_permittivity * VACUUM_PERMITTIVITY)
     if not abs(d) < limit:
-        raise ParameterError(key, f"found {d:g}, allowed is a size below sqrt(s eps) = {limit:.4g} C/N")
+        raise ParameterError(key, f"found {d:g}, must be a size below sqrt(s eps) = {limit:.4g} C/N")
     return (d / limit) ** 2

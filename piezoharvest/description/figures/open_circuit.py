@@ -32,7 +32,7 @@ class OpenCircuit(Figures):
         if (self.power is None) != (self.load_resistance is None):
             raise ParameterError("load_resistance", "power and load_resistance belong together, found only one of them")
         if self.loss == 0:
-            raise ParameterError("damping_ratio", "found 0, allowed is a number greater than 0: it limits the voltage")
+            raise ParameterError("damping_ratio", "found 0, must be a number greater than 0: it limits the voltage")
 
     def lumped(self) -> Lumped:
         """Values of the transducer, see `Figures.lumped`."""

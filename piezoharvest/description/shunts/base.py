@@ -37,7 +37,7 @@ class Shunt(Component):
         super().__post_init__()
         object.__setattr__(self, "others", tuple(self.others))
         if type(self.electrode) is not int or self.electrode < 0:
-            raise ParameterError("electrode", f"found {self.electrode!r}, allowed is a whole number from 0 on")
+            raise ParameterError("electrode", f"found {self.electrode!r}, must be a whole number from 0 on")
         taken = [self.electrode]
         for n, other in enumerate(self.others):
             if not isinstance(other, LinearShunt) or other.others:

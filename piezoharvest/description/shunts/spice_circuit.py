@@ -73,7 +73,7 @@ class SpiceCircuit(Shunt):
         for name in ("port", "load"):
             object.__setattr__(self, name, _words(name, getattr(self, name)))
         if type(self.netlist) is not str:
-            raise ParameterError("netlist", f"found {type(self.netlist).__name__}, allowed is a text")
+            raise ParameterError("netlist", f"found {type(self.netlist).__name__}, must be a text")
         self._check_topology()
 
     @cached_property
@@ -93,7 +93,7 @@ class SpiceCircuit(Shunt):
                 raise refusal(part.line, f"{part.name}: found a second time, each name may be used once")
             names.add(part.name.lower())
             if part.kind in "RLC" and not part.value > 0:
-                raise refusal(part.line, f"{part.name}: found {part.value:g}, allowed is a value greater than 0")
+                raise refusal(part.line, f"{part.name}: found {part.value:g}, must be a value greater than 0")
             check_range(f"netlist: line {part.line}: {part.name}", part.value, inverted=part.kind in "RLC")
             for key, value in part.model.items():
                 check_range(f"netlist: line {part.line}: {key} of {part.name}", value, inverted=key in ("ron", "roff"))
@@ -176,7 +176,7 @@ class SpiceCircuit(Shunt):
         matrix = np.diag([coil.value for coil in coils]) if coils else np.zeros((0, 0))
         for coupling in self._circuit[2]:
             if not 0 < abs(coupling.value) < 1:
-                raise refusal(coupling.line, f"{coupling.name}: found {coupling.value:g}, allowed is between 0 and 1")
+                raise refusal(coupling.line, f"{coupling.name}: found {coupling.value:g}, must be between 0 and 1")
             for first, second in itertools.combinations(coupling.of, 2):
                 if first not in places or second not in places:
                     missing = first if first not in places else second
@@ -293,7 +293,7 @@ class SpiceCircuit(Shunt):
         least = (STIFFEST * period if period is not None else FASTEST) / capacitance
         for branch in self._switching_of(self.branches):
             if branch.part.model["ron"] < least:
-                found = f"found Ron={branch.part.model['ron']:g} ohm, allowed is {least:.3g} ohm or more"
+                found = f"found Ron={branch.part.model['ron']:g} ohm, must be {least:.3g} ohm or more"
                 why = "so that its time constant with the electrodes is not lost in the rounding of a period"
                 raise refusal(branch.part.line, f"{branch.name}: {found}, {why}")
 
@@ -397,7 +397,7 @@ def _words(key: str, given: Any) -> tuple[str, ...]:
     """Names in lower case, from one or a list."""
     words = cast(Sequence[Any], (given,) if isinstance(given, str) else given)
     if not isinstance(given, list | tuple | str) or not all(isinstance(word, str) for word in words):
-        raise ParameterError(key, f"found {given!r}, allowed is a list of names")
+        raise ParameterError(key, f"found {given!r}, must be a list of names")
     return tuple(str(word).lower() for word in words)
 
 

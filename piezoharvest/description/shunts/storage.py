@@ -47,11 +47,11 @@ class Storage(Component):
     def __post_init__(self) -> None:
         super().__post_init__()
         if np.any(np.real(self.turn_off) >= np.real(self.turn_on)):
-            allowed = f"allowed is less than turn_on ({np.min(np.real(self.turn_on)):g} V)"
+            allowed = f"must be less than turn_on ({np.min(np.real(self.turn_on)):g} V)"
             raise ParameterError("turn_off", f"found {np.max(np.real(self.turn_off)):g} V, {allowed}")
         limit: Any = np.real(self.limit)
         if np.any(limit <= np.real(self.turn_on)):
-            allowed = f"allowed is more than turn_on ({np.max(np.real(self.turn_on)):g} V)"
+            allowed = f"must be more than turn_on ({np.max(np.real(self.turn_on)):g} V)"
             raise ParameterError("max_voltage", f"found {np.min(limit):g} V, {allowed}")
 
     @property

@@ -54,7 +54,7 @@ class SynchronisedShunt(Shunt):
         if np.any(early):
             if period is None or np.any(real <= -0.5 * period):
                 allowed = "early (below 0) only for a periodic excitation, and by less than half its period"
-                raise ParameterError("time_lag", f"found {np.min(real):g} s, allowed is {allowed}")
+                raise ParameterError("time_lag", f"found {np.min(real):g} s, must be {allowed}")
             # The next extremum is half a period after the last one, of the other kind.
             lag = cast(Any, np.where(early, 0.5 * period + lag, lag))
         return Switch(
@@ -84,9 +84,9 @@ class SwitchedCoil(Shunt):
         super().__post_init__()
         if (self.inductance is None) == (self.flip_time is None):
             found = "neither inductance nor" if self.inductance is None else "both inductance and"
-            raise ParameterError("inductance", f"found {found} flip_time, allowed is one of them")
+            raise ParameterError("inductance", f"found {found} flip_time, must be one of them")
         if self.switch_resistance is not None and self.flip_time is not None:
-            raise ParameterError("switch_resistance", "found beside flip_time, allowed is one with inductance only")
+            raise ParameterError("switch_resistance", "found beside flip_time, must be one with inductance only")
 
     def loop(self, capacitance: float) -> tuple[float, float]:
         """Inductance (H) and resistance (ohm) of the loop with the clamped capacitance (F)."""
@@ -110,7 +110,7 @@ class SwitchedCoil(Shunt):
         found = np.sqrt(inductance / capacitance) / resistance
         if np.any(np.real(found) <= 0.5):
             most = np.real(np.sqrt(inductance / capacitance) * (2 - 1 / self.quality))
-            allowed = f"allowed is less than {np.min(most):.4g} ohm, with which the voltage swings"
+            allowed = f"must be less than {np.min(most):.4g} ohm, with which the voltage swings"
             raise ParameterError("switch_resistance", f"found {self.switch_resistance} ohm, {allowed}")
         return found
 

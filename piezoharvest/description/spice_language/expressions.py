@@ -38,7 +38,7 @@ def value_of(text: str, parameters: Mapping[str, float]) -> float:
     if bare[:1] + bare[-1:] in ("{}", "''"):
         bare = bare[1:-1]
     elif bare.lower() not in parameters:
-        raise ValueError(f"found {text!r}, allowed is a number, or an expression in braces")
+        raise ValueError(f"found {text!r}, must be a number, or an expression in braces")
     plain = _NUMBER.sub(lambda match: _plain(match[0]), bare.lower().replace("^", "**"))
     if len(plain) > MOST_CHARACTERS:
         raise ValueError(f"found an expression of {len(plain)} characters, allowed are {MOST_CHARACTERS}")

@@ -65,7 +65,7 @@ class Box:
         if "frequency" in widths and (operation.band is not None or not is_sine(operation.excitation)):
             found = "a band, which holds its frequencies already" if operation.band else operation.excitation.kind
             key = "design.tolerance.frequency"
-            raise ParameterError(key, f"found {widths['frequency']:g} with {found}, allowed is a sine of one frequency")
+            raise ParameterError(key, f"found {widths['frequency']:g} with {found}, must be a sine of one frequency")
         if load_field(shunt) is None:
             widths.pop("load", None)
         region = region or ConfidenceRegion()

@@ -85,7 +85,7 @@ def region_of(tolerance: Tolerance) -> ConfidenceRegion:
     names = tuple(name for name in NAMES if name in specimen.values and name not in own)
     lacking = [name for name in NAMES if name in specimen.lacking and name not in own and name not in names]
     if lacking:
-        remedy = f"allowed is a half-width {lacking[0]} in [design.tolerance], 0 where it is known"
+        remedy = f"must be a half-width {lacking[0]} in [design.tolerance], 0 where it is known"
         raise ParameterError(_KEY, f"{path.name} has no standard error of {lacking[0]}, {remedy}")
     if not names and not own:
         raise ParameterError(_KEY, f"{path.name} holds none of {', '.join(NAMES)}, at least one is needed")
@@ -96,7 +96,7 @@ def _region(specimen: Specimen, names: tuple[str, ...], level: float, path: Path
     values = np.array([specimen.values[name] for name in names])
     for name, value in zip(names, values, strict=True):
         if value == 0:
-            raise ParameterError(_KEY, f"{path.name} has {float(value)!r} as {name}, allowed is a number other than 0")
+            raise ParameterError(_KEY, f"{path.name} has {float(value)!r} as {name}, must be a number other than 0")
     places = [list(specimen.values).index(name) for name in names]
     relative = specimen.covariance[np.ix_(places, places)] / np.outer(values, values)
     sure = [n for n, name in enumerate(names) if relative[n, n] > 0]
@@ -105,6 +105,6 @@ def _region(specimen: Specimen, names: tuple[str, ...], level: float, path: Path
     for name, width in zip(names, radius * np.sqrt(np.diag(relative)), strict=True):
         if not width < 1:
             found = f"the region of {100 * level:g} % reaches {width:.3g} of the value"
-            raise ParameterError(_KEY, f"{path.name} leaves {name} open: {found}, allowed is less than 1, or a "
+            raise ParameterError(_KEY, f"{path.name} leaves {name} open: {found}, must be less than 1, or a "
                                        f"half-width {name} in [design.tolerance]")  # fmt: skip
     return ConfidenceRegion(names, radius * root_of(relative), radius)

@@ -112,7 +112,7 @@ class Loop:
         """
         if self.kind != "stop" or self.slope <= 0:
             raise LoopError(
-                f"kind: found {self.kind!r} with slope {self.slope:g}, allowed is 'stop' with a slope greater than 0"
+                f"kind: found {self.kind!r} with slope {self.slope:g}, must be 'stop' with a slope greater than 0"
             )
         r, w = (tuple(map(float, values)) for values in (self.thresholds, self.weights))
         return Hysteresis(thresholds=r, weights=w), 1.0 / self.slope

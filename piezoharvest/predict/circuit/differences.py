@@ -78,9 +78,7 @@ def _lane(of: CircuitPrediction, k: int, base: np.ndarray, channels: Sequence[st
     return np.where(unlike, smaller, 0.5 * (upper + lower)) / step
 
 
-def _change(
-    of: CircuitPrediction, k: int, step: float, base: np.ndarray, channels: Sequence[str]
-) -> np.ndarray | None:
+def _change(of: CircuitPrediction, k: int, step: float, base: np.ndarray, channels: Sequence[str]) -> np.ndarray | None:
     """Change of a prediction by a step of one variable; None where it cannot be simulated there."""
     try:
         return _values(_moved(of, k, step), channels) - base

@@ -180,7 +180,7 @@ class Table:
                 name, n = next(
                     (name, n) for (name, n), value in zip(self.where.items(), values, strict=True) if value is None
                 )
-                raise ReadError(f"found {cut(cells[n])!r}, allowed is a number", name, row)
+                raise ReadError(f"found {cut(cells[n])!r}, must be a number", name, row)
             if len(cells) != layout.width and (dialect.is_cut(cells) or dialect.number(cells[0] or "x") is not None):
                 raise ReadError(f"found {len(cells)} columns, but {layout.width} in the rows above", row=row)
             self._text = row, list(cells)
@@ -201,7 +201,7 @@ class Table:
         text, name = " ".join(cells), ""
         if len(cells) == self.layout.width:
             text, name = cells[lead], next((name for name, n in self.where.items() if n == lead), "")
-        raise ReadError(f"found {cut(text)!r} among the rows of the table, allowed is a number", name, first)
+        raise ReadError(f"found {cut(text)!r} among the rows of the table, must be a number", name, first)
 
 
 def decoded(line: bytes) -> str:

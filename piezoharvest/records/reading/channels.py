@@ -64,13 +64,13 @@ class ChannelSource(Component):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.gain == 0:
-            raise ParameterError("gain", "found 0, allowed is any finite number but 0")
+            raise ParameterError("gain", "found 0, must be any finite number but 0")
         columns = self.column if isinstance(self.column, tuple) else (self.column,)
         for column in columns:
             fine = isinstance(column, str) or (type(column) is int and column > 0)
             if not fine and self.column is not None:
                 allowed = "the name of a column, its number counted from 1, or a list of these"
-                raise ParameterError("column", f"found {repr(column)[:80]}, allowed is {allowed}")
+                raise ParameterError("column", f"found {repr(column)[:80]}, must be {allowed}")
         if not columns:
             raise ParameterError("column", "found an empty list, at least one column is needed")
 
@@ -132,7 +132,7 @@ def check_unit(unit: str, si: str, levels: bool = False) -> None:
     """Raise `ParameterError` unless a unit ("": the SI unit) converts; "dB" and "dB re UNIT" do for `levels`."""
     level = levels and unit.startswith("dB")
     if level and unit != "dB" and not _reference(unit):
-        raise ParameterError("unit", f"found {unit!r}, allowed is 'dB' or 'dB re' with a unit that converts to {si}")
+        raise ParameterError("unit", f"found {unit!r}, must be 'dB' or 'dB re' with a unit that converts to {si}")
     unit_factor((_reference(unit) if level else unit) or si, si)
 
 

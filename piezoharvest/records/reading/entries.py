@@ -45,7 +45,7 @@ class _Entry(Component):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.rows is not None and not self.rows[0] < self.rows[1]:
-            raise ParameterError("rows", f"found {list(self.rows)}, allowed is [first, last] with first < last")
+            raise ParameterError("rows", f"found {list(self.rows)}, must be [first, last] with first < last")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +76,7 @@ class _EntryWithShunt(_Entry):
             return ()
         keys = self.shunt["fit"]
         if not isinstance(keys, list | tuple) or not all(isinstance(key, str) for key in keys):
-            message = f"found {repr(keys)[:80]}, allowed is a list of the shunt's keys"
+            message = f"found {repr(keys)[:80]}, must be a list of the shunt's keys"
             raise ParameterError(f"{where}.shunt.fit", message)
         return circuit_values(shunt, keys, f"{where}.shunt")
 
@@ -104,7 +104,7 @@ class _EntryWithShunt(_Entry):
             return Resistor(resistance=self.load_resistance)
         if voltage_imposed:
             return None
-        allowed = 'allowed is a resistance in ohm, or a table shunt in its place (kind = "open", "short", ...)'
+        allowed = 'must be a resistance in ohm, or a table shunt in its place (kind = "open", "short", ...)'
         raise ParameterError(f"{where}.load_resistance", f"missing key, {allowed}")
 
 
@@ -141,7 +141,7 @@ class FrfEntry(_EntryWithShunt):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.input == self.output:
-            raise ParameterError("output", f"found {self.output!r}, which is the input, allowed is another channel")
+            raise ParameterError("output", f"found {self.output!r}, which is the input, must be another channel")
         if self.input == "displacement" and self.output in RATES:
             found = f"found {self.output!r} over an imposed displacement, which is the same for every specimen"
             raise ParameterError("output", f"{found}, allowed are force, voltage and current")
@@ -184,7 +184,7 @@ def build_sources(tables: Any, level: Level, where: str, units: Mapping[str, str
         A channel or key is unknown, or a unit does not fit its channel.
     """
     if not isinstance(tables, dict):
-        raise ParameterError(where, f"found {repr(tables)[:80]}, allowed is a table for each channel")
+        raise ParameterError(where, f"found {repr(tables)[:80]}, must be a table for each channel")
     found: dict[str, tuple[ChannelSource, Level]] = {}
     for channel, table in tables.items():
         if channel not in units:

@@ -58,7 +58,7 @@ def with_parts(table: Mapping[str, Any], fields: Collection[str]) -> dict[str, A
         if key in values:
             raise ParameterError(key, f"{DIODE} is given too, but only one of the two may be")
     if isinstance(current, bool) or not isinstance(current, int | float) or not current > 0:
-        raise ParameterError(CURRENT, f"found {current!r}, allowed is a finite number greater than 0 A")
+        raise ParameterError(CURRENT, f"found {current!r}, must be a finite number greater than 0 A")
     part = diodes()[name]
     laws = (part[key] for key in ("saturation_current", "emission", "series_resistance"))
     try:

@@ -50,7 +50,7 @@ class Form(Component):
         for name in ("scale", "width"):
             value = getattr(self, name, 1.0)
             if not np.all(np.isfinite(value)) or np.any(np.asarray(value) == 0.0):
-                raise ParameterError(name, f"found {value!r:.60}, allowed is a finite number other than 0")
+                raise ParameterError(name, f"found {value!r:.60}, must be a finite number other than 0")
         check_choice("sides", getattr(self, "sides", 2), (2, 1, -1))
         check_choice("side", getattr(self, "side", 0), (0, 1, -1))
         knots = getattr(self, "knots", (0.0,))
@@ -275,7 +275,7 @@ LARGEST_EXPONENT = 12  # of a polynomial: far above what is fitted, and no power
 def _check_whole(exponent: int, key: str) -> None:
     """Raise `ParameterError` unless an exponent is one that a polynomial beside a straight line has."""
     if not 2 <= exponent <= LARGEST_EXPONENT:
-        raise ParameterError(key, f"found {exponent}, allowed is a whole number from 2 to {LARGEST_EXPONENT}")
+        raise ParameterError(key, f"found {exponent}, must be a whole number from 2 to {LARGEST_EXPONENT}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -31,7 +31,7 @@ class ParallelRL(WoundShunt):
         super().__post_init__()
         if self.self_resonance is not None and np.any(np.real(self.winding) == 0):
             found = "found 0 with a self-resonance, whose capacitance would lie across the electrodes"
-            raise ParameterError("winding_resistance", f"{found}, allowed is a number greater than 0 ohm")
+            raise ParameterError("winding_resistance", f"{found}, must be a number greater than 0 ohm")
 
     def states(self, capacitance: float) -> tuple[State, ...]:
         return self.coil_states()
