@@ -18,7 +18,7 @@ MEANING = {
     "refused": "refused in a sentence, as values do not go together",
     "impossible": "**a result that cannot be**",
     "internal error": "**an error that is none of the interface's**",
-    "slow": "**more than 20 s of processor time**",
+    "slow": "**more than 60 s of processor time**",
 }
 
 
