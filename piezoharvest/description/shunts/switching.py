@@ -89,36 +89,36 @@ class SwitchedCoil(Shunt):
             raise ParameterError("switch_resistance", "found beside flip_time, must be one with inductance only")
 
     def loop(self, capacitance: float) -> tuple[float, float]:
-        """Inductance (H) and resistance (ohm) of the loop with the clamped capacitance (F)."""
-        if self.inductance is not None:
-            inductance = self.inductance
-        else:
-            assert self.flip_time is not None  # one of the two is given: __post_init__
-            inductance = (self.flip_time / np.pi) ** 2 * (1 - 0.25 / self.quality**2) / capacitance
-        own = 0.0 if self.switch_resistance is None else self.switch_resistance
-        return inductance, np.sqrt(inductance / capacitance) / self.quality + own
-
-    def loop_quality(self, capacitance: Any) -> Any:
-        """Quality sqrt(L/C)/R of the loop with its switch.
+        """Inductance (H) and resistance (ohm) of the loop with the clamped capacitance (F).
 
         Raises
         ------
         ParameterError
             With the resistance of the switch the voltage does not swing.
         """
-        inductance, resistance = self.loop(capacitance)
-        found = np.sqrt(inductance / capacitance) / resistance
-        if np.any(np.real(found) <= 0.5):
-            most = np.real(np.sqrt(inductance / capacitance) * (2 - 1 / self.quality))
-            allowed = f"must be less than {np.min(most):.4g} ohm, with which the voltage swings"
+        if self.inductance is not None:
+            inductance = self.inductance
+        else:
+            assert self.flip_time is not None  # one of the two is given: __post_init__
+            inductance = (self.flip_time / np.pi) ** 2 * (1 - 0.25 / self.quality**2) / capacitance
+        root = np.sqrt(inductance / capacitance)
+        if self.switch_resistance is None:
+            return inductance, root / self.quality
+        resistance = root / self.quality + self.switch_resistance
+        if np.any(np.real(root / resistance) <= 0.5):
+            most = np.min(np.real(root * (2 - 1 / self.quality)))
+            allowed = f"must be less than {most:.4g} ohm, with which the voltage swings"
             raise ParameterError("switch_resistance", f"found {self.switch_resistance} ohm, {allowed}")
-        return found
+        return inductance, resistance
+
+    def loop_quality(self, capacitance: Any) -> Any:
+        """Quality sqrt(L/C)/R of the loop with its switch; raises as `loop`."""
+        inductance, resistance = self.loop(capacitance)
+        return np.sqrt(inductance / capacitance) / resistance
 
     def nominal_flip_time(self, capacitance: float) -> float:
         """Damped half period pi/w_d in s, w_d^2 = 1/(L C) - (R/(2 L))^2."""
         inductance, resistance = self.loop(capacitance)
-        if self.switch_resistance is not None:
-            self.loop_quality(capacitance)  # raises if nothing swings
         return np.pi / np.sqrt(1 / (inductance * capacitance) - (resistance / (2 * inductance)) ** 2)
 
     def emptying_time(self, capacitance: float) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -15,7 +15,7 @@ from piezoharvest.design.parts.rounding import RoundedParts
 from piezoharvest.design.parts.series import series_of
 from piezoharvest.design.result import Bound
 from piezoharvest.design.synthesis.growth import Growth
-from piezoharvest.design.synthesis.ladder import LOAD, Ladder, ladder_class, names_of
+from piezoharvest.design.synthesis.ladder import LOAD, ladder_class, names_of
 from piezoharvest.design.synthesis.measure import LadderMeasure
 from piezoharvest.design.synthesis.view import LadderView
 from piezoharvest.design.tuning.minimax import tune
@@ -86,9 +86,8 @@ class Synthesis:
         if (order, loss) not in self._tuned:
             grown = self._growth(loss).best(order)
             names = (*names_of(grown.arms), LOAD)
-            first = dict(zip(names, map(float, np.exp(grown.logs)), strict=True))
-            make: Callable[..., Ladder] = ladder_class(grown.arms, loss)
-            draft = Draft(make(**first), names, formula=FORMULA)
+            first: dict[str, Any] = dict(zip(names, map(float, np.exp(grown.logs)), strict=True))
+            draft = Draft(ladder_class(grown.arms, loss)(**first), names, formula=FORMULA)
             tuned = tune(self.ladders, draft, Start(FORMULA, first), self._region(draft))
             self._tuned[order, loss] = Draft(tuned.shunt, names, formula=FORMULA)
         return self._tuned[order, loss]
