@@ -101,12 +101,13 @@ class SwitchedCoil(Shunt):
         else:
             assert self.flip_time is not None  # one of the two is given: __post_init__
             inductance = (self.flip_time / np.pi) ** 2 * (1 - 0.25 / self.quality**2) / capacitance
-        root = np.sqrt(inductance / capacitance)
+        root: Any = np.sqrt(inductance / capacitance)
         if self.switch_resistance is None:
             return inductance, root / self.quality
         resistance = root / self.quality + self.switch_resistance
         if np.any(np.real(root / resistance) <= 0.5):
-            most = np.min(np.real(root * (2 - 1 / self.quality)))
+            limit: Any = np.real(root * (2 - 1 / self.quality))
+            most = float(np.min(limit))
             allowed = f"must be less than {most:.4g} ohm, with which the voltage swings"
             raise ParameterError("switch_resistance", f"found {self.switch_resistance} ohm, {allowed}")
         return inductance, resistance
