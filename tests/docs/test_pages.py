@@ -1,0 +1,90 @@
+"""Every block of the tutorials, how-to pages and README does what it says, in order, in a folder of its own."""
+
+import gc
+import math
+import re
+import shlex
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from piezoharvest.cli import main
+from piezoharvest.description import effects, shunts
+from piezoharvest.study import _model
+
+ROOT = Path(__file__).parents[2]
+BLOCK = re.compile(r"^```(\w+)(?: title=\"([^\"]+)\")?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+QUICK = {"README.md", "docs/how-to/sweep.md", "docs/how-to/bench.md", "docs/how-to/own-shunt.md",
+         "docs/how-to/own-effect.md", "docs/how-to/editor.md"}  # fmt: skip
+PAGES = [str(path.relative_to(ROOT)) for path in (
+    ROOT / "README.md", *sorted((ROOT / "docs/tutorials").glob("*.md")), *sorted((ROOT / "docs/how-to").glob("*.md")),
+)]  # fmt: skip
+# Figures on a page and in an output that are the same within this share: those of other versions of NumPy, SciPy and
+# ngspice differ in their last digits.
+SAME = 0.02
+
+
+@pytest.fixture(autouse=True)
+def forgotten():
+    """Forget the components of a page: the library of other tests is the package's."""
+    yield
+    for name in [name for name in sys.modules if name.startswith("piezoharvest_effects_")]:
+        del sys.modules[name]
+    _model.cache_clear()
+    gc.collect()
+    classes = [*effects.registered().values(), *shunts.registered().values()]
+    assert not any(cls.__module__.startswith(("page", "piezoharvest_effects_")) for cls in classes)
+
+
+def close(shown, word):
+    """True if a word of a page is that of an output, or a number near it."""
+    if shown == word:
+        return True
+    try:
+        return math.isclose(float(shown), float(word), rel_tol=SAME)
+    except ValueError:
+        return False
+
+
+def stands_in(line, lines):
+    """True if the words of a line of a page are those of a line of an output, in their order; "..." is any words."""
+    wanted = line.split()
+    for words in map(str.split, lines):
+        if "..." in wanted:
+            wanted = wanted[: wanted.index("...")]
+            words = words[: len(wanted)]
+        if len(words) == len(wanted) and all(map(close, wanted, words)):
+            return True
+    return False
+
+
+def run(command, output, capfd):
+    program, *arguments = shlex.split(command, comments=True)
+    assert program == "piezoharvest"
+    status = main(arguments)
+    output[:] = (shown := capfd.readouterr()).out.splitlines()
+    assert status == 0, (command, shown.err)
+
+
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, marks=() if page in QUICK else pytest.mark.slow) for page in PAGES]
+)
+def test_blocks(page, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    names, output, text = {"__name__": "page"}, [], (ROOT / page).read_text()
+    if "--check" in text and shutil.which("ngspice") is None:
+        pytest.skip("ngspice is not installed")
+    for language, title, block in BLOCK.findall(text):
+        if title:
+            Path(title).write_text(block)
+        elif language == "python":
+            exec(compile(block, page, "exec"), names)
+            output[:] = capfd.readouterr().out.splitlines()
+        elif language == "console":
+            for line in re.findall(r"^\$ (piezoharvest .*)$", block, re.MULTILINE):
+                run(line, output, capfd)
+        elif language == "text":  # what the block before prints, with gaps
+            for line in filter(str.strip, block.splitlines()):
+                assert stands_in(line, output), (line, output)
