@@ -23,7 +23,7 @@ def page() -> str:
 
 def _command(name: str, command: Any) -> str:
     rows = "".join(_row(parameter) for parameter in command.params)
-    table = f"| | |\n|---|---|\n{rows}" if rows else ""
+    table = f"| argument | what it is for |\n|---|---|\n{rows}" if rows else ""
     return f"## piezoharvest {name}\n\n{plain((command.help or '').strip())}\n\n{table}"
 
 

@@ -19,7 +19,9 @@ def gallery() -> dict[str, str]:
         )
         found[f"gallery/{readme.parent.name}.md"] = readme.read_text() + studies
     rows = "".join(f"| [{_title(text)}]({path.split('/')[1]}) | {_decides(text)} |\n" for path, text in found.items())
-    head = "# Gallery\n\nWorked studies, which lie in `designs/` with all their files.\n\n| | |\n|---|---|\n"
+    head = (
+        "# Gallery\n\nWorked studies, which lie in `designs/` with all their files.\n\n| study | decides |\n|---|---|\n"
+    )
     return {"gallery/index.md": head + rows, **found}
 
 
@@ -42,8 +44,9 @@ def _title(text: str) -> str:
 
 def _decides(text: str) -> str:
     """The sentence of a worked study that says what it decides."""
-    found = re.search(r"Decides.*?[:.](?=\s)", text, re.DOTALL)
-    return " ".join(found[0].split()) if found else ""
+    sentence = r"decides((?:\([^()]*\)|[.:](?=\S)|[^.:(])*)"  # brackets may hold full stops
+    found = re.search(sentence, text, re.IGNORECASE)
+    return " ".join(found[1].split()) if found else ""
 
 
 def _indented(text: str) -> str:

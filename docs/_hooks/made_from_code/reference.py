@@ -180,7 +180,7 @@ def _index(title: str, known: Mapping[str, type], families: Mapping[str, str]) -
         some = {name: cls for name, cls in known.items() if _family(cls, families) == words}
         rows = "".join(f"| [{name}]({name}.md) | {plain(first_sentence(cls))} |\n" for name, cls in some.items())
         if rows:
-            parts.append(f"## {words}\n\n| | |\n|---|---|\n{rows}")
+            parts.append(f"## {words}\n\n| name | what it is |\n|---|---|\n{rows}")
     return "\n".join(parts)
 
 
