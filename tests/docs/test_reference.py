@@ -80,7 +80,7 @@ def documented():
     """The study of the README."""
     text = (ROOT / "README.md").read_text()
     return tomllib.loads(
-        next(block for block in re.findall(r"```toml\n(.*?)```", text, re.DOTALL) if "[[shunts]]" in block)
+        next(block for block in re.findall(r"```toml[^\n]*\n(.*?)```", text, re.DOTALL) if "[[shunts]]" in block)
     )
 
 
