@@ -8,7 +8,7 @@ from pathlib import Path
 
 import jsonschema
 import pytest
-from made_from_code import reference, schema
+from made_from_code import figures, reference, schema
 
 from piezoharvest.bench.effects import registered as bench_effects
 from piezoharvest.bench.settings import Bench
@@ -121,3 +121,15 @@ def test_the_schema_of_campaigns():
     CAMPAIGN.validate(campaign)
     for wrong in ({"file": "a.csv", "fil": 1}, {"kind": "frf", "file": "a.csv"}, {"file": "a.csv", "drive": "heat"}):
         assert not CAMPAIGN.is_valid({**campaign, "records": [wrong]})
+
+
+def test_figure_of_a_shunt():
+    example = shunts.registered()["resistor"](resistance=8e4)
+    ((kind, caption, picture),) = figures.figures({"resistor": example})
+    assert kind == "resistor" and picture.startswith(b"\x89PNG")
+    assert "R = 80 kΩ" in caption.replace("\u202f", " ") and "It harvests" in caption
+
+
+def test_there_is_an_example_of_every_shunt_for_its_figure():
+    own = {kind for kind, cls in shunts.registered().items() if cls.__module__.startswith("piezoharvest.")}
+    assert figures.examples().keys() == own
