@@ -7,17 +7,19 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from piezoharvest.cli import main
 from piezoharvest.description import shunts
+from piezoharvest.records.reading.entries import build_entry
 
 ROOT = Path(__file__).parents[2]
 BLOCK = re.compile(r"^```(\w+)(?: title=\"([^\"]+)\")?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 QUICK = {"README.md", "docs/how-to/sweep.md", "docs/how-to/bench.md", "docs/how-to/own-shunt.md",
-         "docs/how-to/own-effect.md", "docs/how-to/editor.md"}  # fmt: skip
+         "docs/how-to/own-effect.md", "docs/how-to/editor.md", "docs/how-to/spice.md"}  # fmt: skip
 PAGES = [str(path.relative_to(ROOT)) for path in (
     ROOT / "README.md", *sorted((ROOT / "docs/tutorials").glob("*.md")), *sorted((ROOT / "docs/how-to").glob("*.md")),
 )]  # fmt: skip
@@ -84,6 +86,9 @@ def test_blocks(page, tmp_path, monkeypatch, capfd):
     for language, title, block in BLOCK.findall(text):
         if title:
             Path(title).write_text(block)
+        elif language == "toml":  # a part of a file
+            for entry in tomllib.loads(block).get("records", ()):
+                build_entry(entry, "records")
         elif language == "python":
             exec(compile(block, page, "exec"), names)
             output[:] = capfd.readouterr().out.splitlines()
