@@ -2,7 +2,7 @@
 # make test   run the quick tests (8 to 10 minutes on two cores)
 # make slow   run the tests that take long, which `make test` leaves out (about 10 minutes)
 # make lowest run a part of the tests with the lowest versions of all dependencies (Python 3.11; 3 to 6 minutes)
-# make bench  measure speed and error beside ngspice, solve_ivp and NumPy: reports/speed/, table in README.md (10 minutes)
+# make bench  measure speed and error beside ngspice, solve_ivp and NumPy: reports/speed/, table in docs/validation.md (10 minutes)
 # make paper  simulate and audit the reference paper's tables: reports/paper/index.html, findings.json (5 minutes)
 # make recovery  diagnose random campaigns and count the right answers: reports/diagnosis/ (hours; goes on where it was stopped)
 # make discovery  hide laws that are in no library in random campaigns, count how often they are found: reports/discovery/
@@ -10,6 +10,7 @@
 # make actuators  hysteresis and frequency responses of two real data sets: reports/actuators (2 minutes; needs ../shared)
 # make coverage   do standard errors hold? 200 random specimens: reports/identification (resumes where it was)
 # make torture  simulate random studies of every shunt and effect: reports/reliability (hours; goes on where it was stopped)
+# make docs   build the documentation: build/site/index.html (a minute; strict, with its links checked)
 # make check  lint and type check
 # make clean  remove the environment, caches, builds and the report
 
@@ -23,7 +24,7 @@ MEETING := tests/test_cli.py tests/test_study.py tests/test_linear.py tests/test
 	tests/sweep/test_sweep_dask.py tests/identify/test_identify_cli.py tests/identify/test_loops.py \
 	tests/engine/test_vector.py
 
-.PHONY: demo test slow lowest bench paper actuators recovery discovery torture coverage check clean
+.PHONY: demo docs test slow lowest bench paper actuators recovery discovery torture coverage check clean
 
 demo: .venv/.installed
 	$(BIN)/piezoharvest demo --out demo-report
@@ -60,6 +61,9 @@ actuators: .venv/.tested
 coverage: .venv/.tested
 	$(BIN)/python -m reports.identification
 
+docs: .venv/.docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
+
 check: .venv/.checked
 	$(BIN)/ruff check .
 	$(BIN)/pyright
@@ -80,6 +84,10 @@ check: .venv/.checked
 
 .venv/.discovery: .venv/.tested
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[discovery]'
+	touch $@
+
+.venv/.docs: .venv/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
 	touch $@
 
 build/lowest/.installed: pyproject.toml .ci/lowest.txt

@@ -26,7 +26,7 @@ from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.figures import Modal, data_sheet
 from piezoharvest.description.limits import check_size
 from piezoharvest.description.modes_file import KEY, with_modes
-from piezoharvest.description.parameters import Component, ParameterError, allowed, quantity
+from piezoharvest.description.parameters import Component, ParameterError, allowed, described, quantity
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.system import System
 from piezoharvest.description.tolerance import Tolerance
@@ -74,24 +74,35 @@ class StudyError(ValueError):
 class DesignOptions(Component):
     """Goal and free choices of a design: the table [design]."""
 
-    objective: Literal["harvest", "damping", "trade_off"] = "harvest"
+    objective: Literal["harvest", "damping", "trade_off"] = described(
+        "what is wanted: power, little vibration, or the front between both", default="harvest"
+    )
     band: tuple[float, float] | None = quantity("Hz", "lower and upper edge of the band", default=None, above=0)
-    candidates: tuple[str, ...] | None = None
-    phase_lag: Literal["free", "fixed"] | None = None  # None: free for harvest, fixed for damping
-    hold: tuple[str, ...] = ()
-    tune: tuple[Literal["on_time_error", "inductance", "smoothing_capacitance"], ...] = ()  # of switched shunts, too
+    candidates: tuple[str, ...] | None = described(
+        'kinds of shunts to compare, and "synthesised", a network that the design makes; default: for the objective',
+        default=None,
+    )
+    phase_lag: Literal["free", "fixed"] | None = described(
+        "lag of switches: tuned, or as given; default: free for harvest, else fixed", default=None
+    )
+    hold: tuple[str, ...] = described("keys of the shunts that keep their values", default=())
+    tune: tuple[Literal["on_time_error", "inductance", "smoothing_capacitance"], ...] = described(
+        "keys of switched shunts that are tuned besides", default=()
+    )
     order: int | None = quantity(
         "", "coils and capacitors of the synthesised network, at most", default=None, at_least=1, at_most=8
     )
     coil_quality: float | None = quantity(
         "", "quality of the synthesised network's coils at the centre; None: without losses", default=None, above=0
     )
-    parts: Literal["E3", "E6", "E12", "E24", "E48", "E96", "E192"] | None = None
+    parts: Literal["E3", "E6", "E12", "E24", "E48", "E96", "E192"] | None = described(
+        "series of values that can be bought (IEC 60063); default: any value", default=None
+    )
     parts_tolerance: float | None = quantity(
         "", "relative tolerance of the parts, instead of that of their series", default=None, at_least=0, below=1
     )
     tolerance: Tolerance | None = None
-    worst_case: bool = False
+    worst_case: bool = described("tuned for, and ranked by, the worst case within the tolerance", default=False)
     max_voltage: float | None = quantity("V", "largest electrode voltage", default=None, above=0)
     max_inductance: float | None = quantity("H", "largest inductance", default=None, above=0)
     max_displacement: float | None = quantity("m", "largest displacement amplitude", default=None, above=0)
@@ -124,10 +135,10 @@ class DesignOptions(Component):
 class SweepParameter(Component):
     """A parameter of a sweep: the value at a dotted path, between `from` and `to`."""
 
-    path: str
+    path: str = described('path of a value, as in "shunts.0.load_resistance"')
     from_: float = quantity("", "first value")
     to: float = quantity("", "last value")
-    scale: Literal["linear", "log"] = "linear"
+    scale: Literal["linear", "log"] = described("spacing of the values", default="linear")
     count: int | None = quantity("", "number of values in a grid", default=None, at_least=1)
 
     def __post_init__(self) -> None:
@@ -145,11 +156,13 @@ class SweepParameter(Component):
 class SweepOptions(Component):
     """Parameters of a sweep, its sampling method and its outputs: the table [sweep]."""
 
-    parameters: tuple[SweepParameter, ...]
-    method: Literal["grid", "random", "sobol"] = "grid"
+    parameters: tuple[SweepParameter, ...] = described("what is varied")
+    method: Literal["grid", "random", "sobol"] = described(
+        "how values are chosen; grid needs `count`, the others `samples`", default="grid"
+    )
     samples: int | None = quantity("", "number of designs", default=None, at_least=1, at_most=MAX_DESIGNS)
     seed: int = quantity("", "seed of the random numbers", default=1, at_least=0)
-    outputs: tuple[str, ...] | None = None
+    outputs: tuple[str, ...] | None = described("columns of the table; default: what simulate prints", default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -489,7 +502,7 @@ def build(cls: type[_C], table: Any, where: str) -> _C:
         if part is not None and field.name in values:
             values[field.name] = _build_part(part, hints[field.name], values[field.name], f"{where}.{field.name}")
         elif key in values and "unit" in field.metadata:
-            values[key] = _in_si(values[key], _unit(cls, field), f"{where}.{key}")
+            values[key] = _in_si(values[key], unit_of(cls, field), f"{where}.{key}")
     try:
         checked = _model(cls).model_validate(values)
         return cls(**{name: _frozen(getattr(checked, name)) for name in checked.model_fields_set})
@@ -501,7 +514,7 @@ def build(cls: type[_C], table: Any, where: str) -> _C:
         raise ParameterError(where, f"values that {cls.__name__} does not accept ({error})") from None
 
 
-def _unit(cls: type[Component], field: dataclasses.Field) -> str:
+def unit_of(cls: type[Component], field: dataclasses.Field) -> str:
     """SI unit of a field; of those that excitations share, a force's and an acceleration's, the one of this kind."""
     first, *other = field.metadata["unit"].split(" or ")
     return other[0] if other and issubclass(cls, Excitation) and (cls.base or cls.imposed) else first
@@ -635,10 +648,10 @@ def _validation_message(cls: type[Component], error: ValidationError) -> Paramet
         name, hint = f"{name}.{inner[0]}", get_args(hint)[0]
     # An element is missing if a list is too short: the list is reported.
     found = "missing key" if first["type"] == "missing" and not inner else f"found {_shown_value(first['input'])}"
-    return ParameterError(name, f"{found}, must be {_described(field, hint)}")
+    return ParameterError(name, f"{found}, must be {allowed_values(field, hint)}")
 
 
-def _described(field: dataclasses.Field, hint: Any) -> str:
+def allowed_values(field: dataclasses.Field, hint: Any) -> str:
     """Allowed values of a field, in words."""
     if get_origin(hint) is Literal:
         return " or ".join(map(repr, get_args(hint)))
@@ -647,7 +660,7 @@ def _described(field: dataclasses.Field, hint: Any) -> str:
         count = "" if Ellipsis in parts else f" of {len(parts)}"
         if _component_in(parts[0]) is not None:
             return f"a list{count} of tables"
-        return f"a list{count}, each {_described(field, parts[0])}"
+        return f"a list{count}, each {allowed_values(field, parts[0])}"
     if hint in (int, float):
         return allowed(field).replace("finite", "whole" if hint is int else "finite")
     if _component_in(hint) is not None:

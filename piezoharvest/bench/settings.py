@@ -22,7 +22,7 @@ from piezoharvest.bench.effects import BenchEffect, registered
 from piezoharvest.bench.solver import CIRCUITS
 from piezoharvest.description.excitation import Excitation
 from piezoharvest.description.limits import check_size
-from piezoharvest.description.parameters import Component, ParameterError, quantity
+from piezoharvest.description.parameters import Component, ParameterError, described, quantity
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.linear.coil import WoundShunt
 from piezoharvest.description.shunts.linear.resistor import Resistor
@@ -53,10 +53,14 @@ class RecordOptions(Component):
         A resistor, or the table of a shunt; default the first shunt of the study.
     """
 
-    excitation: Any = None
-    shunt: Any = None
+    excitation: Any = described(
+        "keys that replace those of the study's excitation; with another kind all of them", default=None
+    )
+    shunt: Any = described("circuit; default: the first one of the study", default=None)
     load_resistance: float | None = quantity("ohm", "load resistance", default=None, above=0)
-    role: Literal["fit", "validate"] = "fit"
+    role: Literal["fit", "validate"] = described(
+        "whether a fit sees the record, or it is kept back to validate", default="fit"
+    )
     duration: float | None = quantity("s", "length of the record", default=None, above=0)
 
 
@@ -85,17 +89,17 @@ class Bench(Component):
     duration: float | None = quantity("s", "length of a record", default=None, above=0)
     seed: int = quantity("", "seed of all that is random", default=0, at_least=0)
     nominal_error: float = quantity("", "relative scatter of the nominal values", default=0.0, at_least=0, below=1)
-    truth: bool = False
-    channels: tuple[Response, ...] = USUAL
+    truth: bool = described("writes truth.json beside the campaign", default=False)
+    channels: tuple[Response, ...] = described("responses that are measured beside the drive", default=USUAL)
     load_cell: LoadCell = field(default_factory=LoadCell)
     laser: Laser = field(default_factory=Laser)
     buffer: Buffer = field(default_factory=Buffer)
     current_sense: CurrentSense = field(default_factory=CurrentSense)
     accelerometer: Accelerometer = field(default_factory=Accelerometer)
     vibrometer: Vibrometer = field(default_factory=Vibrometer)
-    moving_accelerometer: Accelerometer = field(default_factory=Accelerometer)
+    moving_accelerometer: Accelerometer = described("accelerometer on the structure", default_factory=Accelerometer)
     dc_meter: DcMeter = field(default_factory=DcMeter)
-    dc_sense: CurrentSense = field(default_factory=CurrentSense)
+    dc_sense: CurrentSense = described("sense resistor in the branch of the dc load", default_factory=CurrentSense)
     converter: Converter = field(default_factory=Converter)
     records: tuple[RecordOptions, ...] = ()
 

@@ -232,9 +232,11 @@ def _keys(shunt: Mapping[str, Any], ideal: Mapping[str, float]) -> str:
     fields = {field.name: field for field in dataclasses.fields(cls)} if cls else {}
     lines = []
     for key, value in shunt.items():
-        if key == "netlist":
+        if key == "netlist" and not isinstance(value, str):
             lines += [_element(part, ideal) for part in value]
             continue
+        if key == "netlist":  # that of a circuit simulator
+            value = f"{sum(map(bool, map(str.strip, value.splitlines())))} lines"
         unit = fields[key].metadata.get("unit") if key in fields else None
         if unit and isinstance(value, float):
             tuned = f" (ideal {_with_unit(ideal[key], unit)})" if key in ideal else ""

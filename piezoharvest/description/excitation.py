@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from piezoharvest.description.parameters import Component, ParameterError, quantity, subclasses_by
+from piezoharvest.description.parameters import Component, ParameterError, described, quantity, subclasses_by
 
 if TYPE_CHECKING:
     from piezoharvest.readers.units import Unit
@@ -345,10 +345,10 @@ class Record(Samples):
 
     kind: ClassVar[str] = "record"
 
-    file: str
-    column: Any
-    quantity: Literal["force", "base_acceleration"] = "force"
-    unit: str | None = None
+    file: str = described("data file")
+    column: Any = described("name of the column, or its number counted from 1")
+    quantity: Literal["force", "base_acceleration"] = described("what the column is", default="force")
+    unit: str | None = described("unit of the values; default: that of the file, or the SI unit", default=None)
     gain: float | None = _quantity("", "values for one number of the file", default=None)
     skip_rows: int | None = _quantity("", "lines above the table", default=None, at_least=0)
     header_row: int | None = _quantity("", "line with the names", default=None, at_least=1)

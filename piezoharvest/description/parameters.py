@@ -69,6 +69,21 @@ def quantity(
     return dataclasses.field(default=default, metadata=metadata)
 
 
+def described(doc: str, *, default: Any = MISSING, default_factory: Any = MISSING) -> Any:
+    """Declare a dataclass field that is no quantity: a choice, a text, a table, a list of these.
+
+    Parameters
+    ----------
+    doc : str
+        Description of the key, for the reference of all keys.
+    default, default_factory : optional
+        As of `dataclasses.field`; the field is required without them.
+    """
+    if default_factory is not MISSING:
+        return dataclasses.field(default_factory=default_factory, metadata={"doc": doc})
+    return dataclasses.field(default=default, metadata={"doc": doc})
+
+
 _COMPARISONS = {
     "above": ("greater than", np.greater),
     "at_least": ("at least", np.greater_equal),

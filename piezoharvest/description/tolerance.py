@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from piezoharvest.description.parameters import Component, ParameterError, quantity
+from piezoharvest.description.parameters import Component, ParameterError, described, quantity
 
 HEATED = ("stiffness", "coupling", "capacitance", "damping")  # what a temperature changes
 
@@ -34,7 +34,7 @@ class Tolerance(Component):
         that takes its quantity to zero within the temperatures.
     """
 
-    from_: str | None = None
+    from_: str | None = described("specimen file, whose confidence region may vary", default=None)
     level: float | None = quantity(
         "", "probability of the specimen's confidence region", default=None, at_least=0.5, at_most=0.9999
     )

@@ -15,7 +15,7 @@ import numpy as np
 from piezoharvest.description.effects.base import Effect
 from piezoharvest.description.figures import Figures, Modal, data_sheet
 from piezoharvest.description.hysteresis import Hysteresis
-from piezoharvest.description.parameters import Component, ParameterError, quantity
+from piezoharvest.description.parameters import Component, ParameterError, described, quantity
 
 INERT = ("mass", "damping")  # of a mode; a quasi-static specimen has neither
 # A quasi-static specimen follows its drive within this share of a sample: the error is far below the least noise that a
@@ -107,9 +107,11 @@ class Transducer(Component):
     modes: tuple[Mode, ...] = ()
     electrodes: tuple[Electrode, ...] = ()
     effects: tuple[Effect, ...] = ()
-    name: str = ""
-    quasi_static: bool = False
-    assumptions: tuple[str, ...] = dataclasses.field(default=(), compare=False, repr=False)
+    name: str = described("name for reports", default="")
+    quasi_static: bool = described("without inertia and damping; only in a campaign", default=False)
+    assumptions: tuple[str, ...] = dataclasses.field(
+        default=(), compare=False, repr=False, metadata={"doc": "what was assumed where the values come from"}
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -107,7 +107,9 @@ def values_of(shunt: Shunt) -> Iterator[tuple[str, str]]:
     """Symbol and value, with unit, of every key of a shunt that differs from its default."""
     fields = {field.name: field for field in dataclasses.fields(shunt)}
     for key, value in shunt_table(shunt).items():
-        if key == "netlist":
+        if key == "netlist" and isinstance(value, str):  # that of a circuit simulator
+            yield "netlist", f"{sum(map(bool, map(str.strip, value.splitlines())))} lines"
+        elif key == "netlist":
             texts = ((part["kind"], quantity_text(part["value"], _PART_UNITS[part["kind"]])) for part in value)
             yield "netlist", ", ".join(f"{kind}{NO_BREAK}{text}" for kind, text in texts)
         elif key != "kind":

@@ -62,8 +62,8 @@ def main() -> None:
     """Measure, write, and say which promises are not kept."""
     results = measure(Extent(), lambda text: print(text, flush=True))
     write(results, HERE)
-    pages.refresh(HERE.parents[1] / "README.md", results)
+    pages.refresh(HERE.parents[1] / "docs" / "validation.md", results)
     for goal in goals(results):
         if goal.met is False:
             print(f"not kept: {goal.what}: {goal.found:.3g} {goal.unit}".rstrip())
-    print("written: reports/speed/speed.md, speed.json and figures; the table in README.md")
+    print("written: reports/speed/speed.md, speed.json and figures; the table in docs/validation.md")

@@ -1,4 +1,4 @@
-"""speed.md: all results as tables, and the part of the project's README between two comments."""
+"""speed.md: all results as tables, and the part of docs/validation.md between two comments."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def _start(startup: dict) -> str:
 
 
 def refresh(readme: Path, results: dict) -> None:
-    """Replace what stands between the two comments of the project's README.
+    """Replace what stands between the two comments of the page, docs/validation.md.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The short table: what the project's README shows of the results."""
+"""The short table: what docs/validation.md shows of the results."""
 
 from __future__ import annotations
 

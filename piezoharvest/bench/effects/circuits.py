@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 from piezoharvest.bench.effects.base import BenchEffect
-from piezoharvest.description.parameters import ParameterError, quantity
+from piezoharvest.description.parameters import ParameterError, described, quantity
 from piezoharvest.description.shunts import Shunt
 
 
@@ -122,7 +122,7 @@ class ProbeLoading(BenchEffect):
 
     resistance: float = quantity("ohm", "resistance of the meter", above=0, null=float("inf"))
     capacitance: float = quantity("F", "capacitance of the meter and its cable", default=0.0, at_least=0)
-    place: Literal["leads", "dc"] = "leads"
+    place: Literal["leads", "dc"] = described("across the electrodes, or across the dc side", default="leads")
 
     def act(self, model, duration):
         if self.place == "dc":

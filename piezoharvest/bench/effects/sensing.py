@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from piezoharvest.bench.effects.base import BenchEffect
-from piezoharvest.description.parameters import ParameterError, quantity
+from piezoharvest.description.parameters import ParameterError, described, quantity
 from piezoharvest.description.shunts.linear.resistor import Resistor
 
 Channel = Literal["force", "base_acceleration", "displacement", "voltage", "current"]
@@ -24,7 +24,7 @@ class ContactCompliance(BenchEffect):
     name: ClassVar[str] = "contact_compliance"
 
     coefficient: float = quantity("m/N^(2/3)", "c", null=0.0)
-    tension: Literal["open", "closed"] = "open"
+    tension: Literal["open", "closed"] = described("under tension the joint is open, or is held closed", default="open")
 
     def act(self, model, duration):
         if model.base:
@@ -82,7 +82,7 @@ class Clipping(BenchEffect):
     name: ClassVar[str] = "clipping"
 
     limit: float = quantity("", "largest value, in the channel's unit", above=0, null=np.inf)
-    channel: Channel
+    channel: Channel = described("channel that has the fault")
 
     def span(self, channel):
         return self.limit if channel == self.channel else np.inf
@@ -96,7 +96,7 @@ class MainsHum(BenchEffect):
 
     amplitude: float = quantity("", "peak value, in the channel's unit", at_least=0, null=0.0)
     frequency: float = quantity("Hz", "mains frequency", above=0)
-    channel: Channel
+    channel: Channel = described("channel that has the fault")
 
     def disturbance(self, channel, time, rng):
         if channel != self.channel:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from piezoharvest.description.figures.base import Condition, Lumped, StaticFigures
-from piezoharvest.description.parameters import ParameterError, quantity
+from piezoharvest.description.parameters import ParameterError, described, quantity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,7 +20,7 @@ class BlockedForce(StaticFigures):
     blocking_force: float = quantity("N", "force at the voltage without motion", above=0)
     voltage: float = quantity("V", "voltage of both figures, peak to peak of the range", above=0)
     capacitance: float = quantity("F", "capacitance, free or clamped", above=0)
-    capacitance_is: Condition = "free"
+    capacitance_is: Condition = described("what the capacitance was measured as", default="free")
 
     def lumped(self) -> Lumped:
         """Values of the transducer, see `Figures.lumped`."""

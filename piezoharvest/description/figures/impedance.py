@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from piezoharvest.description.figures.base import Condition, Figures, Lumped
 from piezoharvest.description.figures.modal import Modal
-from piezoharvest.description.parameters import quantity
+from piezoharvest.description.parameters import described, quantity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +21,7 @@ class Impedance(Figures):
     resonance_frequency: float = quantity("Hz", "frequency of the least impedance", above=0)
     antiresonance_frequency: float = quantity("Hz", "frequency of the greatest impedance", above=0)
     capacitance: float = quantity("F", "capacitance at low frequency (free), or clamped", above=0)
-    capacitance_is: Condition = "free"
+    capacitance_is: Condition = described("what the capacitance was measured as", default="free")
     modal_mass: float = quantity("kg", "modal mass, which the impedance does not tell", above=0)
 
     def lumped(self) -> Lumped:

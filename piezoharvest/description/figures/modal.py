@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from piezoharvest.description.figures.base import POSITIVE_COUPLING, Condition, Figures, Lumped, clamped
-from piezoharvest.description.parameters import ParameterError, quantity
+from piezoharvest.description.parameters import ParameterError, described, quantity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +21,7 @@ class Modal(Figures):
     open_circuit_frequency: float = quantity("Hz", "resonance with open electrodes", above=0)
     modal_mass: float = quantity("kg", "modal mass, which scales force and displacement", above=0)
     capacitance: float = quantity("F", "capacitance, free or clamped", above=0)
-    capacitance_is: Condition
+    capacitance_is: Condition = described("what the capacitance was measured as")
 
     def lumped(self) -> Lumped:
         """Values of the transducer, see `Figures.lumped`."""

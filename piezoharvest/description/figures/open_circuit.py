@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from piezoharvest.description.figures.base import POSITIVE_COUPLING, Condition, Figures, Lumped, one_of
-from piezoharvest.description.parameters import ParameterError, quantity
+from piezoharvest.description.parameters import ParameterError, described, quantity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +21,7 @@ class OpenCircuit(Figures):
     acceleration: float = quantity("m/s^2", "peak acceleration of the base", above=0)
     open_circuit_frequency: float = quantity("Hz", "resonance with open electrodes", above=0)
     capacitance: float = quantity("F", "capacitance, free or clamped", above=0)
-    capacitance_is: Condition
+    capacitance_is: Condition = described("what the capacitance was measured as")
     modal_mass: float | None = quantity("kg", "moving mass", default=None, above=0)
     power: float | None = quantity("W", "mean power in load_resistance", default=None, above=0)
     load_resistance: float | None = quantity("ohm", "load of the power", default=None, above=0)

@@ -13,7 +13,7 @@ import numpy as np
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.netlist import NormalTree, normal_tree
-from piezoharvest.description.parameters import ParameterError, check_range
+from piezoharvest.description.parameters import ParameterError, check_range, described
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.spice_language.reading import Part, read_parts, refusal
 
@@ -63,10 +63,10 @@ class SpiceCircuit(Shunt):
         "Bryant, Proc. IEE C 106(9), 174-188, 1959 (normal tree); LTspice help, D. Diode, S. Voltage controlled switch"
     )
 
-    netlist: str
-    port: Sequence[str] = ("p", "0")
-    load: Sequence[str] = ()
-    subcircuit: str | None = None
+    netlist: str = described("text of the net list")
+    port: Sequence[str] = described("nodes of the electrodes, plus and minus", default=("p", "0"))
+    load: Sequence[str] = described("resistors and sources that are harvested in", default=())
+    subcircuit: str | None = described("subcircuit of the net list that is the circuit", default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()

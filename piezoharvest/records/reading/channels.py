@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from piezoharvest.description.parameters import Component, ParameterError, quantity
+from piezoharvest.description.parameters import Component, ParameterError, described, quantity
 from piezoharvest.readers.conversion import unit_factor
 from piezoharvest.readers.units import Unit
 
@@ -54,12 +54,12 @@ class ChannelSource(Component):
         File with the column, if it is not the record's file.
     """
 
-    column: Any = None
-    unit: str = ""
+    column: Any = described("name of the column, its number counted from 1, or several that are averaged", default=None)
+    unit: str = described("unit of the values; default: that of the file, or the SI unit", default="")
     gain: float | None = quantity("", "values for one raw unit", default=None)
     offset: float = quantity("", "value for raw zero", default=0.0)
     sigma: float | None = quantity("", "known standard deviation of the noise", default=None, above=0)
-    file: str | None = None
+    file: str | None = described("file with the column; default: the record's", default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()

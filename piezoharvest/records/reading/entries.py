@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from piezoharvest.description.effects.circuit_value import CircuitValue, circuit_values
-from piezoharvest.description.parameters import Component, ParameterError, quantity
+from piezoharvest.description.parameters import Component, ParameterError, described, quantity
 from piezoharvest.description.shunts import Digital, Resistor, Shunt
 from piezoharvest.records.reading.channels import COLUMNS, RATES, UNITS, ChannelSource, check_unit
 from piezoharvest.study import build, build_shunt
@@ -34,10 +34,12 @@ RESPONSE_COLUMNS: Mapping[str, Mapping[str, str]] = {
 class _Entry(Component):
     """Keys that all kinds of [[records]] have: `rows` is the part of the file that is the record."""
 
-    file: str
-    role: Literal["fit", "validate"] = "fit"
+    file: str = described("data file, relative to the campaign")
+    role: Literal["fit", "validate"] = described(
+        "whether a fit sees the record, or it is kept back to validate", default="fit"
+    )
     start_time: float = quantity("s", "time since the campaign began", default=0.0)
-    channels: Any = None
+    channels: Any = described("channels of this record", default=None)
     rows: tuple[int, int] | None = quantity("", "first and last row", default=None, at_least=1)
     skip_rows: int | None = quantity("", "lines above the table of a text file", default=None, at_least=0)
     header_row: int | None = quantity("", "line with the names in a text file", default=None, at_least=1)
@@ -53,7 +55,7 @@ class _EntryWithShunt(_Entry):
     """A record with a shunt or load across the electrodes."""
 
     load_resistance: float | None = quantity("ohm", "resistance across the electrodes", default=None, above=0)
-    shunt: Any = None
+    shunt: Any = described("circuit, as in a study, with `fit`, a list of its keys that are fitted", default=None)
 
     @property
     def _table(self) -> Any:
@@ -112,7 +114,7 @@ class _EntryWithShunt(_Entry):
 class TimeEntry(_EntryWithShunt):
     """[[records]] of signals over time."""
 
-    drive: Input = "force"
+    drive: Input = described("channel that drives the specimen", default="force")
     sample_rate: float | None = quantity("Hz", "where the file has no time", default=None, above=0)
 
 
@@ -120,7 +122,7 @@ class TimeEntry(_EntryWithShunt):
 class PeriodicEntry(TimeEntry):
     """[[records]] of a few periods of a sine in steady state."""
 
-    kind: Literal["periodic"]
+    kind: Literal["periodic"] = described("kind of the record")
     frequency: float | None = quantity("Hz", "of the sine, where it is known", default=None, above=0)
 
     def __post_init__(self) -> None:
@@ -134,9 +136,11 @@ class PeriodicEntry(TimeEntry):
 class FrfEntry(_EntryWithShunt):
     """[[records]] of a frequency response, output over input."""
 
-    kind: Literal["frf"]
-    input: Input = "force"
-    output: Literal["force", "displacement", "velocity", "acceleration", "voltage", "current"]
+    kind: Literal["frf"] = described("kind of the record")
+    input: Input = described("channel that the response is divided by", default="force")
+    output: Literal["force", "displacement", "velocity", "acceleration", "voltage", "current"] = described(
+        "channel of the response"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -151,12 +155,12 @@ class FrfEntry(_EntryWithShunt):
 class ImpedanceEntry(_Entry):
     """[[records]] of the impedance of the leads."""
 
-    kind: Literal["impedance"]
-    mechanical: Literal["free", "blocked"] = "free"
+    kind: Literal["impedance"] = described("kind of the record")
+    mechanical: Literal["free", "blocked"] = described("boundary of the specimen", default="free")
 
 
 Entry = TimeEntry | FrfEntry | ImpedanceEntry
-_KINDS = {"time": TimeEntry, "periodic": PeriodicEntry, "frf": FrfEntry, "impedance": ImpedanceEntry}
+ENTRIES = {"time": TimeEntry, "periodic": PeriodicEntry, "frf": FrfEntry, "impedance": ImpedanceEntry}
 
 
 def build_entry(table: Any, where: str) -> Entry:
@@ -168,11 +172,11 @@ def build_entry(table: Any, where: str) -> Entry:
         A key is missing, unknown, of the wrong type or out of bounds.
     """
     kind = table.get("kind", "time") if isinstance(table, dict) else "time"
-    if not isinstance(kind, str) or kind not in _KINDS:
-        raise ParameterError(f"{where}.kind", f"found {repr(kind)[:80]}, allowed are {', '.join(_KINDS)}")
+    if not isinstance(kind, str) or kind not in ENTRIES:
+        raise ParameterError(f"{where}.kind", f"found {repr(kind)[:80]}, allowed are {', '.join(ENTRIES)}")
     if kind == "time" and isinstance(table, dict):
         table = {key: value for key, value in table.items() if key != "kind"}
-    return build(_KINDS[kind], table, where)
+    return build(ENTRIES[kind], table, where)
 
 
 def build_sources(tables: Any, level: Level, where: str, units: Mapping[str, str] = UNITS) -> Sources:

@@ -6,7 +6,7 @@ from typing import ClassVar, Literal, Self
 
 from piezoharvest.description.circuit import Product
 from piezoharvest.description.effects.base import Effect
-from piezoharvest.description.parameters import altered, quantity
+from piezoharvest.description.parameters import altered, described, quantity
 from piezoharvest.description.protocol import CampaignSizes, EnergyRows, EquationBuilder
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.bridge import Bridge
@@ -30,7 +30,7 @@ class ProbeLoading(Effect):
 
     resistance: float = quantity("ohm", "resistance of the meter", above=0, null=float("inf"))
     capacitance: float = quantity("F", "capacitance of the meter and its cable", default=0.0, at_least=0, null=0.0)
-    place: Literal["leads", "dc"] = "leads"
+    place: Literal["leads", "dc"] = described("across the electrodes, or across the dc side", default="leads")
 
     def act(self, specimen: EquationBuilder) -> None:
         if self.place == "leads":

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Self, cast
 
 from piezoharvest.description.effects.base import Channel, Effect
-from piezoharvest.description.parameters import quantity
+from piezoharvest.description.parameters import described, quantity
 from piezoharvest.description.protocol import CampaignSizes
 
 
@@ -20,7 +20,7 @@ class Clipping(Effect):
     told_by: ClassVar[str] = "a record at a smaller amplitude, or with a larger range"
 
     limit: float = quantity("", "largest value, in the channel's SI unit", above=0, null=float("inf"))
-    channel: Channel
+    channel: Channel = described("channel that is cut off")
 
     def span(self, channel: str) -> float:
         return self.limit if channel == self.channel else float("inf")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal, Self
 
 from piezoharvest.description.effects.base import Effect
-from piezoharvest.description.parameters import quantity
+from piezoharvest.description.parameters import described, quantity
 from piezoharvest.description.protocol import CampaignSizes, EquationBuilder
 
 
@@ -23,7 +23,7 @@ class ContactCompliance(Effect):
     told_by: ClassVar[str] = "a second displacement sensor on the specimen itself, or a record under a larger preload"
 
     coefficient: float = quantity("m/N^(2/3)", "c", at_least=0, null=0.0)
-    tension: Literal["open", "closed"] = "open"
+    tension: Literal["open", "closed"] = described("under tension the joint is open, or is held closed", default="open")
 
     def act(self, specimen: EquationBuilder) -> None:
         if specimen.drive_name != "force":

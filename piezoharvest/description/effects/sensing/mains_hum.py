@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Self, cast
 
 from piezoharvest.description.effects.base import Channel, Effect
-from piezoharvest.description.parameters import quantity
+from piezoharvest.description.parameters import described, quantity
 from piezoharvest.description.protocol import CampaignSizes
 
 NETWORKS = (50.0, 60.0)  # Hz
@@ -24,7 +24,7 @@ class MainsHum(Effect):
 
     amplitude: float = quantity("", "peak value, in the channel's SI unit", at_least=0, null=0.0)
     frequency: float = quantity("Hz", "mains frequency", above=0)
-    channel: Channel
+    channel: Channel = described("channel that has the hum")
 
     def line(self, channel: str) -> float | None:
         return self.frequency if channel == self.channel else None

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal, get_args
 import numpy as np
 
 from piezoharvest.description.circuit import Port, Product, Row, State
-from piezoharvest.description.parameters import ParameterError, quantity
+from piezoharvest.description.parameters import ParameterError, described, quantity
 from piezoharvest.description.shunts.staged import StagedFlip, position_of
 from piezoharvest.description.shunts.switching import InductiveSwitch
 
@@ -33,7 +33,7 @@ class BiasFlip(InductiveSwitch, StagedFlip):
     kind: ClassVar[str] = "bias_flip"
     source: ClassVar[str] = "Liang, Zhao & Yang, IEEE Trans. Power Electron. 34(1), 275-286, 2019"
 
-    steps: Steps = 3
+    steps: Steps = described("steps of one inversion", default=3)
     bias_capacitance: float | None = quantity("F", "each bias capacitor; default: 1e5 C", default=None, above=0)
 
     def __post_init__(self) -> None:

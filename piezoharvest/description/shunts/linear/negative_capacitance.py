@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import ClassVar, Literal
 
 from piezoharvest.description.circuit import Port, Product, Row, State
-from piezoharvest.description.parameters import quantity
+from piezoharvest.description.parameters import described, quantity
 from piezoharvest.description.shunts.base import LinearShunt
 
 
@@ -19,7 +19,9 @@ class NegativeCapacitance(LinearShunt):
 
     capacitance: float = quantity("F", "magnitude C_n of the negative capacitance", above=0)
     resistance: float = quantity("ohm", "resistance", above=0)
-    topology: Literal["parallel", "series"] = "parallel"
+    topology: Literal["parallel", "series"] = described(
+        "resistance beside the capacitance, or in one branch with it", default="parallel"
+    )
 
     def states(self, capacitance: float) -> tuple[State, ...]:
         return (State("voltage", -self.capacitance),)

@@ -12,6 +12,7 @@ import numpy as np
 
 from piezoharvest.description.circuit import Port, Product, Row, State
 from piezoharvest.description.netlist import Element, NormalTree, normal_tree, read_netlist
+from piezoharvest.description.parameters import described
 from piezoharvest.description.shunts.base import LinearShunt
 
 
@@ -147,7 +148,9 @@ class Network(Circuit):
     kind: ClassVar[str] = "network"
     source: ClassVar[str] = "Bryant, Proc. IEE C 106(9), 174-188, 1959; Kuo & Rohrer, Proc. IEEE 55(9), 1201-1219, 1967"
 
-    netlist: str | Sequence[str | Mapping[str, Any] | Element]
+    netlist: str | Sequence[str | Mapping[str, Any] | Element] = described(
+        'elements, one a line as in "R1 1 2 100k", harvested in with "load=true" behind it; or a list of tables'
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
