@@ -216,5 +216,5 @@ def test_errors_name_key_value_and_what_is_allowed(netlist, key, found):
     with pytest.raises(ParameterError) as caught:
         Network(netlist=netlist)
     assert caught.value.key == key
-    assert found in caught.value.message.partition("allowed")[0]
+    assert found in caught.value.message.partition("must be")[0]
     assert is_sentence(caught.value.message)

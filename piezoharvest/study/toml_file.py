@@ -1,0 +1,61 @@
+"""TOML files, read with care: what is wrong with one is said in one sentence."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from piezoharvest.input import InputError, check_readable
+from piezoharvest.study.words import shortened
+
+MAX_TOML_BYTES = 1 << 22  # bytes: tomllib takes about a second for 2 MB; a study of a thousand lines has 40 kB
+
+# tomllib takes time in proportion to the square of a key's parts: 16 s for 20,000 of them; our tables need few.
+_MAX_KEY_PARTS = 100
+
+_LONG_KEY = re.compile(rf"""(?<![\w"'-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{_MAX_KEY_PARTS}}}""")
+
+
+class StudyError(ValueError):
+    """An error in a study file, in one sentence: file, key path, what was found, what is allowed.
+
+    Attributes
+    ----------
+    path, key, message : str
+        The three parts; the key is a dotted path as in "shunts.0.load_resistance", empty for the whole file.
+    """
+
+    def __init__(self, path: str | Path, key: str, message: str):
+        text = ": ".join(shortened(part) for part in (str(path), key, message) if part)
+        super().__init__("".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text))
+        self.path, self.key, self.message = str(path), key, message
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Tables of a TOML file.
+
+    Raises
+    ------
+    StudyError
+        The file cannot be read, is too large, is not UTF-8 or not TOML.
+    """
+    try:
+        check_readable(path, MAX_TOML_BYTES)
+        text = path.read_bytes().decode("utf-8-sig")
+        if _LONG_KEY.search(text):
+            raise ValueError(f"a key of more than {_MAX_KEY_PARTS} parts")
+        return tomllib.loads(text)
+    except InputError as error:
+        raise StudyError(path, "", str(error)) from None
+    except OSError as error:
+        raise StudyError(path, "", f"the file cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError as error:
+        found = f"byte {error.object[error.start]:#04x} at offset {error.start}"
+        raise StudyError(path, "", f"found {found}, but a TOML file must be text in UTF-8") from None
+    except (ValueError, RecursionError) as error:  # ValueError: a syntax error, or a number of thousands of digits
+        what = "tables nested too deep" if isinstance(error, RecursionError) else str(error)
+        if what.startswith(("Cannot overwrite", "Cannot declare")):  # as where a study has a file and a table, too
+            what = f"a key or table is given a second time, but only one of the two may be ({what})"
+        raise StudyError(path, "", f"not a valid TOML file: {what}") from None

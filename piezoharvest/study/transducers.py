@@ -1,0 +1,95 @@
+"""The table [transducer]: written out, from the catalogue, from figures, or a specimen file in its place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from piezoharvest.description import catalogue
+from piezoharvest.description.figures import Modal, data_sheet
+from piezoharvest.description.modes_file import KEY, with_modes
+from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.transducer import Transducer
+from piezoharvest.study.building import build
+from piezoharvest.study.toml_file import StudyError, read_toml
+from piezoharvest.study.words import typed, unknown
+
+_SPECIMEN_TABLES = (
+    "title", "transducer", "standard_errors", "covariance", "not_identifiable", "measurement", "source", "parameters",
+)  # fmt: skip
+
+
+def build_transducer(table: Any, where: str = "transducer") -> Transducer:
+    """Transducer from its table; with `catalogue`, further keys override the entry's (tables key by key)."""
+    table = dict(typed(dict, table, where))
+    if "catalogue" in table:
+        name = table.pop("catalogue")
+        if not isinstance(name, str) or name not in catalogue.names():
+            raise unknown(f"{where}.catalogue", name, catalogue.names())
+        table = catalogue.transducer_table(name, table)
+    return build(Transducer, _with_figures(table, where), where)
+
+
+def _with_figures(table: dict[str, Any], where: str) -> dict[str, Any]:
+    """Table of a transducer, with the values that follow from its table `modal` or `datasheet`, if it has one.
+
+    Keys of the table itself go before those that follow.
+    """
+    given = [key for key in ("modal", "datasheet") if key in table]
+    if len(given) == 2:
+        raise ParameterError(f"{where}.datasheet", "found beside a table modal, only one of the two may be given")
+    if not given:
+        return table
+    place = f"{where}.{given[0]}"
+    figures = typed(dict, table.pop(given[0]), place)
+    try:
+        kind, figures = (Modal, figures) if given[0] == "modal" else data_sheet(figures)
+        found = build(kind, figures, place).lumped()
+    except ParameterError as error:
+        if error.key.startswith(where):
+            raise
+        raise ParameterError(place if error.key == given[0] else f"{place}.{error.key}", error.message) from None
+    follows = {key: list(value) if isinstance(value, tuple) else value for key, value in found._asdict().items()}
+    return {**follows, **table}
+
+
+def transducer_of(value: Any, folder: Path) -> tuple[Transducer, Path | None]:
+    """Transducer from its table, or from the specimen file (relative to `folder`) that stands in its place."""
+    if isinstance(value, dict) and KEY in value:
+        try:
+            value = with_modes(value, folder)
+        except ParameterError as error:
+            raise error.within("transducer") from None
+    if not isinstance(value, str):
+        return build_transducer(value), None
+    path = folder / value
+    try:
+        table = read_specimen(path)
+        if "parameters" in table:
+            raise ParameterError("parameters", "found only a list, a study needs what `identify --save` writes")
+        if typed(dict, table["transducer"], "transducer").get("quasi_static") is True:
+            lacks = "found a quasi-static specimen, whose mass and damping no record tells"
+            raise ParameterError("transducer.quasi_static", f"{lacks}: give both there and take quasi_static out")
+        transducer = build_transducer(table["transducer"])
+    except (ParameterError, StudyError) as error:
+        inner = f"{error.key}: {error.message}" if error.key else error.message
+        raise ParameterError("transducer", f"{value}: {inner}") from None
+    return transducer, path
+
+
+def read_specimen(path: Path) -> dict[str, Any]:
+    """Tables of a specimen file, whose contents are not checked.
+
+    Raises
+    ------
+    StudyError
+        The file cannot be read, has a table that is unknown, or neither [transducer] nor [parameters].
+    """
+    table = read_toml(path)
+    for key in table:
+        if key not in _SPECIMEN_TABLES:
+            wrong = unknown(key, key, _SPECIMEN_TABLES, "key")
+            raise StudyError(path, wrong.key, wrong.message)
+    if "transducer" not in table and "parameters" not in table:
+        raise StudyError(path, "transducer", "missing table [transducer], which a specimen file needs")
+    return table
