@@ -19,7 +19,7 @@ from piezoharvest.records.reading.entries import build_entry
 ROOT = Path(__file__).parents[2]
 BLOCK = re.compile(r"^```(\w+)(?: title=\"([^\"]+)\")?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 QUICK = {"README.md", "docs/how-to/sweep.md", "docs/how-to/bench.md", "docs/how-to/own-shunt.md",
-         "docs/how-to/own-effect.md", "docs/how-to/editor.md", "docs/how-to/spice.md"}  # fmt: skip
+         "docs/how-to/own-effect.md", "docs/how-to/editor.md", "docs/how-to/spice.md", "docs/how-to/specimens.md"}  # fmt: skip
 PAGES = [str(path.relative_to(ROOT)) for path in (
     ROOT / "README.md", *sorted((ROOT / "docs/tutorials").glob("*.md")), *sorted((ROOT / "docs/how-to").glob("*.md")),
 )]  # fmt: skip
@@ -87,7 +87,11 @@ def test_blocks(page, tmp_path, monkeypatch, capfd):
         if title:
             Path(title).write_text(block)
         elif language == "toml":  # a part of a file
-            for entry in tomllib.loads(block).get("records", ()):
+            tables = tomllib.loads(block)
+            for entry in (
+                *tables.get("records", ()),
+                *(e for one in tables.get("specimens", ()) for e in one["records"]),
+            ):
                 build_entry(entry, "records")
         elif language == "python":
             exec(compile(block, page, "exec"), names)
