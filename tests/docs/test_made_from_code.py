@@ -55,7 +55,7 @@ def test_every_component_has_a_page_with_its_keys_and_source(folder, known):
         if not cls.__module__.startswith("piezoharvest."):  # that of a test
             continue
         page = PAGES[f"{folder}/{name}.md"]
-        assert listed(page) == keys(cls)
+        assert keys(cls) <= listed(page)
         assert f"Source: {reference.plain(cls.source)}" in page
         assert f"({name}.md)" in PAGES[f"{folder}/index.md"]
 

@@ -18,8 +18,7 @@ from piezoharvest.records.reading.entries import build_entry
 
 ROOT = Path(__file__).parents[2]
 BLOCK = re.compile(r"^```(\w+)(?: title=\"([^\"]+)\")?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-QUICK = {"README.md", "docs/how-to/sweep.md", "docs/how-to/bench.md", "docs/how-to/own-shunt.md",
-         "docs/how-to/own-effect.md", "docs/how-to/editor.md", "docs/how-to/spice.md"}  # fmt: skip
+SLOW = {"docs/how-to/records.md", "docs/how-to/tolerance.md", "docs/how-to/uncertainty.md"}  # and all tutorials
 PAGES = [str(path.relative_to(ROOT)) for path in (
     ROOT / "README.md", *sorted((ROOT / "docs/tutorials").glob("*.md")), *sorted((ROOT / "docs/how-to").glob("*.md")),
 )]  # fmt: skip
@@ -75,9 +74,11 @@ def run(command, output, capfd):
     assert status == 0, (command, shown.err)
 
 
-@pytest.mark.parametrize(
-    "page", [pytest.param(page, marks=() if page in QUICK else pytest.mark.slow) for page in PAGES]
-)
+def marks(page):
+    return pytest.mark.slow if page in SLOW or page.startswith("docs/tutorials/") else ()
+
+
+@pytest.mark.parametrize("page", [pytest.param(page, marks=marks(page)) for page in PAGES])
 def test_blocks(page, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     names, output, text = {"__name__": "page"}, [], (ROOT / page).read_text()
@@ -87,7 +88,11 @@ def test_blocks(page, tmp_path, monkeypatch, capfd):
         if title:
             Path(title).write_text(block)
         elif language == "toml":  # a part of a file
-            for entry in tomllib.loads(block).get("records", ()):
+            tables = tomllib.loads(block)
+            for entry in (
+                *tables.get("records", ()),
+                *(e for one in tables.get("specimens", ()) for e in one["records"]),
+            ):
                 build_entry(entry, "records")
         elif language == "python":
             exec(compile(block, page, "exec"), names)

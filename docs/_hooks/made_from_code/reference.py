@@ -12,12 +12,13 @@ from typing import Any
 from made_from_code.keys import Key, component_in, first_sentence, keys_of
 from piezoharvest.bench.effects import registered as bench_effects
 from piezoharvest.bench.settings import Bench, RecordOptions
-from piezoharvest.description import effects, excitation, shunts
+from piezoharvest.description import effects, excitation, modes_file, shunts
+from piezoharvest.description.catalogue import parts as bought
 from piezoharvest.description.figures import DATA_SHEETS, Modal
 from piezoharvest.description.hysteresis import Hysteresis
 from piezoharvest.description.parameters import Component
 from piezoharvest.description.tolerance import Tolerance
-from piezoharvest.description.transducer import Mode, Transducer
+from piezoharvest.description.transducer import Electrode, Mode, Transducer
 from piezoharvest.records.bench_limits import BenchLimits
 from piezoharvest.records.reading.channels import COLUMNS, UNITS, ChannelSource
 from piezoharvest.records.reading.entries import ENTRIES, RESPONSE_COLUMNS
@@ -100,15 +101,19 @@ def _linked(title: str, cls: type[Component], level: int = 2, **options) -> str:
 
 
 def _study() -> str:
-    name = [("`catalogue`", "", "", "a name that `piezoharvest catalogue` lists", "entry whose keys are the defaults")]
+    own = [
+        ("`catalogue`", "", "", "a name that `piezoharvest catalogue` lists", "entry whose keys are the defaults"),
+        (f"`{modes_file.KEY}`", "", "", "a file", f"modes of the host in place of {', '.join(modes_file.GIVEN[:4])}"),
+    ]
     parts = [
         '# Keys of a study\n\nA number with a unit may also be text with any unit of its kind: `"52 nF"`. `title` is a'
         " text for reports. The other tables of a study are `[[shunts]]`, see [shunts](../shunts/index.md),"
         " `[transducer.effects.NAME]`, see [effects](../effects/index.md), and [`[bench]`](bench.md)."
         " [A schema](../how-to/editor.md) tells all this to an editor.\n",
-        _linked("[transducer]", Transducer, more=name),
+        _linked("[transducer]", Transducer, more=own),
         _linked("[transducer.hysteresis]", Hysteresis),
         _linked("[[transducer.modes]]", Mode),
+        _linked("[[transducer.electrodes]]", Electrode),
         "## [transducer.modal] and [transducer.datasheet]\n\nFigures of a modal test or of a data sheet stand in the"
         " place of the keys of `[transducer]`, or beside those that are known better. The kind of data sheet is known"
         " by its keys; `material`, a name that `piezoharvest catalogue` lists, stands for constants of the material.\n",
@@ -166,6 +171,11 @@ def _campaign() -> str:
             columns = ", ".join(f"`{name}` (`{column}`)" for name, column in RESPONSE_COLUMNS[kind].items())
             parts.append(f"Its channels are, with their default columns, {columns}.\n")
     parts.append(_linked("[experiment]", BenchLimits))
+    parts.append(
+        "## [[specimens]]\n\nSeveral specimens of one kind in one campaign: each has a `name`, its"
+        " `[[specimens.records]]`, and, where they differ, keys of `transducer` and `channels`. See"
+        " [several specimens](../how-to/specimens.md).\n"
+    )
     return "\n".join(parts)
 
 
@@ -185,10 +195,18 @@ def _index(title: str, known: Mapping[str, type], families: Mapping[str, str]) -
 
 
 def _shunt(kind: str, cls: type) -> str:
-    return (
-        f'# {kind}\n\n{plain(body(cls))}\n\nIn a study: `[[shunts]]` with `kind = "{kind}"`. In Python:'
-        f" `piezoharvest.{cls.__name__}`.\n\n{table(cls)}\nSource: {plain(cls.source)}\n\n{_code(cls)}"
-    )
+    fields = {key.name for key in keys_of(cls)}
+    diode = [
+        ("`diode`", "", "", ", ".join(bought.diodes()), f"diode whose {', '.join(bought.KEYS)} are taken"),
+        ("`diode_current`", "A", f"`{bought.USUAL_CURRENT:g}`", "a number greater than 0", "peak of its current"),
+    ]
+    inner = [(key.name, component_in(key.hint)) for key in keys_of(cls)]
+    tables = [_linked(f"[shunts.{name}]", part) for name, part in inner if part not in (None, shunts.Shunt)]
+    return "\n".join([
+        f"# {kind}\n\n{plain(body(cls))}\n",
+        f'In a study: `[[shunts]]` with `kind = "{kind}"`. In Python: `piezoharvest.{cls.__name__}`.\n',
+        table(cls, diode if bought.KEYS[0] in fields else ()), *tables, f"Source: {plain(cls.source)}\n", _code(cls),
+    ])  # fmt: skip
 
 
 def _effect(name: str, cls: type) -> str:

@@ -13,6 +13,7 @@ from made_from_code.reference import body
 from piezoharvest.bench.effects import registered as bench_effects
 from piezoharvest.bench.settings import Bench, RecordOptions
 from piezoharvest.description import catalogue, effects, excitation, shunts
+from piezoharvest.description.catalogue.parts import diodes
 from piezoharvest.description.figures import DATA_SHEETS, Modal
 from piezoharvest.description.parameters import Component
 from piezoharvest.description.shunts.linear.network import Network
@@ -26,7 +27,14 @@ Schema = dict[str, Any]
 _DRAFT = "http://json-schema.org/draft-07/schema#"  # the one that editors for TOML know
 _BOUNDS = {"above": "exclusiveMinimum", "at_least": "minimum", "below": "exclusiveMaximum", "at_most": "maximum"}
 _STRINGS = {"type": "array", "items": {"type": "string"}}
+_LAW: Schema = {"type": "object", "required": ["place", "form"], "description": "a law without a name"}
 _PLAIN: dict[Any, Schema] = {bool: {"type": "boolean"}, str: {"type": "string"}}
+
+
+_DIODE: Schema = {
+    "diode": {"enum": list(diodes()), "description": "diode whose values are taken"},
+    "diode_current": {"type": "number", "exclusiveMinimum": 0, "description": "peak of its current (A)"},
+}
 
 
 def study() -> Schema:
@@ -53,8 +61,10 @@ def campaign() -> Schema:
         "channels": _channels(UNITS),
         "records": {"type": "array", "items": {"oneOf": [_entry(kind) for kind in ENTRIES]}, "minItems": 1},
         "experiment": of_component(BenchLimits),
+        "specimens": {"type": "array", "items": {"type": "object", "required": ["records"]}},
     }
-    schema = _table("Campaign of piezoharvest", tables, ["transducer", "records"])
+    schema = _table("Campaign of piezoharvest", tables, ["transducer"])
+    schema["anyOf"] = [{"required": ["records"]}, {"required": ["specimens"]}]
     fit = {"fit": {**_STRINGS, "description": "keys of the circuit that are fitted"}}
     return {"$schema": _DRAFT, **schema, "definitions": {"shunt": _by_kind(shunts.registered(), fit)}}
 
@@ -100,12 +110,14 @@ def _value(key: Key, hint: Any) -> Schema:
     if get_origin(hint) is Literal:
         return {"enum": list(get_args(hint))}
     if component_in(hint) is effects.Effect:
-        return _by_name(effects.registered())
+        return {**_by_name(effects.registered()), "additionalProperties": _LAW}
     if get_origin(hint) is tuple:
         parts = get_args(hint)
         count = {} if Ellipsis in parts else {"minItems": len(parts), "maxItems": len(parts)}
         return {"type": "array", "items": _value(key, parts[0]), **count}
     inner = component_in(hint)
+    if inner is shunts.Shunt:
+        return {"$ref": "#/definitions/shunt"}
     return of_component(inner) if inner is not None else {}
 
 
@@ -117,7 +129,8 @@ def _by_kind(known: Mapping[str, type[Component]], more: Mapping[str, Schema] | 
     """Schema of a table whose key `kind` says what its other keys are."""
     tables = []
     for kind, cls in known.items():
-        table = of_component(cls, {"kind": {"const": kind}, **(more or {})})
+        diode = _DIODE if "diode_drop" in {key.name for key in keys_of(cls)} else {}
+        table = of_component(cls, {"kind": {"const": kind}, **diode, **(more or {})})
         tables.append({**table, "required": ["kind", *table["required"]]})
     return {"oneOf": tables}
 
@@ -133,6 +146,7 @@ def _transducer() -> Schema:
     material = {"enum": list(catalogue.materials()), "description": "material whose constants are taken"}
     more = {
         "catalogue": {"enum": list(catalogue.names()), "description": "entry whose keys are the defaults"},
+        "modes_file": {"type": "string", "description": "modes of the host, one a row"},
         "modal": of_component(Modal),
         "datasheet": _table("figures of a data sheet", {"material": material, **sheets}),
     }

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any, ClassVar
 
 from piezoharvest.description.circuit import Assignment, Guard, Port, Product, Row, State, Switch
-from piezoharvest.description.parameters import Component, ParameterError
+from piezoharvest.description.parameters import Component, ParameterError, described
 
 _MIRROR = str.maketrans("+-", "-+")
 
@@ -30,8 +30,10 @@ class Shunt(Component):
     source: ClassVar[str]
     mirrors: ClassVar[bool] = True  # swapped leads make no difference
 
-    electrode: int = 0  # number of the electrodes; 0 are the transducer's own
-    others: tuple[Shunt, ...] = ()  # linear ones that act together with this one, each at electrodes of its own
+    electrode: int = described("number of the electrodes at which it is; 0 are the transducer's own", default=0)
+    others: tuple[Shunt, ...] = described(
+        "linear circuits that act together with this one, each at electrodes of its own", default=()
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
