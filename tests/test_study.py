@@ -494,7 +494,8 @@ class TestNames:
         ],
     )
     def test_missing(self, tmp_path, change, key):
-        assert error(tmp_path, change).startswith((f"{key}: missing key, must be ", f"{key}: missing key, allowed are "))
+        told = error(tmp_path, change)
+        assert told.startswith((f"{key}: missing key, must be ", f"{key}: missing key, allowed are "))
 
     @pytest.mark.parametrize("table", ["transducer", "excitation", "shunts"])
     def test_missing_table(self, tmp_path, table):
