@@ -112,7 +112,7 @@ def percent(share: float | None) -> float | None:
     return None if share is None else 100 * share
 
 
-def print_design(title: str, result: Mapping[str, Any], *, damping: bool) -> None:
+def print_design(title: str, result: Mapping[str, Any], *, damping: bool = False) -> None:
     """Print the candidates of a design, best first, and the bound as the last row.
 
     Of a design for `damping` alone the power is not shown, of one for power alone not the damping that is added.

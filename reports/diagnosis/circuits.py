@@ -17,6 +17,7 @@ from piezoharvest.bench import measure
 from piezoharvest.bench.measuring import BenchCampaign
 from piezoharvest.description.effects import registered
 from piezoharvest.description.excitation import SineForce
+from piezoharvest.description.paths import component_table
 from piezoharvest.description.shunts import Shunt
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
@@ -217,7 +218,7 @@ def bench_of(trial: Trial) -> tuple[BenchCampaign, Transducer, dict[str, dict[st
 
 
 def _table(shunt: Shunt) -> dict[str, Any]:
-    return {"kind": shunt.kind, **{key: value for key, value in vars(shunt).items() if value is not None}}
+    return {"kind": shunt.kind, **component_table(shunt)}
 
 
 attempt = partial(trials.attempt, bench=bench_of)

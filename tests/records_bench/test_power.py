@@ -81,6 +81,7 @@ def test_what_the_stack_takes_in_is_lost_or_harvested():
     assert power.mechanical.cycles.returned[-1] > 50 * net
 
 
+@pytest.mark.slow
 def test_uncertainty_by_monte_carlo():
     """The stated standard deviations are those of many records with other noise."""
     rng, signals = np.random.default_rng(0), sine(length=1.5)

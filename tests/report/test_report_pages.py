@@ -24,6 +24,7 @@ class TestContents:
         assert re.search(r"can draw more than 796 µW", page)
         assert "(m a)²/(8 b)" in page
 
+    @pytest.mark.slow
     def test_band(self):
         page = Page(report("band")).text
         assert "from 48 Hz to 53 Hz (mean power, worst vibration)" in page
@@ -35,6 +36,7 @@ class TestContents:
             assert expected in page, expected
         assert "clamped capacitance C" in page
 
+    @pytest.mark.slow
     def test_hysteresis_gives_both_operating_points(self):
         page = Page(report("stack")).text
         assert "hysteresis slipping" in page

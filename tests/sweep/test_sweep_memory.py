@@ -44,7 +44,8 @@ def swept(folder, designs, suffix, *how):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the largest memory of a process is told by Linux only")
 class TestMemory:
-    @pytest.mark.parametrize("suffix", ["parquet", pytest.param("csv", marks=pytest.mark.slow)])
+    @pytest.mark.slow
+    @pytest.mark.parametrize("suffix", ["parquet", "csv"])
     def test_it_does_not_grow_with_the_number_of_designs(self, tmp_path, suffix):
         rows, _, small = swept(tmp_path / "small", 70_000, suffix)
         assert rows == 70_000
