@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from functools import cache
 from typing import Any
 
@@ -56,6 +57,12 @@ def with_unit(text: str, si: str) -> float | None:
     return float(match[1]) * unit_factor(match[2].strip(), si or "dimensionless")
 
 
+def _without_rounding(factor: float) -> float:
+    """The decimal number of 15 digits that a product of prefixes has come near to: 1e-9 for 1.0000000000000003e-9."""
+    decimal = float(f"{factor:.15g}")
+    return decimal if abs(decimal - factor) <= 4 * sys.float_info.epsilon * abs(factor) else factor
+
+
 @cache
 def unit_factor(unit: str, si: str) -> float:
     """Factor from a unit to an SI unit.
@@ -77,7 +84,7 @@ def unit_factor(unit: str, si: str) -> float:
         if given.dimensionality != wanted.dimensionality:
             needed = "no unit, or one such as %" if pure else f"a unit that converts to {si}"
             raise ParameterError("unit", f"found the unit {found}, must be {needed}")
-        factor = float((given / wanted).to_base_units().magnitude)
+        factor = _without_rounding(float((given / wanted).to_base_units().magnitude))
         if not 0 < factor < math.inf:
             raise ValueError
         turns = "radian" in str(given.to_base_units().units)
