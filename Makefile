@@ -18,11 +18,11 @@ PYTHON ?= python3
 BIN := .venv/bin
 
 # Tests through which the package meets its dependencies, without those that take long.
-MEETING := tests/test_cli.py tests/test_study.py tests/test_linear.py tests/test_packaging.py tests/records tests/report \
-	--ignore tests/records/test_record_memory.py --ignore tests/report/test_report_pages.py \
-	tests/sweep/test_sweep_input.py tests/sweep/test_sweep_plan.py tests/sweep/test_sweep_results.py \
-	tests/sweep/test_sweep_dask.py tests/identify/test_identify_cli.py tests/identify/test_loops.py \
-	tests/engine/test_vector.py
+MEETING := tests/test_cli.py tests/test_study.py tests/test_linear.py tests/test_packaging.py \
+	tests/records/test_readers.py tests/records/test_campaign.py tests/records/test_instrument_formats.py \
+	tests/report/test_every_report.py tests/report/test_report_records.py \
+	tests/sweep/test_sweep_results.py tests/sweep/test_sweep_dask.py tests/identify/test_identify_cli.py \
+	tests/identify/test_loops.py tests/engine/test_vector.py
 
 .PHONY: demo docs test slow lowest bench paper actuators recovery discovery torture coverage check clean
 
