@@ -83,7 +83,7 @@ def build(cls: type[_C], table: Any, where: str) -> _C:
     values = dict(typed(dict, table, where))
     hints = get_type_hints(cls)
     for field in dataclasses.fields(cls):
-        key, part = _key(field), _component_in(hints[field.name])
+        key, part = key_of(field), component_in(hints[field.name])
         if part is not None and field.name in values:
             values[field.name] = _build_part(part, hints[field.name], values[field.name], f"{where}.{field.name}")
         elif key in values and "unit" in field.metadata:
@@ -145,11 +145,11 @@ def _by_kind(table: Any, known: Mapping[str, type[_C]], where: str) -> tuple[typ
     return known[kind], keys
 
 
-def _component_in(hint: Any) -> type[Component] | None:
+def component_in(hint: Any) -> type[Component] | None:
     """Component class within an annotation such as `Hysteresis | None` or `tuple[Mode, ...]`."""
     if get_origin(hint) is None:
         return hint if isinstance(hint, type) and issubclass(hint, Component) else None
-    return next((part for part in map(_component_in, get_args(hint)) if part is not None), None)
+    return next((part for part in map(component_in, get_args(hint)) if part is not None), None)
 
 
 @cache
@@ -159,7 +159,7 @@ def _model(cls: type[Component]) -> type[BaseModel]:
     fields: dict[str, Any] = {
         field.name: (
             _strict(hints[field.name]),
-            Field(... if MISSING is field.default is field.default_factory else None, alias=_key(field)),
+            Field(... if MISSING is field.default is field.default_factory else None, alias=key_of(field)),
         )
         for field in dataclasses.fields(cls)
         if field.init
@@ -167,7 +167,7 @@ def _model(cls: type[Component]) -> type[BaseModel]:
     return create_model(cls.__name__, __config__=ConfigDict(extra="forbid", protected_namespaces=()), **fields)
 
 
-def _key(field: dataclasses.Field) -> str:
+def key_of(field: dataclasses.Field) -> str:
     """Key of a field in a file: its name, without the underscore appended to Python keywords (`from_`)."""
     return field.name.removesuffix("_")
 
@@ -177,7 +177,7 @@ def _strict(hint: Any) -> Any:
 
     A field that takes several types is left to the component's own check.
     """
-    hint = _without_none(hint)
+    hint = without_none(hint)
     if hint in (float, int, str, bool):
         return Annotated[hint, Strict()]
     if get_origin(hint) is tuple:
@@ -185,7 +185,7 @@ def _strict(hint: Any) -> Any:
     return hint if get_origin(hint) is Literal else Any
 
 
-def _without_none(hint: Any) -> Any:
+def without_none(hint: Any) -> Any:
     """The annotation, or X for `X | None`."""
     parts = [part for part in get_args(hint) if part is not NoneType]
     return parts[0] if get_origin(hint) in (Union, UnionType) and len(parts) == 1 else hint
@@ -196,11 +196,11 @@ def _validation_message(cls: type[Component], error: ValidationError) -> Paramet
     order = {"extra_forbidden": 0, "missing": 2}
     first = min(error.errors(include_url=False), key=lambda detail: order.get(detail["type"], 1))
     name, *inner = map(str, first["loc"])
-    fields = {_key(field): field for field in dataclasses.fields(cls) if field.init}
+    fields = {key_of(field): field for field in dataclasses.fields(cls) if field.init}
     if first["type"] == "extra_forbidden":
         return unknown(name, name, fields, "key")
     field = fields[name]
-    hint = _without_none(get_type_hints(cls)[field.name])
+    hint = without_none(get_type_hints(cls)[field.name])
     if first["type"] != "missing" and inner:
         name, hint = f"{name}.{inner[0]}", get_args(hint)[0]
     # An element is missing if a list is too short: the list is reported.
@@ -215,12 +215,12 @@ def allowed_values(field: dataclasses.Field, hint: Any) -> str:
     if get_origin(hint) is tuple:
         parts = get_args(hint)
         count = "" if Ellipsis in parts else f" of {len(parts)}"
-        if _component_in(parts[0]) is not None:
+        if component_in(parts[0]) is not None:
             return f"a list{count} of tables"
         return f"a list{count}, each {allowed_values(field, parts[0])}"
     if hint in (int, float):
         return allowed(field).replace("finite", "whole" if hint is int else "finite")
-    if _component_in(hint) is not None:
+    if component_in(hint) is not None:
         return "a table"
     return WORDS.get(hint, "a string or a list")
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import MISSING
-from types import NoneType, UnionType
-from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 from piezoharvest.description.parameters import Component
 from piezoharvest.study import unit_of
+from piezoharvest.study.building import component_in, key_of, without_none
 
 
 class Key(NamedTuple):
@@ -43,20 +43,7 @@ def keys_of(cls: type[Component]) -> Iterator[Key]:
     for field in dataclasses.fields(cls):
         if field.init:
             unit = unit_of(cls, field) if "unit" in field.metadata else ""
-            yield Key(field.name.removesuffix("_"), field, without_none(hints[field.name]), unit)
-
-
-def without_none(hint: Any) -> Any:
-    """The annotation, or X for `X | None`."""
-    parts = [part for part in get_args(hint) if part is not NoneType]
-    return parts[0] if get_origin(hint) in (Union, UnionType) and len(parts) == 1 else hint
-
-
-def component_in(hint: Any) -> type[Component] | None:
-    """Component class within an annotation such as `tuple[Mode, ...]`."""
-    if isinstance(hint, type) and get_origin(hint) is None:
-        return hint if issubclass(hint, Component) else None
-    return next((part for part in map(component_in, get_args(hint)) if part is not None), None)
+            yield Key(key_of(field), field, without_none(hints[field.name]), unit)
 
 
 def first_sentence(cls: type) -> str:

@@ -9,7 +9,7 @@ import textwrap
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from made_from_code.keys import Key, component_in, first_sentence, keys_of
+from made_from_code.keys import Key, first_sentence, keys_of
 from piezoharvest.bench.effects import registered as bench_effects
 from piezoharvest.bench.settings import Bench, RecordOptions
 from piezoharvest.description import effects, excitation, modes_file, shunts
@@ -23,10 +23,14 @@ from piezoharvest.records.bench_limits import BenchLimits
 from piezoharvest.records.reading.channels import COLUMNS, UNITS, ChannelSource
 from piezoharvest.records.reading.entries import ENTRIES, RESPONSE_COLUMNS
 from piezoharvest.study import DesignOptions, SweepOptions, SweepParameter, allowed_values
+from piezoharvest.study.building import component_in
 
 _SECTION = re.compile(r"\n\n(?:Parameters|Attributes|Returns|Raises|Notes|Examples)\n-+\n")
 _HEAD = "| key | unit | default | allowed | |\n|---|---|---|---|---|\n"
-FAMILIES = {"linear": "Linear", "harvesting": "Harvesting", "damping": "Damping"}
+FAMILIES = {
+    "linear": "Linear", "harvesting": "Harvesting", "damping": "Damping",
+    "self_powered": "Powering their switches themselves",
+}  # fmt: skip
 KINDS = {
     "electrical": "Electrical", "mechanical": "Mechanical", "circuit": "In the circuit behind the electrodes",
     "sensing": "Of sensors and labels",

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, Literal, get_args, get_origin
 
-from made_from_code.keys import Key, component_in, keys_of
+from made_from_code.keys import Key, keys_of
 from made_from_code.reference import body
 from piezoharvest.bench.effects import registered as bench_effects
 from piezoharvest.bench.settings import Bench, RecordOptions
@@ -22,6 +22,7 @@ from piezoharvest.records.bench_limits import BenchLimits
 from piezoharvest.records.reading.channels import UNITS, ChannelSource
 from piezoharvest.records.reading.entries import ENTRIES, RESPONSE_COLUMNS
 from piezoharvest.study import DesignOptions, SweepOptions
+from piezoharvest.study.building import component_in
 
 Schema = dict[str, Any]
 _DRAFT = "http://json-schema.org/draft-07/schema#"  # the one that editors for TOML know
