@@ -138,7 +138,7 @@ def test_records_of_several_files(tmp_path, measured):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [(["campaign"], "at least one is needed"), (["campaign", "nothing.csv"], "nothing.csv: the file cannot be read"),
-     (["harvest", "run.csv"], "allowed are data files for campaign only"), (["nonsense"], "is not one of"),
+     (["harvest", "run.csv"], "only a campaign takes data files"), (["nonsense"], "is not one of"),
      (["harvest", "--out", "study.txt"], "allowed are names ending in .toml"),
      (["harvest", "--out", "there.toml"], "exists and is not overwritten"),
      (["campaign", "there.toml"], "allowed are names ending in")],

@@ -34,7 +34,7 @@ def new(kind: str, files: Sequence[Path], out: Path | None) -> int:
     text = resources.files("piezoharvest.cli").joinpath("templates", f"{kind}.toml").read_text("utf-8")
     if kind != "campaign":
         if files:
-            raise OutputError(f"found {files[0]} for {kind}, allowed are data files for campaign only")
+            raise OutputError(f"found {files[0]} for {kind}, only a campaign takes data files")
         write_text(text.replace("FILE", target.name), target)
         print(target)
         return 0

@@ -82,7 +82,7 @@ class Touchstone(Reader):
         elif keyword == "REFERENCE" and value.strip():
             self._reference = _resistance(value.split()[0], row)
         elif keyword == "NUMBER OF PORTS" and value.strip() != "1":
-            raise ReadError(f"found {cut(value)} ports, must be one, the leads of the transducer", row=row)
+            raise ReadError(f"found {cut(value)} ports, there must be one, the leads of the transducer", row=row)
 
     def _impedance(self, pairs: np.ndarray) -> np.ndarray:
         """Impedance in ohm from the two numbers of each row."""

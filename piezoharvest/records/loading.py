@@ -206,8 +206,7 @@ def campaign_of(
         Something in the tables, or a data file, is wrong.
     """
     if "specimens" in table:
-        several = "found several specimens, must be one here: identify and diagnose take several"
-        raise ParameterError("specimens", several)
+        raise ParameterError("specimens", "found several specimens, which only identify and diagnose take")
     for key in table:
         if key not in _TABLES:
             raise ParameterError(key, f"unknown key, known keys are {', '.join(_TABLES)}")
@@ -251,7 +250,7 @@ def _nominal(table: Any) -> tuple[Transducer, tuple[str, ...]]:
             table |= {"quasi_static": True, **dict.fromkeys(unknown, PLACEHOLDER)}
     transducer = build_transducer(table)
     if transducer.electrodes:
-        found = f"found {len(transducer.electrodes)}, must be none: the records of a campaign are of one pair"
+        found = "found further electrodes, but the records of a campaign are of one pair"
         raise ParameterError("transducer.electrodes", found)
     return transducer, unknown
 
@@ -290,7 +289,7 @@ def _read_entry(
         return read_record(entry, key, sources, shunt, folder, data)
     shunt = entry.across(key, entry.input == "voltage") if isinstance(entry, FrfEntry) else None
     if isinstance(entry, FrfEntry) and entry.fitted(shunt, key):
-        message = "found fit for a frequency response, must be fit in records over time"
+        message = "found fit for a frequency response, which only records over time can have"
         raise ParameterError(f"{key}.shunt.fit", message)
     sources = build_sources(own, "record", f"{key}.channels", response_units(entry))
     return read_frequency_record(entry, key, sources, shunt, folder, data)

@@ -99,9 +99,9 @@ GAP = {**DATA, "displacement_m": np.where(np.arange(300) == 40, np.nan, DATA["di
         ({"data": DATA, "load_resistance": 1e5}, ["record 1: time", "sample_rate in the record"]),
         ({"data": DATA, "sample_rate": RATE}, ["records.0.load_resistance: missing key"]),
         ({"data": 3, **KEYS}, ["record 1: found data of type int"]),
-        ({"data": DATA, "skip_rows": 3, **KEYS}, ["records.0.data: found skip_rows"]),
+        ({"data": DATA, "skip_rows": 3, **KEYS}, ["records.0.skip_rows: found a key of records in files"]),
         (KEYS, ["records.0.data: missing key"]),
-        (3, ["records.0.data: found 3"]),
+        (3, ["records.0: found 3"]),
     ],
 )
 def test_what_is_wrong_is_said_with_record_and_channel(record, words):
