@@ -86,6 +86,8 @@ def test_rough_values_say_nothing_where_they_know_nothing(measured):
     assert rough_values({"force": sine, "displacement": 1e-3 * sine}, RATE) == {}
     assert rough_values({"voltage": sine, "displacement": sine}, RATE) == {}
     assert rough_values({"force": 0 * sine, "displacement": 0 * sine}, RATE) == {}
+    gap = np.where(np.arange(COUNT) == 40, np.nan, measured["displacement"])
+    assert rough_values({"force": measured["force"], "displacement": gap}, RATE) == {}
     noise = np.random.default_rng(0).normal(size=COUNT)
     assert rough_values({"force": noise, "displacement": measured["displacement"]}, RATE) == {}
     assert set(rough_values({"force": measured["force"], "displacement": measured["displacement"]}, RATE)) == {
