@@ -103,6 +103,7 @@ FILES = {
     "frf.csv": ("frequency_Hz,H (g/kN),phase_deg\n1,2,3\n2,3,4\n3,4,5\n", ['kind = "frf"', 'output = "acceleration"']),
     "z.csv": ("FREQ[Hz],Z[ohm],PHASE[deg]\n1e3,2,3\n2e3,3,4\n3e3,4,5\n", ['kind = "impedance"']),
     "z.s1p": ("# Hz S RI R 50\n1e3 0.1 0.2\n2e3 0.2 0.2\n", ['kind = "impedance"']),
+    "PROFILE.csv": ("t,F,FILE $x\n0,1,1\n0.001,2,3\n0.002,1,2\n", ['"FILE $x"', "identify campaign.toml"]),
     "two.csv": ("t,x,Weg (mm)\n0,1,1\n1,2,3\n2,1,2\n", ['displacement = { column = "Weg (mm)" }', '"x"']),
 }  # fmt: skip
 
