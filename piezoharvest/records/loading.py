@@ -88,7 +88,8 @@ class Campaign(plain.Campaign):
         """
         path = Path(str(title))
         tables, data = in_memory(records, path)
-        whole = {"title": title, "transducer": transducer, "channels": dict(channels or {}), "records": tables}
+        sources = dict(channels) if isinstance(channels, Mapping) else channels or {}
+        whole = {"title": title, "transducer": transducer, "channels": sources, "records": tables}
         with reading(path):
             campaign = campaign_of(whole, path, data=data)
         return checked(campaign)
@@ -239,8 +240,6 @@ def campaign_of(
 
 def _nominal(table: Any) -> tuple[Transducer, tuple[str, ...]]:
     """Transducer from its table, and its unknown parameters; an unknown mass is taken as negligible."""
-    if isinstance(table, Transducer):  # of a campaign that is made in Python
-        return table, ()
     table = dict(table) if isinstance(table, Mapping) else table
     unknown: tuple[str, ...] = ()
     if isinstance(table, dict):
@@ -248,7 +247,8 @@ def _nominal(table: Any) -> tuple[Transducer, tuple[str, ...]]:
         if unknown or table.get("quasi_static") is True:
             unknown = tuple(name for name in INERT if name in unknown or not {name, *_SOURCES} & set(table))
             table |= {"quasi_static": True, **dict.fromkeys(unknown, PLACEHOLDER)}
-    transducer = build_transducer(table)
+    made = isinstance(table, Transducer)  # of a campaign that is made in Python
+    transducer = table if made else build_transducer(table)
     if transducer.electrodes:
         found = "found further electrodes, but the records of a campaign are of one pair"
         raise ParameterError("transducer.electrodes", found)

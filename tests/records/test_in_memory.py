@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import doctest
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from messages import is_sentence
 
 from piezoharvest import Campaign, CampaignError, Resistor, Transducer, load_campaign
+from piezoharvest.description.transducer import Electrode
 from piezoharvest.records import loading
 
 RATE = 1000.0
@@ -111,6 +113,15 @@ def test_what_is_wrong_is_said_with_record_and_channel(record, words):
 
 def test_no_records():
     assert failure(NOMINAL, []).key == failure(NOMINAL, {"data": DATA}).key == "records"
+
+
+def test_channels_that_are_no_table():
+    assert failure(NOMINAL, [{"data": DATA, **KEYS}], channels=[3]).key == "channels"
+
+
+def test_a_transducer_with_further_electrodes():
+    several = replace(NOMINAL, electrodes=(Electrode(coupling=(1e-3,), capacitance=1e-9),))
+    assert failure(several, [{"data": DATA, **KEYS}]).key == "transducer.electrodes"
 
 
 def test_a_table_of_a_transducer_is_checked():
