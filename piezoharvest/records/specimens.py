@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.records.finding import Finding
+from piezoharvest.records.finding import Finding, counted
 from piezoharvest.records.loading import Campaign, campaign_of, checked, reading
 from piezoharvest.study import read_toml
 
@@ -78,7 +78,7 @@ def _specimens(table: Mapping[str, Any], path: Path) -> SpecimenSet:
             raise ParameterError(key, f"unknown key, {more}")
     entries = table[SPECIMENS]
     if not isinstance(entries, list) or not MIN_SPECIMENS <= len(entries) <= MAX_SPECIMENS:
-        count = f"{len(entries)} tables" if isinstance(entries, list) else repr(entries)[:60]
+        count = counted(len(entries), "table") if isinstance(entries, list) else repr(entries)[:60]
         allowed = f"allowed are {MIN_SPECIMENS} to {MAX_SPECIMENS} tables [[specimens]]"
         raise ParameterError(SPECIMENS, f"found {count}, {allowed}")
     title = table.get("title", path.stem)

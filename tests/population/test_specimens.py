@@ -92,7 +92,7 @@ ONE = f'[[specimens]]\nname = "a"\n{RECORD}'
     ("text", "message"),
     [
         ("specimens = []\n" + HEAD, "specimens: found 0 tables, allowed are 2 to 1000"),
-        (HEAD + ONE, "specimens: found 1 tables, allowed are 2 to 1000"),
+        (HEAD + ONE, "specimens: found 1 table, allowed are 2 to 1000"),
         (HEAD + ONE + ONE, "specimens.1.name: found 'a', which another specimen has"),
         (HEAD + ONE + "[[specimens]]\nname = 3\n" + RECORD, "specimens.1.name: found 3, must be a string"),
         (HEAD + ONE + "[[specimens]]\n", "specimens.1.records: missing, at least one table [[specimens.records]]"),
