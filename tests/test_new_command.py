@@ -86,6 +86,8 @@ def test_rough_values_say_nothing_where_they_know_nothing(measured):
     assert rough_values({"force": sine, "displacement": 1e-3 * sine}, RATE) == {}
     assert rough_values({"voltage": sine, "displacement": sine}, RATE) == {}
     assert rough_values({"force": 0 * sine, "displacement": 0 * sine}, RATE) == {}
+    gap = np.where(np.arange(COUNT) == 40, np.nan, measured["displacement"])
+    assert rough_values({"force": measured["force"], "displacement": gap}, RATE) == {}
     noise = np.random.default_rng(0).normal(size=COUNT)
     assert rough_values({"force": noise, "displacement": measured["displacement"]}, RATE) == {}
     assert set(rough_values({"force": measured["force"], "displacement": measured["displacement"]}, RATE)) == {
@@ -101,6 +103,7 @@ FILES = {
     "frf.csv": ("frequency_Hz,H (g/kN),phase_deg\n1,2,3\n2,3,4\n3,4,5\n", ['kind = "frf"', 'output = "acceleration"']),
     "z.csv": ("FREQ[Hz],Z[ohm],PHASE[deg]\n1e3,2,3\n2e3,3,4\n3e3,4,5\n", ['kind = "impedance"']),
     "z.s1p": ("# Hz S RI R 50\n1e3 0.1 0.2\n2e3 0.2 0.2\n", ['kind = "impedance"']),
+    "PROFILE.csv": ("t,F,FILE $x\n0,1,1\n0.001,2,3\n0.002,1,2\n", ['"FILE $x"', "identify campaign.toml"]),
     "two.csv": ("t,x,Weg (mm)\n0,1,1\n1,2,3\n2,1,2\n", ['displacement = { column = "Weg (mm)" }', '"x"']),
 }  # fmt: skip
 
@@ -138,7 +141,7 @@ def test_records_of_several_files(tmp_path, measured):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [(["campaign"], "at least one is needed"), (["campaign", "nothing.csv"], "nothing.csv: the file cannot be read"),
-     (["harvest", "run.csv"], "allowed are data files for campaign only"), (["nonsense"], "is not one of"),
+     (["harvest", "run.csv"], "only a campaign takes data files"), (["nonsense"], "is not one of"),
      (["harvest", "--out", "study.txt"], "allowed are names ending in .toml"),
      (["harvest", "--out", "there.toml"], "exists and is not overwritten"),
      (["campaign", "there.toml"], "allowed are names ending in")],

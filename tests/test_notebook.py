@@ -97,3 +97,5 @@ class TestConfidence:
     def test_what_is_not_determined_has_none(self):
         with pytest.raises(ValueError, match="found 'mass', the records determine stiffness, coupling"):
             confidence_region(self.SPECIMEN, "stiffness", "mass")
+        with pytest.raises(ValueError, match="'stiffness' twice"):
+            confidence_region(self.SPECIMEN, "stiffness", "stiffness")

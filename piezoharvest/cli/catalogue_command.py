@@ -11,7 +11,7 @@ from piezoharvest.description.parameters import ParameterError
 from piezoharvest.study import build_transducer, unknown
 
 _VALUES = ("mass", "damping", "stiffness", "coupling", "capacitance")
-# Constants of a material: header and unit.
+# Units of the constants of a material.
 _CONSTANTS = {"d33": "C/N", "d31": "C/N", "s33": "m^2/N", "s11": "m^2/N", "relative_permittivity": "",
               "density": "kg/m^3"}  # fmt: skip
 
@@ -20,7 +20,7 @@ def show(name: str | None, *, as_json: bool) -> int:
     """Print all entries in a line each, or one entry with its source and values."""
     if name is None:
         entries = [_transducer(entry) for entry in catalogue.names()]
-        materials = [catalogue.material(material) | {"key": material} for material in catalogue.materials()]
+        materials = [_material(material) for material in catalogue.materials()]
         if as_json:
             tables.print_json({"transducers": entries, "materials": materials})
         else:
@@ -40,11 +40,18 @@ def _one(name: str) -> dict[str, Any]:
     if name in catalogue.names():
         return _transducer(name)
     if name in catalogue.materials():
-        found = catalogue.material(name)
-        units = {key: {"value": value, "unit": _CONSTANTS[key]} for key, value in found["material"].items()}
-        return {"key": name, "name": found["name"], "source": found["source"], "note": found["note"], "values": units}
+        return _material(name)
     wrong = unknown("NAME", name, (*catalogue.names(), *catalogue.materials()))
     raise ParameterError("catalogue", wrong.message)
+
+
+def _material(name: str) -> dict[str, Any]:
+    """A material of the catalogue with its constants."""
+    found = catalogue.material(name)
+    values = {key: {"value": value, "unit": _CONSTANTS[key]} for key, value in found["material"].items()}
+    return {
+        "key": name, "name": found["name"], "source": found["source"], "note": found["note"].strip(), "values": values,
+    }  # fmt: skip
 
 
 def _transducer(name: str) -> dict[str, Any]:

@@ -75,8 +75,8 @@ def _specimen(study: Study) -> Specimen:
     from piezoharvest.specimen import load_specimen
 
     if study.specimen is None:
-        wanted = "must be the name of a specimen file, which identify --save writes, to take --uncertainty from"
-        raise StudyError(study.path, "transducer", f"found a table, {wanted}")
+        needed = "--uncertainty needs the name of a specimen file, which identify --save writes"
+        raise StudyError(study.path, "transducer", f"found a table, but {needed}")
     return load_specimen(study.specimen)
 
 

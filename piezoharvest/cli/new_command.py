@@ -34,8 +34,8 @@ def new(kind: str, files: Sequence[Path], out: Path | None) -> int:
     text = resources.files("piezoharvest.cli").joinpath("templates", f"{kind}.toml").read_text("utf-8")
     if kind != "campaign":
         if files:
-            raise OutputError(f"found {files[0]} for {kind}, allowed are data files for campaign only")
-        write_text(text.replace("FILE", target.name), target)
+            raise OutputError(f"found {files[0]} for {kind}, only a campaign takes data files")
+        write_text(Template(text).substitute(file=target.name), target)
         print(target)
         return 0
     if not files:
@@ -73,9 +73,9 @@ def _campaign(template: str, files: Sequence[Path], target: Path) -> str:
     shared = list(_channels(signals[0])) if signals and same else []
     records = [line for each in found for line in _record(each, target, same)]
     return Template(template).substitute(
-        title=_quoted(target.stem), transducer="\n".join(_transducer(signals)),
+        file=target.name, title=_quoted(target.stem), transducer="\n".join(_transducer(signals)),
         channels="\n".join(shared or ["# as each record says below"]), records="\n".join(records),
-    ).replace("FILE", target.name)  # fmt: skip
+    )  # fmt: skip
 
 
 def _transducer(signals: Sequence[FoundFile]) -> Iterator[str]:

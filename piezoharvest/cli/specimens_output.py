@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from piezoharvest.cli import tables
-from piezoharvest.cli.commands import note
+from piezoharvest.cli.notes import note
 
 if TYPE_CHECKING:
     from piezoharvest.diagnose import Diagnosis

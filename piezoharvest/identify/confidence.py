@@ -22,12 +22,14 @@ def confidence_region(specimen: Specimen, first: str, second: str) -> np.ndarray
     Raises
     ------
     ValueError
-        The records do not determine a parameter of such a name.
+        The records do not determine a parameter of such a name, or both are the same.
     """
     names, covariance = _known(specimen)
     for name in (first, second):
         if name not in names:
             raise ValueError(f"found {name!r}, the records determine {', '.join(names)}")
+    if first == second:
+        raise ValueError(f"found {first!r} twice, a region is one of two parameters")
     places = [names.index(first), names.index(second)]
     angle = np.linspace(0, 2 * np.pi, 200)
     # A chi-squared of two degrees of freedom is below -2 ln(1 - p) with the probability p.

@@ -226,7 +226,7 @@ class Identification(Shown):
         Raises
         ------
         ValueError
-            The records do not determine a parameter of such a name.
+            The records do not determine a parameter of such a name, or both are the same.
         """
         specimen = specimen_of(self.found, self.estimates, self.campaign)
         x, y = confidence_region(specimen, first, second)

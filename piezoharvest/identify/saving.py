@@ -72,7 +72,7 @@ def specimen_of(
     places = [k for k, p in enumerate(found.model.parameters) if p.path[0] != "effects" or p.path[1] in own]
     parameters = [found.model.parameters[k] for k in places]
     numbers = [float(np.real(value_at(fitted, parameter.path))) for parameter in parameters]
-    slopes = [_slope(parameter, value) for parameter, value in zip(parameters, numbers, strict=True)]
+    slopes = [parameter.derivative(value) for parameter, value in zip(parameters, numbers, strict=True)]
     names = [_name(parameter, fitted) for parameter in parameters]
     transducer = replace(fitted, effects=tuple(fitted.effects[n] for n in own), quasi_static=bool(campaign.unknown))
     return Specimen(
@@ -85,13 +85,6 @@ def specimen_of(
         unknown=campaign.unknown,
         source={**source, **_source(campaign)},
     )
-
-
-def _slope(parameter: Parameter, value: float) -> float:
-    """Derivative of a value by the fitted variable."""
-    if parameter.scaling == "log":
-        return value
-    return -(value**2) if parameter.scaling == "reciprocal" else 1.0
 
 
 def _name(parameter: Parameter, transducer: Transducer) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 
 from scipy.stats import chi2
@@ -17,7 +17,7 @@ from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.identification import Estimate, Quality, combined_quality, judged
 from piezoharvest.population.forms import JointForm, joint_form
 from piezoharvest.population.identification import odd_sentence
-from piezoharvest.population.naming import kind_of
+from piezoharvest.population.naming import kind_of, named_progress
 from piezoharvest.population.pooling import Member, Pooled, pooled
 from piezoharvest.population.results import OfKind, Value, estimates_of, of_kind, values_of
 from piezoharvest.population.saving import save_all
@@ -198,17 +198,12 @@ def diagnose_specimens(
     found = []
     for name, campaign in zip(specimens.names, specimens.campaigns, strict=True):
         progress(f"{name}: by itself")
-        found.append(diagnose(campaign, partial(_said, progress, name), library))
+        found.append(diagnose(campaign, named_progress(progress, name), library))
     form = joint_form(found, specimens.names, progress)
     members = [Member(*row) for row in zip(specimens.names, (each.problem for each in found), form.fits, strict=True)]
     together = pooled(members, form.apart, progress)
     each = tuple(_of_specimen(n, one, members[n], form, together) for n, one in enumerate(found))
     return SpecimensDiagnosis(specimens, form, together, each)
-
-
-def _said(progress: Progress, name: str, text: str) -> None:
-    """Pass on a message on a specimen's progress."""
-    progress(f"{name}: {text}")
 
 
 def _of_specimen(n: int, alone: Diagnosis, member: Member, form: JointForm, together: Pooled) -> OfSpecimen:

@@ -61,14 +61,16 @@ def joint_form(found: Sequence[Diagnosis], names: Sequence[str], progress: Calla
     costs = {form: np.array([_cost(mine[form], donor) for mine in fits]) for form, (_, donor) in donors.items()}
     least = np.min(list(costs.values()), axis=0) + PRICE_OF_ANOTHER
     totals = {form: float(np.minimum(cost, least).sum()) for form, cost in costs.items()}
-    best = min(donors, key=lambda form: (totals[form], len(form)))
-    # Of two specimens that differ neither is the odd one: both stay, and the result says that they differ.
+    # Of two specimens that differ neither is the odd one: both stay, with a set that can follow both, and
+    # the result says that they differ.
+    possible = [form for form in donors if len(found) > 2 or np.all(np.isfinite(costs[form]))]
+    best = min(possible, key=lambda form: (totals[form], len(form)))
     apart = tuple(np.flatnonzero(costs[best] > least).tolist()) if len(found) > 2 else ()
     chosen = [
         mine[_own_form(each) if n in apart else best] for n, (mine, each) in enumerate(zip(fits, found, strict=True))
     ]
     rivals = [
-        f for f in donors if f != best and len(f) == len(best) and totals[f] < totals[best] + thresholds.CLOSE_COST
+        f for f in possible if f != best and len(f) == len(best) and totals[f] < totals[best] + thresholds.CLOSE_COST
     ]
     kept = [fit for fit in chosen if fit is not None]
     kind = [n for n in range(len(found)) if n not in apart]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 
 from piezoharvest.identify.fitting.problem import Problem
@@ -16,6 +16,7 @@ from piezoharvest.identify.identification import (
     identify,
     prepared,
 )
+from piezoharvest.population.naming import named_progress
 from piezoharvest.population.pooling import Member, Pooled, pooled
 from piezoharvest.population.results import OfKind, estimates_of, of_kind
 from piezoharvest.population.saving import save_all
@@ -97,18 +98,13 @@ def identify_specimens(specimens: SpecimenSet, progress: Progress = lambda text:
     alone, members = [], []
     for name, campaign in zip(specimens.names, specimens.campaigns, strict=True):
         progress(f"{name}: by itself")
-        found = identify(campaign, partial(_said, progress, name))
+        found = identify(campaign, named_progress(progress, name))
         problem = Problem(prepared(found.campaign, "fit"), found.campaign.transducer, found.offsets)
         alone.append(found)
         members.append(Member(name, problem, found.found))
     together = pooled(members, (), progress)
     each = tuple(_with_kind(together, n, found, members[n].problem) for n, found in enumerate(alone))
     return SpecimensIdentification(specimens, tuple(alone), each, together)
-
-
-def _said(progress: Progress, name: str, text: str) -> None:
-    """Pass on a message on a specimen's progress."""
-    progress(f"{name}: {text}")
 
 
 def _with_kind(together: Pooled, n: int, found: Identification, problem: Problem) -> Identification:

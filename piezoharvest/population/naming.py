@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from piezoharvest.description.effects import Effect
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.transducer import Transducer
@@ -20,3 +22,8 @@ def variable_name(parameter: Parameter, transducer: Transducer) -> str:
         return parameter.name
     words = [str(part) for part in parameter.path[2:] if part not in ("form", "memory")]
     return ".".join([kind_of(transducer.effects[int(parameter.path[1])]), *words])
+
+
+def named_progress(progress: Callable[[str], None], name: str) -> Callable[[str], None]:
+    """Progress messages of one specimen, which begin with its name."""
+    return lambda text: progress(f"{name}: {text}")

@@ -41,16 +41,9 @@ def of_kind(found: Pooled) -> dict[str, OfKind]:
     numbers = zip(found.population.mean, errors, found.population.spread, strict=True)
     for (name, parameter), (mean, std, spread) in zip(found.variables.items(), numbers, strict=True):
         value = float(np.real(parameter.outer(float(mean))))
-        slope = slope_of(parameter, value)
+        slope = abs(parameter.derivative(value))
         rows[name] = OfKind(parameter, value, slope * float(std), slope * float(spread))
     return rows
-
-
-def slope_of(parameter: Parameter, value: float) -> float:
-    """Magnitude of a value's derivative by its variable."""
-    if parameter.scaling == "log":
-        return abs(value)
-    return value**2 if parameter.scaling == "reciprocal" else 1.0
 
 
 def values_of(found: Pooled, n: int) -> dict[str, Value]:
@@ -59,7 +52,7 @@ def values_of(found: Pooled, n: int) -> dict[str, Value]:
     errors = np.sqrt(np.diag(found.scatter[n]))
     for name, parameter, error in zip(names_of(last), last.model.parameters, errors, strict=True):
         value = float(np.real(value_at(last.model.transducer, parameter.path)))
-        rows[name] = value, slope_of(parameter, value) * float(error), parameter.unit
+        rows[name] = value, abs(parameter.derivative(value)) * float(error), parameter.unit
     return rows
 
 

@@ -60,6 +60,12 @@ class Parameter:
             return np.log(self.sign * value)
         return float(value) if self.scaling == "linear" else 1.0 / value
 
+    def derivative(self, value: float) -> float:
+        """Derivative of the value by the variable."""
+        if self.scaling == "log":
+            return value
+        return -(value**2) if self.scaling == "reciprocal" else 1.0
+
     def outer(self, inner: Any) -> Any:
         """Value from the variable, a number, real or with a complex step, or an array of these."""
         if self.scaling == "linear":

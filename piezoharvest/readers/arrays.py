@@ -68,7 +68,8 @@ class ArrayReader(Reader):
         fine = len(parts) == len(shape) and ":" in parts
         fine &= all(part == ":" or (part.isdigit() and int(part) < n) for part, n in zip(parts, shape, strict=False))
         if not fine:
-            raise ReadError(f"found an array of shape {shape}, must be one index for each of its axes", str(column))
+            needed = "a column is named by an index with a number or : for each of its axes, and : for one at least"
+            raise ReadError(f"found an array of shape {shape}, {needed}", str(column))
         return f"{name}[{', '.join(parts)}]"
 
     def read(self, names: Sequence[str]) -> dict[str, np.ndarray]:

@@ -32,7 +32,7 @@ class SpiceRaw(Reader):
             raise ReadError(f"found the analysis {plot!r}, must be a transient one")
         for flag in ("complex", "stepped"):
             if flag in header["flags"].lower().split():
-                raise ReadError(f"found waveforms that are {flag}, must be a single real run")
+                raise ReadError(f"found waveforms that are {flag}, they must be those of a single real run")
         try:
             count, points = int(header["no. variables"]), int(header["no. points"])
         except (KeyError, ValueError):

@@ -82,18 +82,20 @@ class Touchstone(Reader):
         elif keyword == "REFERENCE" and value.strip():
             self._reference = _resistance(value.split()[0], row)
         elif keyword == "NUMBER OF PORTS" and value.strip() != "1":
-            raise ReadError(f"found {cut(value)} ports, must be one, the leads of the transducer", row=row)
+            found = f"found {cut(value.strip()) or 'no number of'} ports"
+            raise ReadError(f"{found}, there must be one, the leads of the transducer", row=row)
 
     def _impedance(self, pairs: np.ndarray) -> np.ndarray:
         """Impedance in ohm from the two numbers of each row."""
         first, second = pairs.T
-        if self._form == "RI":
-            value = first + 1j * second
-        else:
-            size = 10 ** (first / 20) if self._form == "DB" else first
-            value = size * np.exp(1j * np.radians(second))
         unit = self._reference if self._version < 2 or self._parameter == "S" else 1.0
-        with np.errstate(divide="ignore", invalid="ignore"):  # S = 1 and Y = 0 are open leads, which checks find
+        # S = 1 and Y = 0 are open leads, and a level may be too large for a number: checks find them.
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            if self._form == "RI":
+                value = first + 1j * second
+            else:
+                size = 10 ** (first / 20) if self._form == "DB" else first
+                value = size * np.exp(1j * np.radians(second))
             if self._parameter == "S":
                 return unit * (1 + value) / (1 - value)
             return unit * value if self._parameter == "Z" else unit / value

@@ -38,7 +38,8 @@ class Wav(Reader):
         except MemoryError:
             raise
         except Exception as error:  # scipy raises struct.error, ValueError and others on damaged files
-            raise ReadError(f"not a complete WAV file ({error})") from None
+            said = f" ({error})" if isinstance(error, ValueError | Warning) else ""  # others speak of scipy's own code
+            raise ReadError(f"not a complete WAV file{said}") from None
         if not self._rate > 0 or samples.dtype.kind not in "uif":
             raise ReadError(f"found {samples.dtype} at {self._rate} Hz, allowed are numbers at a rate above 0 Hz")
         self._samples = samples.reshape(len(samples), -1)

@@ -88,7 +88,8 @@ class Campaign(plain.Campaign):
         """
         path = Path(str(title))
         tables, data = in_memory(records, path)
-        whole = {"title": title, "transducer": transducer, "channels": dict(channels or {}), "records": tables}
+        sources = dict(channels) if isinstance(channels, Mapping) else channels or {}
+        whole = {"title": title, "transducer": transducer, "channels": sources, "records": tables}
         with reading(path):
             campaign = campaign_of(whole, path, data=data)
         return checked(campaign)
@@ -206,8 +207,7 @@ def campaign_of(
         Something in the tables, or a data file, is wrong.
     """
     if "specimens" in table:
-        several = "found several specimens, must be one here: identify and diagnose take several"
-        raise ParameterError("specimens", several)
+        raise ParameterError("specimens", "found several specimens, which only identify and diagnose take")
     for key in table:
         if key not in _TABLES:
             raise ParameterError(key, f"unknown key, known keys are {', '.join(_TABLES)}")
@@ -240,8 +240,6 @@ def campaign_of(
 
 def _nominal(table: Any) -> tuple[Transducer, tuple[str, ...]]:
     """Transducer from its table, and its unknown parameters; an unknown mass is taken as negligible."""
-    if isinstance(table, Transducer):  # of a campaign that is made in Python
-        return table, ()
     table = dict(table) if isinstance(table, Mapping) else table
     unknown: tuple[str, ...] = ()
     if isinstance(table, dict):
@@ -249,9 +247,10 @@ def _nominal(table: Any) -> tuple[Transducer, tuple[str, ...]]:
         if unknown or table.get("quasi_static") is True:
             unknown = tuple(name for name in INERT if name in unknown or not {name, *_SOURCES} & set(table))
             table |= {"quasi_static": True, **dict.fromkeys(unknown, PLACEHOLDER)}
-    transducer = build_transducer(table)
+    made = isinstance(table, Transducer)  # of a campaign that is made in Python
+    transducer = table if made else build_transducer(table)
     if transducer.electrodes:
-        found = f"found {len(transducer.electrodes)}, must be none: the records of a campaign are of one pair"
+        found = "found further electrodes, but the records of a campaign are of one pair"
         raise ParameterError("transducer.electrodes", found)
     return transducer, unknown
 
@@ -290,7 +289,7 @@ def _read_entry(
         return read_record(entry, key, sources, shunt, folder, data)
     shunt = entry.across(key, entry.input == "voltage") if isinstance(entry, FrfEntry) else None
     if isinstance(entry, FrfEntry) and entry.fitted(shunt, key):
-        message = "found fit for a frequency response, must be fit in records over time"
+        message = "found fit for a frequency response, which only records over time can have"
         raise ParameterError(f"{key}.shunt.fit", message)
     sources = build_sources(own, "record", f"{key}.channels", response_units(entry))
     return read_frequency_record(entry, key, sources, shunt, folder, data)

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.records.finding import Finding
-from piezoharvest.records.loading import Campaign, campaign_of, checked, load_campaign, reading
+from piezoharvest.records.finding import Finding, counted
+from piezoharvest.records.loading import Campaign, campaign_of, checked, reading
 from piezoharvest.study import read_toml
 
 SPECIMENS = "specimens"
@@ -63,10 +63,8 @@ def load(path: str | Path) -> Campaign | SpecimenSet:
     path = Path(path)
     with reading(path):
         table = read_toml(path)
-        if SPECIMENS not in table:
-            return load_campaign(path)
-        found = _specimens(table, path)
-    for campaign in found.campaigns:
+        found = _specimens(table, path) if SPECIMENS in table else campaign_of(table, path)
+    for campaign in found.campaigns if isinstance(found, SpecimenSet) else (found,):
         checked(campaign)
     return found
 
@@ -80,7 +78,7 @@ def _specimens(table: Mapping[str, Any], path: Path) -> SpecimenSet:
             raise ParameterError(key, f"unknown key, {more}")
     entries = table[SPECIMENS]
     if not isinstance(entries, list) or not MIN_SPECIMENS <= len(entries) <= MAX_SPECIMENS:
-        count = f"{len(entries)} tables" if isinstance(entries, list) else repr(entries)[:60]
+        count = counted(len(entries), "table") if isinstance(entries, list) else repr(entries)[:60]
         allowed = f"allowed are {MIN_SPECIMENS} to {MAX_SPECIMENS} tables [[specimens]]"
         raise ParameterError(SPECIMENS, f"found {count}, {allowed}")
     title = table.get("title", path.stem)
@@ -120,5 +118,9 @@ def _merged(common: Mapping[str, Any], entry: Any, n: int) -> dict[str, Any]:
                 raise ParameterError(f"{where}.{key}", f"found {repr(table)[:60]}, must be a table")
         if tables:
             found[key] = {name: value for table in tables for name, value in table.items()}
-    kept = {key: common[key] for key in ("experiment",) if key in common}
-    return {**found, **kept, **{key: entry[key] for key in ("records",) if key in entry}}
+    return {**found, **_part(common, "experiment"), **_part(entry, "records")}
+
+
+def _part(table: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """The key with its value, if the table has it."""
+    return {key: table[key]} if key in table else {}

@@ -196,7 +196,7 @@ def _listed(table: Mapping[str, Any], path: Path) -> Specimen:
     """Specimen of a table `parameters` with value and std of each."""
     rows = table.get("parameters")
     if not isinstance(rows, Mapping):
-        raise StudyError(path, "parameters", "missing table, must be what `identify --save` or `--json` writes")
+        raise StudyError(path, "parameters", "missing table, this must be what `identify --save` or `--json` writes")
     rows = {name: row for name, row in rows.items() if isinstance(row, Mapping)}
     told = {name: row for name, row in rows.items() if row.get("std") is not None}
     try:
@@ -229,5 +229,5 @@ def _json(path: Path) -> Mapping[str, Any]:
     except (OSError, ValueError, RecursionError) as error:
         raise StudyError(path, "", f"the file cannot be read ({getattr(error, 'strerror', None) or error})") from None
     if not isinstance(table, dict):
-        raise StudyError(path, "", "this is not a table, must be what `identify --json` prints")
+        raise StudyError(path, "", "this is not a table, the file must be what `identify --json` prints")
     return table

@@ -80,7 +80,7 @@ def test_the_command_prints_specimens_and_population(tmp_path, capsys):
     assert {row["specimen"] for row in printed["records"]} == {"film 1", "film 2"}
     assert (tmp_path / "kind_film_2.toml").exists()
     assert main(["plan", str(path)]) == 2
-    assert "found several specimens, must be one" in capsys.readouterr().err
+    assert "found several specimens, which only identify" in capsys.readouterr().err
 
 
 HEAD = "[transducer]\nquasi_static = true\nstiffness = 1e5\ncoupling = 5.5e-4\ncapacitance = 3.6e-9\n"
@@ -92,7 +92,7 @@ ONE = f'[[specimens]]\nname = "a"\n{RECORD}'
     ("text", "message"),
     [
         ("specimens = []\n" + HEAD, "specimens: found 0 tables, allowed are 2 to 1000"),
-        (HEAD + ONE, "specimens: found 1 tables, allowed are 2 to 1000"),
+        (HEAD + ONE, "specimens: found 1 table, allowed are 2 to 1000"),
         (HEAD + ONE + ONE, "specimens.1.name: found 'a', which another specimen has"),
         (HEAD + ONE + "[[specimens]]\nname = 3\n" + RECORD, "specimens.1.name: found 3, must be a string"),
         (HEAD + ONE + "[[specimens]]\n", "specimens.1.records: missing, at least one table [[specimens.records]]"),

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import doctest
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from messages import is_sentence
 
 from piezoharvest import Campaign, CampaignError, Resistor, Transducer, load_campaign
+from piezoharvest.description.transducer import Electrode
 from piezoharvest.records import loading
 
 RATE = 1000.0
@@ -99,9 +101,9 @@ GAP = {**DATA, "displacement_m": np.where(np.arange(300) == 40, np.nan, DATA["di
         ({"data": DATA, "load_resistance": 1e5}, ["record 1: time", "sample_rate in the record"]),
         ({"data": DATA, "sample_rate": RATE}, ["records.0.load_resistance: missing key"]),
         ({"data": 3, **KEYS}, ["record 1: found data of type int"]),
-        ({"data": DATA, "skip_rows": 3, **KEYS}, ["records.0.data: found skip_rows"]),
+        ({"data": DATA, "skip_rows": 3, **KEYS}, ["records.0.skip_rows: found a key of records in files"]),
         (KEYS, ["records.0.data: missing key"]),
-        (3, ["records.0.data: found 3"]),
+        (3, ["records.0: found 3"]),
     ],
 )
 def test_what_is_wrong_is_said_with_record_and_channel(record, words):
@@ -111,6 +113,15 @@ def test_what_is_wrong_is_said_with_record_and_channel(record, words):
 
 def test_no_records():
     assert failure(NOMINAL, []).key == failure(NOMINAL, {"data": DATA}).key == "records"
+
+
+def test_channels_that_are_no_table():
+    assert failure(NOMINAL, [{"data": DATA, **KEYS}], channels=[3]).key == "channels"
+
+
+def test_a_transducer_with_further_electrodes():
+    several = replace(NOMINAL, electrodes=(Electrode(coupling=(1e-3,), capacitance=1e-9),))
+    assert failure(several, [{"data": DATA, **KEYS}]).key == "transducer.electrodes"
 
 
 def test_a_table_of_a_transducer_is_checked():

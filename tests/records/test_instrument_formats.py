@@ -132,6 +132,13 @@ class TestOscilloscopes:
         np.testing.assert_allclose(record["time"], -1.2e-3 + 2e-6 * np.arange(COUNT), rtol=1e-12)
         np.testing.assert_allclose(record["force"], [2 * float(f"{f:.2e}") for f in FORCE], rtol=1e-12)
 
+    @pytest.mark.parametrize("stated", [",", "0.0,", ",1e-3", "0.0,nan", "x,1e-3", "0.0,y"])
+    def test_rigol_without_start_or_increment_has_no_times(self, tmp_path, stated):
+        rows = "".join(f"{n},{f}\n" for n, f in enumerate(FORCE))
+        (tmp_path / "run.csv").write_text(f"X,CH1,Start,Increment\nSequence,Volt,{stated}\n{rows}")
+        with open_reader(tmp_path / "run.csv") as reader:
+            assert (reader.time_of("CH1"), reader.step_error) == (None, 0.0)
+
     def test_rigol_without_its_first_samples(self, tmp_path):
         self.rigol(tmp_path / "run.csv")
         with open_reader(tmp_path / "run.csv", skip_rows=12) as reader:
@@ -191,11 +198,13 @@ class TestWav:
         with pytest.raises(CampaignError, match=r"found the unit 'full scale' in the file .* or a gain"):
             campaign(tmp_path, f'file = "run.wav"\n{self.SOURCES.replace(", gain = 25.0", "")}')
 
-    @pytest.mark.parametrize("kept", [20, 43, 80, -1, -2])
+    @pytest.mark.parametrize("kept", [12, 20, 43, 80, -1, -2])
     def test_cut_off(self, tmp_path, kept):
         self.write(tmp_path / "run.wav", 16)
         (tmp_path / "run.wav").write_bytes((tmp_path / "run.wav").read_bytes()[:kept])
-        assert "not a complete WAV file" in failure(tmp_path / "run.wav", 1)
+        message = failure(tmp_path / "run.wav", 1)
+        assert "not a complete WAV file" in message
+        assert "local variable" not in message
 
 
 def fortran(value, width, digits):
@@ -322,7 +331,8 @@ class TestImpedances:
         ("text", "what"),
         [("# Hz S RI R 50\n1e3 0.1\n", "a frequency and two numbers"), ("# Hz H RI\n1e3 1 1\n", "found 'H'"),
          ("# Hz S RI R 0\n1e3 1 1\n", "reference resistance '0'"), ("! nothing\n", "no rows"),
-         ("[Version] 2.0\n# Hz Z RI\n[Number of Ports] 2\n1 2 3\n", "ports"),
+         ("[Version] 2.0\n# Hz Z RI\n[Number of Ports] 2\n1 2 3\n", "found 2 ports"),
+         ("[Version] 2.0\n# Hz Z RI\n[Number of Ports]\n1 2 3\n", "found no number of ports"),
          ("# Hz S RI\n1e3 1 1 2 2 3 3 4 4\n", "of one port")],
     )  # fmt: skip
     def test_touchstone_of_another_kind(self, tmp_path, text, what):

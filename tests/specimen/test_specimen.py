@@ -232,7 +232,7 @@ class TestStudies:
         text = path.read_text().replace('transducer = "specimen.toml"', "")
         path.write_text(f"{text}\n[transducer]\n{table}\n")
         assert main(["simulate", str(path), "--uncertainty", "50"]) == 2
-        assert "transducer: found a table, must be the name of a specimen file" in capsys.readouterr().err
+        assert "found a table, but --uncertainty needs the name of a specimen file" in capsys.readouterr().err
 
     def test_all_commands_take_it(self, tmp_path, capsys):
         more = '[design]\ncandidates = ["resistor"]\n[sweep]\nmethod = "grid"\nparameters = '

@@ -159,10 +159,10 @@ def check_channels(record: Record) -> None:
         shunt, signal = record.shunt, record.signals[channel]
         kind = "no circuit" if shunt is None else shunt.kind
         if not isinstance(shunt, Bridge):
-            message = f"found a channel {channel} behind {kind}, must be one behind a rectifier or an SSHI circuit"
+            message = f"found a channel {channel} behind {kind}, it must be behind a rectifier or an SSHI circuit"
             raise CampaignError(signal.file, channel, message, channel=channel)
         if channel == "dc_current" and shunt.load_resistance is None:
-            message = "found a channel dc_current at a constant dc_voltage, must be one through a load_resistance"
+            message = "found a channel dc_current at a constant dc_voltage, it must be that through a load_resistance"
             raise CampaignError(signal.file, channel, message, channel=channel)
 
 

@@ -205,10 +205,8 @@ def _switches(data: Data | FrequencyData) -> bool:
 
 def starting(problem: Problem, model: Model) -> tuple[np.ndarray, ...]:
     """Masks of the nuisance parameters that say where records behind diodes or switches begin."""
-    return tuple(
-        np.array([name in _own_starts(data) for name in problem.nuisance_names(model, data)], bool)
-        for data in problem.data
-    )
+    each = ((_own_starts(data), problem.nuisance_names(model, data)) for data in problem.data)
+    return tuple(np.array([name in own for name in names], bool) for own, names in each)
 
 
 def _own_starts(data: Data | FrequencyData) -> set[str]:

@@ -110,7 +110,7 @@ def select_modes(
 def _check(frequency: np.ndarray, response: np.ndarray, start: int | Modes) -> None:
     if response.ndim != 3 or len(response) != len(frequency):
         shapes = f"found {len(frequency)} frequencies and a response of shape {response.shape}"
-        raise FrequencyError(f"response: {shapes}, must be (frequencies, outputs, inputs)")
+        raise FrequencyError(f"response: {shapes}, its axes must be (frequencies, outputs, inputs)")
     if not np.all(np.isfinite(response)) or np.any(np.diff(frequency, prepend=0.0) <= 0):
         raise FrequencyError("response: found NaN, or frequencies that do not increase from 0")
     number = len(start.poles) if isinstance(start, Modes) else start

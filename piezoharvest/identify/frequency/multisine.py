@@ -127,7 +127,7 @@ def _checked(inputs: np.ndarray, outputs: np.ndarray, skip: int) -> tuple[np.nda
     kept = [shape[:1] + shape[2:] for shape in (inputs.shape, outputs.shape)]
     if inputs.ndim != 4 or outputs.ndim != 4 or kept[0] != kept[1]:
         shapes = f"found shapes {inputs.shape} and {outputs.shape}"
-        raise FrequencyError(f"inputs and outputs: {shapes}, must be (samples, channels, realisations, periods)")
+        raise FrequencyError(f"inputs and outputs: {shapes}, axes must be (samples, channels, realisations, periods)")
     inputs, outputs = inputs[..., skip:], outputs[..., skip:]
     for name, values in (("inputs", inputs), ("outputs", outputs)):
         if not np.all(np.isfinite(values)):

@@ -12,6 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from piezoharvest.readers.text_files.layout import Dialect
 from piezoharvest.readers.text_files.text import Text, half_a_digit
 
 _FIRST_LINES = re.compile(rb"(?:\xef\xbb\xbf)?X,[^\r\n]*,Start,Increment,*\s*[\r\n]+Sequence,", re.IGNORECASE)
@@ -27,8 +28,9 @@ class Rigol(Text):
         self._stated: dict[str, str] = {}
         super().__init__(path, skip_rows, header_row)
         start, step = (self._stated.get(name, "") for name in ("start", "increment"))
-        self._start, self._step = self.layout.dialect.number(start), self.layout.dialect.number(step)
-        self.step_error = half_a_digit(step) / abs(self._step or 1.0)
+        self._start, self._step = (_number(text, self.layout.dialect) for text in (start, step))
+        self._timed = bool(np.isfinite(self._start) and 0.0 < self._step < np.inf)
+        self.step_error = half_a_digit(step) / self._step if self._timed else 0.0
 
     def prepared(self, head: list[str]) -> list[str]:
         """Lines whose first two name only the columns, not start and step, which no other row has."""
@@ -42,6 +44,10 @@ class Rigol(Text):
         return _FIRST_LINES.match(start) is not None
 
     def time_of(self, name: str) -> np.ndarray | None:
-        if self._start is None or not self._step:
-            return None
-        return self._start + self._step * self._column(0)
+        return self._start + self._step * self._column(0) if self._timed else None
+
+
+def _number(text: str, dialect: Dialect) -> float:
+    """Number in a cell; NaN if there is none."""
+    value = dialect.number(text)
+    return np.nan if value is None else value

@@ -93,7 +93,7 @@ def _unit_hint(channel: str, factor: float) -> str:
     """Text with what is allowed, and the unit that would explain the factor."""
     prefix = _prefix(factor)
     unit = f" (is it {prefix}{UNITS[channel]}?)" if prefix and channel != "base_acceleration" else ""
-    return f"must be a factor of up to {MAX_FACTOR:g} either way; likely a wrong unit{unit}"
+    return f"a factor of up to {MAX_FACTOR:g} either way is allowed; likely a wrong unit{unit}"
 
 
 def _prefix(factor: float) -> str:

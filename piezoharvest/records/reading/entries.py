@@ -106,8 +106,8 @@ class _EntryWithShunt(_Entry):
             return Resistor(resistance=self.load_resistance)
         if voltage_imposed:
             return None
-        allowed = 'must be a resistance in ohm, or a table shunt in its place (kind = "open", "short", ...)'
-        raise ParameterError(f"{where}.load_resistance", f"missing key, {allowed}")
+        needed = 'it must be a resistance in ohm, or a table shunt in its place (kind = "open", "short", ...)'
+        raise ParameterError(f"{where}.load_resistance", f"missing key, {needed}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +145,7 @@ class FrfEntry(_EntryWithShunt):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.input == self.output:
-            raise ParameterError("output", f"found {self.output!r}, which is the input, must be another channel")
+            raise ParameterError("output", f"found {self.output!r}, but this is the input; give another channel")
         if self.input == "displacement" and self.output in RATES:
             found = f"found {self.output!r} over an imposed displacement, which is the same for every specimen"
             raise ParameterError("output", f"{found}, allowed are force, voltage and current")

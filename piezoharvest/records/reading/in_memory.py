@@ -32,10 +32,14 @@ def in_memory(records: Any, path: Path) -> tuple[list[dict[str, Any]], list[InMe
         raise CampaignError(path, "records", f"found {repr(records)[:60]}, must be a sequence of mappings")
     tables, readers = [], []
     for n, record in enumerate(records):
-        if not isinstance(record, Mapping) or "data" not in record or _OF_FILES & set(record):
-            own = ", ".join(sorted(_OF_FILES & set(record))) if isinstance(record, Mapping) else repr(record)[:60]
-            found = f"found {own}" if own else "missing key"
-            raise CampaignError(path, f"records.{n}.data", f"{found}, must be a mapping of arrays or a DataFrame")
+        if not isinstance(record, Mapping):
+            raise CampaignError(path, f"records.{n}", f"found {repr(record)[:60]}, must be a mapping with the key data")
+        for key in sorted(_OF_FILES & set(record)):
+            found = "found a key of records in files, but data is a mapping of arrays or a DataFrame"
+            raise CampaignError(path, f"records.{n}.{key}", found)
+        if "data" not in record:
+            needed = "it must be a mapping of arrays or a DataFrame"
+            raise CampaignError(path, f"records.{n}.data", f"missing key, {needed}")
         table = {key: value.item() if isinstance(value, np.generic) else value for key, value in record.items()}
         table["file"] = str(table.pop("name", f"record {n + 1}"))
         try:
@@ -80,7 +84,7 @@ def _of_frame(frame: Any) -> dict[str, Any]:
     columns = {str(frame.index.name): frame.index.to_numpy()} if frame.index.name is not None else {}
     for n, column in enumerate(frame.columns):
         if str(column) in columns:
-            raise ReadError(f"found several columns {cut(str(column))!r}, must be one of each name", str(column))
+            raise ReadError(f"found several columns {cut(str(column))!r}, each must have its own name", str(column))
         columns[str(column)] = frame.iloc[:, n].to_numpy()
     return columns
 

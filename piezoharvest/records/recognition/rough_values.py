@@ -28,9 +28,12 @@ def rough_values(channels: Mapping[str, np.ndarray], rate: float) -> dict[str, f
     Returns
     -------
     dict
-        Empty where the regression gives no specimen: a value below zero, too few lines, a drive that is not explained.
+        Empty where samples are missing, or the regression gives no specimen: a value below zero, too few lines, a drive
+        that is not explained.
     """
     if "force" not in channels or "displacement" not in channels or len(channels["force"]) < 2 * _LEAST_LINES:
+        return {}
+    if not all(np.isfinite(values).all() for values in channels.values()):
         return {}
     count = len(channels["force"])
     window = np.hanning(count)
