@@ -120,7 +120,7 @@ class TestMaterial:
         assert free == pytest.approx(3400 * 8.8541878188e-12 * 0.03 * 0.01 / 2e-4)
 
     def test_an_impossible_one(self):
-        with pytest.raises(ParameterError, match="d31: found 1e-09, must be a size below"):
+        with pytest.raises(ParameterError, match="d31: found 1e-09, must have a magnitude below"):
             Transducer.from_datasheet(
                 d31=1e-9, s11=16e-12, relative_permittivity=1000.0, length=0.03, width=0.01, thickness=2e-4,
                 modal_mass=1e-4, quality=50.0,
