@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from collections.abc import Collection, Mapping
 from functools import cache
-from importlib import resources
 from typing import Any
 
+from piezoharvest.description.catalogue import content, toml_files
 from piezoharvest.description.diode import exponential_diode
 from piezoharvest.description.parameters import ParameterError
 
@@ -21,7 +20,7 @@ USUAL_CURRENT = 1e-4
 @cache
 def diodes() -> Mapping[str, Mapping[str, Any]]:
     """Diodes by name, as in diodes.toml."""
-    return tomllib.loads(resources.files(__name__).joinpath("diodes.toml").read_text(encoding="utf-8"))
+    return content(toml_files("parts")["diodes"])
 
 
 def with_parts(table: Mapping[str, Any], fields: Collection[str]) -> dict[str, Any]:
