@@ -10,7 +10,7 @@ from oracles.ngspice import needs_ngspice, run_netlist
 from piezoharvest import simulate
 from piezoharvest.description.excitation import SineForce
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.description.shunts import SSDI, Open, ParallelRL, ParallelSSHI, Resistor, SeriesRL
+from piezoharvest.description.shunts import SSDI, Open, ParallelRL, ParallelSSHI, Resistor, SelfPoweredSSDI, SeriesRL
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Electrode, Mode, Transducer
 from piezoharvest.engine.lowering.lower import lower
@@ -96,6 +96,26 @@ def test_electrodes_are_alike(shunt):
     names = ("harvested_power", "mechanical_power", "displacement_amplitude", "voltage_amplitude", "attenuation_db")
     for name in names:
         assert getattr(other, name) == pytest.approx(getattr(one, name), rel=1e-8, abs=1e-15), name
+
+
+def test_breakers_have_the_loop_of_their_electrodes():
+    """In a netlist, too: coil and resistances are those beside the capacitance of the electrodes of the circuit."""
+    keys = {"quality": 5.0, "inductance": 0.1, "envelope_capacitance": 1e-9, "threshold": 0.6}
+    loops = []
+    for transducer, electrode in ((host(FIRST, OWN), 0), (host(OWN, FIRST), 1)):
+        text = export_spice(transducer, SelfPoweredSSDI(**keys, electrode=electrode), DRIVE, start="rest")
+        loops.append([line for line in text.splitlines() if "loop" in line or "snubber" in line])
+    assert loops[0] and loops[0] == loops[1]
+
+
+def test_the_figure_of_merit_is_of_the_mode_wherever_it_is_read():
+    plain = {"mass": 0.010, "damping": 0.0628, "stiffness": 986.96, "coupling": 1e-3, "capacitance": 40e-9}
+    found = [
+        simulate(System(Transducer(**plain, sensor_participation=seen), Resistor(resistance=5e4)), DRIVE)
+        for seen in (1.0, -0.4)
+    ]
+    assert found[1].displacement_amplitude == pytest.approx(0.4 * found[0].displacement_amplitude, rel=1e-9)
+    assert found[1].figure_of_merit == pytest.approx(found[0].figure_of_merit, rel=1e-9)
 
 
 def test_open_electrodes_stiffen_the_modes():
