@@ -117,6 +117,10 @@ class SwitchedCoil(Shunt):
         inductance, resistance = self.loop(capacitance)
         return np.sqrt(inductance / capacitance) / resistance
 
+    def inversion(self, capacitance: float) -> Any:
+        """Share of the voltage that half a swing inverts, exp(-pi/(2 Q)) with the quality of the closed loop."""
+        return np.exp(-np.pi / (2 * self.loop_quality(capacitance)))
+
     def nominal_flip_time(self, capacitance: float) -> float:
         """Damped half period pi/w_d in s, w_d^2 = 1/(L C) - (R/(2 L))^2."""
         inductance, resistance = self.loop(capacitance)
