@@ -49,7 +49,7 @@ def with_parts(table: Mapping[str, Any], fields: Collection[str]) -> dict[str, A
     name, current = values.pop(DIODE), values.pop(CURRENT, USUAL_CURRENT)
     if KEYS[0] not in fields:
         raise ParameterError(DIODE, f"found {name!r}, but no key of this kind tells of diodes")
-    if name not in diodes():
+    if not isinstance(name, str) or name not in diodes():
         near = difflib.get_close_matches(str(name)[:100], diodes(), n=1)
         hint = f" (did you mean {near[0]!r}?)" if near else ""
         raise ParameterError(DIODE, f"found {str(name)[:100]!r}{hint}, allowed are {', '.join(diodes())}")
