@@ -34,8 +34,8 @@ class System:
         for place, number in enumerate(self.shunt.taken):
             if number > most:
                 key = f"others.{place - 1}.electrode" if place else "electrode"
-                further = "no further electrodes" if not most else f"further electrodes 1 to {most}"
-                raise ParameterError(key, f"found {number}, must be 0 to {most} (the transducer has {further})")
+                allowed = f"a number from 0 to {most}" if most else "0: the transducer has no further electrodes"
+                raise ParameterError(key, f"found {number}, must be {allowed}")
 
     @property
     def electrode(self) -> Pair:

@@ -244,8 +244,8 @@ def test_a_host_by_its_modes_in_a_file(tmp_path):
         ("coupling_1", "couplin_1", "transducer.modes_file", "modes.csv: the file has no column 'coupling_1'"),
         ("coupling_1,base", "coupling_1,coupling_2", "transducer.modes_file", "modes.csv: found column 'coupling_2'"),
         ("modes.csv", "none.csv", "transducer.modes_file", "the file 'none.csv' does not exist"),
-        ("capacitance = 40e-9", "capacitance = 40e-9\nmass = 1.0", "transducer.mass", "modes_file gives the modes"),
-        ("electrode = 1", "electrode = 2", "shunts.0.electrode", "found 2, must be 0 to 1"),
+        ("capacitance = 40e-9", "capacitance = 40e-9\nmass = 1.0", "transducer.mass", "found beside modes_file"),
+        ("electrode = 1", "electrode = 2", "shunts.0.electrode", "found 2, must be a number from 0 to 1"),
         ("resistance = 5e5", "resistance = -1", "shunts.0.others.0.resistance", "found -1"),
     ],
 )

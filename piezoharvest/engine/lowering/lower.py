@@ -116,7 +116,7 @@ def settled(system: System, excitation: Excitation) -> System:
     if not isinstance(system.shunt, MPPT):
         return system
     if excitation.size is None:
-        message = f"found with {excitation.kind}, must be a tracker of open-circuit voltage under a sine"
+        message = f"found mppt under {excitation.kind}, but a tracker of the open-circuit voltage needs one sine"
         raise ParameterError("kind", message)
     opened = lower(System(system.transducer, Open()), excitation)
     return System(system.transducer, system.shunt.tracked(open_voltage(opened.program)))
