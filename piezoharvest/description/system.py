@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.linear.open import Open
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.transducer import Pair, Transducer
 
@@ -41,6 +42,11 @@ class System:
     def electrode(self) -> Pair:
         """The electrodes of the shunt, of whose others it is not."""
         return self.transducer.all_electrodes[self.shunt.electrode]
+
+    @property
+    def opened(self) -> System:
+        """The transducer with the electrodes of the shunt open, and its others where they are."""
+        return System(self.transducer, Open(electrode=self.shunt.electrode, others=self.shunt.others))
 
     @property
     def shorted(self) -> System:

@@ -10,7 +10,16 @@ from oracles.ngspice import needs_ngspice, run_netlist
 from piezoharvest import simulate
 from piezoharvest.description.excitation import SineForce
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.description.shunts import SSDI, Open, ParallelRL, ParallelSSHI, Resistor, SelfPoweredSSDI, SeriesRL
+from piezoharvest.description.shunts import (
+    MPPT,
+    SSDI,
+    Open,
+    ParallelRL,
+    ParallelSSHI,
+    Resistor,
+    SelfPoweredSSDI,
+    SeriesRL,
+)
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Electrode, Mode, Transducer
 from piezoharvest.engine.lowering.lower import lower
@@ -83,6 +92,7 @@ def test_the_engine_has_all_shunts():
     [
         SSDI(inductance=0.1, quality=5.0),
         ParallelSSHI(inductance=0.1, quality=5.0, smoothing_capacitance=1e-6, load_resistance=1e6, diode_drop=0.2),
+        MPPT(fraction=0.4),
     ],
     ids=lambda shunt: shunt.kind,
 )
