@@ -92,7 +92,7 @@ def _read(path: Path, name: str, electrodes: int) -> dict[str, np.ndarray]:
     from piezoharvest.readers import ReadError, open_reader
 
     needed = ["frequency_Hz", "damping_ratio", "force", *(f"coupling_{k}" for k in range(electrodes))]
-    if not path.exists():
+    if not path.is_file():
         raise ParameterError(KEY, f"the file {name!r} does not exist")
     try:
         with open_reader(path) as reader:

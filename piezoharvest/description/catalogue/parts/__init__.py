@@ -48,11 +48,11 @@ def with_parts(table: Mapping[str, Any], fields: Collection[str]) -> dict[str, A
         return values
     name, current = values.pop(DIODE), values.pop(CURRENT, USUAL_CURRENT)
     if KEYS[0] not in fields:
-        raise ParameterError(DIODE, f"found {str(name)[:100]!r}, but this kind of shunt has no diodes")
+        raise ParameterError(DIODE, f"found {name!r:.60}, but this kind of shunt has no diodes")
     if not isinstance(name, str) or name not in diodes():
         near = difflib.get_close_matches(str(name)[:100], diodes(), n=1)
         hint = f" (did you mean {near[0]!r}?)" if near else ""
-        raise ParameterError(DIODE, f"found {str(name)[:100]!r}{hint}, allowed are {', '.join(diodes())}")
+        raise ParameterError(DIODE, f"found {name!r:.60}{hint}, allowed are {', '.join(diodes())}")
     for key in KEYS:
         if key in values:
             raise ParameterError(key, f"found beside {DIODE}, which gives it: take one of the two away")
