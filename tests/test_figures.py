@@ -68,7 +68,7 @@ class TestVibrationHarvester:
         assert found.mass == pytest.approx(5e-3, rel=1e-9)
 
     def test_more_power_than_the_voltage_can_drive(self):
-        with pytest.raises(ParameterError, match="power: found 1, allowed with this voltage, capacitance and load"):
+        with pytest.raises(ParameterError, match=r"power: found 1, must be less than \S+ W with this voltage"):
             Transducer.from_datasheet(**HARVESTER, power=1.0, load_resistance=3e4)
 
     def test_too_light(self):
@@ -120,7 +120,7 @@ class TestMaterial:
         assert free == pytest.approx(3400 * 8.8541878188e-12 * 0.03 * 0.01 / 2e-4)
 
     def test_an_impossible_one(self):
-        with pytest.raises(ParameterError, match="d31: found 1e-09, must be a size below"):
+        with pytest.raises(ParameterError, match="d31: found 1e-09, must have a magnitude below"):
             Transducer.from_datasheet(
                 d31=1e-9, s11=16e-12, relative_permittivity=1000.0, length=0.03, width=0.01, thickness=2e-4,
                 modal_mass=1e-4, quality=50.0,
@@ -131,7 +131,7 @@ class TestMaterial:
     ("changed", "message"),
     [
         ({"quality": None, "damping_ratio": None}, "quality: missing key, quality or damping_ratio is needed"),
-        ({"damping_ratio": 0.01}, "damping_ratio: found with quality beside it"),
+        ({"damping_ratio": 0.01}, "damping_ratio: found beside quality"),
         ({"open_circuit_frequency": 49.0}, "open_circuit_frequency: found 49, must be at least"),
         ({"quality": -1.0}, "quality: found -1.0, must be a finite number greater than 0"),
     ],

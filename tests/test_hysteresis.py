@@ -114,14 +114,14 @@ def test_no_operators_and_no_weights():
     assert none.charge(np.array([2.0, -1.0]), 0.5) == pytest.approx([1.0, -0.5])
     flat = Hysteresis(thresholds=(1.0,), weights=(0.0,))
     assert flat.charge(np.array([2.0, -1.0]), 0.5) == pytest.approx([1.0, -0.5])
-    with pytest.raises(ParameterError, match="must be up to 0 V"):
+    with pytest.raises(ParameterError, match="must be at most 0 V"):
         flat.charge(np.array([0.1]))
 
 
 def test_voltage_beyond_saturation_is_refused():
     hysteresis = Hysteresis(thresholds=(1.0, 2.0), weights=(1.0, 2.0))
     assert hysteresis.charge(np.array([5.0])) == pytest.approx([2.0])
-    with pytest.raises(ParameterError, match=r"voltage: found 5\.1 V, must be up to 5 V"):
+    with pytest.raises(ParameterError, match=r"voltage: found 5\.1 V, must be at most 5 V"):
         hysteresis.charge(np.array([5.1]))
 
 

@@ -437,7 +437,7 @@ class TestText:
     def test_a_detector_that_misses_extrema_is_refused(self):
         study = bench(SWITCHED["ssds"], DRIVE, effects={"missed_switching": {"threshold": 1.5}})
         with pytest.raises(
-            ParameterError, match=r"detector_threshold: found 1\.5 V, of which a netlist has no element"
+            ParameterError, match=r"detector_threshold: found 1\.5 V, for which a netlist has no element"
         ):
             netlist(study)
 

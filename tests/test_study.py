@@ -295,7 +295,7 @@ class TestValues:
             (
                 ("[5e5, 1.5e6]", "[5e5]"),
                 "transducer.hysteresis.weights",
-                "found 1 for 2 thresholds, must be one weight for each",
+                "found 1 for 2 thresholds, each threshold needs one",
             ),
             (('"bench harvester"', "7"), "title", "found 7, must be a string"),
             (
@@ -336,7 +336,7 @@ class TestValues:
 
     def test_bridge_with_both_load_and_voltage(self, tmp_path):
         found = error(tmp_path, ("dc_voltage = 10", "dc_voltage = 10\nload_resistance = 1e5"))
-        assert found.startswith("shunts.1.dc_voltage: found load_resistance and dc_voltage, must be ")
+        assert found.startswith("shunts.1.dc_voltage: found load_resistance and dc_voltage, give smoothing_")
 
     def test_whole_numbers(self, tmp_path):
         noise = 'kind = "random_force"\npsd = 1e-6\nband = [10, 20]\nduration = 5\nseed = SEED'

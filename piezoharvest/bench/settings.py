@@ -124,12 +124,12 @@ def build_bench(study: Study) -> tuple[Bench, tuple[BenchEffect, ...], tuple[Set
     """
     table = dict(study.bench)
     if study.transducer.electrodes:
-        found = f"found {len(study.transducer.electrodes)}, must be none on the virtual bench"
+        found = f"found {len(study.transducer.electrodes)}, but the virtual bench has the transducer's own only"
         raise ParameterError("transducer.electrodes", found)
     effects = _effects(study, table.pop("effects", {}))
     bench = build(Bench, table, "bench")
     if not bench.channels:
-        raise ParameterError("bench.channels", f"found none, allowed are some of {', '.join(RESPONSES)}")
+        raise ParameterError("bench.channels", f"found an empty list, needed are some of {', '.join(RESPONSES)}")
     options = bench.records or tuple(RecordOptions() for _ in study.shunts)
     setups = []
     for n, option in enumerate(options):
@@ -186,7 +186,7 @@ def _shunt(study: Study, option: RecordOptions, where: str, default: int) -> Shu
         return Resistor(resistance=option.load_resistance)
     if not study.shunts:
         raise ParameterError(
-            f"{where}.load_resistance", "missing key, must be a resistance in ohm, or a table shunt in its place"
+            f"{where}.load_resistance", "missing key, give a resistance in ohm, or a table shunt in its place"
         )
     return study.shunts[default]
 

@@ -73,7 +73,7 @@ class Product(NamedTuple):
     second: Row
 
 
-# Events of guards that are neither those of diodes nor untold.
+# Events of guards that are neither those of diodes and switches nor untold.
 EVENTS = ("supply turns on", "supply turns off", "store is full")
 
 
@@ -81,7 +81,8 @@ class Guard(NamedTuple):
     """Transition to the configuration `target` when `rises` rises through zero; `cut` names a state set to zero.
 
     `conducts` tells if something begins to conduct then; by default the sign at the end of the target's name does.
-    `event` names what happens instead, as one of `EVENTS`; where it is empty that is not told.
+    `event` names what happens instead, one of `EVENTS`, "switch closes" or "switch opens"; where it is empty nothing is
+    told.
     """
 
     rises: Row

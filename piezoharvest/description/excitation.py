@@ -200,7 +200,7 @@ class Multisine(Excitation):
         for name in ("amplitudes", "phases"):
             if len(getattr(self, name)) != len(self.frequencies):
                 found = f"found {len(getattr(self, name))} values for {len(self.frequencies)} frequencies"
-                raise ParameterError(name, f"{found}, must be one value for each frequency")
+                raise ParameterError(name, f"{found}, each frequency needs one")
         if not self.frequencies:
             raise ParameterError("frequencies", "found an empty list, at least one frequency is needed")
 
@@ -359,7 +359,7 @@ class Record(Samples):
             allowed = " or ".join(map(repr, _KINDS_OF_UNITS))
             raise ParameterError("quantity", f"found {self.quantity!r}, must be {allowed}")
         if self.gain == 0:
-            raise ParameterError("gain", "found 0, must be any finite number but 0")
+            raise ParameterError("gain", "found 0, must be a finite number other than 0")
         object.__setattr__(self, "values", self._read())
 
     @property

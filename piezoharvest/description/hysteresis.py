@@ -69,7 +69,7 @@ class Hysteresis(Component):
         if len(self.thresholds) != len(self.weights):
             raise ParameterError(
                 "weights",
-                f"found {len(self.weights)} for {len(self.thresholds)} thresholds, must be one weight for each",
+                f"found {len(self.weights)} for {len(self.thresholds)} thresholds, each threshold needs one",
             )
         for before, after in zip(self.thresholds, self.thresholds[1:], strict=False):
             if not np.all(after > before):
@@ -147,7 +147,7 @@ class Hysteresis(Component):
         if capacitance is None:
             limit = float(np.dot(self.weights, self.thresholds))
             if np.max(np.abs(voltage), initial=0.0) > limit * (1 + 1e-12):
-                raise ParameterError("voltage", f"found {np.max(np.abs(voltage)):g} V, must be up to {limit:g} V")
+                raise ParameterError("voltage", f"found {np.max(np.abs(voltage)):g} V, must be at most {limit:g} V")
         thresholds, slopes = self.inverse(capacitance)
         total = np.zeros(len(voltage))
         for r, b in zip(thresholds, slopes, strict=True):

@@ -24,6 +24,7 @@ from piezoharvest.description.parameters import ParameterError
 
 KEY = "modes_file"
 GIVEN = ("mass", "damping", "stiffness", "coupling", "effective_mass", "sensor_participation", "modes")  # by the file
+_TWICE = f"found beside {KEY}, which gives it: take one of the two away"
 
 
 def with_modes(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -42,13 +43,13 @@ def with_modes(table: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         raise ParameterError(KEY, f"found {name!r}, must be the name of a file")
     for key in GIVEN:
         if key in table:
-            raise ParameterError(key, f"{KEY} gives the modes, but only one of the two may")
+            raise ParameterError(key, _TWICE)
     electrodes = table.get("electrodes", [])
     count = 1 + len(electrodes) if isinstance(electrodes, list) else 1
     columns = _read(folder / name, name, count)
     first = np.flatnonzero(columns["force"])
     if not len(first):
-        raise ParameterError(KEY, f"{name}: found only zeros in column 'force', must be one that moves some mode")
+        raise ParameterError(KEY, f"{name}: found only zeros in column 'force', but some mode must move with it")
     order = [first[0], *(n for n in range(len(columns["force"])) if n != first[0])]
     shares = [columns["force"][first[0]], *[1.0] * (len(order) - 1)]
     modes = [_mode(columns, n, share) for n, share in zip(order, shares, strict=True)]
@@ -82,7 +83,7 @@ def _with_coupling(electrode: Any, coupling: list[float], k: int) -> Any:
     if not isinstance(electrode, dict):
         return electrode  # building it says what is wrong
     if "coupling" in electrode:
-        raise ParameterError(f"electrodes.{k}.coupling", f"{KEY} gives the couplings, but only one of the two may")
+        raise ParameterError(f"electrodes.{k}.coupling", _TWICE)
     return {**electrode, "coupling": coupling}
 
 
@@ -91,7 +92,7 @@ def _read(path: Path, name: str, electrodes: int) -> dict[str, np.ndarray]:
     from piezoharvest.readers import ReadError, open_reader
 
     needed = ["frequency_Hz", "damping_ratio", "force", *(f"coupling_{k}" for k in range(electrodes))]
-    if not path.exists():
+    if not path.is_file():
         raise ParameterError(KEY, f"the file {name!r} does not exist")
     try:
         with open_reader(path) as reader:

@@ -169,7 +169,7 @@ def _value(table: Mapping[str, Any], kind: str, key: str) -> float:
     if len(given) != 1 or given[0] not in ("value", VALUE_KEYS[kind]):
         found = f"{' and '.join(given) or 'no value'} for kind {kind}"
         where = f"{key}.{given[-1] if given else 'value'}"
-        raise ParameterError(where, f"found {found}, must be either value or {VALUE_KEYS[kind]}")
+        raise ParameterError(where, f"found {found}, give either value or {VALUE_KEYS[kind]}")
     value = table[given[0]]
     number = spice_number(value) if isinstance(value, str) else value
     if isinstance(number, bool) or not isinstance(number, int | float | np.integer | np.floating):

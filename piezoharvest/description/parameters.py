@@ -163,7 +163,7 @@ def check_range(key: str, numbers: Any, *, inverted: bool) -> None:
     beyond = (size > LARGEST) | (size < least)
     if np.any(beyond):
         found = np.ravel(numbers)[np.ravel(beyond)][0]
-        raise ParameterError(key, f"found {found:g}, must be a magnitude from {least:g} to {LARGEST:g}")
+        raise ParameterError(key, f"found {found:g}, must have a magnitude from {least:g} to {LARGEST:g}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.linear.open import Open
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.transducer import Pair, Transducer
 
@@ -34,13 +35,18 @@ class System:
         for place, number in enumerate(self.shunt.taken):
             if number > most:
                 key = f"others.{place - 1}.electrode" if place else "electrode"
-                further = "no further electrodes" if not most else f"further electrodes 1 to {most}"
-                raise ParameterError(key, f"found {number}, must be 0 to {most} (the transducer has {further})")
+                allowed = f"a number from 0 to {most}" if most else "0: the transducer has no further electrodes"
+                raise ParameterError(key, f"found {number}, must be {allowed}")
 
     @property
     def electrode(self) -> Pair:
         """The electrodes of the shunt, of whose others it is not."""
         return self.transducer.all_electrodes[self.shunt.electrode]
+
+    @property
+    def opened(self) -> System:
+        """The transducer with the electrodes of the shunt open, and its others where they are."""
+        return System(self.transducer, Open(electrode=self.shunt.electrode, others=self.shunt.others))
 
     @property
     def shorted(self) -> System:

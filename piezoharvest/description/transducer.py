@@ -122,7 +122,7 @@ class Transducer(Component):
         for n, electrode in enumerate(self.electrodes):
             if len(electrode.couplings) != wanted:
                 found = f"found {len(electrode.couplings)} for {wanted} mode{'s' if wanted > 1 else ''}"
-                raise ParameterError(f"electrodes.{n}.coupling", f"{found}, must be one for each mode")
+                raise ParameterError(f"electrodes.{n}.coupling", f"{found}, each mode needs one")
 
     @property
     def all_electrodes(self) -> tuple[Pair, ...]:

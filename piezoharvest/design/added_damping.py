@@ -26,4 +26,5 @@ def added_damping(response: Response | None, transducer: Transducer, excitation:
         return None
     taken = response.energy["harvested"] + response.energy["shunt_loss"] - response.energy.get("source", 0.0)
     impedance = 2 * math.pi / response.period * math.sqrt(transducer.stiffness * transducer.mass)
-    return float(taken / (2 * math.pi * impedance * response.displacement_amplitude**2))
+    moved = response.displacement_amplitude / transducer.all_modes[0].seen  # of the mode, wherever it is read
+    return float(taken / (2 * math.pi * impedance * moved**2))

@@ -110,7 +110,7 @@ def operation_of(excitation: Excitation, band: tuple[float, float] | None, trans
     else:
         operation = Operation(excitation, None, *_lines(excitation, transducer), apart=False)
     if not np.sum(operation.squares) > 0:
-        raise ParameterError("excitation", f"found {excitation.kind} of zero amplitude, must be one above 0")
+        raise ParameterError("excitation", f"found {excitation.kind} of zero amplitude, must have one above 0")
     return operation
 
 

@@ -82,7 +82,7 @@ class _Design:
         for n, shunt in enumerate(study.shunts):
             if shunt.taken != (0,):
                 found = f"found shunts at electrodes {', '.join(map(str, shunt.taken))}"
-                allowed = "allowed in a design is one at electrode 0, the transducer's own, all others being open"
+                allowed = "but a design has one at electrode 0 only, the transducer's own, with all others open"
                 raise ParameterError(f"shunts.{n}", f"{found}, {allowed}")
         if options.band is not None and not is_sine(study.excitation):
             self.notes.append(f"design.band is not used: {study.excitation.kind} has a spectrum of its own")

@@ -47,8 +47,9 @@ class Waveforms:
     event_times : (e,) array
         s, increasing.
     event_names : tuple of str
-        "switch closes", "switch opens", "diodes conduct", "diodes block", "voltage extracted", "hysteresis slips",
-        "hysteresis sticks", "supply turns on", "supply turns off" or "store is full", one for each event time.
+        One for each event time: "switch closes", "switch opens", "switch steps on", "controller acts",
+        "diodes conduct", "diodes block", "voltage extracted", "hysteresis slips", "hysteresis sticks",
+        "supply turns on", "supply turns off" or "store is full".
     """
 
     time: np.ndarray
@@ -207,14 +208,14 @@ def has_merit(transducer: Transducer, excitation: Excitation) -> bool:
 def figure_of_merit(power: Any, displacement: Any, system: System, excitation: Excitation) -> Any:
     """Harvested power over C V_oc^2 f, what a bridge with ideal diodes harvests at most where the coupling is weak.
 
-    V_oc = T U/C is the voltage of open electrodes at the displacement amplitude U that the circuit leaves: the figure
+    V_oc = T U/C is the voltage of open electrodes at the amplitude U of the mode that the circuit leaves: the figure
     compares circuits at the same motion, and does not count what they take of it (Ramadass & Chandrakasan 2010;
     Sanchez et al., IEEE J. Solid-State Circuits 51(12), 2016).
 
     Parameters
     ----------
     power, displacement : float or array
-        W, m.
+        W, m; the displacement is that which is read.
 
     Returns
     -------
@@ -224,10 +225,11 @@ def figure_of_merit(power: Any, displacement: Any, system: System, excitation: E
     if not has_merit(system.transducer, excitation):
         return np.nan * np.asarray(power)
     assert isinstance(excitation, SineForce | SineBase)  # has_merit
-    coupling, capacitance, frequency = (
+    electrode, seen = system.electrode, system.transducer.all_modes[0].seen
+    coupling, capacitance, seen, frequency = (
         np.squeeze(value, axis=-1) if np.ndim(value) else value
-        for value in (system.electrode.couplings[0], system.electrode.capacitance, excitation.frequency)
+        for value in (electrode.couplings[0], electrode.capacitance, seen, excitation.frequency)
     )
     with np.errstate(all="ignore"):  # the motion of what is unstable has any size
-        unit = (coupling * np.asarray(displacement, dtype=float)) ** 2 / capacitance * frequency
+        unit = (coupling * np.asarray(displacement, dtype=float) / seen) ** 2 / capacitance * frequency
         return np.where(unit > 0, power / unit, np.nan)

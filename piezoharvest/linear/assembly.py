@@ -142,7 +142,7 @@ def hysteresis_slope(
         operating_point = [operating_point == "slip"] * len(weights)
     if len(operating_point) != len(weights):
         found = f"found {len(operating_point)} flags for {len(weights)} operators"
-        raise ParameterError("operating_point", f"{found}, must be one flag for each operator")
+        raise ParameterError("operating_point", f"{found}, each operator needs one")
     return sum((w for w, slips in zip(weights, operating_point, strict=True) if not slips), 0.0)
 
 

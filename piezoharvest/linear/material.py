@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.figures.material import conversion, stack_values
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.linear.assembly import require_positive
 
@@ -34,10 +34,7 @@ def material_coupling(d: float, s: float, epsilon: float) -> float:
     """
     require_positive("s", s, "m^2/N")
     require_positive("epsilon", epsilon, "F/m")
-    coupling = d**2 / (s * epsilon)
-    if not coupling < 1:
-        raise ParameterError("d", f"found {d}, must be |d| less than sqrt(s eps) = {np.sqrt(s * epsilon):g} C/N")
-    return coupling
+    return conversion(d, s, epsilon)
 
 
 def static_matrix(d: float, s: float, epsilon: float) -> np.ndarray:
@@ -90,17 +87,13 @@ def from_material(
     ParameterError
         A value is not positive or k33^2 is not below 1.
     """
-    k33 = material_coupling(d, s, epsilon)
+    material_coupling(d, s, epsilon)  # the constants are allowed
     require_positive("area", area, "m^2")
     require_positive("thickness", thickness, "m")
     require_positive("layers", layers, "layers")
+    stiffness, coupling, capacitance = stack_values(d, s, epsilon, area=area, thickness=thickness, layers=layers)
     return Transducer(
-        mass=mass,
-        damping=damping,
-        stiffness=area / (s * layers * thickness),
-        coupling=d * area / (s * thickness),
-        capacitance=layers * area * epsilon * (1 - k33) / thickness,
-        **others,
+        mass=mass, damping=damping, stiffness=stiffness, coupling=coupling, capacitance=capacitance, **others
     )
 
 

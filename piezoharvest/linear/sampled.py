@@ -14,7 +14,6 @@ import numpy as np
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.damping.digital import MOST_DELAYS, Digital
-from piezoharvest.description.shunts.linear.open import Open
 from piezoharvest.description.system import System
 from piezoharvest.equations.circuits import circuit_equations, circuit_states
 from piezoharvest.linear.assembly import LinearModel, connect
@@ -192,7 +191,7 @@ def _shunt(system: System) -> Digital:
 def _under_current(system: System) -> LinearModel:
     """Rows of the transducer with the other shunts, a current imposed at the digital one's electrodes."""
     number = system.shunt.electrode
-    opened = System(system.transducer, Open(electrode=number, others=system.shunt.others))
+    opened = system.opened
 
     def terminate(ports, z, dz, w):
         of_ports, own = circuit_equations(opened.shunt, "linear", ports, z, dz)

@@ -47,13 +47,13 @@ def write_breakers(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint) 
         circuit = write_bridge(deck, shunt, point) if isinstance(shunt, Bridge) else NetlistCircuit()
     if shunt.consumption and isinstance(shunt, Bridge):
         circuit = circuit._replace(harvested=f"{circuit.harvested} - {number(shunt.consumption)}")
-    return circuit._replace(fastest=shunt.nominal_flip_time(point.transducer.capacitance))
+    return circuit._replace(fastest=shunt.nominal_flip_time(point.capacitance))
 
 
 def _write_coil(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint, in_line: bool) -> tuple[str, str]:
     """Coil and both breakers; return the currents of these in the direction of their diodes."""
-    inductance, resistance = shunt.loop(point.transducer.capacitance)
-    impedance = math.sqrt(inductance / point.transducer.capacitance)
+    inductance, resistance = shunt.loop(point.capacitance)
+    impedance = math.sqrt(inductance / point.capacitance)
     least = CLOSED * impedance
     low, high = number(math.log(OPEN)), number(math.log(1 / CLOSED))
     latches = [_write_breaker(deck, shunt, point, *side) for side in (("high", "V(p)"), ("low", "(-V(p))"))]
@@ -76,7 +76,7 @@ def _write_coil(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint, in_
 
 def _write_breaker(deck: Deck, shunt: ElectronicBreaker, point: OperatingPoint, name: str, across: str) -> str:
     """Envelope capacitor and latch of one breaker, `across` which this voltage lies; return the latch's node."""
-    flip = shunt.nominal_flip_time(point.transducer.capacitance)
+    flip = shunt.nominal_flip_time(point.capacitance)
     deck.section(f"breaker of the {name} voltage: V({name}) is held, V(on{name}) is 1 while it is on")
     drop = deck.parameter("diode_drop", shunt.diode_drop)
     threshold = deck.parameter("threshold", shunt.threshold)

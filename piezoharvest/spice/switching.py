@@ -36,8 +36,8 @@ def write_timing(deck: Deck, switch: Switch, on_time: float, point: OperatingPoi
         The switch leaves out extrema at small voltages: the lines that delay the pulse cannot tell one from another.
     """
     if switch.threshold > 0:
-        found = f"found {switch.threshold:g} V, of which a netlist has no element"
-        raise ParameterError("detector_threshold", f"{found}, must be 0: a switch that acts at every extremum")
+        found = f"found {switch.threshold:g} V, for which a netlist has no element"
+        raise ParameterError("detector_threshold", f"{found}, must be 0, with which the switch acts at every extremum")
     deck.section("timing of the switch: V(pulse...) is 1 after a maximum and -1 after a minimum of sum T_i x_i, else 0")
     deck.comment(
         f"V(extremum) is the sign of sum T_i x_i', rounded over {number(EDGE * on_time)} s to each side of a crossing, "

@@ -68,7 +68,7 @@ def build_effect(name: str, table: Any, where: str) -> Effect:
     }
     law = Law(**parts)
     if in_a_path(law.name) != name:
-        raise ParameterError(where, f"found the law {in_a_path(law.name)!r} under this name, must be its own")
+        raise ParameterError(where, f"found the law {in_a_path(law.name)!r} under this name, must have its own")
     return law
 
 

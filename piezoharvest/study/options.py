@@ -66,7 +66,7 @@ class DesignOptions(Component):
             raise ParameterError("band", f"found {list(self.band)}, must be [lower, upper] with lower < upper (Hz)")
         if self.parts_tolerance is not None and self.parts is None:
             found = f"found {self.parts_tolerance:g} without parts"
-            raise ParameterError("parts_tolerance", f"{found}, must be a tolerance with parts = a series (E3 to E192)")
+            raise ParameterError("parts_tolerance", f"{found}, but needs parts = a series (E3 to E192)")
         if self.worst_case and self.tolerance is None:
             raise ParameterError("worst_case", "found true without a tolerance, it needs a table [design.tolerance]")
         if self.candidates is not None and not self.candidates:

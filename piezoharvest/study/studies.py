@@ -81,7 +81,7 @@ def _check_free_frequency(driven: Excitation, design: DesignOptions | None) -> N
     """Raise `ParameterError` if a free frequency has nothing to be sought in, or for."""
     given = f"excitation.frequency = {FREE!r}"
     if not hasattr(driven, "frequency"):
-        raise ParameterError("excitation.kind", f"found {driven.kind!r}, allowed with a free frequency is a sine")
+        raise ParameterError("excitation.kind", f"found {driven.kind!r}, must be a sine where the frequency is free")
     if design is None:
         raise ParameterError(
             "excitation.frequency", f"found {FREE!r} without a table [design], in whose band it is sought"
@@ -91,7 +91,7 @@ def _check_free_frequency(driven: Excitation, design: DesignOptions | None) -> N
     if design.objective != "harvest":
         why = "vibration is least where nothing resonates"
         raise ParameterError(
-            "design.objective", f"found {design.objective!r}, allowed with {given} is 'harvest', as {why}"
+            "design.objective", f"found {design.objective!r}, must be 'harvest' with {given}, as {why}"
         )
     if SYNTHESISED in (design.candidates or ()):
         why = "at a frequency of its own an RL circuit draws all that a passive network can"

@@ -193,5 +193,5 @@ def test_only_a_sine_has_a_frequency_to_be_free(study, capsys):
     assert "excitation.frequency: unknown key" in capsys.readouterr().err
     noise = RandomForce(psd=1.0, band=(1.0, 10.0), duration=10.0, seed=1)
     make = partial(Study, transducer=None, design=DesignOptions(band=(1, 2)), free_frequency=True)  # type: ignore
-    with pytest.raises(ParameterError, match="allowed with a free frequency is a sine"):
+    with pytest.raises(ParameterError, match="must be a sine where the frequency is free"):
         make(excitation=noise)

@@ -63,9 +63,10 @@ def test_resistor_in_weak_coupling(host, run):
     assert best.converged and best.feasible
 
 
-def test_a_resistor_adds_the_damping_of_its_formula(host, run):
-    """A resistor takes as much of the motion as a damper of T^2 R/(1 + (w R C)^2)."""
-    transducer = host(0.1, 50)
+@pytest.mark.parametrize("seen", [None, -0.5])
+def test_a_resistor_adds_the_damping_of_its_formula(host, run, seen):
+    """A resistor takes as much of the motion as a damper of T^2 R/(1 + (w R C)^2), wherever that is read."""
+    transducer = host(0.1, 50, sensor_participation=seen)
     best = run(transducer, 52.0, objective="damping", candidates=("resistor",)).best
     load, w = best.shunt.resistance, 2 * np.pi * 52.0
     damper = transducer.coupling**2 * load / (1 + (w * load * transducer.capacitance) ** 2)

@@ -256,5 +256,5 @@ def test_a_tracker_is_the_whole_dc_side(given):
 
 def test_a_tracker_needs_a_sine():
     noise = RandomForce(psd=1.0, band=(10.0, 20.0), duration=1.0, seed=1)
-    with pytest.raises(ParameterError, match="found with random_force"):
+    with pytest.raises(ParameterError, match="found mppt under random_force"):
         simulate(System(STIFF, MPPT(fraction=0.5)), noise)

@@ -94,6 +94,7 @@ def test_diodes_of_the_catalogue(name):
     [
         ({"kind": "rectifier", "dc_voltage": 1.0, "diode": "1N4149"}, "shunt.diode"),
         ({"kind": "rectifier", "dc_voltage": 1.0, "diode": 3}, "shunt.diode"),
+        ({"kind": "rectifier", "dc_voltage": 1.0, "diode": ["BAT54"]}, "shunt.diode"),
         ({"kind": "rectifier", "dc_voltage": 1.0, "diode": "BAT54", "diode_drop": 0.3}, "shunt.diode_drop"),
         ({"kind": "rectifier", "dc_voltage": 1.0, "diode": "BAT54", "diode_current": -1.0}, "shunt.diode_current"),
         ({"kind": "rectifier", "dc_voltage": 1.0, "diode_current": 1.0}, "shunt.diode_current"),

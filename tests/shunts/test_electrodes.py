@@ -10,7 +10,16 @@ from oracles.ngspice import needs_ngspice, run_netlist
 from piezoharvest import simulate
 from piezoharvest.description.excitation import SineForce
 from piezoharvest.description.parameters import ParameterError
-from piezoharvest.description.shunts import SSDI, Open, ParallelRL, ParallelSSHI, Resistor, SeriesRL
+from piezoharvest.description.shunts import (
+    MPPT,
+    SSDI,
+    Open,
+    ParallelRL,
+    ParallelSSHI,
+    Resistor,
+    SelfPoweredSSDI,
+    SeriesRL,
+)
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Electrode, Mode, Transducer
 from piezoharvest.engine.lowering.lower import lower
@@ -83,6 +92,7 @@ def test_the_engine_has_all_shunts():
     [
         SSDI(inductance=0.1, quality=5.0),
         ParallelSSHI(inductance=0.1, quality=5.0, smoothing_capacitance=1e-6, load_resistance=1e6, diode_drop=0.2),
+        MPPT(fraction=0.4),
     ],
     ids=lambda shunt: shunt.kind,
 )
@@ -96,6 +106,26 @@ def test_electrodes_are_alike(shunt):
     names = ("harvested_power", "mechanical_power", "displacement_amplitude", "voltage_amplitude", "attenuation_db")
     for name in names:
         assert getattr(other, name) == pytest.approx(getattr(one, name), rel=1e-8, abs=1e-15), name
+
+
+def test_breakers_have_the_loop_of_their_electrodes():
+    """In a netlist, too: coil and resistances are those beside the capacitance of the electrodes of the circuit."""
+    keys = {"quality": 5.0, "inductance": 0.1, "envelope_capacitance": 1e-9, "threshold": 0.6}
+    loops = []
+    for transducer, electrode in ((host(FIRST, OWN), 0), (host(OWN, FIRST), 1)):
+        text = export_spice(transducer, SelfPoweredSSDI(**keys, electrode=electrode), DRIVE, start="rest")
+        loops.append([line for line in text.splitlines() if "loop" in line or "snubber" in line])
+    assert loops[0] and loops[0] == loops[1]
+
+
+def test_the_figure_of_merit_is_of_the_mode_wherever_it_is_read():
+    plain = {"mass": 0.010, "damping": 0.0628, "stiffness": 986.96, "coupling": 1e-3, "capacitance": 40e-9}
+    found = [
+        simulate(System(Transducer(**plain, sensor_participation=seen), Resistor(resistance=5e4)), DRIVE)
+        for seen in (1.0, -0.4)
+    ]
+    assert found[1].displacement_amplitude == pytest.approx(0.4 * found[0].displacement_amplitude, rel=1e-9)
+    assert found[1].figure_of_merit == pytest.approx(found[0].figure_of_merit, rel=1e-9)
 
 
 def test_open_electrodes_stiffen_the_modes():
@@ -224,8 +254,8 @@ def test_a_host_by_its_modes_in_a_file(tmp_path):
         ("coupling_1", "couplin_1", "transducer.modes_file", "modes.csv: the file has no column 'coupling_1'"),
         ("coupling_1,base", "coupling_1,coupling_2", "transducer.modes_file", "modes.csv: found column 'coupling_2'"),
         ("modes.csv", "none.csv", "transducer.modes_file", "the file 'none.csv' does not exist"),
-        ("capacitance = 40e-9", "capacitance = 40e-9\nmass = 1.0", "transducer.mass", "modes_file gives the modes"),
-        ("electrode = 1", "electrode = 2", "shunts.0.electrode", "found 2, must be 0 to 1"),
+        ("capacitance = 40e-9", "capacitance = 40e-9\nmass = 1.0", "transducer.mass", "found beside modes_file"),
+        ("electrode = 1", "electrode = 2", "shunts.0.electrode", "found 2, must be a number from 0 to 1"),
         ("resistance = 5e5", "resistance = -1", "shunts.0.others.0.resistance", "found -1"),
     ],
 )

@@ -96,6 +96,14 @@ def test_extraction():
     assert steady(shunt).harvested_power == pytest.approx(wanted, rel=CLOSE, abs=0)
 
 
+def test_a_switch_with_a_resistance_inverts_less():
+    """As in a parallel SSHI: the quality is that of the loop with its switch."""
+    keys = {"inductance": 0.1, "quality": 5.0, "switch_resistance": 100.0, "dc_voltage": 1.0}
+    root = math.sqrt(0.1 / CAPACITANCE)
+    found = SelfPoweredSSHI(**keys, envelope_capacitance=1e-9, threshold=0.6).inversion(CAPACITANCE)
+    assert found == pytest.approx(math.exp(-math.pi / 2 * (1 / 5.0 + 100.0 / root)), rel=1e-12)
+
+
 def test_damping():
     """The peak is what a breaker fires at, with threshold and drop."""
     fires = (2 * V_OC * COS - DROP * (1 + INVERTED)) / (1 - INVERTED)

@@ -122,7 +122,7 @@ class TestLanguage:
             ("I1 p a 1m\nI2 a 0 1m\nR1 p 0 1", "has no path for its current"),
             ("S1 p 0 a 0 s\n.model s SW(Ron=1 Roff=1meg Vt=1)", "nothing but a control is connected to node 'a'"),
             ("S1 p 0 p 0 s\n.model s SW(Vt=1 Vh=-0.1)", "below 0 it is smooth"),
-            ("L1 p 0 1\nL2 p 0 1\nK1 L1 L2 1", "line 4: K1: found 1, must be between 0 and 1"),
+            ("L1 p 0 1\nL2 p 0 1\nK1 L1 L2 1", "line 4: K1: found 1, must have a magnitude between 0 and 1"),
             ("X1 p 0 amp\n", "line 2: X1: found subcircuit 'amp', which the net list does not have"),
             (".subckt a p q\nX1 p q a\n.ends\nX1 p 0 a", "subcircuits within each other more than"),
             ("R1 p 0 -5", "line 2: R1: found -5, must be a value greater than 0"),

@@ -9,21 +9,31 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from importlib import resources
+from importlib.resources.abc import Traversable
 from typing import Any
 
 _SUFFIX = ".toml"
 
 
+def toml_files(folder: str = "") -> dict[str, Traversable]:
+    """TOML files of a folder beside this module, by the names of what is in them."""
+    files = sorted(resources.files(__name__).joinpath(folder).iterdir(), key=lambda file: file.name)
+    return {file.name.removesuffix(_SUFFIX): file for file in files if file.name.endswith(_SUFFIX)}
+
+
+def content(file: Traversable) -> dict[str, Any]:
+    """Tables of a file of `toml_files`."""
+    return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
 def names() -> tuple[str, ...]:
     """Names of all entries."""
-    files = (file.name for file in resources.files(__name__).iterdir())
-    return tuple(sorted(name.removesuffix(_SUFFIX) for name in files if name.endswith(_SUFFIX)))
+    return tuple(toml_files())
 
 
 def materials() -> tuple[str, ...]:
     """Names of all materials."""
-    files = (file.name for file in resources.files(__name__).joinpath("materials").iterdir())
-    return tuple(sorted(name.removesuffix(_SUFFIX) for name in files if name.endswith(_SUFFIX)))
+    return tuple(toml_files("materials"))
 
 
 def material(name: str) -> dict[str, Any]:
@@ -34,10 +44,7 @@ def material(name: str) -> dict[str, Any]:
     KeyError
         There is no such material.
     """
-    if name not in materials():
-        raise KeyError(name)
-    file = resources.files(__name__).joinpath("materials", name + _SUFFIX)
-    return tomllib.loads(file.read_text(encoding="utf-8"))
+    return content(toml_files("materials")[name])
 
 
 def entry(name: str) -> dict[str, Any]:
@@ -48,9 +55,7 @@ def entry(name: str) -> dict[str, Any]:
     KeyError
         There is no such entry.
     """
-    if name not in names():
-        raise KeyError(name)
-    return tomllib.loads(resources.files(__name__).joinpath(name + _SUFFIX).read_text(encoding="utf-8"))
+    return content(toml_files()[name])
 
 
 def transducer_table(name: str, over: Mapping[str, Any] | None = None) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from piezoharvest.description.figures.modal import Modal
 from piezoharvest.description.figures.open_circuit import OpenCircuit
 from piezoharvest.description.figures.plate import Plate
 from piezoharvest.description.figures.stack import Stack
-from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.parameters import ParameterError, check_choice
 
 # A kind of data sheet is recognised by the first of these keys that is there.
 DATA_SHEETS: dict[str, type[Figures]] = {
@@ -54,9 +54,7 @@ def _with_material(figures: Mapping[str, Any]) -> dict[str, Any]:
     if "material" not in given:
         return given
     name = given.pop("material")
-    if name not in catalogue.materials():
-        known = ", ".join(catalogue.materials())
-        raise ParameterError("material", f"found {str(name)[:60]!r}, allowed are {known}")
+    check_choice("material", name, catalogue.materials())
     constants = catalogue.material(name)["material"]
     keys = ("d31", "s11") if "length" in given else ("d33", "s33")
     return {**{key: constants[key] for key in (*keys, "relative_permittivity")}, **given}

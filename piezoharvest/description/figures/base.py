@@ -85,7 +85,7 @@ def one_of(figures: Component, first: str, second: str) -> None:
     """Raise `ParameterError` unless exactly one of two keys is given."""
     given = [key for key in (first, second) if getattr(figures, key) is not None]
     if len(given) == 2:
-        raise ParameterError(second, f"found with {first} beside it, only one of the two may be given")
+        raise ParameterError(second, f"found beside {first}, only one of the two may be given")
     if not given:
         raise ParameterError(first, f"missing key, {first} or {second} is needed")
 

@@ -75,7 +75,7 @@ class OpenCircuit(Figures):
             most = self._power(math.exp(high))
             raise ParameterError(
                 "power",
-                f"found {wanted:g}, allowed with this voltage, capacitance and load is less than {most:.3g} W (peak "
+                f"found {wanted:g}, must be less than {most:.3g} W with this voltage, capacitance and load (peak "
                 "values are amplitudes, power is a mean)",
             )
 

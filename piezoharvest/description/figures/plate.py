@@ -25,10 +25,10 @@ class Plate(StaticFigures):
 
     def lumped(self) -> Lumped:
         """Values of the transducer, see `Figures.lumped`."""
-        k31 = conversion("d31", self.d31, self.s11, self.relative_permittivity)
+        permittivity = self.relative_permittivity * VACUUM_PERMITTIVITY
+        k31 = conversion(self.d31, self.s11, permittivity, "d31")
         stiffness = self.width * self.thickness / (self.s11 * self.length)
         coupling = self.d31 * self.width / self.s11
-        permittivity = self.relative_permittivity * VACUUM_PERMITTIVITY
         capacitance = self.length * self.width * permittivity * (1 - k31) / self.thickness
         return self.with_mass(
             stiffness, coupling, capacitance, "field and stress are uniform, far below the plate's own waves",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from piezoharvest.description.figures.base import Lumped, StaticFigures
-from piezoharvest.description.figures.material import VACUUM_PERMITTIVITY, conversion
+from piezoharvest.description.figures.material import VACUUM_PERMITTIVITY, stack_values
 from piezoharvest.description.parameters import quantity
 
 
@@ -25,12 +25,11 @@ class Stack(StaticFigures):
 
     def lumped(self) -> Lumped:
         """Values of the transducer, see `Figures.lumped`."""
-        k33 = conversion("d33", self.d33, self.s33, self.relative_permittivity)
-        stiffness = self.area / (self.s33 * self.layers * self.thickness)
-        coupling = self.d33 * self.area / (self.s33 * self.thickness)
-        permittivity = self.relative_permittivity * VACUUM_PERMITTIVITY
-        capacitance = self.layers * self.area * permittivity * (1 - k33) / self.thickness
+        values = stack_values(
+            self.d33, self.s33, self.relative_permittivity * VACUUM_PERMITTIVITY,
+            area=self.area, thickness=self.thickness, layers=self.layers, key="d33",
+        )  # fmt: skip
         return self.with_mass(
-            stiffness, coupling, capacitance, "field and stress are uniform, far below the stack's own waves",
+            *values, "field and stress are uniform, far below the stack's own waves",
             "glue, electrodes and inactive ends are left out",
         )  # fmt: skip

@@ -44,11 +44,11 @@ class Shunt(Component):
         for n, other in enumerate(self.others):
             if not isinstance(other, LinearShunt) or other.others:
                 found = getattr(other, "kind", type(other).__name__) + (" with others" if other.others else "")
-                allowed = "allowed are linear circuits (no switches, no diodes) without others"
+                allowed = "must be a linear circuit (no switches, no diodes) without others"
                 raise ParameterError(f"others.{n}", f"found {found}, {allowed}")
             if other.electrode in taken:
                 found = f"found {other.electrode}, where there is a shunt already"
-                raise ParameterError(f"others.{n}.electrode", f"{found}, allowed are other electrodes")
+                raise ParameterError(f"others.{n}.electrode", f"{found}: each needs electrodes of its own")
             taken.append(other.electrode)
 
     @property

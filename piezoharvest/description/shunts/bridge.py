@@ -60,7 +60,7 @@ class Bridge(Shunt):
         begins: Any = 0.0 if self.initial_dc_voltage is None else np.real(self.initial_dc_voltage)
         if np.any(begins > limit):
             found = f"found {np.max(begins):g} V"
-            allowed = f"must be up to storage.max_voltage ({np.min(limit):g} V)"
+            allowed = f"must be at most storage.max_voltage ({np.min(limit):g} V)"
             raise ParameterError("initial_dc_voltage", f"{found}, {allowed}")
 
     def _check_dc_side(self) -> None:
@@ -69,12 +69,12 @@ class Bridge(Shunt):
         if given == ["dc_voltage"]:
             for unused in ("storage", "initial_dc_voltage"):
                 if getattr(self, unused) is not None:
-                    raise ParameterError(unused, "found beside dc_voltage, must be one with a smoothing_capacitance")
+                    raise ParameterError(unused, "found beside dc_voltage, but belongs to a smoothing_capacitance")
         elif given != keys[:2] and not (self.storage is not None and given == keys[:1]):
             raise ParameterError(
                 given[-1] if given else "smoothing_capacitance",
                 f"found {' and '.join(given) or 'no dc side'}, "
-                "must be smoothing_capacitance with load_resistance or a table storage, or dc_voltage alone",
+                "give smoothing_capacitance with load_resistance or a table storage, or dc_voltage alone",
             )
 
     def bridge_states(self) -> tuple[State, ...]:

@@ -176,7 +176,8 @@ class SpiceCircuit(Shunt):
         matrix = np.diag([coil.value for coil in coils]) if coils else np.zeros((0, 0))
         for coupling in self._circuit[2]:
             if not 0 < abs(coupling.value) < 1:
-                raise refusal(coupling.line, f"{coupling.name}: found {coupling.value:g}, must be between 0 and 1")
+                found = f"found {coupling.value:g}, must have a magnitude between 0 and 1"
+                raise refusal(coupling.line, f"{coupling.name}: {found}")
             for first, second in itertools.combinations(coupling.of, 2):
                 if first not in places or second not in places:
                     missing = first if first not in places else second

@@ -84,9 +84,9 @@ class SwitchedCoil(Shunt):
         super().__post_init__()
         if (self.inductance is None) == (self.flip_time is None):
             found = "neither inductance nor" if self.inductance is None else "both inductance and"
-            raise ParameterError("inductance", f"found {found} flip_time, must be one of them")
+            raise ParameterError("inductance", f"found {found} flip_time, give one of the two")
         if self.switch_resistance is not None and self.flip_time is not None:
-            raise ParameterError("switch_resistance", "found beside flip_time, must be one with inductance only")
+            raise ParameterError("switch_resistance", "found beside flip_time, but belongs to an inductance")
 
     def loop(self, capacitance: float) -> tuple[float, float]:
         """Inductance (H) and resistance (ohm) of the loop with the clamped capacitance (F).
@@ -116,6 +116,10 @@ class SwitchedCoil(Shunt):
         """Quality sqrt(L/C)/R of the loop with its switch; raises as `loop`."""
         inductance, resistance = self.loop(capacitance)
         return np.sqrt(inductance / capacitance) / resistance
+
+    def inversion(self, capacitance: float) -> Any:
+        """Share of the voltage that half a swing inverts, exp(-pi/(2 Q)) with the quality of the closed loop."""
+        return np.exp(-np.pi / (2 * self.loop_quality(capacitance)))
 
     def nominal_flip_time(self, capacitance: float) -> float:
         """Damped half period pi/w_d in s, w_d^2 = 1/(L C) - (R/(2 L))^2."""

@@ -142,11 +142,11 @@ def _body(text: str) -> _Body:
     for n, line in _logical_lines(text):
         words = _words(line)
         if not words:
-            raise refusal(n, f"found {line!r}, must be an element or a command")
+            raise refusal(n, f"found {line!r}, which is neither an element nor a command")
         head = words[0].lower()
         if head == ".subckt":
             if len(words) < 3:
-                raise refusal(n, f"found {line!r}, must be .subckt NAME PIN PIN ...")
+                raise refusal(n, f"found {line!r}, must read .subckt NAME PIN PIN ...")
             bare = [word for word in words[2:] if "=" not in word and word.lower() != "params:"]
             given = dict(word.lower().split("=", 1) for word in words[2:] if "=" in word)
             stack.append(_Body(tuple(pin.lower() for pin in bare), given))
@@ -181,11 +181,11 @@ def _command(body: _Body, n: int, words: list[str]) -> None:
         for word in words[1:]:
             name, sign, value = word.partition("=")
             if not sign or not value:
-                raise refusal(n, f"found {word!r}, must be .param NAME=VALUE")
+                raise refusal(n, f"found {word!r}, must read NAME=VALUE, as in .param NAME=VALUE")
             body.parameters.append((n, name.lower(), value))
     elif head == "model":
         if len(words) < 3:
-            raise refusal(n, f"found {' '.join(words)!r}, must be .model NAME D(...) or SW(...)")
+            raise refusal(n, f"found {' '.join(words)!r}, must read .model NAME D(...) or .model NAME SW(...)")
         values = {key.lower(): value for key, _, value in (word.partition("=") for word in words[3:])}
         body.models[words[1].lower()] = _Model(words[2].lower(), values, n)
     elif head not in _IGNORED:
@@ -263,7 +263,7 @@ def _part(words, n, scopes, known, prefix, nodes) -> Iterator[Part]:
     rest = bare[count:]
     if kind == "K":
         if len(bare) < 3:
-            raise ValueError("found too few words, must be K1 L1 L2 0.99")
+            raise ValueError("found too few words, must read as K1 L1 L2 0.99")
         yield Part(name, kind, (), value_of(bare[-1], known), n, tuple((prefix + word).lower() for word in bare[:-1]))
         return
     if len(ends) < count or not rest:
@@ -275,7 +275,7 @@ def _part(words, n, scopes, known, prefix, nodes) -> Iterator[Part]:
         yield Part(name, kind, ends, _constant(rest, known), n)
         return
     if len(rest) > 1:
-        raise ValueError(f"found {' '.join(rest)!r}, must be one value")
+        raise ValueError(f"found {' '.join(rest)!r}, only one value may stand here")
     series = value_of(options.pop("rser"), known) if "rser" in options else 0.0
     strange = sorted(options.keys() - _LABELS)
     if strange:
@@ -308,9 +308,10 @@ def _resolved(called: str, kind: str, scopes: Sequence[_Body], known: Mapping[st
     model = next((scope.models[called.lower()] for scope in reversed(scopes) if called.lower() in scope.models), None)
     wanted, defaults, example = _MODELS[kind]
     if model is None:
-        raise ValueError(f"found model {called!r}, which the net list does not have; allowed is {example}")
+        raise ValueError(f"found model {called!r}, which the net list does not have: give one such as {example}")
     if model.kind != wanted:
-        raise ValueError(f"found model {called} of kind {model.kind!r} (line {model.line}), must be {example}")
+        found = f"found model {called} of kind {model.kind!r} (line {model.line})"
+        raise ValueError(f"{found}, must be one such as {example}")
     values = dict(defaults)
     for key, text in model.values.items():
         if key in ("epsilon", "revepsilon") and value_of(text, known) == 0:
@@ -319,15 +320,17 @@ def _resolved(called: str, kind: str, scopes: Sequence[_Body], known: Mapping[st
             if key in _LABELS:
                 continue
             raise ValueError(f"found {key} in the model {called} (line {model.line}), which is not piecewise linear; "
-                             f"must be {example}")  # fmt: skip
+                             f"must be one such as {example}")  # fmt: skip
         values[key] = value_of(text, known)
     if kind == "D" and not model.values.keys() & {"ron", "roff", "vfwd"}:
-        raise ValueError(f"found model {called} (line {model.line}), whose law is exponential; allowed is {example}")
+        found = f"found model {called} (line {model.line}), whose law is exponential"
+        raise ValueError(f"{found}, must be one such as {example}")
     for key in ("ron", "roff"):
         if not values[key] > 0:
-            raise ValueError(f"found {key}={values[key]:g} in the model {called}, must be more than 0")
+            raise ValueError(f"found {key}={values[key]:g} in the model {called}, must be greater than 0")
     if values["roff"] <= values["ron"]:
-        raise ValueError(f"found Roff below Ron in the model {called}, must be more")
+        least = f"must be greater than Ron={values['ron']:g}"
+        raise ValueError(f"found Roff={values['roff']:g} in the model {called}, {least}")
     if values.get("vh", 0.0) < 0:
-        raise ValueError(f"found vh={values['vh']:g} in the model {called}: below 0 it is smooth; allowed is 0 or more")
+        raise ValueError(f"found vh={values['vh']:g} in the model {called}, must be at least 0: below 0 it is smooth")
     return values

@@ -63,9 +63,9 @@ class Box:
         """
         widths = dict(tolerance.widths)
         if "frequency" in widths and (operation.band is not None or not is_sine(operation.excitation)):
-            found = "a band, which holds its frequencies already" if operation.band else operation.excitation.kind
-            key = "design.tolerance.frequency"
-            raise ParameterError(key, f"found {widths['frequency']:g} with {found}, must be a sine of one frequency")
+            given = "a band, which holds its frequencies already" if operation.band else operation.excitation.kind
+            found = f"found {widths['frequency']:g} with {given}"
+            raise ParameterError("design.tolerance.frequency", f"{found}, only a sine of one frequency may have it")
         if load_field(shunt) is None:
             widths.pop("load", None)
         region = region or ConfidenceRegion()

@@ -85,7 +85,7 @@ def region_of(tolerance: Tolerance) -> ConfidenceRegion:
     names = tuple(name for name in NAMES if name in specimen.values and name not in own)
     lacking = [name for name in NAMES if name in specimen.lacking and name not in own and name not in names]
     if lacking:
-        remedy = f"must be a half-width {lacking[0]} in [design.tolerance], 0 where it is known"
+        remedy = f"give a half-width {lacking[0]} in [design.tolerance], 0 if it is known"
         raise ParameterError(_KEY, f"{path.name} has no standard error of {lacking[0]}, {remedy}")
     if not names and not own:
         raise ParameterError(_KEY, f"{path.name} holds none of {', '.join(NAMES)}, at least one is needed")
@@ -105,6 +105,6 @@ def _region(specimen: Specimen, names: tuple[str, ...], level: float, path: Path
     for name, width in zip(names, radius * np.sqrt(np.diag(relative)), strict=True):
         if not width < 1:
             found = f"the region of {100 * level:g} % reaches {width:.3g} of the value"
-            raise ParameterError(_KEY, f"{path.name} leaves {name} open: {found}, must be less than 1, or a "
+            raise ParameterError(_KEY, f"{path.name} leaves {name} open: {found}, must be less than 1, else give a "
                                        f"half-width {name} in [design.tolerance]")  # fmt: skip
     return ConfidenceRegion(names, radius * root_of(relative), radius)

@@ -111,7 +111,7 @@ def powers(
 def _impedance(bridge: Bridge, x: np.ndarray, drop: np.ndarray, capacitance: float) -> tuple[np.ndarray, np.ndarray]:
     """Equivalent impedance and its harvested part, both times C w."""
     if isinstance(bridge, SeriesSSHI | SelfPoweredSeriesSSHI):
-        inversion = np.exp(-np.pi / (2 * bridge.loop_quality(capacitance)))
+        inversion = bridge.inversion(capacitance)
         g = (1 + inversion) / (1 - inversion)
         ratio = np.minimum((2 * g * x + np.pi * drop) / (np.pi + 2 * g * x), 1.0)
         harvested = 4 / np.pi * g * np.maximum(ratio - drop, 0) * (1 - ratio)

@@ -13,7 +13,6 @@ from piezoharvest.description.limits import check_size
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.harvesting.mppt import MPPT
-from piezoharvest.description.shunts.linear.open import Open
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.shunts.stored import with_supply
 from piezoharvest.description.system import System
@@ -116,9 +115,9 @@ def settled(system: System, excitation: Excitation) -> System:
     if not isinstance(system.shunt, MPPT):
         return system
     if excitation.size is None:
-        message = f"found with {excitation.kind}, must be a tracker of open-circuit voltage under a sine"
+        message = f"found mppt under {excitation.kind}, but a tracker of the open-circuit voltage needs one sine"
         raise ParameterError("kind", message)
-    opened = lower(System(system.transducer, Open()), excitation)
+    opened = lower(system.opened, excitation)
     return System(system.transducer, system.shunt.tracked(open_voltage(opened.program)))
 
 

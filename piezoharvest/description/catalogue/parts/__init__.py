@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from collections.abc import Collection, Mapping
 from functools import cache
-from importlib import resources
 from typing import Any
 
+from piezoharvest.description.catalogue import content, toml_files
 from piezoharvest.description.diode import exponential_diode
 from piezoharvest.description.parameters import ParameterError
 
@@ -21,7 +20,7 @@ USUAL_CURRENT = 1e-4
 @cache
 def diodes() -> Mapping[str, Mapping[str, Any]]:
     """Diodes by name, as in diodes.toml."""
-    return tomllib.loads(resources.files(__name__).joinpath("diodes.toml").read_text(encoding="utf-8"))
+    return content(toml_files("parts")["diodes"])
 
 
 def with_parts(table: Mapping[str, Any], fields: Collection[str]) -> dict[str, Any]:
@@ -49,14 +48,14 @@ def with_parts(table: Mapping[str, Any], fields: Collection[str]) -> dict[str, A
         return values
     name, current = values.pop(DIODE), values.pop(CURRENT, USUAL_CURRENT)
     if KEYS[0] not in fields:
-        raise ParameterError(DIODE, f"found {name!r}, but no key of this kind tells of diodes")
-    if name not in diodes():
+        raise ParameterError(DIODE, f"found {name!r:.60}, but this kind of shunt has no diodes")
+    if not isinstance(name, str) or name not in diodes():
         near = difflib.get_close_matches(str(name)[:100], diodes(), n=1)
         hint = f" (did you mean {near[0]!r}?)" if near else ""
-        raise ParameterError(DIODE, f"found {str(name)[:100]!r}{hint}, allowed are {', '.join(diodes())}")
+        raise ParameterError(DIODE, f"found {name!r:.60}{hint}, allowed are {', '.join(diodes())}")
     for key in KEYS:
         if key in values:
-            raise ParameterError(key, f"{DIODE} is given too, but only one of the two may be")
+            raise ParameterError(key, f"found beside {DIODE}, which gives it: take one of the two away")
     if isinstance(current, bool) or not isinstance(current, int | float) or not current > 0:
         raise ParameterError(CURRENT, f"found {current!r}, must be a finite number greater than 0 A")
     part = diodes()[name]

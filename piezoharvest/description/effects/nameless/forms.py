@@ -56,8 +56,9 @@ class Form(Component):
         knots = getattr(self, "knots", (0.0,))
         if not len(knots) or not np.all(np.isfinite(knots)):
             raise ParameterError("knots", f"found {knots!r:.60}, allowed are finite numbers, at least one")
-        if len(getattr(self, "kinks", knots)) != len(knots):
-            raise ParameterError("kinks", f"found another number of them than of knots, which are {len(knots)}")
+        kinks = getattr(self, "kinks", knots)
+        if len(kinks) != len(knots):
+            raise ParameterError("kinks", f"found {len(kinks)} for {len(knots)} knots, each knot needs one")
 
     @property
     def word(self) -> str:

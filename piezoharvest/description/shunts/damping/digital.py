@@ -53,14 +53,14 @@ class Digital(Shunt):
             if not 1 <= len(found) <= MOST_COEFFICIENTS:
                 raise ParameterError(name, f"found {len(found)} coefficients, allowed are 1 to {MOST_COEFFICIENTS}")
             if np.any(np.real(found[0]) == 0):
-                raise ParameterError(name, "found 0 for the highest power of s, must be another number")
+                raise ParameterError(name, "found 0 for the highest power of s, must be a number other than 0")
         if len(self.numerator) > len(self.denominator):
             found = f"found order {len(self.numerator) - 1} over {len(self.denominator) - 1}"
-            raise ParameterError("numerator", f"{found}, must be a proper admittance: at most the latter")
+            raise ParameterError("numerator", f"{found}, must have no higher order than the denominator")
         if np.any(np.real(self._polynomial(self.denominator)[0]) == 0):
             raise ParameterError("denominator", "found a zero at 2/sample_time, where no filter has one")
         if np.any(np.real(self.delay) > MOST_DELAYS * np.real(self.sample_time)):
-            raise ParameterError("delay", f"found {self.delay} s, must be up to {MOST_DELAYS} sample times")
+            raise ParameterError("delay", f"found {self.delay} s, must be at most {MOST_DELAYS} sample times")
 
     def _polynomial(self, coefficients: tuple[float, ...]) -> list[Any]:
         """Coefficients in z, highest power first, of p(2/T (z - 1)/(z + 1)) (z + 1)^n."""

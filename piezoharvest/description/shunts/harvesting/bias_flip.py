@@ -63,7 +63,7 @@ class BiasFlip(InductiveSwitch, StagedFlip):
         return self.step_time(position[1:], capacitance) * (1 + self.on_time_error) / self.on_time(capacitance)
 
     def inversion(self, capacitance: float) -> Any:
-        q = np.exp(-np.pi / (2 * self.loop_quality(capacitance)))
+        q = super().inversion(capacitance)
         lost = (1 - q) / (1 + q) / self.steps
         return (1 - lost) / (1 + lost)
 

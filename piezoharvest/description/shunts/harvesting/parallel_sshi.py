@@ -3,9 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any, ClassVar
-
-import numpy as np
+from typing import ClassVar
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
 from piezoharvest.description.shunts.bridge import Bridge, diode_guards, sign_of
@@ -21,9 +19,6 @@ class ParallelSSHI(InductiveSwitch, Bridge):
 
     kind: ClassVar[str] = "parallel_sshi"
     source: ClassVar[str] = "Guyomar, Badel, Lefeuvre & Richard, IEEE Trans. UFFC 52(4), 584-595, 2005"
-
-    def inversion(self, capacitance: float) -> Any:
-        return np.exp(-np.pi / (2 * self.loop_quality(capacitance)))
 
     def states(self, capacitance: float) -> tuple[State, ...]:
         return (State("current", self.loop(capacitance)[0]), *self.bridge_states())

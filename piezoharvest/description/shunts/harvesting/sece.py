@@ -44,7 +44,7 @@ class SECE(SynchronisedShunt, Extraction):
         super().__post_init__()
         if (self.inductance is None) != (self.quality is None):
             missing = "quality" if self.quality is None else "inductance"
-            raise ParameterError(missing, "found none, must be inductance with quality, or neither")
+            raise ParameterError(missing, "missing key, inductance and quality belong together: give both or neither")
 
     def on_time(self, capacitance: float) -> float:
         if self.inductance is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -24,9 +24,6 @@ class SelfPoweredSSHI(ElectronicBreaker, Bridge):
     kind: ClassVar[str] = "self_powered_sshi"
     source: ClassVar[str] = "Liang & Liao, IEEE Trans. Ind. Electron. 59(4), 1950-1960, 2012"
     bridge_marks: ClassVar[tuple[str, ...]] = ("", "+", "-")
-
-    def inversion(self, capacitance: float) -> Any:
-        return np.exp(-np.pi / (2 * self.quality))
 
     def configurations(self) -> tuple[str, ...]:
         every = super().configurations()
