@@ -89,7 +89,7 @@ class TestActuator:
         assert found.damping == pytest.approx(math.sqrt(found.stiffness * found.mass) / 30)
 
     def test_a_free_capacitance_below_what_moves(self):
-        with pytest.raises(ParameterError, match=r"capacitance: found 1e-07, too small for a free capacitance"):
+        with pytest.raises(ParameterError, match=r"capacitance: found 1e-07 F, too small for a free one"):
             Transducer.from_datasheet(**ACTUATOR | {"capacitance": 1e-7}, modal_mass=1e-3)
 
     def test_a_coupling_factor(self):
@@ -132,14 +132,21 @@ class TestMaterial:
     [
         ({"quality": None, "damping_ratio": None}, "quality: missing key, quality or damping_ratio is needed"),
         ({"damping_ratio": 0.01}, "damping_ratio: found beside quality"),
-        ({"open_circuit_frequency": 49.0}, "open_circuit_frequency: found 49, must be at least"),
+        ({"open_circuit_frequency": 49.0}, "open_circuit_frequency: found 49 Hz, must be at least"),
         ({"quality": -1.0}, "quality: found -1.0, must be a finite number greater than 0"),
+        ({"capacitance_is": "fre"}, "capacitance_is: found 'fre', allowed are free, clamped"),
     ],
 )
 def test_wrong_figures(changed, message):
     with pytest.raises(ParameterError) as error:
         Transducer.from_modal(**MODAL | changed)
     assert str(error.value).startswith(message)
+
+
+def test_an_antiresonance_below_the_resonance_is_told_by_its_own_key():
+    figures = {"resonance_frequency": 98.0, "capacitance": 1e-8, "modal_mass": 1.0, "quality": 10.0}
+    with pytest.raises(ParameterError, match="antiresonance_frequency: found 90 Hz, must be at least resonance_freq"):
+        Transducer.from_datasheet(antiresonance_frequency=90.0, **figures)
 
 
 def test_missing_and_unknown_figures():
@@ -186,11 +193,15 @@ capacitance_is = "free"
         [
             ('"free"', '"loose"', "transducer.modal.capacitance_is: found 'loose', must be 'free' or 'clamped'"),
             ("quality", "qality", "transducer.modal.qality: unknown key (did you mean 'quality'?)"),
-            ('"51 Hz"', '"49 Hz"', "transducer.modal.open_circuit_frequency: found 49, must be at least"),
+            ('"51 Hz"', '"49 Hz"', "transducer.modal.open_circuit_frequency: found 49 Hz, must be at least"),
             ("transducer.modal", "transducer.datasheet", "transducer.datasheet: missing key, one of blocking_force"),
             ("[transducer.modal]", "[transducer.datasheet]\n[transducer.modal]", "only one of the two may be given"),
+            ("[transducer.modal]", '[transducer]\ncatalogue = "P-885.51"\n[transducer.modal]',
+             "transducer.modal: found beside catalogue, only one of the two may be given"),
+            ("[transducer.modal]", "[transducer]\nmass = 3.0\n[transducer.modal]",
+             "transducer.mass: found beside a table modal, whose figures it follows from"),
         ],
-    )
+    )  # fmt: skip
     def test_wrong(self, tmp_path, old, new, message):
         with pytest.raises(StudyError) as error:
             self.load(tmp_path, self.TEXT.replace(old, new))

@@ -155,3 +155,10 @@ def test_bad_input(tmp_path, monkeypatch, capsys, arguments, words):
     assert is_sentence(message.strip())
     assert (tmp_path / "there.toml").read_text() == "precious"
     assert [path.name for path in tmp_path.iterdir()] == ["there.toml"]
+
+
+def test_a_file_that_may_be_cut_off_is_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "cut.csv").write_text("time_s,force_N\n0.0,1.0\n0.1,2.0\n")
+    assert main(["new", "campaign", "cut.csv"]) == 0
+    assert "warning: cut.csv: found 2 rows of numbers only, is the file cut off?" in capsys.readouterr().err

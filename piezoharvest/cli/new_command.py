@@ -23,6 +23,7 @@ _UNITS = {"mass": "kg", "damping": "N s/m", "stiffness": "N/m", "coupling": "N/V
 _DRIVES = ("force", "base_acceleration", "voltage", "displacement")  # the first that a file has is taken
 _REGRESSED = ("force", "displacement", "voltage", "current")
 _OHM_SCATTER = 0.05  # rms deviation of v - R i, relative to v, up to which a load is a resistance
+_LEAST_ROWS = 10  # of a file: fewer tell neither a sample rate nor a resonance
 
 
 def new(kind: str, files: Sequence[Path], out: Path | None) -> int:
@@ -68,6 +69,8 @@ def _campaign(template: str, files: Sequence[Path], target: Path) -> str:
             found.append(look_into(path))
         except ReadError as error:
             raise StudyError(path, error.column, error.message) from None
+        if found[-1].count < _LEAST_ROWS:
+            note(f"warning: {path}: found {found[-1].count} rows of numbers only, is the file cut off?")
     signals = [each for each in found if each.kind == "time"]
     same = all((each.columns, each.units) == (signals[0].columns, signals[0].units) for each in signals)
     shared = list(_channels(signals[0])) if signals and same else []

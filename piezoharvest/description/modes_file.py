@@ -20,10 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.parameters import LARGEST, SMALLEST, ParameterError
 
 KEY = "modes_file"
-GIVEN = ("mass", "damping", "stiffness", "coupling", "effective_mass", "sensor_participation", "modes")  # by the file
+GIVEN = ("mass", "damping", "stiffness", "coupling", "effective_mass", "sensor_participation", "modes",
+         "modal", "datasheet", "catalogue")  # by the file  # fmt: skip
 _TWICE = f"found beside {KEY}, which gives it: take one of the two away"
 
 
@@ -118,6 +119,7 @@ def _faults(columns: Mapping[str, np.ndarray]) -> Iterator[tuple[str, int]]:
     for column, values in columns.items():
         least = {"frequency_Hz": "greater than 0 Hz", "damping_ratio": "at least 0"}.get(column, "")
         for row, value in enumerate(values):
-            fine = bool(np.isfinite(value)) and np.imag(value) == 0
+            fine = (SMALLEST < abs(value) < LARGEST and np.imag(value) == 0) or value == 0
             if not fine or (column == "frequency_Hz" and value <= 0) or (column == "damping_ratio" and value < 0):
-                yield f"found {value} in column {column!r}, must be a finite number {least}".rstrip(), row
+                found = "an empty cell" if np.isnan(value) else value
+                yield f"found {found} in column {column!r}, must be a finite number {least}".rstrip(), row

@@ -39,7 +39,9 @@ class Uff(Reader):
         self._factors: Mapping[str, Any] = next((each for each in sets if each["type"] == 164), {})
         functions = [each for each in sets if each["type"] == 58]
         if not functions:
-            raise ReadError("found no function (data set 58) in the universal file")
+            open_end = path.read_bytes().replace(b" ", b"").splitlines().count(b"-1") % 2
+            cut_off = ": its last data set has no end (-1), the file is cut off" if open_end else ""
+            raise ReadError(f"found no whole function (data set 58) in the universal file{cut_off}")
         check_count(sum(len(each["data"]) for each in functions))
         kinds = [_kind(each) for each in functions]
         count = Counter(kinds)

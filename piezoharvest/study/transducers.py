@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from piezoharvest.description import catalogue
-from piezoharvest.description.figures import Modal, data_sheet
+from piezoharvest.description.figures import Lumped, Modal, data_sheet
 from piezoharvest.description.modes_file import KEY, with_modes
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.transducer import Transducer
@@ -19,6 +19,9 @@ _SPECIMEN_TABLES = (
 )  # fmt: skip
 
 
+_FIGURES = {"modal", "datasheet"}  # tables from which the values of a transducer follow
+
+
 def build_transducer(table: Any, where: str = "transducer") -> Transducer:
     """Transducer from its table; with `catalogue`, further keys override the entry's (tables key by key)."""
     table = dict(typed(dict, table, where))
@@ -26,14 +29,20 @@ def build_transducer(table: Any, where: str = "transducer") -> Transducer:
         name = table.pop("catalogue")
         if not isinstance(name, str) or name not in catalogue.names():
             raise unknown(f"{where}.catalogue", name, catalogue.names())
-        table = catalogue.transducer_table(name, table)
+        for key in sorted(_FIGURES & set(table)):
+            raise ParameterError(f"{where}.{key}", "found beside catalogue, only one of the two may be given")
+        table = catalogue.merged(_with_figures(catalogue.transducer_table(name), where), table)
+    for key in _FIGURES & set(table):
+        for twice in (name for name in Lumped._fields if name in table and name != "damping"):
+            found = f"found beside a table {key}, whose figures it follows from: take one of the two away"
+            raise ParameterError(f"{where}.{twice}", found)
     return build(Transducer, _with_figures(table, where), where)
 
 
 def _with_figures(table: dict[str, Any], where: str) -> dict[str, Any]:
     """Table of a transducer, with the values that follow from its table `modal` or `datasheet`, if it has one.
 
-    Keys of the table itself go before those that follow.
+    A damping in the table itself goes before the one that follows.
     """
     given = [key for key in ("modal", "datasheet") if key in table]
     if len(given) == 2:

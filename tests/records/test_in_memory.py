@@ -126,3 +126,17 @@ def test_a_transducer_with_further_electrodes():
 
 def test_a_table_of_a_transducer_is_checked():
     assert failure({"mass": 1.0}, [{"data": DATA, **KEYS}]).key == "transducer.damping"
+
+
+def test_masked_samples_are_missing():
+    force = np.ma.masked_array(DATA["force_N"], mask=[True, *[False] * 299])
+    caught = failure(NOMINAL, [{"data": {**DATA, "force_N": force}, **KEYS}])
+    assert "NaN, infinite or missing" in caught.message
+
+
+@pytest.mark.parametrize("keys", [{}, {"kind": "periodic"}])
+def test_a_tracker_needs_the_excitation_of_a_study(keys):
+    tracker = {"kind": "mppt", "fraction": 0.5}
+    caught = failure(NOMINAL, [{"data": DATA, "sample_rate": RATE, "shunt": tracker, **keys}])
+    assert caught.key == "records.0.shunt.kind"
+    assert caught.message.startswith("found 'mppt', which takes its voltage from the excitation of a study")

@@ -180,3 +180,9 @@ def test_what_no_controller_can_do_is_told(changes, key):
     with pytest.raises(ParameterError) as caught:
         dataclasses.replace(RL, **changes)
     assert caught.value.key == key and is_sentence(caught.value.message)
+
+
+def test_a_clock_too_slow_for_the_drive_is_refused():
+    slow = Digital(numerator=(1e-5,), denominator=(1.0,), sample_time=0.6 / 50.6)
+    with pytest.raises(ParameterError, match=r"sample_time: found 0\.0118577 s, must be less than half a period"):
+        simulate(System(DEVICE, slow), SineForce(amplitude=0.02, frequency=50.6))

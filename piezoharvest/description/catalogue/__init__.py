@@ -58,8 +58,8 @@ def entry(name: str) -> dict[str, Any]:
     return content(toml_files()[name])
 
 
-def transducer_table(name: str, over: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Table [transducer] of an entry, with its full name, overridden by the keys of `over`, table by table.
+def transducer_table(name: str) -> dict[str, Any]:
+    """Table [transducer] of an entry, with its full name.
 
     Raises
     ------
@@ -67,10 +67,10 @@ def transducer_table(name: str, over: Mapping[str, Any] | None = None) -> dict[s
         There is no such entry.
     """
     found = entry(name)
-    return _merged({"name": found["name"], **found["transducer"]}, over or {})
+    return {"name": found["name"], **found["transducer"]}
 
 
-def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     """`base` with the keys of `over`; tables are merged, everything else is replaced."""
-    both = {k: _merged(base[k], v) for k, v in over.items() if isinstance(v, dict) and isinstance(base.get(k), dict)}
+    both = {k: merged(base[k], v) for k, v in over.items() if isinstance(v, dict) and isinstance(base.get(k), dict)}
     return {**base, **over, **both}

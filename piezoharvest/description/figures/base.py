@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
-from piezoharvest.description.parameters import Component, ParameterError, quantity
+from piezoharvest.description.parameters import Component, ParameterError, check_choice, quantity
 
 POSITIVE_COUPLING = "the coupling is taken as positive: no figure given tells its sign"
+
+Condition = Literal["free", "clamped"]  # of a capacitance
 
 
 class Lumped(NamedTuple):
@@ -40,6 +42,8 @@ class Figures(Component):
     def __post_init__(self) -> None:
         super().__post_init__()
         one_of(self, "quality", "damping_ratio")
+        if (condition := getattr(self, "capacitance_is", None)) is not None:
+            check_choice("capacitance_is", condition, get_args(Condition))
 
     @property
     def loss(self) -> float:
@@ -89,8 +93,6 @@ def one_of(figures: Component, first: str, second: str) -> None:
     if not given:
         raise ParameterError(first, f"missing key, {first} or {second} is needed")
 
-
-Condition = Literal["free", "clamped"]
 
 
 def clamped(capacitance: float, condition: Condition, coupling_squared: float) -> tuple[float, tuple[str, ...]]:

@@ -29,7 +29,7 @@ class BlockedForce(StaticFigures):
         capacitance = self.capacitance - (motional if self.capacitance_is == "free" else 0.0)
         if not capacitance > 0:
             why = f"stroke x force/voltage^2 = {motional:.3g} F of it is due to motion"
-            raise ParameterError("capacitance", f"found {self.capacitance:g}, too small for a free capacitance: {why}")
+            raise ParameterError("capacitance", f"found {self.capacitance:g} F, too small for a free one: {why}")
         share = motional / (capacitance + motional)
         large = f"stroke and blocking force are of large signals, with k^2 = {share:.2f}: small signals may couple less"
         return self.with_mass(stiffness, coupling, capacitance, large)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from piezoharvest.description.figures.base import Condition, Figures, Lumped
 from piezoharvest.description.figures.modal import Modal
-from piezoharvest.description.parameters import described, quantity
+from piezoharvest.description.parameters import ParameterError, described, quantity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +26,9 @@ class Impedance(Figures):
 
     def lumped(self) -> Lumped:
         """Values of the transducer, see `Figures.lumped`."""
+        if not self.antiresonance_frequency >= self.resonance_frequency:
+            least = f"must be at least resonance_frequency, {self.resonance_frequency:g} Hz"
+            raise ParameterError("antiresonance_frequency", f"found {self.antiresonance_frequency:g} Hz, {least}")
         found = Modal(
             quality=self.quality,
             damping_ratio=self.damping_ratio,

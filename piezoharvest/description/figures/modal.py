@@ -29,7 +29,7 @@ class Modal(Figures):
         if ratio < 1:
             raise ParameterError(
                 "open_circuit_frequency",
-                f"found {self.open_circuit_frequency:g}, must be at least short_circuit_frequency, "
+                f"found {self.open_circuit_frequency:g} Hz, must be at least short_circuit_frequency, "
                 f"{self.short_circuit_frequency:g} Hz: open electrodes stiffen",
             )
         omega, squared = 2 * math.pi * self.short_circuit_frequency, (ratio - 1) * (ratio + 1)

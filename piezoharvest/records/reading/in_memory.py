@@ -92,6 +92,8 @@ def _of_frame(frame: Any) -> dict[str, Any]:
 def _one_dimensional(values: Any, name: str) -> np.ndarray:
     """Values as a vector; dates and time differences in s from the first. Raises `ReadError`."""
     try:
+        if isinstance(values, np.ma.MaskedArray):  # what is masked is missing
+            values = np.ma.filled(values.astype(float), np.nan)
         array = np.asarray(values)
     except (ValueError, TypeError) as error:  # of lists of unequal lengths
         raise ReadError(f"found no array ({error})", name) from None

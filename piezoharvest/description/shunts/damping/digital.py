@@ -110,6 +110,9 @@ class Digital(Shunt):
         return {"waiting": rest, "driving": 1.0 - rest}.get(configuration, 1.0)
 
     def switch(self, capacitance: float, period: float | None) -> Switch:
+        if period is not None and np.any(np.real(self.sample_time) >= 0.5 * np.real(period)):
+            most = f"must be less than half a period of the drive, {0.5 * np.min(np.real(period)):.4g} s"
+            raise ParameterError("sample_time", f"found {np.max(np.real(self.sample_time)):g} s, {most}")
         return Switch(0.0, self.sample_time, 0.0, clocked=True)
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
