@@ -17,7 +17,7 @@ from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.identification import Estimate, Quality, combined_quality, judged
 from piezoharvest.population.forms import JointForm, joint_form
 from piezoharvest.population.identification import odd_sentence
-from piezoharvest.population.naming import kind_of, named_progress
+from piezoharvest.population.naming import errors_of, kind_of, named_progress
 from piezoharvest.population.pooling import Member, Pooled, pooled
 from piezoharvest.population.results import OfKind, Value, estimates_of, of_kind, values_of
 from piezoharvest.population.saving import save_all
@@ -198,7 +198,8 @@ def diagnose_specimens(
     found = []
     for name, campaign in zip(specimens.names, specimens.campaigns, strict=True):
         progress(f"{name}: by itself")
-        found.append(diagnose(campaign, named_progress(progress, name), library))
+        with errors_of(name):
+            found.append(diagnose(campaign, named_progress(progress, name), library))
     form = joint_form(found, specimens.names, progress)
     members = [Member(*row) for row in zip(specimens.names, (each.problem for each in found), form.fits, strict=True)]
     together = pooled(members, form.apart, progress)

@@ -16,7 +16,7 @@ from piezoharvest.identify.identification import (
     identify,
     prepared,
 )
-from piezoharvest.population.naming import named_progress
+from piezoharvest.population.naming import errors_of, named_progress
 from piezoharvest.population.pooling import Member, Pooled, pooled
 from piezoharvest.population.results import OfKind, estimates_of, of_kind
 from piezoharvest.population.saving import save_all
@@ -98,7 +98,8 @@ def identify_specimens(specimens: SpecimenSet, progress: Progress = lambda text:
     alone, members = [], []
     for name, campaign in zip(specimens.names, specimens.campaigns, strict=True):
         progress(f"{name}: by itself")
-        found = identify(campaign, named_progress(progress, name))
+        with errors_of(name):
+            found = identify(campaign, named_progress(progress, name))
         problem = Problem(prepared(found.campaign, "fit"), found.campaign.transducer, found.offsets)
         alone.append(found)
         members.append(Member(name, problem, found.found))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from piezoharvest.description.effects import Effect
 from piezoharvest.description.effects.nameless.law import Law
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose.candidate_fits import effect_key
 from piezoharvest.predict.parameters import Parameter
+from piezoharvest.predict.prediction import PredictionError
+from piezoharvest.records.errors import CampaignError
 
 
 def kind_of(effect: Effect) -> str:
@@ -27,3 +30,14 @@ def variable_name(parameter: Parameter, transducer: Transducer) -> str:
 def named_progress(progress: Callable[[str], None], name: str) -> Callable[[str], None]:
     """Progress messages of one specimen, which begin with its name."""
     return lambda text: progress(f"{name}: {text}")
+
+
+@contextmanager
+def errors_of(name: str) -> Iterator[None]:
+    """Say of which specimen an error is."""
+    try:
+        yield
+    except CampaignError as error:
+        raise CampaignError(error.path, error.key, f"{name}: {error.message}", campaign=error.campaign) from None
+    except PredictionError as error:
+        raise PredictionError(f"{name}: {error}") from None

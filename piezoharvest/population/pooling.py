@@ -13,7 +13,7 @@ from piezoharvest.identify.fitting.model import inner_values, with_values
 from piezoharvest.identify.fitting.output_error import covariance, fit
 from piezoharvest.identify.fitting.problem import LINEAR_PRIOR_DEVIATION, PRIOR_DEVIATION, Problem
 from piezoharvest.population.hierarchy import Beliefs, Population, Said, estimated
-from piezoharvest.population.naming import variable_name
+from piezoharvest.population.naming import errors_of, variable_name
 from piezoharvest.population.oddness import odd_ones
 from piezoharvest.predict.parameters import Parameter, Path, is_of_circuit, parameters_of, value_at
 
@@ -158,7 +158,8 @@ def _fitted(member: Member, variables: Mapping[str, Parameter], mean: np.ndarray
     own = [p for p in found.model.parameters if p.path not in beliefs]
     model = replace(found.model, parameters=(*free, *own))
     believed = Problem(problem.data, problem.nominal, problem.offset_channels, beliefs)
-    return fit(believed, model, found.nuisance, found.noise, white=found.white, estimate_noise=False)
+    with errors_of(member.name):
+        return fit(believed, model, found.nuisance, found.noise, white=found.white, estimate_noise=False)
 
 
 def _own(scatter: np.ndarray, found: Fit) -> np.ndarray:

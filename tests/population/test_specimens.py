@@ -108,3 +108,10 @@ def test_what_is_wrong_with_specimens_is_said_in_a_sentence(text, message, tmp_p
     with pytest.raises(CampaignError, match=r"campaign\.toml") as error:
         load(path)
     assert message in str(error.value)
+
+
+def test_an_error_of_one_specimen_names_it(tmp_path):
+    path = write(tmp_path, [drawn(np.random.default_rng(8), 0.01)], [[100]])
+    path.write_text(HEAD + ONE + ONE.replace('"a"', '"b"').replace("load_res", 'role = "validate"\nload_res'))
+    with pytest.raises(CampaignError, match="b: no record has"):
+        identify_specimens(load(path))
