@@ -148,7 +148,7 @@ class TestSizes:
     )
     def test_nominal_values(self, tmp_path, key, size):
         text = failure(tmp_path, {"transducer": {**STACK, key: size}, "records": [{"file": "run.csv"}]})
-        assert f"transducer.{key}: found {size:g}, must be " in text
+        assert f"transducer.{key}: found {size:g}, must have a magnitude " in text
 
     @pytest.mark.parametrize("error", [np.linalg.LinAlgError("no eigenvalues"), OverflowError("too large")])
     def test_nominal_values_that_no_arithmetic_stands(self, tmp_path, columns, error):
@@ -166,7 +166,7 @@ class TestSizes:
     @pytest.mark.parametrize("key", ["gain", "offset", "sigma"])
     def test_channels(self, tmp_path, key):
         text = failure(tmp_path, {**rich(), "channels": {"voltage": {key: 1e308}}})
-        assert f"channels.voltage.{key}: found 1e+308, must be " in text
+        assert f"channels.voltage.{key}: found 1e+308, must have a magnitude " in text
 
 
 class TestUnits:
