@@ -20,14 +20,14 @@ VECTORS = 16  # of scratch
 (
     CONFIGURATION, DIRECTION, WAITING, CLOSED, LOGGED, SAMPLED, INCOMPLETE, HAPPENED, MODE,
     # recorded quantities,
-    SENSITIVITIES, ENERGIES, TRACKED, LOG_ROOM, SAMPLES_WANTED, TAPE_ROOM, TAPED,
+    SENSITIVITIES, ENERGIES, TRACKED, LOG_ROOM, SAMPLES_WANTED, TAPE_ROOM, TAPED, STEPS_TAPED,
     # places of lists in D,
     SLIP, POLARITY, CANDIDATE, LOG_CODE, TAPE_KIND, PIVOTS, COUNTS,
     # and in S.
     CLOCK, QUEUE, SIGN, OFFSET, NOW_GUARDS, THEN_GUARDS, SIZE, LOW, HIGH, GUESS, THERE_GUARDS, TAYLOR, LOWER, UPPER,
     FREE_STEP, CURVE, CURVE_PHI, WORK, EXTREMES, ENERGY, PHI, QUEUE_PHI, OPENS_PHI, EVENT_PHI, LOG_TIME, SAMPLE_TIME,
     SAMPLES, TAPE, QUADRATURE, FIRST_TIMES, END,
-) = range(54)  # fmt: skip
+) = range(55)  # fmt: skip
 # Places from CLOCK on in S: time now, when the switch opens, when it last acted, all in s.
 NOW, OPENS, ACTED = range(3)
 
@@ -49,9 +49,14 @@ class EngineState:
         Times in s at which the outputs are sampled.
     tape : int
         Motions between two events to keep.
+    steps_taped : bool
+        Keep every step of a motion with smooth elements, with the cubics of their outputs, as a motion of its own.
     """
 
-    def __init__(self, contents, *, sensitivities=0, ledger=False, track=False, log=0, sample_time=None, tape=0):
+    def __init__(
+        self, contents, *, sensitivities=0, ledger=False, track=False, log=0, sample_time=None, tape=0,
+        steps_taped=False,
+    ):  # fmt: skip
         times = np.zeros(0) if sample_time is None else np.asarray(sample_time, float)
         rows, h, outputs = contents[pg.ROWS], contents[pg.H], len(pg.OUTPUTS)
         guards = contents[tb.SLOT]  # more than any mode has
@@ -77,7 +82,7 @@ class EngineState:
         self.D = np.zeros(in_d[-1], np.int64)
         self.D[[*lists, *places, END]] = [*in_d[:-1], *in_s]
         self.D[[MODE, SENSITIVITIES, ENERGIES, TRACKED]] = -1, sensitivities, energies, track
-        self.D[[LOG_ROOM, SAMPLES_WANTED, TAPE_ROOM]] = log, len(times), tape
+        self.D[[LOG_ROOM, SAMPLES_WANTED, TAPE_ROOM, STEPS_TAPED]] = log, len(times), tape, steps_taped
         self.S = lined_up(int(self.D[END]))
         self._place, self._lists = places, lists
         self.z = self.S[: contents[pg.A]]

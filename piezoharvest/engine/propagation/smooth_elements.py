@@ -29,6 +29,7 @@ from piezoharvest.engine.motion.element_outputs import (
 )
 from piezoharvest.engine.propagation.event_cascade import process_due_events
 from piezoharvest.engine.propagation.propagate import propagate_mode, read_guards
+from piezoharvest.engine.propagation.trajectory import begin_tape, end_tape, set_beginning
 
 TOLERANCE = 1e-11  # error of an output within a step, relative to the state: both are scaled to the root of energy
 # Of the state: difference at the end of a step between a cubic and the output that the motion gives.
@@ -260,8 +261,14 @@ def propagate_smooth(P, L, S, D, slot, t_stop):
             copy(S, start, 0, rows)
             S[clock], step = now, S[D[st.CURVE] + 1]
             guard = _propagate_again(P, L, S, D, slot, now + step if step < left else t_stop)
+        if D[st.STEPS_TAPED] and D[st.TAPED] < D[st.TAPE_ROOM]:
+            set_beginning(L, S, D, start)
         if guard != NONE:
             return guard
         if S[clock] < t_stop:
+            if D[st.STEPS_TAPED] and D[st.TAPED] < D[st.TAPE_ROOM]:
+                end_tape(L, S, D, slot, NONE, np.inf, 0)
             begin_step(P, L, S, D, slot)
+            if D[st.STEPS_TAPED] and D[st.TAPED] < D[st.TAPE_ROOM]:
+                begin_tape(L, S, D)
     return NONE

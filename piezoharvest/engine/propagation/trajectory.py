@@ -21,11 +21,18 @@ def begin_tape(L, S, D):
     """
     at, kind = D[st.TAPE] + D[st.TAPED] * (2 + L[pg.A]), D[st.TAPE_KIND] + D[st.TAPED] * (3 + L[pg.H])
     S[at] = S[D[st.CLOCK]]
-    for i in range(L[pg.A]):
-        S[at + 2 + i] = S[i]
+    set_beginning(L, S, D, 0)
     D[kind], D[kind + 2] = D[st.CONFIGURATION], 1 if D[st.WAITING] or D[st.CLOSED] else 0
     for j in range(L[pg.H]):
         D[kind + 3 + j] = D[D[st.SLIP] + j]
+
+
+@compiled
+def set_beginning(L, S, D, z):
+    """Record a state as that at the beginning of the present motion."""
+    at = D[st.TAPE] + D[st.TAPED] * (2 + L[pg.A])
+    for i in range(L[pg.A]):
+        S[at + 2 + i] = S[z + i]
 
 
 @compiled

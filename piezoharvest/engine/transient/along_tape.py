@@ -17,10 +17,12 @@ from piezoharvest.engine.compilation.compiled import compiled, entry
 from piezoharvest.engine.propagation.trajectory import ACTS, NOTHING, OPENS
 
 # The order of a tuple's fields is compiled in: their file has to be among the sources of this one.
+from piezoharvest.engine.transient.bending import Bending, add_form, set_changes, set_cubic_changes, slope_along
 from piezoharvest.engine.transient.forcing import Forcing, set_cubics, set_outputs, set_straight
 from piezoharvest.engine.transient.mode_steps import ModeSteps
 
 TERMS = 5  # of the Taylor series over less than the shortest tabulated step, see `mode_steps.FINEST`
+CORRECTIONS = 2  # of the derivatives of outputs over a step; each is smaller by the step times their influence
 REMEMBERED = 8  # extrema of which an action may still be due
 SAME_TIME = 1e-9  # of a sample: times that differ by less are equal
 
@@ -104,7 +106,8 @@ class Moving(NamedTuple):
     Attributes
     ----------
     z, d : (a,) and (n, lanes) arrays
-        Augmented state, and the derivatives of the states.
+        Augmented state, and the derivatives of the states; those of the smooth elements, four each, follow where they
+        bend the motion.
     z_next, d_next : arrays of the same shapes
     shift, closing, change : (lanes,) arrays
         Derivatives of the time of the present event, of the last closing, and a scratch.
@@ -212,16 +215,7 @@ def _form(row, changes, z, d, out):
     """Derivatives of the value of a form with derivatives (a, p), into `out`."""
     for s in range(len(out)):
         out[s] = 0.0
-    for j in range(len(d)):
-        f = row[j]
-        if f != 0.0:
-            for s in range(len(out)):
-                out[s] += f * d[j, s]
-    for j in range(len(z)):
-        g = z[j]
-        if g != 0.0:
-            for p in range(changes.shape[1]):
-                out[p] += g * changes[j, p]
+    add_form(1.0, row, changes, z, d, out)
 
 
 @compiled
@@ -326,20 +320,28 @@ def _voltage(switching, z):
 
 
 @compiled
-def _extract(switching, after, moving):
+def _extract(switching, bending, mode, time, after, moving):
     """Derivatives after charge has been taken until the voltage is zero: sticking stops move with it."""
     z, d, charge, lanes = moving.z, moving.d, switching.charge, len(moving.shift)
     taken = after[charge] - z[charge]
-    slope = switching.voltage[charge]
+    direction = bending.direction
+    direction[:] = 0.0
+    direction[charge] = 1.0
     for j in range(len(switching.stops)):
         row = switching.stops[j]
         moved = after[row] - z[row]
         if abs(moved - taken) <= SAME_TIME * abs(taken):
-            slope += switching.voltage[row]
+            direction[row] = 1.0
         elif moved != 0.0:
             _at_limit(switching, j, 1.0 if after[row] > 0.0 else -1.0, moving)
+    if len(bending.power):
+        set_changes(bending, mode, time, after, d)
+    slope = slope_along(bending, switching.voltage, direction, 0.0, after, time)
     _form(switching.voltage, switching.d_voltage, after, d, moving.change)
+    direction[:] = 0.0
+    drift = slope_along(bending, switching.voltage, direction, 1.0, after, time)
     for s in range(lanes):
+        moving.change[s] += drift * moving.shift[s]
         d[charge, s] -= moving.change[s] / slope
     for j in range(len(switching.stops)):
         row = switching.stops[j]
@@ -349,7 +351,7 @@ def _extract(switching, after, moving):
 
 
 @compiled
-def _event(steps, switching, motions, k, near, moving):
+def _event(steps, switching, bending, motions, k, near, moving):
     """Take the derivatives across the event at the end of a motion."""
     mode, what, following = motions.mode[k], motions.what[k], motions.starts[k + 1]
     _find_shift(steps, switching, motions, k, near, moving)
@@ -371,7 +373,7 @@ def _event(steps, switching, motions, k, near, moving):
     _shifted(steps.rate[mode], moving.z, 1.0, switching.n, moving)
     _reset(switching, motions, k, moving)
     if extracts:
-        _extract(switching, following, moving)
+        _extract(switching, bending, motions.mode[k + 1], motions.ends[k], following, moving)
     _shifted(steps.rate[motions.mode[k + 1]], following, -1.0, switching.n, moving)
 
 
@@ -386,10 +388,36 @@ def _write(steps, mode, moving, Y, dY, sample):
         _form(steps.outputs[mode, o], steps.d_outputs[mode, o], moving.z, moving.d, dY[sample, o])
 
 
+@compiled
+def _copy(z, d, to_z, to_d):
+    """Copy a state and its derivatives."""
+    for i in range(len(z)):
+        to_z[i] = z[i]
+    for i in range(len(d)):
+        for s in range(d.shape[1]):
+            to_d[i, s] = d[i, s]
+
+
+@compiled
+def _bend(steps, forcing, bending, mode, h, begin, end, moving, terms):
+    """Set the derivatives of outputs that bend the motion over a step, to which the run has given its cubics."""
+    own, length = len(moving.d), end - begin
+    set_changes(bending, mode, begin, moving.z, moving.d)
+    if length <= 0.0:
+        return
+    z, d = bending.begin_z, bending.begin_d
+    _copy(moving.z, moving.d, z, d)
+    for _ in range(CORRECTIONS):
+        _move(steps, forcing, mode, own, h, begin, length, moving, terms)
+        set_changes(bending, mode, end, moving.z, moving.d)
+        set_cubic_changes(bending, d, moving.d, length)
+        _copy(z, d, moving.z, moving.d)
+
+
 @partial(entry, nogil=True)
 def follow(
-    steps: ModeSteps, switching: Switching, forcing: Forcing, motions: Motions, moving: Moving, terms: tuple,
-    times: np.ndarray, Y: np.ndarray, dY: np.ndarray,
+    steps: ModeSteps, switching: Switching, forcing: Forcing, bending: Bending, motions: Motions, moving: Moving,
+    terms: tuple, times: np.ndarray, Y: np.ndarray, dY: np.ndarray,
 ) -> int:  # fmt: skip
     """Follow the motions of a run.
 
@@ -398,6 +426,9 @@ def follow(
     steps : ModeSteps
     switching : Switching
     forcing : Forcing
+        Elements without an influence on the motion.
+    bending : Bending
+        Those with one; there are none of the one or of the other kind.
     motions : Motions
         The outputs of smooth elements are set in its states.
     moving : Moving
@@ -415,7 +446,7 @@ def follow(
     int
         Number of samples written.
     """
-    h, sample, own = times[1] - times[0], 0, switching.n
+    h, sample, own = times[1] - times[0], 0, len(moving.d)
     near, a = SAME_TIME * h, len(moving.z)
     for k in range(len(motions.begins)):
         set_outputs(forcing, steps.rate[motions.mode[k]], motions.starts[k], motions.begins[k])
@@ -423,6 +454,8 @@ def follow(
         mode = motions.mode[k]
         for i in range(a):
             moving.z[i] = motions.starts[k, i]
+        if len(bending.power):
+            _bend(steps, forcing, bending, mode, h, motions.begins[k], motions.ends[k], moving, terms)
         if sample == 0:
             _write(steps, mode, moving, Y, dY, 0)
             sample = 1
@@ -434,5 +467,5 @@ def follow(
             sample, now = sample + 1, there
         _move(steps, forcing, mode, own, h, now, motions.ends[k] - now, moving, terms)
         if motions.what[k] != NOTHING and k + 1 < len(motions.begins):
-            _event(steps, switching, motions, k, near, moving)
+            _event(steps, switching, bending, motions, k, near, moving)
     return sample

@@ -71,17 +71,20 @@ def _without(array: np.ndarray, columns: slice) -> np.ndarray:
     return np.ascontiguousarray(np.delete(array, columns, axis=-1))
 
 
-def forcing_of(batch: pg.Program, starts: np.ndarray) -> Forcing:
-    """Elements of a batch of complex steps, whose sizes are at least those at some states (k, a)."""
+def forcing_of(batch: pg.Program, starts: np.ndarray, bent: bool) -> Forcing:
+    """Elements of a batch of complex steps, whose sizes are at least those at some states (k, a).
+
+    There are none where they bend the motion.
+    """
     program, n = nominal(batch), batch.rate.shape[-2]
-    count = len(program.element_power)
+    count = 0 if bent else len(program.element_power)
     scale = program.exo_scale[: pg.DERIVATIVES * count].reshape(count, pg.DERIVATIVES)
     found = Forcing(
-        n, float(program.drift), np.asarray(program.element_power, np.int64), program.element_z, scale,
+        n, float(program.drift), np.asarray(program.element_power[:count], np.int64), program.element_z[:count], scale,
         np.zeros(count), np.zeros(count),
     )  # fmt: skip
-    firsts, seconds = np.moveaxis(program.element_z @ starts.T, 1, 0)
-    for k, (power, first, second) in enumerate(zip(program.element_power, firsts, seconds, strict=True)):
+    firsts, seconds = np.moveaxis(found.inputs @ starts.T, 1, 0)
+    for k, (power, first, second) in enumerate(zip(found.power, firsts, seconds, strict=True)):
         # Time is not known here; it is a share of the record.
         sizes = np.abs(first * second if power == PRODUCT else first ** max(power, 1))
         found.largest[k] = np.max(sizes, initial=0.0)

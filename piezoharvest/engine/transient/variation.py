@@ -14,6 +14,7 @@ from piezoharvest.engine.propagation.advance import DONE
 from piezoharvest.engine.run import Machine
 from piezoharvest.engine.steady_search import EngineError, check
 from piezoharvest.engine.transient.along_tape import REMEMBERED, Motions, Moving, follow
+from piezoharvest.engine.transient.bending import bending_of
 from piezoharvest.engine.transient.forcing import forcing_of
 from piezoharvest.engine.transient.sampled_system import SampledSystem
 
@@ -115,8 +116,7 @@ class SampledRun:
     Parameters
     ----------
     system : SampledSystem
-        Under tones or a signal of straight pieces between the samples; smooth elements have no influence on the nominal
-        motion.
+        Under tones or a signal of straight pieces between the samples.
     times : (samples,) array
         s, evenly spaced.
     start : EngineState
@@ -138,8 +138,9 @@ class SampledRun:
         self._machine = system.machine(timed=switch is not None)
         self._state, self._switch = start, switch
         (n, lanes), a = changes.shape, system.lowered.program.rate.shape[-1]
-        self._moving = _moving(n, a, lanes)
-        self._moving.d[:] = changes
+        elements = pg.DERIVATIVES * len(system.plain.program.element_power)
+        self._moving, self._n = _moving(n + elements, a, lanes), n
+        self._moving.d[:n] = changes
         self._switching = system.switching
         if switch is not None:
             self._switching = self._switching._replace(timed=1)
@@ -148,7 +149,7 @@ class SampledRun:
     @property
     def changes(self) -> np.ndarray:
         """Derivatives (n, lanes) of the scaled states at the end of the last block."""
-        return self._moving.d
+        return self._moving.d[: self._n]
 
     def through(self, begin: int, end: int) -> Sampled:
         """Outputs from one sample, at which the last block ended, to another one, both included.
@@ -164,8 +165,10 @@ class SampledRun:
         values = np.empty((len(times), len(self._rows)))
         slopes = np.empty((*values.shape, len(self._moving.shift)))
         memory = np.empty_like(self._moving.z), np.empty_like(self._moving.d)
-        forcing = forcing_of(self._system.lowered.program, motions.starts)
-        written = follow(steps, self._switching, forcing, motions, self._moving, memory, times, values, slopes)
+        program, bent = self._system.lowered.program, self._system.is_bent
+        forcing = forcing_of(program, motions.starts, bent)
+        bending = bending_of(program, self._system.count, steps, bent, len(self._moving.shift))
+        written = follow(steps, self._switching, forcing, bending, motions, self._moving, memory, times, values, slopes)
         if written < len(times) or not np.all(np.isfinite(values)):
             raise EngineError(f"no solution after {times[max(written - 1, 0)]:g} s")
         return Sampled(values, slopes)
@@ -174,7 +177,7 @@ class SampledRun:
         """Motions between the events up to a time, to which the run moves on, and their modes."""
         machine, room = self._machine, MOTIONS_A_SAMPLE * samples + 64
         while True:
-            state = machine.state(tape=room)
+            state = machine.state(tape=room, steps_taped=True)
             state.follow(self._state)
             check(_run(machine, state, t_end, self._switch))
             count = int(state.D[st.TAPED])

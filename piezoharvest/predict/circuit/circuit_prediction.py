@@ -30,7 +30,6 @@ from piezoharvest.engine.transient.sampled_system import SampledSystem
 from piezoharvest.engine.transient.variation import PlainRun, SampledRun, TimedSwitch
 from piezoharvest.equations.rows import connected
 from piezoharvest.equations.terms import Terms
-from piezoharvest.predict.circuit.differences import differences
 from piezoharvest.predict.circuit.effect_groups import by_groups
 from piezoharvest.predict.circuit.initial_state import initial_state
 from piezoharvest.predict.circuit.measured_drive import MeasuredDrive
@@ -211,9 +210,6 @@ class CircuitPrediction:
         wanted = list(self.channels if channels is None else channels)
         if self.felt < len(self.transducer.effects):
             yield from by_groups(self, wanted, size, derivatives)
-            return
-        if derivatives and self.system.is_bent:
-            yield from differences(self, wanted, size)
             return
         of = self if derivatives else self.plain
         outputs = [OUTPUT_OF.get(name, name) for name in wanted]
