@@ -58,11 +58,16 @@ class SmoothElement(NamedTuple):
 
     def at_start(self, first: float, second: float) -> float:
         """Output for these inputs at time zero."""
-        if self.power == TIMED:
-            return 0.0
-        if self.power == HINGE:
-            return 0.5 * (first + np.sqrt(first**2 + 1.0))
-        return first * second if self.power == PRODUCT else first**self.power
+        return output_at_start(self.power, first, second)
+
+
+def output_at_start(power: int, first: float, second: float) -> float:
+    """Output of a smooth element of a power, as of `SmoothElement`, for these inputs at time zero."""
+    if power == TIMED:
+        return 0.0
+    if power == HINGE:
+        return 0.5 * (first + np.sqrt(first**2 + 1.0))
+    return first * second if power == PRODUCT else first**power
 
 
 class Terms:

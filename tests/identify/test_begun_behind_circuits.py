@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from piezoharvest.description.effects import Creep, Stiffening
+from piezoharvest.description.effects import Creep
 from piezoharvest.description.shunts import ParallelSSHI, Rectifier
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.identify.fitting.data import Data
@@ -14,12 +14,10 @@ from piezoharvest.identify.fitting.model import Model, begun_effects
 from piezoharvest.identify.fitting.output_error import fit, standard_errors
 from piezoharvest.identify.fitting.problem import Problem, prior_of, starting
 from piezoharvest.identify.noise.noise_model import Noise
-from piezoharvest.predict.circuit import differences
 from piezoharvest.predict.circuit.circuit_prediction import CircuitPrediction
 from piezoharvest.predict.circuit.measured_drive import straight_drive
 from piezoharvest.predict.circuit.setting import circuit_setting
 from piezoharvest.predict.parameters import Parameter, put
-from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.checks.unused import unused
 from piezoharvest.records.record import Record, Signal
 
@@ -169,22 +167,3 @@ def test_a_gate_in_steady_state_is_not_used_and_the_record_says_so():
     assert (finding.severity, finding.channel) == ("warning", "gate")
     assert finding.message == "found a gate, but in steady state the displacement times the switch; it is not used"
     assert record.gate is None
-
-
-def test_a_probing_step_that_cannot_be_simulated_gives_no_derivative_and_no_error(monkeypatch):
-    """Of a variable without influence steps grew until the engine had too much to do, which ended a diagnosis."""
-    device = replace(DEVICE, effects=(Stiffening(cubic_stiffness=1e6),))
-    idle = Parameter(("effects", 0, "cubic_stiffness"), "N/m^3", "linear", -np.inf, np.inf)
-    of = CircuitPrediction(device, setting(), (idle,))
-    base, tried = np.ones((4, 1)), []
-
-    def values(moved, channels):
-        tried.append(moved.transducer.effects[0].cubic_stiffness)
-        if len(tried) > 1:
-            raise PredictionError("stopped after 8e+09 units of work")
-        return base
-
-    monkeypatch.setattr(differences, "_values", values)
-    np.testing.assert_array_equal(differences._lane(of, 0, base, ("voltage",)), 0.0)
-    assert len(tried) == 2
-    assert tried[1] <= 1.1e6  # a tenth of the value at most

@@ -14,6 +14,7 @@ from piezoharvest.engine.memory.vector import lined_up, whole_lines
 
 QUEUE_LENGTH = 4  # scheduled actions of the switch at one time, at most
 VECTORS = 16  # of scratch
+TOLERANCE = 1e-11  # of the outputs of smooth elements: the energy of a period then closes to about 1e-8
 
 # Places in D: the discrete state; BETWEEN is set while an event is incomplete, MODE is the slot of the mode of the last
 # step (-1: none, or the last step was another state's),
@@ -51,17 +52,19 @@ class EngineState:
         Motions between two events to keep.
     steps_taped : bool
         Keep every step of a motion with smooth elements, with the cubics of their outputs, as a motion of its own.
+    tolerance : float
+        Error of the output of a smooth element within a step, relative to the state.
     """
 
     def __init__(
         self, contents, *, sensitivities=0, ledger=False, track=False, log=0, sample_time=None, tape=0,
-        steps_taped=False,
+        steps_taped=False, tolerance=TOLERANCE,
     ):  # fmt: skip
         times = np.zeros(0) if sample_time is None else np.asarray(sample_time, float)
         rows, h, outputs = contents[pg.ROWS], contents[pg.H], len(pg.OUTPUTS)
         guards = contents[tb.SLOT]  # more than any mode has
         energies, elements = contents[pg.CATEGORY_COUNT] if ledger else 0, contents[pg.ELEMENTS]
-        curve = 2 + 4 * rows + elements * (elements + 2) if elements else 0
+        curve = 3 + 4 * rows + elements * (elements + 2) if elements else 0
         places = {
             CLOCK: 3, QUEUE: QUEUE_LENGTH, SIGN: guards, OFFSET: guards, NOW_GUARDS: contents[tb.GUARD_ROWS],
             THEN_GUARDS: contents[tb.GUARD_ROWS], LOW: guards, HIGH: guards, GUESS: guards,
@@ -88,6 +91,7 @@ class EngineState:
         self.z = self.S[: contents[pg.A]]
         self.clock, self.energy = self[CLOCK], self[ENERGY]
         self.clock[:] = 0.0, np.inf, -np.inf
+        self[CURVE][2:3] = tolerance
         self.extremes = self[EXTREMES].reshape(2, 2)
         self.extremes[:] = np.inf, -np.inf
         self.sample_time = self[SAMPLE_TIME]

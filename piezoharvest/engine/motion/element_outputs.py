@@ -18,14 +18,21 @@ from piezoharvest.equations.terms import HINGE, PRODUCT, TIMED
 
 MAX_ITERATIONS = 40
 STEP_TOLERANCE = 1e-9  # of outputs or state: largest last step of Newton's method that counts as converged
-# Scratch behind CURVE: length of the next step and of the last one, vectors, the matrix of the outputs and its sides.
+# Scratch behind CURVE: length of the next step and of the last one, admissible error of outputs, vectors, the matrix of
+# the outputs and its sides.
 START, FLOW, MOVED, END, MATRIX = range(5)
 
 
 @inlined
 def scratch(L, D, k):
     """Place of a scratch vector in S."""
-    return D[st.CURVE] + 2 + k * L[pg.ROWS]
+    return D[st.CURVE] + 3 + k * L[pg.ROWS]
+
+
+@inlined
+def tolerance_of(S, D):
+    """Admissible error of an output within a step, relative to the state: both are scaled to the root of energy."""
+    return S[D[st.CURVE] + 2]
 
 
 @inlined

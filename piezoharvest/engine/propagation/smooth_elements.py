@@ -26,14 +26,14 @@ from piezoharvest.engine.motion.element_outputs import (
     scratch,
     set_outputs_and_rates,
     size_of,
+    tolerance_of,
 )
 from piezoharvest.engine.propagation.event_cascade import process_due_events
 from piezoharvest.engine.propagation.propagate import propagate_mode, read_guards
 from piezoharvest.engine.propagation.trajectory import begin_tape, end_tape, set_beginning
 
-TOLERANCE = 1e-11  # error of an output within a step, relative to the state: both are scaled to the root of energy
-# Of the state: difference at the end of a step between a cubic and the output that the motion gives.
-AGREEMENT_TOLERANCE = 1e-12
+# Of the admissible error: difference at the end of a step between a cubic and the output that the motion gives.
+AGREEMENT = 0.1
 MAX_ITERATIONS = 8  # iterations for cubic and motion to agree; a step in which they do not is halved
 MIN_STEP = 1e-9  # of a longest step: if a shorter one were needed, the outputs have no solution
 DIFFERENCE = 1e-7  # of the state: size of a finite difference
@@ -52,7 +52,7 @@ def begin_step(P, L, S, D, slot):
     set_outputs_and_rates(P, L, S, D, slot, 0, now)
     for k in range(L[pg.ELEMENTS]):
         place = element_of(L, k)
-        if abs(S[place] - S[moved + place]) <= 10.0 * AGREEMENT_TOLERANCE * size_of(L, S, 0):
+        if abs(S[place] - S[moved + place]) <= tolerance_of(S, D) * size_of(L, S, 0):
             S[place] = S[moved + place]
         S[place + 2] = S[place + 3] = 0.0
     flow = scratch(L, D, FLOW)
@@ -159,7 +159,7 @@ def _consistent_step(P, L, S, D, slot, step, left):
             return guard, 0.0
         copy(S, 0, end, rows)
         set_outputs_and_rates(P, L, S, D, slot, end, S[clock])
-        agreed = _mismatch(P, L, S, 0, end, length) <= AGREEMENT_TOLERANCE * size_of(L, S, 0)
+        agreed = _mismatch(P, L, S, 0, end, length) <= AGREEMENT * tolerance_of(S, D) * size_of(L, S, 0)
         _set_cubics(P, L, S, start, end, length)
         error = _error(P, L, S, start, known, length) / max(size_of(L, S, 0), 1e-300)
         if agreed:
@@ -168,9 +168,9 @@ def _consistent_step(P, L, S, D, slot, step, left):
 
 
 @compiled
-def _step_growth(error):
+def _step_growth(error, tolerance):
     """Factor by which the next step may be longer than one with this error."""
-    return 0.9 * (TOLERANCE / max(error, 1e-3 * TOLERANCE)) ** 0.25
+    return 0.9 * (tolerance / max(error, 1e-3 * tolerance)) ** 0.25
 
 
 @compiled
@@ -178,7 +178,7 @@ def _step(P, L, S, D, slot, t_stop):
     """Propagate over a step of admissible error without recording; return the guard that ended it."""
     clock, length_at, rows, longest = D[st.CLOCK], D[st.CURVE], L[pg.ROWS], P[L[pg.STEP]]
     start, known = scratch(L, D, START), scratch(L, D, MOVED)
-    now, left = S[clock], t_stop - S[clock]
+    now, left, tolerance = S[clock], t_stop - S[clock], tolerance_of(S, D)
     step = S[length_at] if S[length_at] > 0.0 else FIRST_STEP * longest
     copy(S, 0, known, rows)
     while True:
@@ -186,16 +186,16 @@ def _step(P, L, S, D, slot, t_stop):
         S[length_at + 1] = step
         copy(S, known, start, rows)
         guard, error = _consistent_step(P, L, S, D, slot, step, left)
-        if error <= TOLERANCE:
+        if error <= tolerance:
             break
         if step <= MIN_STEP * longest:
             # The motion diverges, or a charge is not single-valued: there is no solution.
             S[0] = np.nan
             return NONE
         S[clock] = now
-        step *= min(0.5, max(0.1, _step_growth(error))) if error < np.inf else 0.25
-    if (guard == NONE and step < left) or _step_growth(error) < 1.0:
-        S[length_at] = step * min(2.0, max(0.5, _step_growth(error)))
+        step *= min(0.5, max(0.1, _step_growth(error, tolerance))) if error < np.inf else 0.25
+    if (guard == NONE and step < left) or _step_growth(error, tolerance) < 1.0:
+        S[length_at] = step * min(2.0, max(0.5, _step_growth(error, tolerance)))
     return guard
 
 

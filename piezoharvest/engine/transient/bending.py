@@ -66,12 +66,16 @@ def bending_of(batch: pg.Program, count: int, steps: ModeSteps, bent: bool, lane
     both = dual(batch.element_z, 3)
     inputs, changes = both.value[: len(power)], both.change[:, : len(power)]
     changes = np.moveaxis(np.broadcast_to(changes, (count, *changes.shape[1:])), 0, -1)
-    rates = np.einsum("kia,mab->mkib", inputs, steps.rate)
+    rates = np.ascontiguousarray(np.einsum("kia,mab->mkib", inputs, steps.rate))
     d_rates = np.einsum("kiap,mab->mkibp", changes, steps.rate) + np.einsum("kia,mabp->mkibp", inputs, steps.d_rate)
-    forms = map(np.ascontiguousarray, (scale, inputs, changes, rates, d_rates))
+    d_rates = np.ascontiguousarray(d_rates)
     e, a = len(power), inputs.shape[-1]
-    memory = np.zeros(a), np.zeros((n + pg.DERIVATIVES * e, lanes)), np.zeros(a), np.zeros(e * (e + 2 * max(lanes, 1)))
-    return Bending(n, float(program.drift), power, *forms, *memory, np.zeros(e, np.int64))
+    return Bending(
+        n, float(program.drift), power, np.ascontiguousarray(scale), np.ascontiguousarray(inputs),
+        np.ascontiguousarray(changes), rates, d_rates, begin_z=np.zeros(a),
+        begin_d=np.zeros((n + pg.DERIVATIVES * e, lanes)), direction=np.zeros(a),
+        work=np.zeros(e * (e + 2 * max(lanes, 1))), order=np.zeros(e, np.int64),
+    )  # fmt: skip
 
 
 @compiled
@@ -220,7 +224,7 @@ def set_cubic_changes(bending, begin, end, length):
 
 @compiled
 def slope_along(bending, row, direction, passes, z, time):
-    """Derivative of a form as the states move in a direction (a,) and time passes, the outputs of the elements with them.
+    """Derivative of a form as the states move in a direction (a,) and time passes, the elements' outputs with them.
 
     `passes` is 1.0, or 0.0 where time stands still.
     """

@@ -18,6 +18,8 @@ from piezoharvest.engine.transient.bending import bending_of
 from piezoharvest.engine.transient.forcing import forcing_of
 from piezoharvest.engine.transient.sampled_system import SampledSystem
 
+# Of the outputs of smooth elements in a step, and measured, of a whole record: a converter of 24 bits resolves 6e-8.
+TOLERANCE = 1e-8
 MOTIONS_A_SAMPLE = 3  # room for motions, of which one ends at each sample, enlarged where it is too small
 
 
@@ -100,7 +102,7 @@ class PlainRun:
             The run cannot be simulated.
         """
         times = self._times[begin : end + 1]
-        state = self._machine.state(sample_time=times)
+        state = self._machine.state(sample_time=times, tolerance=TOLERANCE)
         state.follow(self._state)
         check(_run(self._machine, state, float(times[-1]), self._switch))
         self._state = state
@@ -177,7 +179,7 @@ class SampledRun:
         """Motions between the events up to a time, to which the run moves on, and their modes."""
         machine, room = self._machine, MOTIONS_A_SAMPLE * samples + 64
         while True:
-            state = machine.state(tape=room, steps_taped=True)
+            state = machine.state(tape=room, steps_taped=True, tolerance=TOLERANCE)
             state.follow(self._state)
             check(_run(machine, state, t_end, self._switch))
             count = int(state.D[st.TAPED])

@@ -1,10 +1,9 @@
 """Predicted response of a transducer behind a circuit with diodes or switches, with derivatives to its parameters.
 
-The engine gives the events and, between them, exact motion; derivatives are exact through the events
-(`engine.transient`). With effects that make the motion between events nonlinear they are central differences. Where a
-small change of a parameter lets the switch act at another extremum, the prediction jumps, and no derivative tells: it
-is then that of the present sequence of events, and the fit, which takes a step only if the cost falls, goes on from
-there.
+The engine gives the events and, between them, the motion; derivatives are exact through the events
+(`engine.transient`). Where a small change of a parameter lets the switch act at another extremum, the prediction jumps,
+and no derivative tells: it is then that of the present sequence of events, and the fit, which takes a step only if the
+cost falls, goes on from there.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ import numpy as np
 
 from piezoharvest.description.circuit import State
 from piezoharvest.description.excitation import Excitation, Ramps
-from piezoharvest.description.parameters import COMPLEX_STEP
+from piezoharvest.description.parameters import COMPLEX_STEP, ParameterError
 from piezoharvest.description.shunts import Resistor, Shunt
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
@@ -172,8 +171,11 @@ class CircuitPrediction:
         return known.under(self.excitation) if known.is_linear else self._lowered(self.excitation)
 
     def _lowered(self, excitation: Excitation) -> SampledSystem:
-        with np.errstate(all="ignore"):  # the energy of an effect at its null value, which no motion depends on
-            found = lower(System(self._stepped, self._shunt), excitation, self.record_time)
+        try:
+            with np.errstate(all="ignore"):  # the energy of an effect at its null value, which no motion depends on
+                found = lower(System(self._stepped, self._shunt), excitation, self.record_time)
+        except ParameterError as error:  # values that a fit tried have no equilibrium
+            raise PredictionError(str(error)) from None
         return SampledSystem(found._replace(program=_magnified(found.program)), len(self.parameters))
 
     @cached_property

@@ -10,7 +10,7 @@ from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.memory.state import EngineState
 from piezoharvest.engine.sensitivity.dual_modes import Dual, dual
 from piezoharvest.engine.transient.sampled_system import SampledSystem
-from piezoharvest.equations.terms import PRODUCT, TIMED
+from piezoharvest.equations.terms import output_at_start
 from piezoharvest.predict.discrete_model import Setting
 
 ITERATIONS = 30  # of elements that depend on each other: they are small beside what is linear
@@ -112,8 +112,7 @@ def _set_elements(program: pg.Program, z: np.ndarray) -> None:
     for _ in range(ITERATIONS):
         for k, power in enumerate(program.element_power):
             first, second = inputs[k] @ z
-            output = 0.0 if power == TIMED else first * second if power == PRODUCT else first**power
-            z[n + pg.DERIVATIVES * k] = output / scale[pg.DERIVATIVES * k]
+            z[n + pg.DERIVATIVES * k] = output_at_start(power, first, second) / scale[pg.DERIVATIVES * k]
 
 
 def _resting_signal(program: pg.Program) -> np.ndarray:
