@@ -40,6 +40,7 @@ from piezoharvest.identify.start_values.multistart import (
 )
 from piezoharvest.identify.start_values.quasi_static import (
     as_quasi_static,
+    is_far_from_quasi_static,
     may_be_quasi_static,
     quasi_static_fits_as_well,
     resonance_above_nyquist,
@@ -381,6 +382,9 @@ def _explained_quasi_statically(campaign: Campaign, problem: Problem, found: Fit
     """True if a quasi-static specimen explains the records as well as a fit does."""
     quasi_static = replace(campaign, transducer=as_quasi_static(campaign.transducer))
     still = Problem(prepared(quasi_static, "fit"), quasi_static.transducer, problem.offset_channels)
+    # Behind a circuit that resonates a fit of whole records would take most of the time of an identification.
+    if problem.has_events and is_far_from_quasi_static(problem, _beginning(still, _lengths(problem)[0]), found):
+        return False
     return quasi_static_fits_as_well(problem, still, found)
 
 

@@ -22,6 +22,9 @@ from piezoharvest.predict.prediction import PredictionError
 # Decrease of the sum of squared residuals that mass and damping must cause: without any effect they do so by chance
 # once in 150 records (chi-square with two degrees of freedom).
 MIN_DECREASE = 10.0
+# Times the mean square that a fit of all samples leaves: a quasi-static specimen leaves about as much of the beginnings
+# as of all; of a specimen that resonates, a million times as much was left.
+FAR = 100.0
 MAX_MEAN_SQUARE = 1.1  # mean square of whitened residuals, above which mass and damping may be far off
 
 
@@ -74,15 +77,39 @@ def quasi_static_fits_as_well(problem: Problem, quasi_static: Problem, found: Fi
     """
     if any(data.drive == "base_acceleration" for data in problem.data if isinstance(data, Data)):
         return False  # the mass shows in the gain
+    other = _fit_quasi_statically(problem, quasi_static, found)
+    if other is None:
+        return False
+    wanted = MIN_DECREASE * max(1.0, mean_square(found))  # relative to the residuals, if these exceed noise
+    return _squares(other) < _squares(found) + wanted or resonance_above_nyquist(problem, found.model.transducer)
+
+
+def is_far_from_quasi_static(problem: Problem, beginnings: Problem, found: Fit) -> bool:
+    """True if a quasi-static specimen leaves far more of the records' beginnings than a fit leaves of all.
+
+    Parameters
+    ----------
+    problem : Problem
+    beginnings : Problem
+        Those of the same records, prepared for the quasi-static specimen.
+    found : Fit
+        Fit with masses and dampings.
+    """
+    if resonance_above_nyquist(problem, found.model.transducer):
+        return False
+    other = _fit_quasi_statically(problem, beginnings, found)
+    return other is None or mean_square(other) > FAR * max(1.0, mean_square(found))
+
+
+def _fit_quasi_statically(problem: Problem, quasi_static: Problem, found: Fit) -> Fit | None:
+    """Fit of the quasi-static specimen from that of another one; None if it cannot follow the records."""
     kept = tuple(parameter for parameter in found.model.parameters if parameter.path[-1] not in INERT)
     model = Model(as_quasi_static(found.model.transducer), kept, found.model.offset_channels, found.model.relaxed)
     nuisance = nuisance_for_problem(problem, found.nuisance, quasi_static, model)
     try:
-        other = fit(quasi_static, model, nuisance, found.noise, estimate_noise=False)
+        return fit(quasi_static, model, nuisance, found.noise, estimate_noise=False)
     except (PredictionError, np.linalg.LinAlgError):
-        return False
-    wanted = MIN_DECREASE * max(1.0, mean_square(found))  # relative to the residuals, if these exceed noise
-    return _squares(other) < _squares(found) + wanted or resonance_above_nyquist(problem, found.model.transducer)
+        return None
 
 
 def _squares(found: Fit) -> float:
