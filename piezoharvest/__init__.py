@@ -35,6 +35,8 @@ _HOMES = {
         "SeriesRLC", "SeriesSSHI", "Short", "Shunt", "SpiceCircuit",
     ),
     "description.shunts.storage": ("Storage",),
+    "description.shunts.duty_cycle": ("LoadPhase",),
+    "description.shunts.efficiency_curve": ("EfficiencyCurve",),
     "description.effects": (
         "BiasCurrent", "ChannelSkew", "Clipping", "ContactCompliance", "CouplingDrift", "Creep",
         "DielectricRelaxation", "DiodeDropError", "DisplacementLag", "Effect", "Friction", "InversionLoss", "Leakage",

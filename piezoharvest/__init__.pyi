@@ -79,6 +79,8 @@ from piezoharvest.description.shunts import (
     Shunt,
     SpiceCircuit,
 )
+from piezoharvest.description.shunts.duty_cycle import LoadPhase
+from piezoharvest.description.shunts.efficiency_curve import EfficiencyCurve
 from piezoharvest.description.shunts.storage import Storage
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Electrode, Mode, Transducer
@@ -138,6 +140,7 @@ __all__ = [
     "DisplacementLag",
     "Doubler",
     "Effect",
+    "EfficiencyCurve",
     "Electrode",
     "Excitation",
     "Friction",
@@ -149,6 +152,7 @@ __all__ = [
     "Leakage",
     "LinearShunt",
     "LoadError",
+    "LoadPhase",
     "MainsHum",
     "MissedSwitching",
     "Mode",

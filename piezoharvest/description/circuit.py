@@ -74,7 +74,7 @@ class Product(NamedTuple):
 
 
 # Events of guards that are neither those of diodes and switches nor untold.
-EVENTS = ("supply turns on", "supply turns off", "store is full")
+EVENTS = ("supply turns on", "supply turns off", "store is full", "packet is sent")
 
 
 class Guard(NamedTuple):

@@ -395,8 +395,10 @@ def _of_the_store(lowered: Lowered, state: EngineState, length: float, from_rest
     figures = {"energy_stored": 0.5 * float(program.storage[k, k] * state.z[k] ** 2)}
     if pg.TURN_ON not in program.guard_code:
         return figures
-    wakes = int(state.counts[pg.TURN_ON])
-    figures["wakes_per_hour"] = 3600.0 * wakes / length
+    wakes, hours = int(state.counts[pg.TURN_ON]), length / 3600.0
+    figures["wakes_per_hour"] = wakes / hours
+    if pg.SENT in program.guard_code:
+        figures["packets_per_hour"] = int(state.counts[pg.SENT]) / hours
     return figures | ({"time_to_turn_on": float(state.first_times[pg.TURN_ON])} if wakes and from_rest else {})
 
 

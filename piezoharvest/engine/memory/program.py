@@ -25,7 +25,7 @@ NONE = -1  # number of a guard, a configuration or a table that does not exist
 DERIVATIVES = 4
 
 # Codes of events, in the order of their names in results.
-CLOSE, OPEN, CONDUCT, BLOCK, EXTRACT, SLIP, STICK, STEP_ON, TICK, TURN_ON, TURN_OFF, FILL = range(12)
+CLOSE, OPEN, CONDUCT, BLOCK, EXTRACT, SLIP, STICK, STEP_ON, TICK, TURN_ON, TURN_OFF, FILL, SENT = range(13)
 EVENT_NAMES = (
     "switch closes",
     "switch opens",
