@@ -150,6 +150,9 @@ def write_dc_side(
         deck.add(f"Vdc {plus} {minus} {deck.parameter('dc_voltage', shunt.dc_voltage)}")
         return NetlistCircuit("V(dc)*I(Vdc)", "V(dc)")
     assert shunt.smoothing_capacitance is not None  # or a dc voltage
+    if shunt.smoothing_resistance:
+        deck.add(f"Rsmoothing {plus} inside_smoothing", shunt.smoothing_resistance)
+        plus = "inside_smoothing"
     deck.add(f"Csmoothing {plus} {minus}", shunt.smoothing_capacitance, point.condition("dc"))
     return _write_loads(deck, shunt, point, nodes)
 

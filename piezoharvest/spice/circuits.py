@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.switching import SynchronisedShunt
 from piezoharvest.spice.breakers import write_breakers
 from piezoharvest.spice.bridges import write_bridge, write_doubler, write_half_wave, write_series_bridge
 from piezoharvest.spice.deck import Deck, number, total
@@ -36,9 +37,33 @@ def write_shunt(deck: Deck, shunt: Shunt, point: OperatingPoint) -> NetlistCircu
         )
     deck.section(f"shunt: {shunt.kind}")
     circuit = WRITERS[shunt.kind](deck, shunt, point)
+    circuit = _less_control(deck, shunt, point, circuit)
     for other in shunt.others:
         circuit = _beside(deck, circuit, other, point)
     return circuit
+
+
+def _less_control(deck, shunt, point, circuit):
+    """The circuit, what its control takes being no part of what is harvested."""
+    if not isinstance(shunt, SynchronisedShunt) or not (shunt.gate_energy or shunt.control_power):
+        return circuit
+    power = shunt.control_power
+    if shunt.gate_energy:
+        period = point.excitation.period
+        if period is None:
+            found = f"found {shunt.gate_energy:g} J under an excitation without a period"
+            raise ParameterError("gate_energy", f"{found}, but a netlist has its mean over a period")
+        deck.comment("Gates take the mean power of two actions a period in all stages, whether they happen or not.")
+        power = power + 2 * _stages(shunt) * shunt.gate_energy / period
+    return circuit._replace(harvested=f"{circuit.harvested} - {deck.parameter('power_control', power)}")
+
+
+def _stages(shunt):
+    """Number of stages of one action of the switch."""
+    configuration, count = shunt.closed(shunt.configurations()[0], 1), 1
+    while (configuration := shunt.opened(configuration)) != shunt.opened(configuration):
+        count += 1
+    return count
 
 
 def _beside(deck, circuit, other, point):

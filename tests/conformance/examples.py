@@ -72,7 +72,14 @@ VARIANTS = {
     "rectifier": [
         {"dc_voltage": None, "smoothing_capacitance": 24e-9, "storage": STORAGE},
         {"dc_voltage": 1.0, "diode_drop": 0.2, **LEAKING},
-        {"diode_drop": 0.2, "diode_resistance": 3e3},
+        {
+            "dc_voltage": None,
+            "smoothing_capacitance": 24e-9,
+            "load_resistance": IMPEDANCE,
+            "diode_drop": 0.2,
+            "diode_resistance": 3e3,
+            "smoothing_resistance": 3e3,
+        },
     ],
     "doubler": [
         {"diode_drop": 0.2, **LEAKING},
@@ -94,14 +101,14 @@ VARIANTS = {
     ],
     "sshc": [
         {"phase_lag": 0.2, "diode_resistance": 3e3, "on_time_error": -0.2, **LEAKING},
-        {"phase_lag": -0.2, "flip_capacitances": (30e-9,) * 4},
+        {"phase_lag": -0.2, "flip_capacitances": (30e-9,) * 4, "gate_energy": 1e-9, "control_power": 1e-8},
     ],
     "bias_flip": [{"steps": 4, "phase_lag": 0.2, "on_time_error": 0.1}, {"steps": 2, "bias_capacitance": 1e-6}],
     "sice": [{"phase_lag": 0.2, "on_time_error": -0.3, "diode_drop": 0.1}, {"phase_lag": -0.2, "efficiency": 0.7}],
     "sc_sece": [{"phase_lag": 0.2, "short_time": 3e-3, "diode_resistance": 50.0}],
     "dssh": [{"phase_lag": 0.2, "on_time_error": -0.5}, {"phase_lag": -0.2, "diode_drop": 0.1, "efficiency": 0.7}],
     "sece": [
-        {"efficiency": 0.7, "phase_lag": -0.2},
+        {"efficiency": 0.7, "phase_lag": -0.2, "gate_energy": 1e-9},
         {"diode_drop": 0.3},
         {**COIL, "phase_lag": 0.2, "diode_drop": 0.1},
         {**COIL, "on_time_error": -0.3, "phase_lag": -0.2},

@@ -52,6 +52,7 @@ class EfficiencyCurve(Component):
 def _between(x: Any, places: np.ndarray, values: np.ndarray) -> Any:
     """Linear interpolation that keeps the derivative of a complex step; constant beyond the ends."""
     slopes = np.concatenate([[0.0], np.diff(values) / np.diff(places), [0.0]])
-    piece = np.searchsorted(places, np.asarray(x, complex).real)
+    real: Any = np.real(x)
+    piece = sum(np.asarray(real > place, int) for place in places)
     begin = np.maximum(piece - 1, 0)
     return values[begin] + slopes[piece] * (x - places[begin])

@@ -88,6 +88,9 @@ class Stored(Shunt):
             powers["shunt_loss"].append(Product(1.0, z.dc, self._surplus(supply, own, port, z)))
         return powers
 
+    def control(self, port: Port) -> Sequence[Product]:
+        return self.circuit.control(port)
+
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
         supply, own = configuration.split(" ", 1)
         guards = [

@@ -39,15 +39,25 @@ def cut_state(P, L, S, D, state):
 
 
 @compiled
+def drive_gate(P, L, S, D):
+    """Take the energy of one action of the switch from what is harvested."""
+    if D[st.ENERGIES]:
+        S[D[st.ENERGY] + pg.HARVESTED] -= P[L[pg.GATE_ENERGY]]
+        S[D[st.ENERGY] + pg.SHUNT_LOSS] += P[L[pg.GATE_ENERGY]]
+
+
+@compiled
 def operate_switch(P, L, S, D, polarity):
     """Operate the switch, at a maximum (polarity +1) or a minimum of sum T_i x_i."""
     if L[pg.SWITCHED] == 2:
         extract_charge(P, L, S, D)
+        drive_gate(P, L, S, D)
         log_event(S, D, pg.EXTRACT)
         return
     if D[st.CLOSED]:
         return
     D[st.CLOSED] = 1
+    drive_gate(P, L, S, D)
     D[st.CONFIGURATION] = L[L[pg.CLOSED] + (L[pg.C] if polarity > 0 else 0) + D[st.CONFIGURATION]]
     S[D[st.CLOCK] + st.OPENS] = S[D[st.CLOCK] + st.NOW] + P[L[pg.ON_TIME]] * P[L[pg.STAGE] + D[st.CONFIGURATION]]
     for s in range(D[st.SENSITIVITIES]):
@@ -91,6 +101,7 @@ def open_switch(P, L, S, D):
             cut_state(P, L, S, D, k)
     if L[L[pg.OPENED] + after] != after:
         S[D[st.CLOCK] + st.OPENS] = S[D[st.CLOCK] + st.NOW] + P[L[pg.ON_TIME]] * P[L[pg.STAGE] + after]
+        drive_gate(P, L, S, D)
         log_event(S, D, pg.STEP_ON)
         return
     D[st.CLOSED] = 0

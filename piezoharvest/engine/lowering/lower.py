@@ -294,6 +294,7 @@ def _switching(
         "efficiency": scalar(timing.efficiency),
         "drop": scalar(timing.drop),
         "threshold": scalar(timing.threshold),
+        "gate_energy": scalar(timing.gate_energy),
         "closed": np.array([[index.get(shunt.closed(c, polarity), -1) for c in index] for polarity in (-1, 1)]),
         "opened": np.array([index[shunt.opened(c)] for c in index]),
         "cut": np.array([name in {"current", *recovered} for name in layout.names]),
