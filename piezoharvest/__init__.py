@@ -28,7 +28,8 @@ _HOMES = {
         "Excitation", "Multisine", "RandomBase", "RandomForce", "Record", "SineBase", "SineForce", "StepForce",
     ),
     "description.shunts": (
-        "Battery", "BiasFlip", "CurrentBlocking", "CurrentFlowing", "DSSH", "Digital", "Doubler", "HalfWave",
+        "Battery", "BiasFlip", "CurrentBlocking", "CurrentFlowing", "DSSH", "Digital", "Doubler", "ESSH",
+        "HalfWave",
         "LinearShunt", "MPPT", "NegativeCapacitance", "Network", "Open", "ParallelBranches", "ParallelRL",
         "ParallelRLC", "ParallelSSHI", "Rectifier", "Resistor", "SCSECE", "SECE", "SICE", "SSDI", "SSDS", "SSDV",
         "SSHC", "SelfPoweredSECE", "SelfPoweredSSDI", "SelfPoweredSSHI", "SelfPoweredSeriesSSHI", "SeriesRL",

@@ -43,6 +43,7 @@ from piezoharvest.description.hysteresis import Hysteresis
 from piezoharvest.description.parameters import Component, ParameterError, quantity
 from piezoharvest.description.shunts import (
     DSSH,
+    ESSH,
     MPPT,
     SCSECE,
     SECE,
@@ -109,6 +110,7 @@ from piezoharvest.sweep import sweep
 __version__: str
 __all__ = [
     "DSSH",
+    "ESSH",
     "MPPT",
     "SCSECE",
     "SECE",

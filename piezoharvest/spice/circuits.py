@@ -14,6 +14,7 @@ from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
 from piezoharvest.spice.stages import (
     write_bias_flip,
     write_dssh,
+    write_essh,
     write_sc_sece,
     write_sece,
     write_sice,
@@ -255,6 +256,12 @@ def _ssdi(deck, shunt, point):
     return NetlistCircuit(fastest=write_loop(deck, shunt, point, "0").on_time)
 
 
+def _ssds(deck, shunt, point):
+    if shunt.inductance is None:
+        return write_discharge(deck, shunt, point)
+    return _ssdi(deck, shunt, point)
+
+
 def _ssdv(deck, shunt, point):
     loop = write_loop(deck, shunt, point, "source")
     deck.comment("The source drives the inverted voltage further: up after a maximum, down after a minimum.")
@@ -297,7 +304,8 @@ WRITERS: dict[str, Callable[..., NetlistCircuit]] = {
     "sice": write_sice,
     "sc_sece": write_sc_sece,
     "dssh": write_dssh,
-    "ssds": write_discharge,
+    "essh": write_essh,
+    "ssds": _ssds,
     "ssdi": _ssdi,
     "ssdv": _ssdv,
 }
