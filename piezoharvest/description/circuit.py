@@ -74,7 +74,10 @@ class Product(NamedTuple):
 
 
 # Events of guards that are neither those of diodes and switches nor untold.
-EVENTS = ("supply turns on", "supply turns off", "store is full", "packet is sent")
+EVENTS = (
+    "supply turns on", "supply turns off", "store is full", "packet is sent", "switch is powered",
+    "switch loses its power",
+)  # fmt: skip
 
 
 class Guard(NamedTuple):

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.cold_start import StartedSwitch
 from piezoharvest.description.shunts.switching import SynchronisedShunt
 from piezoharvest.spice.breakers import write_breakers
 from piezoharvest.spice.bridges import write_bridge, write_doubler, write_half_wave, write_series_bridge
@@ -20,6 +21,7 @@ from piezoharvest.spice.stages import (
     write_sice,
     write_sshc,
 )
+from piezoharvest.spice.supply import write_control
 from piezoharvest.spice.switching import write_discharge, write_loop
 
 
@@ -37,6 +39,9 @@ def write_shunt(deck: Deck, shunt: Shunt, point: OperatingPoint) -> NetlistCircu
             "shunt", f"found kind {shunt.kind!r}, which cannot be exported to SPICE, allowed are {known}"
         )
     deck.section(f"shunt: {shunt.kind}")
+    if isinstance(shunt, StartedSwitch) and shunt.start_voltage is not None:
+        write_control(deck, shunt, point)
+        point = point._replace(cold=True)
     circuit = WRITERS[shunt.kind](deck, shunt, point)
     circuit = _less_control(deck, shunt, point, circuit)
     for other in shunt.others:

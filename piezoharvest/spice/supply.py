@@ -1,9 +1,10 @@
-"""Supply that a storage capacitor feeds, as netlist elements: lockout, converter, protection, phases of its load."""
+"""What a storage capacitor feeds, as netlist elements: lockout, converter, protection, load, control of a switch."""
 
 from __future__ import annotations
 
 import math
 
+from piezoharvest.description.shunts.cold_start import StartedSwitch
 from piezoharvest.description.shunts.storage import Storage
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.operating_point import OperatingPoint
@@ -24,17 +25,34 @@ def write_supply(deck: Deck, storage: Storage, point: OperatingPoint, nodes: tup
             ("turn_on", storage.turn_on), ("turn_off", storage.turn_off), ("max_voltage", storage.limit),
         )
     )  # fmt: skip
-    above, band = f"(V(dc)-{on}+({on}-{off})*V(supply))", storage.turn_on - storage.turn_off
-    deck.add(f"Bsupply wanted 0 V={_above_zero(above, COMPARATOR * band)}")
-    deck.add("Rsupply wanted supply 1")
-    begins, decision = point.initial("dc") >= storage.turn_on, DECISION * 2 * math.pi / point.omega
-    deck.add("Csupply supply 0", decision, f"IC={int(begins)}")
-    drawn, power = _write_load(deck, storage, decision)
+    _write_comparator(deck, "supply", (on, off), storage.turn_on - storage.turn_off, point, storage.turn_on)
+    drawn, power = _write_load(deck, storage, DECISION * 2 * math.pi / point.omega)
     deck.add(f"Bload {' '.join(nodes)} I=V(supply)*({drawn})/max(V(dc),0.5*{off})")
     corner, least = number((CORNER * storage.limit) ** 2), number(PROTECTION * storage.limit / point.current)
     excess = f"(V(dc)-{limit})"
     deck.add(f"Bprotection {' '.join(nodes)} I=0.5/{least}*({excess} + sqrt({excess}*{excess}+{corner}))")
     return f"V(supply)*({power})"
+
+
+def write_control(deck: Deck, shunt: StartedSwitch, point: OperatingPoint) -> None:
+    """Node `powered`: 1 while the dc side powers the control of the switch; without that no pulse is there."""
+    assert shunt.start_voltage is not None  # asked for where there is one
+    deck.section("control of the switch: V(powered) is 1 while the dc side powers it")
+    # Where it never loses its power, a voltage that the dc side does not come to.
+    lowest = -shunt.start_voltage if shunt.stop_voltage is None else shunt.stop_voltage
+    ends = deck.parameter("start_voltage", shunt.start_voltage), deck.parameter("stop_voltage", lowest)
+    _write_comparator(deck, "powered", ends, shunt.start_voltage - lowest, point, shunt.start_voltage)
+
+
+def _write_comparator(
+    deck: Deck, node: str, ends: tuple[str, str], band: float, point: OperatingPoint, upper: float
+) -> None:
+    """A node that is 1 from the upper one of two dc voltages on, until it falls to the lower one, `band` (V) below."""
+    above = f"(V(dc)-{ends[0]}+({ends[0]}-{ends[1]})*V({node}))"
+    deck.add(f"B{node} wanted_{node} 0 V={_above_zero(above, COMPARATOR * band)}")
+    deck.add(f"R{node} wanted_{node} {node} 1")
+    begins = int(point.initial("dc") >= upper)
+    deck.add(f"C{node} {node} 0", DECISION * 2 * math.pi / point.omega, f"IC={begins}")
 
 
 def _write_load(deck: Deck, storage: Storage, decision: float) -> tuple[str, str]:

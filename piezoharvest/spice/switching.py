@@ -72,7 +72,8 @@ class Timing(NamedTuple):
             nodes.append(self.lines.write(f"{place}{name}", self.taken, delay) if late else self.taken)
         # Timed from the previous extremum, of the other kind, the pulse has the other sign.
         half = "(-0.5)" if self.switch.early else "0.5"
-        self.lines.deck.add(f"Bpulse{name} pulse{name} 0 V={half}*(V({nodes[1]})-V({nodes[0]}))")
+        powered = "*V(powered)" if self.lines.point.cold else ""
+        self.lines.deck.add(f"Bpulse{name} pulse{name} 0 V={half}*(V({nodes[1]})-V({nodes[0]})){powered}")
 
 
 class _Lines(NamedTuple):
@@ -161,9 +162,7 @@ def write_loop(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint,
     return SwitchedLoop(switch.on_time, write_coil(deck, shunt, point, end, switch.on_time))
 
 
-def write_coil(
-    deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint, end: str, on_time: float
-) -> float:
+def write_coil(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint, end: str, on_time: float) -> float:
     """Inductor, its resistance and a switch that follows V(pulse); return the impedance sqrt(L/C)."""
     capacitance = point.capacitance
     inductance, resistance = shunt.loop(capacitance)

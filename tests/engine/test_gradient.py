@@ -234,6 +234,7 @@ UNITS = {
     "flip_time": (0, 0, 1, 0), "time_constant": (0, 0, 1, 0), "source_voltage": (1, 2, -3, -1),
     "dc_voltage": (1, 2, -3, -1), "diode_drop": (1, 2, -3, -1), "force_participation": (0, 0, 0, 0),
     **dict.fromkeys(("initial_dc_voltage", "turn_on", "turn_off", "max_voltage"), (1, 2, -3, -1)),
+    **dict.fromkeys(("start_voltage", "stop_voltage"), (1, 2, -3, -1)),
     "gate_energy": (1, 2, -2, 0), "smoothing_resistance": (1, 2, -3, -2), "second_inductance": (1, 2, -2, -2),
     **dict.fromkeys(("power", "control_power"), (1, 2, -3, 0)),
     **dict.fromkeys(("fraction", "sampling_duty"), (0, 0, 0, 0)),

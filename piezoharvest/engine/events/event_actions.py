@@ -54,11 +54,12 @@ def operate_switch(P, L, S, D, polarity):
         drive_gate(P, L, S, D)
         log_event(S, D, pg.EXTRACT)
         return
-    if D[st.CLOSED]:
+    after = L[L[pg.CLOSED] + (L[pg.C] if polarity > 0 else 0) + D[st.CONFIGURATION]]
+    if D[st.CLOSED] or after == D[st.CONFIGURATION]:  # a switch without power stays as it is
         return
     D[st.CLOSED] = 1
     drive_gate(P, L, S, D)
-    D[st.CONFIGURATION] = L[L[pg.CLOSED] + (L[pg.C] if polarity > 0 else 0) + D[st.CONFIGURATION]]
+    D[st.CONFIGURATION] = after
     S[D[st.CLOCK] + st.OPENS] = S[D[st.CLOCK] + st.NOW] + P[L[pg.ON_TIME]] * P[L[pg.STAGE] + D[st.CONFIGURATION]]
     for s in range(D[st.SENSITIVITIES]):
         S[D[st.OPENS_PHI] + s] = S[D[st.EVENT_PHI] + s]

@@ -25,7 +25,9 @@ NONE = -1  # number of a guard, a configuration or a table that does not exist
 DERIVATIVES = 4
 
 # Codes of events, in the order of their names in results.
-CLOSE, OPEN, CONDUCT, BLOCK, EXTRACT, SLIP, STICK, STEP_ON, TICK, TURN_ON, TURN_OFF, FILL, SENT = range(13)
+(
+    CLOSE, OPEN, CONDUCT, BLOCK, EXTRACT, SLIP, STICK, STEP_ON, TICK, TURN_ON, TURN_OFF, FILL, SENT, POWERED, UNPOWERED,
+) = range(15)  # fmt: skip
 EVENT_NAMES = (
     "switch closes",
     "switch opens",
