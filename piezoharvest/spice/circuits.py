@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from piezoharvest.description.parameters import ParameterError
@@ -23,6 +24,8 @@ from piezoharvest.spice.stages import (
 )
 from piezoharvest.spice.supply import write_control
 from piezoharvest.spice.switching import write_discharge, write_loop
+
+HELD = 1e4  # over what drives it beyond, with which a saturated output is held at its limit
 
 
 def write_shunt(deck: Deck, shunt: Shunt, point: OperatingPoint) -> NetlistCircuit:
@@ -135,6 +138,19 @@ def _series_rlc(deck, shunt, point):
 def _parallel_rlc(deck, shunt, point):
     deck.add("Cshunt p 0", shunt.capacitance, point.condition("voltage"))
     return _parallel_rl(deck, shunt, point)
+
+
+def _op_amp(deck, shunt, point):
+    deck.comment("V(out) is the output of the amplifier, an integrator of its input, held at the saturation.")
+    begins = point.initial("v_t") - point.initial("across")
+    limit = deck.parameter("saturation", shunt.saturation)
+    beyond = f"(max(0, V(out)-{limit})+min(0, V(out)+{limit}))*{number(HELD)}"
+    deck.add(f"Binput 0 out I=V(p)-0.5*V(out)-{beyond}")
+    deck.add("Cout out 0", 1 / (2 * math.pi * shunt.gain_bandwidth), f"IC={number(begins)}")
+    deck.add("Eout u 0 out 0 1")
+    deck.add("Cnegative p u", shunt.capacitance, point.condition("across"))
+    deck.add("Rload p 0", shunt.resistance)
+    return _load("p", shunt, 2 * shunt.resistance * point.capacitance)
 
 
 def _branches(deck, shunt, point):
@@ -309,6 +325,7 @@ WRITERS: dict[str, Callable[..., NetlistCircuit]] = {
     "sice": write_sice,
     "sc_sece": write_sc_sece,
     "dssh": write_dssh,
+    "op_amp_negative_capacitance": _op_amp,
     "essh": write_essh,
     "ssds": _ssds,
     "ssdi": _ssdi,

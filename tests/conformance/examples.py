@@ -60,6 +60,7 @@ GIVEN = {
         "denominator": (IMPEDANCE / OMEGA, 0.2 * IMPEDANCE),
         "sample_time": 0.005 / DRIVE["frequency"],
     },
+    "op_amp_negative_capacitance": {"gain_bandwidth": 1e5, "saturation": 2.0},
     "essh": {"residual": 0.5, "second_quality": 6.0},
     "current_flowing": {**BRANCHES, "capacitances": (5e-8, 4e-8)},
     "parallel_branches": {**BRANCHES, "capacitances": (4e-8,)},
