@@ -495,7 +495,7 @@ class TestText:
         system, excitation = objects(bench({"kind": "open"}, DRIVE))
         shunt = Open()
         object.__setattr__(shunt, "kind", "mine")  # not a class of its own, which would stay registered
-        with pytest.raises(ParameterError, match=r"found kind 'mine', .* allowed are .*network, open"):
+        with pytest.raises(ParameterError, match=r"found kind 'mine', .* allowed are .*network, op_amp_.*, open"):
             export_spice(system.transducer, shunt, excitation)
 
     def test_what_an_effect_may_not_use(self, monkeypatch):
