@@ -43,6 +43,7 @@ from piezoharvest.description.hysteresis import Hysteresis
 from piezoharvest.description.parameters import Component, ParameterError, quantity
 from piezoharvest.description.shunts import (
     DSSH,
+    ESSH,
     MPPT,
     SCSECE,
     SECE,
@@ -61,6 +62,7 @@ from piezoharvest.description.shunts import (
     LinearShunt,
     NegativeCapacitance,
     Network,
+    OpAmpNegativeCapacitance,
     Open,
     ParallelBranches,
     ParallelRL,
@@ -79,6 +81,8 @@ from piezoharvest.description.shunts import (
     Shunt,
     SpiceCircuit,
 )
+from piezoharvest.description.shunts.duty_cycle import LoadPhase
+from piezoharvest.description.shunts.efficiency_curve import EfficiencyCurve
 from piezoharvest.description.shunts.storage import Storage
 from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Electrode, Mode, Transducer
@@ -107,6 +111,7 @@ from piezoharvest.sweep import sweep
 __version__: str
 __all__ = [
     "DSSH",
+    "ESSH",
     "MPPT",
     "SCSECE",
     "SECE",
@@ -138,6 +143,7 @@ __all__ = [
     "DisplacementLag",
     "Doubler",
     "Effect",
+    "EfficiencyCurve",
     "Electrode",
     "Excitation",
     "Friction",
@@ -149,6 +155,7 @@ __all__ = [
     "Leakage",
     "LinearShunt",
     "LoadError",
+    "LoadPhase",
     "MainsHum",
     "MissedSwitching",
     "Mode",
@@ -158,6 +165,7 @@ __all__ = [
     "NoGradientError",
     "NonlinearCoupling",
     "OnTimeOffset",
+    "OpAmpNegativeCapacitance",
     "Open",
     "ParallelBranches",
     "ParallelRL",

@@ -86,6 +86,10 @@ SWITCHED = {
     "sice": {"kind": "sice", **COIL},
     "sc_sece": {"kind": "sc_sece", **COIL, "short_time": 0.1 * PERIOD, "phase_lag": 0.2},
     "dssh": {"kind": "dssh", **COIL, "intermediate_capacitance": 120e-9, "diode_drop": 0.01},
+    "essh": {
+        "kind": "essh", **COIL, "intermediate_capacitance": 120e-9, "second_inductance": 0.02, "second_quality": 20.0,
+        "residual": 0.5, "efficiency": 0.9,
+    },
     "bias_flip": {"kind": "bias_flip", "steps": 3, **LOAD, **COIL, "bias_capacitance": 4e-7},
     "half_wave": {"kind": "half_wave", **WIDE, "diode_drop": 0.01, "diode_leakage": 1e-8},
     "doubler": {"kind": "doubler", **WIDE, "diode_drop": 0.01, "diode_resistance": 2e3, "diode_leakage": 1e-8},
@@ -93,10 +97,12 @@ SWITCHED = {
     "mppt": {"kind": "mppt", "fraction": 0.5, "sampling_duty": 0.1, "diode_drop": 0.01},
     "sshc": {"kind": "sshc", **LOAD, "flip_capacitances": [60e-9], "switch_resistance": 1000.0},
     "ssds": {"kind": "ssds"},
+    "ssds coil": {"kind": "ssds", **COIL},
     "ssdi": {"kind": "ssdi", **LOOP},
     "ssdv": {"kind": "ssdv", **LOOP, "source_voltage": 1.0},
 }
 STAGED = ("half_wave", "doubler", "battery", "mppt", "sshc", "bias_flip", "sece coil", "sice", "sc_sece", "dssh")
+STAGED += ("essh", "ssds coil")
 # Left to the slow tests from rest.
 RARE = ("series_sshi", "ssds", *STAGED)
 MISTIMED = {
@@ -132,7 +138,7 @@ def compare_with_engine(study, tolerance, **options):
 
 @needs_ngspice
 class TestRuns:
-    @pytest.mark.parametrize("kind", [*LINEAR, *SWITCHED])
+    @pytest.mark.parametrize("kind", with_slow([*LINEAR, *SWITCHED], slow=lambda kind: kind in ("essh", "ssds coil")))
     @pytest.mark.parametrize("hysteresis", [None, STOPS])
     def test_every_kind(self, kind, hysteresis):
         transducer = {**DAMPED, **({"hysteresis": hysteresis} if hysteresis else {})}
@@ -140,7 +146,7 @@ class TestRuns:
         found = run_netlist(netlist(study, periods=3, measured_periods=2, steps_per_period=500))
         assert found["displacement_pp"] > 1e-5
         assert found["mechanical_power"] > 0
-        assert (found["harvested_power"] > 0) == (kind not in ("open", "short", "ssds", "ssdi", "ssdv"))
+        assert (found["harvested_power"] > 0) == (kind.split()[0] not in ("open", "short", "ssds", "ssdi", "ssdv"))
 
     def test_every_excitation(self, tmp_path):
         (tmp_path / "force.csv").write_text("time,force\n" + "".join(f"{n / 500},{n % 7 - 3}\n" for n in range(50)))
@@ -326,7 +332,7 @@ class TestSteadyStart:
         study = bench({**SWITCHED["parallel_sshi"], **timing}, DRIVE)
         compare_with_engine(study, 3e-3, start="steady")
 
-    @pytest.mark.parametrize("kind", STAGED)
+    @pytest.mark.parametrize("kind", with_slow(STAGED, slow=lambda kind: kind in ("essh", "ssds coil")))
     def test_capacitors_and_coils_of_its_own(self, kind):
         compare_with_engine(bench(SWITCHED[kind], DRIVE), 2e-3, start="steady")
 
@@ -489,7 +495,7 @@ class TestText:
         system, excitation = objects(bench({"kind": "open"}, DRIVE))
         shunt = Open()
         object.__setattr__(shunt, "kind", "mine")  # not a class of its own, which would stay registered
-        with pytest.raises(ParameterError, match=r"found kind 'mine', .* allowed are .*network, open"):
+        with pytest.raises(ParameterError, match=r"found kind 'mine', .* allowed are .*network, op_amp_.*, open"):
             export_spice(system.transducer, shunt, excitation)
 
     def test_what_an_effect_may_not_use(self, monkeypatch):

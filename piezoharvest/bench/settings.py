@@ -208,7 +208,7 @@ def _excitation(study: Study, table: Any, where: str) -> Excitation:
 
 def _sensed(shunt: Shunt, sense: CurrentSense, where: str) -> Shunt:
     """Shunt including the current's sense resistor; raises if the bench cannot build it."""
-    for key in ("storage", "initial_dc_voltage"):
+    for key in ("storage", "initial_dc_voltage", "smoothing_resistance", "start_voltage"):
         if getattr(shunt, key, None):
             raise ParameterError(f"{where}.{key}", "found on the virtual bench, which has loads and begins at rest")
     if shunt.kind not in CIRCUITS:

@@ -23,7 +23,7 @@ _RESULT = (
     "shunt", "converged", "period", "harvested_power", "mechanical_power", "efficiency", "displacement_amplitude",
     "voltage_amplitude", "dc_voltage", "attenuation_db", "energy", "events_per_period", "periods_evaluated", "message",
     "displacement_rms", "standard_error", "figure_of_merit", "energy_stored", "time_to_turn_on", "wakes_per_hour",
-    "least_switching_voltage",
+    "packets_per_hour", "time_to_start", "least_switching_voltage",
 )  # fmt: skip
 
 _QUANTILES = {"p5": "5 %", "p50": "50 %", "p95": "95 %"}
@@ -82,9 +82,11 @@ def print_responses(title: str, responses: Sequence[Response]) -> None:
 
 def _supply_columns(responses: Sequence[Response]) -> list[Column]:
     """What a supply at the smoothing capacitor did."""
+    packets = [r.packets_per_hour for r in responses]
     return [
         Column("turns on after", "s", [r.time_to_turn_on for r in responses]),
         Column("wakes an hour", "", [r.wakes_per_hour for r in responses]),
+        *([Column("packets an hour", "", packets)] if any(each is not None for each in packets) else []),
         Column("energy stored", "J", [r.energy_stored for r in responses]),
     ]
 

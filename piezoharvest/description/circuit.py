@@ -74,7 +74,10 @@ class Product(NamedTuple):
 
 
 # Events of guards that are neither those of diodes and switches nor untold.
-EVENTS = ("supply turns on", "supply turns off", "store is full")
+EVENTS = (
+    "supply turns on", "supply turns off", "store is full", "packet is sent", "switch is powered",
+    "switch loses its power",
+)  # fmt: skip
 
 
 class Guard(NamedTuple):
@@ -125,6 +128,8 @@ class Switch(NamedTuple):
         Voltage (V) that diodes take in the path of this charge; its energy is lost before that share is taken.
     threshold : float
         Electrode voltage (V, of either sign) at an extremum, below which nothing follows from it.
+    gate_energy : float
+        Energy (J) that each action takes from what is harvested.
     clocked : bool
         True for a controller's clock: from the beginning, where half of the first configuration's share of `on_time` is
         over, one configuration follows the other without end.
@@ -137,4 +142,5 @@ class Switch(NamedTuple):
     efficiency: float = 0.0
     drop: float = 0.0
     threshold: float = 0.0
+    gate_energy: float = 0.0
     clocked: bool = False

@@ -161,7 +161,8 @@ def faults(energy: Mapping[str, Any], change: Any, before: Any, amplitude: Any, 
         ),
         "a loss is negative": finite & np.any([value < -BOUND_TOLERANCE * flows for value in own], axis=0),
         "less than nothing is harvested, or more than comes in": finite & (
-            (harvested < -BOUND_TOLERANCE * flows)
+            # What control takes is a loss as well, and may be more than the circuit gives.
+            (harvested + np.maximum(energy["shunt_loss"], 0.0) < -BOUND_TOLERANCE * flows)
             | (harvested > given + (0.0 if periodic else before) + BOUND_TOLERANCE * flows)
         ),
     }  # fmt: skip

@@ -49,7 +49,8 @@ class Waveforms:
     event_names : tuple of str
         One for each event time: "switch closes", "switch opens", "switch steps on", "controller acts",
         "diodes conduct", "diodes block", "voltage extracted", "hysteresis slips", "hysteresis sticks",
-        "supply turns on", "supply turns off" or "store is full".
+        "supply turns on", "supply turns off", "store is full", "packet is sent",
+        "switch is powered" or "switch loses its power".
     """
 
     time: np.ndarray
@@ -120,6 +121,10 @@ class Response(Shown):
         Time after which the supply of a storage turned on first, s; None where it did not, and in a steady state.
     wakes_per_hour : float or None
         How often it turned on, for each hour; None without a storage.
+    packets_per_hour : float or None
+        How many packets its load sent, for each hour; None without a load that has phases.
+    time_to_start : float or None
+        Time after which the control of a switch that the dc side powers worked first, s; None as `time_to_turn_on`.
     least_switching_voltage : float or None
         Amplitude of the open-circuit voltage above which a switch that powers itself acts, V; None for other switches.
     exhausted : bool
@@ -147,6 +152,8 @@ class Response(Shown):
     energy_stored: float | None = None
     time_to_turn_on: float | None = None
     wakes_per_hour: float | None = None
+    packets_per_hour: float | None = None
+    time_to_start: float | None = None
     least_switching_voltage: float | None = None
 
     @property

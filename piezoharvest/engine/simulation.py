@@ -206,8 +206,9 @@ def search(lowered: Lowered, excitation: Excitation) -> tuple[Orbit, bool, str, 
         evaluations += orbit.evaluations
     if not orbit.converged:
         return orbit, mirrored, "", evaluations, False
-    supplies = pg.TURN_ON in lowered.program.guard_code
-    # Whether a supply is on depends on how its store was charged.
+    codes = lowered.program.guard_code
+    supplies = pg.TURN_ON in codes or pg.POWERED in codes
+    # Whether a supply or a control is on depends on how its store was charged.
     arrives, here = shooting.from_rest(orbit, charged=not supplies)
     if arrives:
         empty = supplies or np.all(lowered.program.odd < 0) or shooting.from_rest(orbit, charged=False)[0]
@@ -393,10 +394,14 @@ def _of_the_store(lowered: Lowered, state: EngineState, length: float, from_rest
         return {}
     k, program = lowered.states.index("dc"), lowered.program
     figures = {"energy_stored": 0.5 * float(program.storage[k, k] * state.z[k] ** 2)}
+    if pg.POWERED in program.guard_code and state.counts[pg.POWERED] and from_rest:
+        figures["time_to_start"] = float(state.first_times[pg.POWERED])
     if pg.TURN_ON not in program.guard_code:
         return figures
-    wakes = int(state.counts[pg.TURN_ON])
-    figures["wakes_per_hour"] = 3600.0 * wakes / length
+    wakes, hours = int(state.counts[pg.TURN_ON]), length / 3600.0
+    figures["wakes_per_hour"] = wakes / hours
+    if pg.SENT in program.guard_code:
+        figures["packets_per_hour"] = int(state.counts[pg.SENT]) / hours
     return figures | ({"time_to_turn_on": float(state.first_times[pg.TURN_ON])} if wakes and from_rest else {})
 
 

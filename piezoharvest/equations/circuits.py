@@ -38,8 +38,12 @@ def circuit_equations(
 def circuit_powers(
     shunt: Shunt, configuration: str, ports: Ports, z: SimpleNamespace
 ) -> Mapping[str, Sequence[Product]]:
-    """Power of the shunt and of the others by destination."""
-    found = {key: list(products) for key, products in shunt.powers(configuration, ports[shunt.electrode], z).items()}
+    """Power of the shunt and of the others by destination; what control takes is lost, and not harvested."""
+    port = ports[shunt.electrode]
+    found = {key: list(products) for key, products in shunt.powers(configuration, port, z).items()}
+    for product in shunt.control(port):
+        found.setdefault("harvested", []).append(product._replace(coefficient=-product.coefficient))
+        found.setdefault("shunt_loss", []).append(product)
     for other, port, rows, _ in _others(shunt, ports, z, z):
         for key, products in other.powers(CONFIGURATION, port, rows).items():
             found.setdefault(key, []).extend(products)

@@ -5,17 +5,15 @@ from __future__ import annotations
 import math
 
 from piezoharvest.description.shunts.bridge import Bridge
-from piezoharvest.description.shunts.storage import Storage
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
+from piezoharvest.spice.supply import write_supply
 
 # Bridge: ratio of its least resistance to 1/(w C), and of the smoothing of its corner to the expected voltage.
 BRIDGE = 1e-4
 CORNER = 1e-5
 # Strays to ground of a dc side behind real diodes, as a share of the clamped capacitance.
 STRAY = 1e-5
-# Of a supply: smoothing of its comparator, as a share of its hysteresis, and its time constant as one of the period.
-COMPARATOR, DECISION = 1e-4, 1e-3
 
 
 class _Diodes:
@@ -152,6 +150,9 @@ def write_dc_side(
         deck.add(f"Vdc {plus} {minus} {deck.parameter('dc_voltage', shunt.dc_voltage)}")
         return NetlistCircuit("V(dc)*I(Vdc)", "V(dc)")
     assert shunt.smoothing_capacitance is not None  # or a dc voltage
+    if shunt.smoothing_resistance:
+        deck.add(f"Rsmoothing {plus} inside_smoothing", shunt.smoothing_resistance)
+        plus = "inside_smoothing"
     deck.add(f"Csmoothing {plus} {minus}", shunt.smoothing_capacitance, point.condition("dc"))
     return _write_loads(deck, shunt, point, nodes)
 
@@ -159,33 +160,12 @@ def write_dc_side(
 def _write_loads(deck: Deck, shunt: Bridge, point: OperatingPoint, nodes: tuple[str, str]) -> NetlistCircuit:
     """Load and supply of a smoothing capacitor between two nodes."""
     assert shunt.smoothing_capacitance is not None
-    harvested, slowest = [], 0.0
+    harvested, slowest, fastest = [], 0.0, math.inf
     if shunt.load_resistance is not None:
         deck.add(f"Rload {' '.join(nodes)}", shunt.load_resistance)
         harvested.append("V(dc)*V(dc)/{resistance_load}")
         slowest = shunt.smoothing_capacitance * shunt.load_resistance
     if shunt.storage is not None:
-        harvested.append(_write_supply(deck, shunt.storage, point, nodes))
-    return NetlistCircuit(" + ".join(harvested), "V(dc)", slowest=slowest)
-
-
-def _write_supply(deck: Deck, storage: Storage, point: OperatingPoint, nodes: tuple[str, str]) -> str:
-    """Supply that a store between two nodes feeds; return the power into its load."""
-    deck.section("supply: V(supply) is 1 while it is on, and lowers the voltage at which it would turn on")
-    on, off, limit = (
-        deck.parameter(name, value)
-        for name, value in (
-            ("turn_on", storage.turn_on), ("turn_off", storage.turn_off), ("max_voltage", storage.limit),
-        )
-    )  # fmt: skip
-    power = deck.parameter("power_load", storage.power)
-    above, band = f"(V(dc)-{on}+({on}-{off})*V(supply))", storage.turn_on - storage.turn_off
-    deck.add(f"Bsupply wanted 0 V=0.5+0.5*{above}/sqrt({above}*{above}+{number((COMPARATOR * band) ** 2)})")
-    deck.add("Rsupply wanted supply 1")
-    begins = point.initial("dc") >= storage.turn_on
-    deck.add("Csupply supply 0", DECISION * 2 * math.pi / point.omega, f"IC={int(begins)}")
-    deck.add(f"Bload {' '.join(nodes)} I=V(supply)*{power}/({number(storage.efficiency)}*max(V(dc),0.5*{off}))")
-    corner, least = number((CORNER * storage.limit) ** 2), number(BRIDGE * storage.limit / point.current)
-    excess = f"(V(dc)-{limit})"
-    deck.add(f"Bprotection {' '.join(nodes)} I=0.5/{least}*({excess} + sqrt({excess}*{excess}+{corner}))")
-    return f"V(supply)*{power}"
+        harvested.append(write_supply(deck, shunt.storage, point, nodes))
+        fastest = min((float(phase.duration) for phase in shunt.storage.phases), default=math.inf)
+    return NetlistCircuit(" + ".join(harvested), "V(dc)", fastest, slowest)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.cold_start import StartedSwitch
+from piezoharvest.description.shunts.switching import SynchronisedShunt
 from piezoharvest.spice.breakers import write_breakers
 from piezoharvest.spice.bridges import write_bridge, write_doubler, write_half_wave, write_series_bridge
 from piezoharvest.spice.deck import Deck, number, total
@@ -13,12 +16,16 @@ from piezoharvest.spice.operating_point import NetlistCircuit, OperatingPoint
 from piezoharvest.spice.stages import (
     write_bias_flip,
     write_dssh,
+    write_essh,
     write_sc_sece,
     write_sece,
     write_sice,
     write_sshc,
 )
+from piezoharvest.spice.supply import write_control
 from piezoharvest.spice.switching import write_discharge, write_loop
+
+HELD = 1e4  # over what drives it beyond, with which a saturated output is held at its limit
 
 
 def write_shunt(deck: Deck, shunt: Shunt, point: OperatingPoint) -> NetlistCircuit:
@@ -35,10 +42,37 @@ def write_shunt(deck: Deck, shunt: Shunt, point: OperatingPoint) -> NetlistCircu
             "shunt", f"found kind {shunt.kind!r}, which cannot be exported to SPICE, allowed are {known}"
         )
     deck.section(f"shunt: {shunt.kind}")
+    if isinstance(shunt, StartedSwitch) and shunt.start_voltage is not None:
+        write_control(deck, shunt, point)
+        point = point._replace(cold=True)
     circuit = WRITERS[shunt.kind](deck, shunt, point)
+    circuit = _less_control(deck, shunt, point, circuit)
     for other in shunt.others:
         circuit = _beside(deck, circuit, other, point)
     return circuit
+
+
+def _less_control(deck, shunt, point, circuit):
+    """The circuit, what its control takes being no part of what is harvested."""
+    if not isinstance(shunt, SynchronisedShunt) or not (shunt.gate_energy or shunt.control_power):
+        return circuit
+    power = shunt.control_power
+    if shunt.gate_energy:
+        period = point.excitation.period
+        if period is None:
+            found = f"found {shunt.gate_energy:g} J under an excitation without a period"
+            raise ParameterError("gate_energy", f"{found}, but a netlist has its mean over a period")
+        deck.comment("Gates take the mean power of two actions a period in all stages, whether they happen or not.")
+        power = power + 2 * _stages(shunt) * shunt.gate_energy / period
+    return circuit._replace(harvested=f"{circuit.harvested} - {deck.parameter('power_control', power)}")
+
+
+def _stages(shunt):
+    """Number of stages of one action of the switch."""
+    configuration, count = shunt.closed(shunt.configurations()[0], 1), 1
+    while (configuration := shunt.opened(configuration)) != shunt.opened(configuration):
+        count += 1
+    return count
 
 
 def _beside(deck, circuit, other, point):
@@ -104,6 +138,19 @@ def _series_rlc(deck, shunt, point):
 def _parallel_rlc(deck, shunt, point):
     deck.add("Cshunt p 0", shunt.capacitance, point.condition("voltage"))
     return _parallel_rl(deck, shunt, point)
+
+
+def _op_amp(deck, shunt, point):
+    deck.comment("V(out) is the output of the amplifier, an integrator of its input, held at the saturation.")
+    begins = point.initial("v_t") - point.initial("across")
+    limit = deck.parameter("saturation", shunt.saturation)
+    beyond = f"(max(0, V(out)-{limit})+min(0, V(out)+{limit}))*{number(HELD)}"
+    deck.add(f"Binput 0 out I=V(p)-0.5*V(out)-{beyond}")
+    deck.add("Cout out 0", 1 / (2 * math.pi * shunt.gain_bandwidth), f"IC={number(begins)}")
+    deck.add("Eout u 0 out 0 1")
+    deck.add("Cnegative p u", shunt.capacitance, point.condition("across"))
+    deck.add("Rload p 0", shunt.resistance)
+    return _load("p", shunt, 2 * shunt.resistance * point.capacitance)
 
 
 def _branches(deck, shunt, point):
@@ -230,6 +277,12 @@ def _ssdi(deck, shunt, point):
     return NetlistCircuit(fastest=write_loop(deck, shunt, point, "0").on_time)
 
 
+def _ssds(deck, shunt, point):
+    if shunt.inductance is None:
+        return write_discharge(deck, shunt, point)
+    return _ssdi(deck, shunt, point)
+
+
 def _ssdv(deck, shunt, point):
     loop = write_loop(deck, shunt, point, "source")
     deck.comment("The source drives the inverted voltage further: up after a maximum, down after a minimum.")
@@ -272,7 +325,9 @@ WRITERS: dict[str, Callable[..., NetlistCircuit]] = {
     "sice": write_sice,
     "sc_sece": write_sc_sece,
     "dssh": write_dssh,
-    "ssds": write_discharge,
+    "op_amp_negative_capacitance": _op_amp,
+    "essh": write_essh,
+    "ssds": _ssds,
     "ssdi": _ssdi,
     "ssdv": _ssdv,
 }

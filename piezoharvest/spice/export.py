@@ -101,7 +101,7 @@ def export_spice(
     system = System(transducer, shunt)
     # What hysteresis and effects hold at the transducer's own electrodes is not known of a start elsewhere.
     known = not (shunt.electrode and (transducer.hysteresis or transducer.effects))
-    supplies = getattr(shunt, "storage", None) is not None
+    supplies = any(getattr(shunt, name, None) is not None for name in ("storage", "start_voltage"))
     begin = steady_start(system, excitation) if start == "steady" and known and not supplies else None
     shunt = settled(connected(system), excitation).shunt
     dc_start = dc_start or getattr(shunt, "initial_dc_voltage", None) or 0.0

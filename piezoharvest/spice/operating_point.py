@@ -38,6 +38,8 @@ class OperatingPoint(NamedTuple):
         The steady state in which it begins.
     diodes : str or None
         Model of real diodes in a bridge.
+    cold : bool
+        Pulses of the switch need a control that the dc side powers.
     taken : tuple of int
         Numbers of the electrodes that have a shunt; of the first one are the circuit's voltage and current.
     """
@@ -51,6 +53,7 @@ class OperatingPoint(NamedTuple):
     begins: dict[str, float]
     start: SteadyStart | None = None
     diodes: str | None = None
+    cold: bool = False
     taken: tuple[int, ...] = (0,)
 
     @property

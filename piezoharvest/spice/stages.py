@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from piezoharvest.description.circuit import Switch
+from piezoharvest.description.shunts.double_switch.dssh import DSSH
+from piezoharvest.description.shunts.double_switch.essh import ESSH
 from piezoharvest.description.shunts.extraction import Extraction
 from piezoharvest.description.shunts.harvesting.bias_flip import BiasFlip
-from piezoharvest.description.shunts.harvesting.dssh import DSSH
 from piezoharvest.description.shunts.harvesting.sc_sece import SCSECE
 from piezoharvest.description.shunts.harvesting.sece import SECE
 from piezoharvest.description.shunts.harvesting.sice import SICE
@@ -135,9 +138,41 @@ def write_dssh(deck: Deck, shunt: DSSH, point: OperatingPoint) -> NetlistCircuit
     """Coil and bridge in line with the intermediate capacitor, which a second pulse empties through a resistance."""
     capacitance = point.capacitance
     switch = shunt.switch(capacitance, point.excitation.period)
-    timing = write_timing(deck, switch, switch.on_time, point)
-    timing.pulse("", 0.0, switch.on_time)
-    impedance = write_coil(deck, shunt, point, "b", switch.on_time)
+    timing = _write_first_stage(deck, shunt, point, switch, switch.on_time)
+    length = DISCHARGE * 2 * math.pi / point.omega
+    timing.pulse("empty", switch.on_time, switch.on_time + length)
+    closed = DECAY * shunt.intermediate_capacitance / length
+    conductance = write_conductance(deck, "empty", closed, closed, 1e-7 * point.omega * capacitance)
+    deck.add(f"Bempty between 0 I=V(between)*{conductance}")
+    power = f"{number(shunt.efficiency)}*V(between)*V(between)*{conductance}"
+    # Emptying takes time here, in which the engine's capacitor, emptied at once, has no voltage.
+    full = f"max(0, min(1, 0.5-{number(STEEPNESS)}*(abs(V(pulseempty))-0.5)))"
+    return NetlistCircuit(power if shunt.efficiency else "0", f"V(between)*{full}", fastest=min(length, switch.on_time))
+
+
+def write_essh(deck: Deck, shunt: ESSH, point: OperatingPoint) -> NetlistCircuit:
+    """The same with a second coil, which takes a part of the intermediate capacitor's energy to the load."""
+    capacitance = point.capacitance
+    switch = shunt.switch(capacitance, point.excitation.period)
+    swing, transfer = float(shunt.swing_time(capacitance)), float(shunt.transfer_time())
+    # The second switch opens at a voltage, with a current: edges as sharp as those of a pulse of a quarter the length.
+    fastest = min(swing, transfer / 4)
+    timing = _write_first_stage(deck, shunt, point, switch, swing, fastest)
+    impedance = math.sqrt(shunt.second_inductance / shunt.intermediate_capacitance)
+    coil = _Coil(float(shunt.second_inductance), float(shunt.second_resistance()), impedance, point.initial("second"))
+    timing.pulse("x", swing + _early(coil, fastest), swing + transfer)
+    power = _write_coil_to_load(deck, point, coil, "V(between)", shunt.efficiency)
+    deck.add("Bdraw between 0 I=I(Vcoil)")
+    return NetlistCircuit(power, "V(between)", fastest=fastest)
+
+
+def _write_first_stage(
+    deck: Deck, shunt: DSSH, point: OperatingPoint, switch: Switch, swing: float, shortest: float | None = None
+) -> Timing:
+    """Switched coil and bridge in line with the intermediate capacitor, for `swing` seconds."""
+    timing = write_timing(deck, switch, shortest or swing, point)
+    timing.pulse("", 0.0, swing)
+    impedance = write_coil(deck, shunt, point, "b", shortest or swing)
     deck.section("bridge in line with the inductor, V(between) is the intermediate capacitor")
     current = point.voltage / impedance
     deck.add("Vbridge b opposed 0")
@@ -148,15 +183,7 @@ def write_dssh(deck: Deck, shunt: DSSH, point: OperatingPoint) -> NetlistCircuit
     deck.add(f"Bin opposed 0 V=V(direction)*(V(between)+2*{drop}) + {lost}")
     deck.add(f"Bout 0 between I={number(current)}*V(through)*V(direction)")
     deck.add("Cbetween between 0", shunt.intermediate_capacitance, point.condition("intermediate"))
-    length = DISCHARGE * 2 * math.pi / point.omega
-    timing.pulse("empty", switch.on_time, switch.on_time + length)
-    closed = DECAY * shunt.intermediate_capacitance / length
-    conductance = write_conductance(deck, "empty", closed, closed, 1e-7 * point.omega * capacitance)
-    deck.add(f"Bempty between 0 I=V(between)*{conductance}")
-    power = f"{number(shunt.efficiency)}*V(between)*V(between)*{conductance}"
-    # Emptying takes time here, in which the engine's capacitor, emptied at once, has no voltage.
-    full = f"max(0, min(1, 0.5-{number(STEEPNESS)}*(abs(V(pulseempty))-0.5)))"
-    return NetlistCircuit(power if shunt.efficiency else "0", f"V(between)*{full}", fastest=min(length, switch.on_time))
+    return timing
 
 
 def _write_extraction(
@@ -170,27 +197,51 @@ def _write_extraction(
     """
     capacitance = point.capacitance
     inductance, resistance = (float(part) for part in shunt.coil(capacitance))
-    impedance = math.sqrt(inductance / capacitance)
-    # A voltage meets the coil already where the contact resists as much as L over the time in which it changes by a
-    # factor e; the current goes over to the load only where it resists as much as that.
-    change = 2 * EDGE * on_time / STEEPNESS
-    early = change * math.log(math.exp(-np.euler_gamma) * inductance / change / (LOAD * impedance))
-    timing.pulse("x", early, on_time)
-    deck.section("extraction: Bload takes the energy of the coil when the switch opens")
-    deck.comment("The bridge is a diode in line with the coil, on either side of the electrodes by the pulse's sign.")
-    conductance = write_conductance(deck, "x", 1 / (LOAD * impedance), IDEAL / impedance, OPEN / impedance)
+    impedance, begins = math.sqrt(inductance / capacitance), abs(point.initial("coil"))
+    coil = _Coil(inductance, resistance + 2 * shunt.diode_resistance, impedance, begins)
+    timing.pulse("x", _early(coil, on_time), on_time)
     # The voltage is negative after a maximum, at which the pulse is 1.
     side = f"max(-1, min(1, 4*{pulse}))"
-    deck.add(f"Brect rect 0 V=-{side}*V(p)-2*{deck.parameter('diode_drop', shunt.diode_drop)}")
-    deck.add("Lcoil rect lx", inductance, f"IC={number(abs(point.initial('coil')))}")
-    deck.add("Rcoil lx kx", resistance + 2 * shunt.diode_resistance)
+    voltage = f"-{side}*V(p)-2*{deck.parameter('diode_drop', shunt.diode_drop)}"
+    power = _write_coil_to_load(deck, point, coil, voltage, shunt.efficiency)
+    deck.comment("The bridge is a diode in line with the coil, on either side of the electrodes by the pulse's sign.")
+    deck.add(f"Bdraw p 0 I=-{side}*I(Vcoil)")
+    return power
+
+
+class _Coil(NamedTuple):
+    """Coil whose energy goes to the load when its switch opens: SI values, and sqrt(L/C) of its swing."""
+
+    inductance: float
+    resistance: float
+    impedance: float
+    begins: float
+
+
+def _early(coil: _Coil, on_time: float) -> float:
+    """Time (s) by which the pulse of the coil is late, `on_time` being that of the shortest pulse.
+
+    A voltage meets the coil already where the contact resists as much as L over the time in which it changes by a
+    factor e; the current goes over to the load only where it resists as much as that.
+    """
+    change = 2 * EDGE * on_time / STEEPNESS
+    return change * math.log(math.exp(-np.euler_gamma) * coil.inductance / change / (LOAD * coil.impedance))
+
+
+def _write_coil_to_load(deck: Deck, point: OperatingPoint, coil: _Coil, voltage: str, efficiency: float) -> str:
+    """Coil at a voltage while the pulse "x" is there, then at the load; return an expression of the harvested power."""
+    impedance = coil.impedance
+    deck.section("extraction: Bload takes the energy of the coil when the switch opens")
+    conductance = write_conductance(deck, "x", 1 / (LOAD * impedance), IDEAL / impedance, OPEN / impedance)
+    deck.add(f"Brect rect 0 V={voltage}")
+    deck.add("Lcoil rect lx", coil.inductance, f"IC={number(coil.begins)}")
+    deck.add("Rcoil lx kx", coil.resistance)
     deck.add("Rdamp rect lx", 10 * IDEAL * impedance)
     deck.add("Vcoil kx mx 0")
     # A diode: it conducts forward only.
     forward = f"0.5*(V(mx)+sqrt(V(mx)*V(mx)+{number((1e-6 * point.voltage) ** 2)}))"
     deck.add(f"Bcontactx mx 0 I={forward}*{conductance}")
-    deck.add(f"Bdraw p 0 I=-{side}*I(Vcoil)")
     across = "min(0, V(rect)-V(lx))"
     taken = f"{across}/{number(LOAD * impedance)}/(1+exp(V(switchx)))"
     deck.add(f"Bload rect lx I={taken}")
-    return f"{number(shunt.efficiency)}*{across}*{taken}" if shunt.efficiency else "0"
+    return f"{number(efficiency)}*{across}*{taken}" if efficiency else "0"

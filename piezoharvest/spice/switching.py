@@ -9,6 +9,7 @@ import numpy as np
 
 from piezoharvest.description.circuit import Switch
 from piezoharvest.description.parameters import ParameterError
+from piezoharvest.description.shunts.damping.ssds import SSDS
 from piezoharvest.description.shunts.switching import InductiveSwitch, SynchronisedShunt
 from piezoharvest.spice.deck import Deck, number
 from piezoharvest.spice.device import coupled_acceleration, coupled_velocity
@@ -71,7 +72,8 @@ class Timing(NamedTuple):
             nodes.append(self.lines.write(f"{place}{name}", self.taken, delay) if late else self.taken)
         # Timed from the previous extremum, of the other kind, the pulse has the other sign.
         half = "(-0.5)" if self.switch.early else "0.5"
-        self.lines.deck.add(f"Bpulse{name} pulse{name} 0 V={half}*(V({nodes[1]})-V({nodes[0]}))")
+        powered = "*V(powered)" if self.lines.point.cold else ""
+        self.lines.deck.add(f"Bpulse{name} pulse{name} 0 V={half}*(V({nodes[1]})-V({nodes[0]})){powered}")
 
 
 class _Lines(NamedTuple):
@@ -152,7 +154,7 @@ class SwitchedLoop(NamedTuple):
     impedance: float
 
 
-def write_loop(deck: Deck, shunt: InductiveSwitch, point: OperatingPoint, end: str) -> SwitchedLoop:
+def write_loop(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint, end: str) -> SwitchedLoop:
     """Inductor, its resistance and switch from `p` to the node `end`."""
     capacitance = point.capacitance
     switch = shunt.switch(capacitance, point.excitation.period)
@@ -160,7 +162,7 @@ def write_loop(deck: Deck, shunt: InductiveSwitch, point: OperatingPoint, end: s
     return SwitchedLoop(switch.on_time, write_coil(deck, shunt, point, end, switch.on_time))
 
 
-def write_coil(deck: Deck, shunt: InductiveSwitch, point: OperatingPoint, end: str, on_time: float) -> float:
+def write_coil(deck: Deck, shunt: InductiveSwitch | SSDS, point: OperatingPoint, end: str, on_time: float) -> float:
     """Inductor, its resistance and a switch that follows V(pulse); return the impedance sqrt(L/C)."""
     capacitance = point.capacitance
     inductance, resistance = shunt.loop(capacitance)
@@ -171,7 +173,7 @@ def write_coil(deck: Deck, shunt: InductiveSwitch, point: OperatingPoint, end: s
         "closed is left out of Rloop."
     )
     deck.add("Lloop p l", inductance, point.condition("current"))
-    ideal = impedance * max(IDEAL, 100 * float(shunt.quality))
+    ideal = impedance * max(IDEAL, 100 * impedance / float(resistance))
     deck.add("Rsnubber p l", ideal)
     deck.add("Rloop l k", resistance - 2 * impedance**2 / ideal)
     # The switch changes by a factor e in the time 2 EDGE on_time/STEEPNESS. A current cut by a resistance kappa L/time

@@ -26,7 +26,7 @@ EXAMPLES = {
     for name, shunt in examples(shunts.registered()).items()
     if shunt.kind not in ("network", "spice") and getattr(shunt, "topology", "") != "series"
 }
-THRESHOLDS = ("V", "C", "A")
+THRESHOLDS = ("V", "C", "A", "W", "J")  # units of what does not grow with the force
 VOLTAGE = 2.0  # what strain makes of open electrodes
 decades = st.floats(-3, 3)
 few = settings(max_examples=4, deadline=None, derandomize=True)

@@ -28,7 +28,7 @@ def test_default_is_to_harvest_with_every_kind_that_can(bench, run):
     kinds = [c.shunt.kind for c in result.candidates]
     assert sorted(kinds) == sorted(
         ["resistor", "series_rl", "parallel_rl", "series_rlc", "parallel_rlc", "rectifier", "parallel_sshi",
-         "series_sshi", "sece", "half_wave", "doubler", "sshc", "bias_flip", "sice", "sc_sece", "dssh"]
+         "series_sshi", "sece", "half_wave", "doubler", "sshc", "bias_flip", "sice", "sc_sece", "dssh", "essh"]
     )  # fmt: skip
     powers = [c.harvested_power for c in result.candidates]
     assert powers == sorted(powers, reverse=True)

@@ -46,6 +46,10 @@ CIRCUITS = {
     "sice": {"kind": "sice", **COIL, "efficiency": 0.8, "phase_lag": 0.1},
     "sc-sece": {"kind": "sc_sece", **COIL, "short_time": 1e-3, "phase_lag": 0.1, "on_time_error": -0.1},
     "dssh": {"kind": "dssh", **COIL, "intermediate_capacitance": 120e-9, "efficiency": 0.8, "diode_drop": 0.1},
+    "essh": {
+        "kind": "essh", **COIL, "intermediate_capacitance": 120e-9, "second_inductance": 0.02, "second_quality": 9.0,
+        "residual": 0.4, "efficiency": 0.8, "gate_energy": 1e-9, "phase_lag": 0.1,
+    },
     "p-sshi": PARALLEL,
     "p-sshi late": {**PARALLEL, "phase_lag": 0.1, "diode_drop": 0.2, "on_time_error": 0.1, "diode_leakage": 1e-7},
     "p-sshi early": {**PARALLEL, "phase_lag": -0.1, "on_time_error": -0.1},
@@ -230,9 +234,13 @@ UNITS = {
     "flip_time": (0, 0, 1, 0), "time_constant": (0, 0, 1, 0), "source_voltage": (1, 2, -3, -1),
     "dc_voltage": (1, 2, -3, -1), "diode_drop": (1, 2, -3, -1), "force_participation": (0, 0, 0, 0),
     **dict.fromkeys(("initial_dc_voltage", "turn_on", "turn_off", "max_voltage"), (1, 2, -3, -1)),
-    "power": (1, 2, -3, 0), **dict.fromkeys(("fraction", "sampling_duty"), (0, 0, 0, 0)),
+    **dict.fromkeys(("start_voltage", "stop_voltage"), (1, 2, -3, -1)),
+    "gate_energy": (1, 2, -2, 0), "smoothing_resistance": (1, 2, -3, -2), "second_inductance": (1, 2, -2, -2),
+    **dict.fromkeys(("power", "control_power"), (1, 2, -3, 0)),
+    **dict.fromkeys(("fraction", "sampling_duty"), (0, 0, 0, 0)),
     "diode_leakage": (-1, -2, 3, 2), "dc_leakage": (-1, -2, 3, 2), "detector_threshold": (1, 2, -3, -1),
-    "phase_lag": (0, 0, 0, 0), "quality": (0, 0, 0, 0), "efficiency": (0, 0, 0, 0), "on_time_error": (0, 0, 0, 0),
+    "phase_lag": (0, 0, 0, 0), **dict.fromkeys(("quality", "second_quality", "residual"), (0, 0, 0, 0)),
+    "efficiency": (0, 0, 0, 0), "on_time_error": (0, 0, 0, 0),
 }  # fmt: skip
 RESULT_UNITS = {
     "harvested_power": (1, 2, -3, 0), "displacement_amplitude": (0, 1, 0, 0), "voltage_amplitude": (1, 2, -3, -1),

@@ -10,6 +10,7 @@ from piezoharvest.description.excitation import RandomForce, SineForce
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import (
     DSSH,
+    ESSH,
     MPPT,
     SCSECE,
     SECE,
@@ -221,6 +222,29 @@ def test_double_switch(ratio):
     voltage = taken * before / ratio
     wanted = 2 * FREQUENCY * 0.5 * ratio * CAPACITANCE * voltage**2
     assert power(DSSH(**COIL, intermediate_capacitance=ratio * CAPACITANCE)) == pytest.approx(wanted, rel=CLOSE, abs=0)
+
+
+@pytest.mark.parametrize("residual", [0.0, 0.6])
+def test_double_switch_that_leaves_a_part(residual):
+    """As above, with W on the intermediate capacitor at first: it then swings from W + taken (V - W) to that residual.
+
+    The second coil has next to no losses: its energy is C_int/2 (1 - residual^2) of the square of the higher voltage.
+    """
+    ratio = 2.0
+    series = ratio / (1 + ratio)
+    inductance, resistance = COIL["inductance"], math.sqrt(COIL["inductance"] / CAPACITANCE) / QUALITY
+    decay = resistance / (2 * inductance)
+    swing = math.sqrt(1 / (inductance * series * CAPACITANCE) - decay**2)
+    taken = series * (1 + math.exp(-math.pi * decay / swing))
+    # V = 2 V_oc - V + taken (V - W), U = W + taken/ratio (V - W), W = residual U.
+    balance = [[2 - taken, 0, taken], [-taken / ratio, 1, taken / ratio - 1], [0, -residual, 1]]
+    _, upper, lower = np.linalg.solve(balance, [2 * V_OC, 0, 0])
+    wanted = FREQUENCY * ratio * CAPACITANCE * (upper**2 - lower**2)
+    shunt = ESSH(
+        **COIL, intermediate_capacitance=ratio * CAPACITANCE, second_inductance=COIL["inductance"], second_quality=1e9,
+        residual=residual,
+    )  # fmt: skip
+    assert power(shunt) == pytest.approx(wanted, rel=CLOSE, abs=0)
 
 
 def test_a_battery_is_the_whole_dc_side():

@@ -36,6 +36,9 @@ CIRCUITS = {
     "sice early": {"kind": "sice", **LOOP, "phase_lag": -0.2, "on_time_error": -0.2},
     "sc_sece": {"kind": "sc_sece", **LOOP, "short_time": 2e-3, "phase_lag": 0.1},
     "dssh": {"kind": "dssh", **LOOP, "intermediate_capacitance": 120e-9, "diode_drop": 0.1, "diode_resistance": 1e2},
+    "essh": {"kind": "essh", **LOOP, "intermediate_capacitance": 120e-9, "second_inductance": 0.02,
+             "second_quality": 8.0, "residual": 0.5, "diode_drop": 0.1},
+    "ssds": {"kind": "ssds", **LOOP},
     "dssh short": {"kind": "dssh", **LOOP, "intermediate_capacitance": 120e-9, "on_time_error": -0.6},
 }  # fmt: skip
 

@@ -6,9 +6,21 @@ import numpy as np
 import pytest
 from messages import is_sentence
 from oracles.ngspice import needs_ngspice
+from scipy.integrate import quad
 from studies import BENCH
 
-from piezoharvest import Doubler, ParallelSSHI, Rectifier, SineForce, System, Transducer, simulate, simulate_many
+from piezoharvest import (
+    Doubler,
+    EfficiencyCurve,
+    LoadPhase,
+    ParallelSSHI,
+    Rectifier,
+    SineForce,
+    System,
+    Transducer,
+    simulate,
+    simulate_many,
+)
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.storage import Storage
 from piezoharvest.spice.simulators.comparison import compare
@@ -18,6 +30,13 @@ DEVICE = Transducer(**BENCH)
 STILL, DRIVE = (SineForce(amplitude=force, frequency=50.6) for force in (0.0, 0.02))
 SUPPLY = Storage(turn_on=4.5, turn_off=3.0, power=1e-3, efficiency=0.8)
 STORE = 1e-4
+NODE = (
+    LoadPhase(power=2e-4, duration=0.03),
+    LoadPhase(power=2e-3, duration=0.005, sends=True),
+    LoadPhase(power=1e-5, duration=0.11),
+)
+OVER_POWER = EfficiencyCurve(powers=(1e-6, 1e-4, 1e-2), efficiencies=(0.4, 0.7, 0.9))
+OVER_VOLTAGE = EfficiencyCurve(voltages=(3.0, 3.8, 5.0), efficiencies=(0.6, 0.75, 0.8))
 
 
 def transient(shunt, length, drive=STILL, **keys):
@@ -83,6 +102,33 @@ def test_wakes_come_at_the_energy_that_the_store_gives():
     assert v.max() <= SUPPLY.turn_on * (1 + 1e-2) and v.min() >= SUPPLY.turn_off * (1 - 1e-2)
 
 
+def test_node_that_wakes_sends_and_sleeps_until_its_store_is_empty():
+    """C/2 (v_on^2 - v_off^2) pays for the phases, each at its power plus the constant one over its efficiency."""
+    storage = Storage(turn_on=4.5, turn_off=4.0, power=2e-6, phases=NODE, efficiency_curve=OVER_POWER, max_voltage=5.0)
+    found = transient(Rectifier(smoothing_capacitance=STORE, initial_dc_voltage=4.5, storage=storage), 2.5)
+    left, ends, packets, delivered = 0.5 * STORE * (4.5**2 - 4.0**2), 0.0, 0, 0.0
+    logarithms = np.log10(OVER_POWER.powers or ())
+    while left > 0:
+        for phase in NODE:
+            power = phase.power + 2e-6
+            drawn = power / np.interp(np.log10(power), logarithms, OVER_POWER.efficiencies)
+            lasts = min(phase.duration, left / drawn)
+            left, ends, delivered = left - drawn * lasts, ends + lasts, delivered + power * lasts
+            packets += phase.sends and lasts == phase.duration
+    assert times(found, "supply turns off") == [pytest.approx(ends, rel=1e-4)]
+    assert len(times(found, "packet is sent")) == packets == found.packets_per_hour * 2.5 / 3600
+    assert found.energy["harvested"] == pytest.approx(delivered, rel=1e-4)
+
+
+def test_efficiency_over_the_voltage():
+    """C v dv = -P/eta(v) dt; between the ends of the pieces the curve is right to 3e-4."""
+    storage = Storage(turn_on=4.5, turn_off=3.0, power=1e-3, efficiency_curve=OVER_VOLTAGE, max_voltage=5.0)
+    wanted = STORE / 1e-3 * quad(lambda v: v * np.interp(v, (3.0, 3.8, 5.0), (0.6, 0.75, 0.8)), 3.0, 4.5)[0]
+    found = transient(Rectifier(smoothing_capacitance=STORE, initial_dc_voltage=4.5, storage=storage), 2 * wanted)
+    assert times(found, "supply turns off") == [pytest.approx(wanted, rel=3e-4)]
+    assert found.energy["harvested"] == pytest.approx(1e-3 * wanted, rel=3e-4)
+
+
 def test_protection_takes_what_is_too_much():
     storage = dataclasses.replace(SUPPLY, power=1e-5, max_voltage=6.0)
     found = transient(Rectifier(smoothing_capacitance=1e-6, storage=storage), 4.0, DRIVE)
@@ -111,6 +157,11 @@ def test_many_designs_are_those_of_one():
         ("storage", {"smoothing_capacitance": None, "dc_voltage": 1.0, "storage": {"turn_on": 3.0, "turn_off": 2.0}}),
         ("initial_dc_voltage", {"smoothing_capacitance": None, "dc_voltage": 1.0, "initial_dc_voltage": 2.0}),
         ("smoothing_capacitance", {"initial_dc_voltage": 2.0}),
+        ("phases", {"storage": {"turn_on": 3.0, "turn_off": 2.0, "phases": NODE[:1]}}),
+        (
+            "efficiency",
+            {"storage": {"turn_on": 3.0, "turn_off": 2.0, "efficiency": 0.9, "efficiency_curve": OVER_POWER}},
+        ),
     ],
 )
 def test_what_is_refused(key, changes):
@@ -121,14 +172,35 @@ def test_what_is_refused(key, changes):
     assert is_sentence(caught.value.message)
 
 
+@pytest.mark.parametrize(
+    "key, keys",
+    [
+        ("powers", {"powers": (1.0, 2.0), "voltages": (1.0, 2.0)}),
+        ("powers", {}),
+        ("powers", {"powers": (1.0, 2.0, 3.0)}),
+        ("voltages", {"voltages": (2.0, 1.0)}),
+    ],
+)
+def test_curves_that_are_refused(key, keys):
+    with pytest.raises(ParameterError) as caught:
+        EfficiencyCurve(efficiencies=(0.5, 0.9), **keys)
+    assert caught.value.key == key
+    assert is_sentence(caught.value.message)
+
+
 def test_from_a_file(tmp_path):
     (tmp_path / "study.toml").write_text(
         "[transducer]\nmass = 0.01\ndamping = 0.06\nstiffness = 986.0\ncoupling = 1e-3\ncapacitance = 4e-8\n"
         '[excitation]\nkind = "sine_force"\namplitude = 0.02\nfrequency = 50.6\n'
         '[[shunts]]\nkind = "rectifier"\nsmoothing_capacitance = 1e-6\ninitial_dc_voltage = 1.0\n'
-        "[shunts.storage]\nturn_on = 4.5\nturn_off = 3.0\npower = 1e-3\nefficiency = 0.8\n"
+        "[shunts.storage]\nturn_on = 4.5\nturn_off = 3.0\npower = 1e-3\n"
+        '[[shunts.storage.phases]]\npower = "0.2 mW"\nduration = "5 ms"\nsends = true\n'
+        "[shunts.storage.efficiency_curve]\nvoltages = [3.0, 5.0]\nefficiencies = [0.6, 0.8]\n"
     )
-    assert load_study(tmp_path / "study.toml").shunts[0].storage == SUPPLY
+    storage = load_study(tmp_path / "study.toml").shunts[0].storage
+    assert storage.phases == (LoadPhase(power=2e-4, duration=5e-3, sends=True),)
+    curve = EfficiencyCurve(voltages=(3.0, 5.0), efficiencies=(0.6, 0.8))
+    assert (storage.turn_on, storage.efficiency_curve) == (4.5, curve)
 
 
 @pytest.mark.slow
@@ -138,6 +210,17 @@ def test_against_ngspice(kind):
     loop = {"inductance": 0.1, "quality": 5.0} if kind is ParallelSSHI else {}
     storage = dataclasses.replace(SUPPLY, power=5e-5, max_voltage=6.0) if kind is Doubler else SUPPLY
     shunt = kind(smoothing_capacitance=1e-6, initial_dc_voltage=2.0, storage=storage, **loop)
+    figures, trusted = compare(System(DEVICE, shunt), DRIVE)
+    assert trusted
+    for figure in figures:
+        assert abs(figure.difference) < 0.01, figure
+
+
+@pytest.mark.slow
+@needs_ngspice
+def test_node_against_ngspice():
+    storage = Storage(turn_on=4.5, turn_off=3.0, power=2e-6, phases=NODE, efficiency_curve=OVER_VOLTAGE)
+    shunt = Rectifier(smoothing_capacitance=5e-6, initial_dc_voltage=4.0, storage=storage)
     figures, trusted = compare(System(DEVICE, shunt), DRIVE)
     assert trusted
     for figure in figures:

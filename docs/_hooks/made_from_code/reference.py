@@ -28,7 +28,8 @@ from piezoharvest.study.building import component_in
 _SECTION = re.compile(r"\n\n(?:Parameters|Attributes|Returns|Raises|Notes|Examples)\n-+\n")
 _HEAD = "| key | unit | default | allowed | |\n|---|---|---|---|---|\n"
 FAMILIES = {
-    "linear": "Linear", "harvesting": "Harvesting", "damping": "Damping",
+    "linear": "Linear", "harvesting": "Harvesting", "double_switch": "Harvesting by two switched converters",
+    "damping": "Damping",
     "self_powered": "Powering their switches themselves",
 }  # fmt: skip
 KINDS = {

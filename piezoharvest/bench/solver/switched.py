@@ -110,10 +110,6 @@ class Switched:
         """Change the circuit's states when the switch opens or goes on to its next stage."""
 
 
-class Discharge(Switched, Circuit):
-    """SSDS: open electrodes whose voltage is taken to zero at once."""
-
-
 class SSDI(Switched, Circuit):
     """Inductance and resistance of the switched loop across the electrodes; the state is its current.
 
@@ -388,6 +384,23 @@ class Extracting(Staged, SSDI):
             z[0] = 0.0
 
 
+class SSDS(SSDI):
+    """Short of the electrodes until its own swing would have emptied them; at once without an inductance."""
+
+    quality: float | None
+
+    def meet(self, capacitance):
+        if self.inductance is not None:
+            super().meet(capacitance)
+            self.on_time = emptying(self.inductance, self.resistance, capacitance) * (1.0 + self.on_time_error)
+
+    def flow(self, z, v, free, elastance):
+        return (0.0 * v, ()) if self.inductance is None else super().flow(z, v, free, elastance)
+
+    def opened(self, z):
+        z[:] = 0.0
+
+
 class SECE(Extracting):
     """At once without a coil."""
 
@@ -490,6 +503,35 @@ class DSSH(Staged, SSDI):
         z[:2], self.sign = 0.0, 0
 
 
+class ESSH(DSSH):
+    """The capacitor's energy goes in part through a second coil, whose current is the last state."""
+
+    second_inductance: float
+    second_quality: float
+    residual: float
+
+    def meet(self, capacitance):
+        super().meet(capacitance)
+        self.storage = (*self.storage, self.second_inductance)
+        impedance = math.sqrt(self.second_inductance / self.intermediate_capacitance)
+        self.second_resistance = impedance / self.second_quality
+        self.transfer = math.acos(self.residual) * impedance * self.intermediate_capacitance
+
+    def stage_times(self):
+        return (self.on_time, self.transfer)
+
+    def flow(self, z, v, free, elastance):
+        i, (rate, charging) = super().flow(z, v, free, elastance)
+        second = (z[1] - self.second_resistance * z[2]) / self.second_inductance if self.stage else 0.0 * v
+        return i, (rate, charging - z[2] / self.intermediate_capacitance, second)
+
+    def guards(self, z, v, i):
+        return [0.0 * v - 1.0, 0.0 * v - 1.0] if self.stage else super().guards(z, v, i)
+
+    def opened(self, z):
+        z[0], z[2], self.sign = 0.0, 0.0, 0
+
+
 SWITCHED: dict[str, type[Circuit]] = {
     "parallel_sshi": ParallelSSHI,
     "series_sshi": SeriesSSHI,
@@ -499,7 +541,8 @@ SWITCHED: dict[str, type[Circuit]] = {
     "sice": SICE,
     "sc_sece": SCSECE,
     "dssh": DSSH,
-    "ssds": Discharge,
+    "essh": ESSH,
+    "ssds": SSDS,
     "ssdi": SSDI,
     "ssdv": SSDV,
 }

@@ -83,6 +83,10 @@ class Shunt(Component):
         """Power by destination: "harvested", "shunt_loss", or "source" for the power of an active part."""
         return {}
 
+    def control(self, port: Port) -> Sequence[Product]:
+        """Power that control takes from what is harvested."""
+        return ()
+
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
         """Events of the circuit itself (diodes that start or stop conducting)."""
         return ()

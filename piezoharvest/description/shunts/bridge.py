@@ -26,17 +26,21 @@ class Bridge(Shunt):
     Circuits with other diodes change `diodes`, the number of them in a path, and `level`, what their voltages stop at.
     The name of a conducting configuration ends in the sign of the electrode voltage, as in "open+".
 
+    A smoothing capacitor may have a resistance in series (ESR), `smoothing_resistance`; its leakage is `dc_leakage`.
+    The dc voltage is then that of the capacitor inside, whose mean over a period is the same.
+
     A smoothing capacitor may begin at `initial_dc_voltage`, and with a table `storage` it feeds a supply, beside the
     load resistance or in its place (`piezoharvest.description.shunts.stored`).
 
     Raises
     ------
     ParameterError
-        Neither a smoothing capacitance with a load nor a dc voltage is given, or both; or the initial voltage is above
-        that at which the storage is protected.
+        Neither a smoothing capacitance with a load nor a dc voltage is given, or both; the initial voltage is above
+        that at which the storage is protected; or a smoothing resistance is given where it has no part.
     """
 
     diodes: ClassVar[int] = 2
+    resistive: ClassVar[bool] = True  # the smoothing capacitor may have a series resistance
     gain: ClassVar[float] = 1.0  # dc voltage over that of a full bridge at the same voltage of the electrodes
 
     smoothing_capacitance: float | None = quantity("F", "smoothing capacitance", default=None, above=0)
@@ -48,6 +52,9 @@ class Bridge(Shunt):
     )
     diode_leakage: float = quantity("S", "conductance of one diode, backwards", default=0.0, at_least=0)
     dc_leakage: float = quantity("S", "conductance across the dc side beside the load", default=0.0, at_least=0)
+    smoothing_resistance: float = quantity(
+        "ohm", "series resistance of the smoothing capacitor", default=0.0, at_least=0, other_law_at_zero=True
+    )
     initial_dc_voltage: float | None = quantity(
         "V", "dc voltage where a transient begins; default: 0", default=None, at_least=0
     )
@@ -62,6 +69,20 @@ class Bridge(Shunt):
             found = f"found {np.max(begins):g} V"
             allowed = f"must be at most storage.max_voltage ({np.min(limit):g} V)"
             raise ParameterError("initial_dc_voltage", f"{found}, {allowed}")
+
+        if np.any(np.real(self.smoothing_resistance)):
+            self._check_smoothing_resistance()
+
+    def _check_smoothing_resistance(self) -> None:
+        why = None
+        if not self.resistive:
+            why = f"but {self.kind} is described without it"
+        elif self.smoothing_capacitance is None:
+            why = "but belongs to a smoothing_capacitance"
+        elif self.storage is not None:
+            why = "beside a table storage, whose supply is described at the capacitor itself"
+        if why:
+            raise ParameterError("smoothing_resistance", f"found {np.max(self.smoothing_resistance):g} ohm, {why}")
 
     def _check_dc_side(self) -> None:
         keys = ["smoothing_capacitance", "load_resistance", "dc_voltage"]
@@ -95,7 +116,7 @@ class Bridge(Shunt):
 
     def level(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
         """Voltage that `sign` times that of the electrodes has to exceed by the drops for diodes to conduct."""
-        return self.dc_side(port, z)
+        return self.terminal(0.0 * port.one, port, z)
 
     def level_rate(self, sign: int, port: Port, dz: SimpleNamespace) -> Row:
         """Rate of that voltage."""
@@ -105,8 +126,29 @@ class Bridge(Shunt):
         """Current balance of the smoothing capacitor, charged by the `rectified` current."""
         if self.smoothing_capacitance is None:
             return []
-        conductance = self.dc_conductance + (0.0 if self.load_resistance is None else 1.0 / self.load_resistance)
-        return [self.dc_capacitance * dz.dc + conductance * z.dc - rectified]
+        return [self.dc_capacitance * dz.dc - self._divided(rectified - self._all_conductance * z.dc)]
+
+    @property
+    def _all_conductance(self) -> Any:
+        """What discharges the smoothing capacitor, with the load, S."""
+        return self.dc_conductance + (0.0 if self.load_resistance is None else 1.0 / self.load_resistance)
+
+    def _divided(self, what: Any) -> Any:
+        """What is left of a voltage or a current behind the series resistance of the smoothing capacitor."""
+        if not np.any(self.smoothing_resistance):
+            return what
+        return what / (1.0 + self.smoothing_resistance * self._all_conductance)
+
+    def terminal(self, rectified: Row, port: Port, z: SimpleNamespace) -> Row:
+        """Voltage across the load: that of the smoothing capacitor with what its series resistance adds."""
+        if not np.any(self.smoothing_resistance):
+            return self.dc_side(port, z)
+        return self._divided(self.dc_side(port, z) + self.smoothing_resistance * rectified)
+
+    @property
+    def conducting_resistance(self) -> Any:
+        """Resistance between the leads and the smoothing capacitor while diodes conduct, ohm."""
+        return self.path_resistance + self._divided(self.smoothing_resistance)
 
     @property
     def dc_conductance(self) -> Any:
@@ -146,10 +188,10 @@ class Bridge(Shunt):
         Without one it is the derivative of the excess, which the guard has left at zero.
         """
         held = port.dv - sign * self.level_rate(sign, port, dz)
-        resistive = np.real(self.path_resistance) > 0
+        resistive = np.real(self.conducting_resistance) > 0
         if not np.any(resistive):
             return held
-        return np.where(resistive, self.excess(sign, port, z) - self.path_resistance * rectified, held)
+        return np.where(resistive, self.excess(sign, port, z) - self.conducting_resistance * rectified, held)
 
     def excess(self, sign: int, port: Port, z: SimpleNamespace) -> Row:
         """Electrode voltage in excess of the threshold at which the diodes of one sign conduct."""
@@ -157,17 +199,19 @@ class Bridge(Shunt):
 
     def bridge_powers(self, rectified: Row, port: Port, z: SimpleNamespace) -> dict[str, list[Product]]:
         """Power into the load and into what lies behind the diodes and in them, from the `rectified` current."""
-        lost = [*self.path_loss(rectified, port), *self.dc_loss(port, z)]
-        dc = self.dc_side(port, z)
+        dc = self.terminal(rectified, port, z)
+        lost = [*self.path_loss(rectified, port), *self.dc_loss(dc)]
         if self.load_resistance is not None:
-            harvested = [Product(1.0 / self.load_resistance, z.dc, z.dc)]
+            harvested = [Product(1.0 / self.load_resistance, dc, dc)]
         else:
             harvested = [] if self.storage is not None else [Product(1.0, dc, rectified)]
+        if np.any(self.smoothing_resistance):
+            charging = self._divided(rectified - self._all_conductance * z.dc)
+            lost.append(Product(self.smoothing_resistance, charging, charging))
         return {"harvested": harvested, "shunt_loss": lost}
 
-    def dc_loss(self, port: Port, z: SimpleNamespace) -> list[Product]:
-        """Power of what discharges the smoothing capacitor beside the load."""
-        dc = self.dc_side(port, z)
+    def dc_loss(self, dc: Row) -> list[Product]:
+        """Power of what discharges the smoothing capacitor beside the load, at the voltage `dc` of that."""
         return [Product(self.dc_conductance, dc, dc)] if np.any(self.dc_conductance) else []
 
     def path_loss(self, rectified: Row, port: Port) -> list[Product]:

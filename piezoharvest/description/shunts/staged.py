@@ -8,12 +8,12 @@ from types import SimpleNamespace
 from typing import Any
 
 from piezoharvest.description.circuit import Guard, Port, Row
-from piezoharvest.description.shunts.bridge import Bridge, diode_guards, sign_of
-from piezoharvest.description.shunts.switching import SynchronisedShunt
+from piezoharvest.description.shunts.bridge import diode_guards, sign_of
+from piezoharvest.description.shunts.cold_start import StartedSwitch
 
 
 @dataclass(frozen=True, kw_only=True)
-class StagedFlip(SynchronisedShunt, Bridge):
+class StagedFlip(StartedSwitch):
     """At every extremum the switch goes through all stages; the bridge may conduct in any of them.
 
     The name of a configuration is "open" or that of a stage with the sign of the voltage before the flip in front of

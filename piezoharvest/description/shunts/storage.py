@@ -1,4 +1,4 @@
-"""What a storage capacitor supplies: a buck stage of constant power behind an undervoltage lockout."""
+"""What a storage capacitor supplies: a buck stage behind an undervoltage lockout, for a load of given power."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from typing import Any, cast
 import numpy as np
 
 from piezoharvest.description.circuit import Row
-from piezoharvest.description.parameters import Component, ParameterError, quantity
+from piezoharvest.description.parameters import Component, ParameterError, described, quantity
+from piezoharvest.description.shunts.duty_cycle import LoadPhase
+from piezoharvest.description.shunts.efficiency_curve import EfficiencyCurve
 
 # Ratio of the ends of a piece of the load's line, at most: of the power, 2.2e-4 lies between a chord and what it stands
 # for, and the mean over a piece is exact.
@@ -28,12 +30,16 @@ class Storage(Component):
     of straight pieces between voltages in a constant ratio, with which the engine is exact; each piece takes as long to
     discharge the store as the constant power does. A protection takes what would charge it above `max_voltage`.
 
+    A load with `phases` wakes, sends and sleeps: while the supply is on they follow each other, each with a power
+    beside the constant one. An `efficiency_curve` stands in the place of `efficiency`; over the voltage it holds at the
+    ends of the pieces.
+
     Source: LTC3588-1 data sheet, Analog Devices, 2010: a buck converter, a lockout of 5 and 4 V, a shunt at 20 V.
 
     Raises
     ------
     ParameterError
-        `turn_off` is not below `turn_on`, or `max_voltage` not above it.
+        `turn_off` is not below `turn_on`, or `max_voltage` not above it; no phase sends; or there are two efficiencies.
     """
 
     turn_on: float = quantity("V", "dc voltage at which the supply turns on", above=0)
@@ -43,6 +49,8 @@ class Storage(Component):
     max_voltage: float | None = quantity(
         "V", "dc voltage that a protection does not let rise; default: four times turn_on", default=None, above=0
     )
+    phases: tuple[LoadPhase, ...] = described("of a load that wakes, sends and sleeps, in their order", default=())
+    efficiency_curve: EfficiencyCurve | None = described("instead of efficiency: a table", default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -53,6 +61,10 @@ class Storage(Component):
         if np.any(limit <= np.real(self.turn_on)):
             allowed = f"must be more than turn_on ({np.max(np.real(self.turn_on)):g} V)"
             raise ParameterError("max_voltage", f"found {np.min(limit):g} V, {allowed}")
+        if self.phases and not any(phase.sends for phase in self.phases):
+            raise ParameterError("phases", "found none with sends = true, must have one, after which a packet is out")
+        if self.efficiency_curve is not None and np.any(np.real(self.efficiency) != 1):
+            raise ParameterError("efficiency", "found beside efficiency_curve, give one of the two")
 
     @property
     def limit(self) -> Any:
@@ -70,8 +82,23 @@ class Storage(Component):
     def _ranges(self) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
         return (self.turn_off, self.turn_on), (self.turn_on, self.limit)
 
-    def line(self, piece: int) -> tuple[Any, Any]:
-        """Current (A) and conductance (S, negative) of a piece of the load's line: i = current + conductance * v.
+    def power_in(self, phase: int) -> Any:
+        """Power of the load (W) while the supply is on; the number of the phase is of no effect without phases."""
+        return self.power + (self.phases[phase].power if self.phases else 0.0)
+
+    def efficiency_at(self, voltage: Any, phase: int) -> Any:
+        """Efficiency of the converter at a voltage (V) of the store."""
+        if self.efficiency_curve is None:
+            return self.efficiency
+        return self.efficiency_curve.at(self.power_in(phase), voltage)
+
+    def share(self, piece: int, phase: int) -> Any:
+        """Share of what leaves the store on a piece of the line that reaches the load."""
+        knots, _ = self.knots()
+        return self.efficiency_at(0.5 * (knots[piece] + knots[piece + 1]), phase)
+
+    def line(self, piece: int, phase: int = 0) -> tuple[Any, Any]:
+        """Current (A) and conductance (S, mostly negative) of a piece of the line: i = current + conductance * v.
 
         A chord of 1/v takes more than the constant power inside; its scale makes up for that in the time in which
         the power alone discharges the store from its upper to its lower end.
@@ -81,18 +108,14 @@ class Storage(Component):
         own, lower = _scale(high / low), _scale(knots[below] / knots[below - 1])
         # The line must not jump up at `turn_on`: a store in balance there would be led from one side to the other.
         scale: Any = own if piece < below else cast(Any, np.where(np.real(own) > np.real(lower), lower, own))
-        taken: Any = self.power / self.efficiency * scale
-        return taken * (1 / low + 1 / high), -taken / (low * high)
+        at_low, at_high = (self.power_in(phase) / self.efficiency_at(end, phase) * scale for end in (low, high))
+        slope = (at_high * low - at_low * high) / (high - low) / (low * high)
+        return at_low / low - slope * low, slope
 
-    def load(self, piece: int, v: Row, one: Row) -> Row:
-        """Current that leaves the store at its voltage `v` on a piece of the line."""
-        current, conductance = self.line(piece)
+    def load(self, piece: int, phase: int, v: Row, one: Row) -> Row:
+        """Current that leaves the store at its voltage `v` on a piece of the line, in a phase."""
+        current, conductance = self.line(piece, phase)
         return current * one + conductance * v
-
-    @property
-    def draws(self) -> bool:
-        """True if there is a load."""
-        return bool(np.any(np.real(self.power) > 0))
 
 
 def _scale(ratio: Any) -> Any:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State, Switch
 from piezoharvest.description.shunts.base import Shunt
 from piezoharvest.description.shunts.bridge import Bridge
@@ -26,8 +28,9 @@ def with_supply(shunt: Shunt) -> Shunt:
 class Stored(Shunt):
     """A circuit in all its configurations while the supply is off, on, or the store full.
 
-    A configuration is that of the supply ("off", the number of a piece of its load's line, or "full") with that of the
-    circuit behind it, as in "3 open+".
+    A configuration is that of the supply with that of the circuit behind it, as in "3 open+": "off", the number of a
+    piece of its load's line, or "full"; with phases of the load also the number of the phase, as in "3/1 open+". Then a
+    state "timer" holds the time since the phase began, s.
     """
 
     circuit: Bridge
@@ -49,11 +52,18 @@ class Stored(Shunt):
         return len(self.storage.knots()[0]) - 1
 
     def configurations(self) -> tuple[str, ...]:
-        supplies = (OFF, *map(str, range(self.pieces)), FULL)
+        phases, levels = range(max(1, len(self.storage.phases))), (*map(str, range(self.pieces)), FULL)
+        supplies = (OFF, *(self._name(level, phase) for phase in phases for level in levels))
         return tuple(f"{supply} {own}" for supply in supplies for own in self.circuit.configurations())
 
     def states(self, capacitance: float) -> tuple[State, ...]:
-        return self.circuit.states(capacitance)
+        states = self.circuit.states(capacitance)
+        if not self.storage.phases:
+            return states
+        # Of such a size that a phase counts as much as the energy of the store.
+        longest = max(np.max(np.real(phase.duration)) for phase in self.storage.phases)
+        size = np.real(self.circuit.dc_capacitance * self.storage.turn_on**2) / longest**2
+        return (*states, State("timer", size, odd=False, stores=False))
 
     def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
         supply, own = configuration.split(" ", 1)
@@ -61,18 +71,25 @@ class Stored(Shunt):
         at = self._balance(port)
         # A full store stays at its limit; from above it, where only a search tries states, it comes back to that.
         full = RETURN_TIME * dz.dc + z.dc - self.storage.limit * port.one
-        rows[at] = full if supply == FULL else rows[at] + self._load(supply, port, z)
+        rows[at] = full if _level(supply) == FULL else rows[at] + self._load(supply, port, z)
+        if self.storage.phases:
+            rows.append(dz.timer - (0.0 if supply == OFF else 1.0) * port.one)
         return rows
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         supply, own = configuration.split(" ", 1)
         powers = {name: list(products) for name, products in self.circuit.powers(own, port, z).items()}
-        load, share = self._load(supply, port, z), self.storage.efficiency
+        if supply == OFF:
+            return powers
+        load, share = self._load(supply, port, z), self.storage.share(self._piece(supply), _phase(supply))
         powers["harvested"].append(Product(share, z.dc, load))
         powers["shunt_loss"].append(Product(1.0 - share, z.dc, load))
-        if supply == FULL:
-            powers["shunt_loss"].append(Product(1.0, z.dc, self._surplus(own, port, z)))
+        if _level(supply) == FULL:
+            powers["shunt_loss"].append(Product(1.0, z.dc, self._surplus(supply, own, port, z)))
         return powers
+
+    def control(self, port: Port) -> Sequence[Product]:
+        return self.circuit.control(port)
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
         supply, own = configuration.split(" ", 1)
@@ -80,22 +97,27 @@ class Stored(Shunt):
             guard._replace(target=f"{supply} {guard.target}", conducts=guard.begins_to_conduct)
             for guard in self.circuit.guards(own, port, z)
         ]
-        if supply == FULL:
-            surplus = self._surplus(own, port, z)
-            return [*guards, Guard(-surplus, f"{self.pieces - 1} {own}", event="")]
         knots, first = self.storage.knots()
         if supply == OFF:
             reached = z.dc - (1 - REACHED) * knots[first] * port.one
-            return [*guards, Guard(reached, f"{first} {own}", event="supply turns on")]
-        piece = int(supply)
+            return [*guards, Guard(reached, f"{self._name(str(first), 0)} {own}", event="supply turns on")]
+        guards += self._end_of_phase(supply, own, port, z)
+        piece, phase = self._piece(supply), _phase(supply)
+
+        def to(level: str) -> str:
+            return f"{self._name(level, phase)} {own}"
+
+        if _level(supply) == FULL:
+            return [*guards, Guard(-self._surplus(supply, own, port, z), to(str(piece)), event="")]
         rises, falls = z.dc - knots[piece + 1] * port.one, knots[piece] * port.one - z.dc
         if piece == self.pieces - 1:
-            guards.append(Guard(rises, f"{FULL} {own}", event="store is full"))
+            guards.append(Guard(rises, to(FULL), event="store is full"))
         else:
-            guards.append(Guard(rises, f"{piece + 1} {own}", event=""))
+            guards.append(Guard(rises, to(str(piece + 1)), event=""))
         if piece == 0:
-            return [*guards, Guard(falls, f"{OFF} {own}", event="supply turns off")]
-        return [*guards, Guard(falls, f"{piece - 1} {own}", event="")]
+            timer = "timer" if self.storage.phases else None
+            return [*guards, Guard(falls, f"{OFF} {own}", timer, event="supply turns off")]
+        return [*guards, Guard(falls, to(str(piece - 1)), event="")]
 
     def switch(self, capacitance: float, period: float | None) -> Switch | None:
         return self.circuit.switch(capacitance, period)
@@ -112,6 +134,24 @@ class Stored(Shunt):
     def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
         return self.circuit.dc_side(port, z)
 
+    def _name(self, level: str, phase: int) -> str:
+        """Configuration of a supply that is on."""
+        return f"{level}/{phase}" if self.storage.phases else level
+
+    def _piece(self, supply: str) -> int:
+        """Number of the piece of the line on which the load is."""
+        level = _level(supply)
+        return self.pieces - 1 if level == FULL else int(level)
+
+    def _end_of_phase(self, supply: str, own: str, port: Port, z: SimpleNamespace) -> list[Guard]:
+        """Guard: the time of the phase is over, and the next one begins."""
+        phases, phase = self.storage.phases, _phase(supply)
+        if not phases:
+            return []
+        over = z.timer - phases[phase].duration * port.one
+        target = f"{self._name(_level(supply), (phase + 1) % len(phases))} {own}"
+        return [Guard(over, target, "timer", event="packet is sent" if phases[phase].sends else "")]
+
     def _balance(self, port: Port) -> int:
         """Place of the store's balance of currents among the equations: behind the port's, in the order of states."""
         return 1 + [state.name for state in self.circuit.states(port.capacitance)].index("dc")
@@ -120,12 +160,23 @@ class Stored(Shunt):
         """Current into the supply."""
         if supply == OFF:
             return 0.0 * port.one
-        return self.storage.load(self.pieces - 1 if supply == FULL else int(supply), z.dc, port.one)
+        return self.storage.load(self._piece(supply), _phase(supply), z.dc, port.one)
 
-    def _surplus(self, own: str, port: Port, z: SimpleNamespace) -> Row:
+    def _surplus(self, supply: str, own: str, port: Port, z: SimpleNamespace) -> Row:
         """Current that a full store does not take: what arrives, less what leaves it at a constant voltage."""
         at_rest = SimpleNamespace(**{name: 0.0 * port.one for name in vars(z)})
-        return -(self.circuit.equations(own, port, z, at_rest)[self._balance(port)] + self._load(FULL, port, z))
+        arrives = -self.circuit.equations(own, port, z, at_rest)[self._balance(port)]
+        return arrives - self._load(supply, port, z)
+
+
+def _level(supply: str) -> str:
+    """Piece of the load's line, "full" or "off"."""
+    return supply.partition("/")[0]
+
+
+def _phase(supply: str) -> int:
+    """Number of the phase of the load, 0 without phases."""
+    return int(supply.partition("/")[2] or 0)
 
 
 def _behind(configuration: str, change: Callable[[str], str]) -> str:

@@ -8,23 +8,35 @@ from typing import Any, Self, cast
 
 import numpy as np
 
-from piezoharvest.description.circuit import Port, Row, Switch
+from piezoharvest.description.circuit import Port, Product, Row, Switch
 from piezoharvest.description.parameters import ParameterError, quantity
 from piezoharvest.description.shunts.base import Shunt
 
 
 @dataclass(frozen=True, kw_only=True)
 class SynchronisedShunt(Shunt):
-    """A shunt whose switch acts at the extrema of sum T_i x_i, late or early by a lag."""
+    """A shunt whose switch acts at the extrema of sum T_i x_i, late or early by a lag.
+
+    `time_lag` is also what a comparator's delay is. What drives the switch takes `gate_energy` each time when it closes
+    or goes on to its next stage, and its comparator and clock take `control_power` all the time: both are lost, and
+    what is harvested is net of them, negative where they take more than the circuit gives.
+    """
 
     phase_lag: float = quantity(
         "rad", "angle of the drive, extremum to action; negative is early", default=0.0, above=-np.pi, below=np.pi
     )
-    time_lag: float = quantity("s", "time from the extremum to the action; negative is early", default=0.0)
+    time_lag: float = quantity(
+        "s", "time from the extremum to the action, as of a comparator; negative is early", default=0.0
+    )
     hold_off: float | None = quantity("s", "no action sooner than this after the last", default=None, at_least=0)
     detector_threshold: float = quantity(
         "V", "electrode voltage at an extremum below which the switch does not act", default=0.0, at_least=0
     )
+    gate_energy: float = quantity("J", "what each action of the switch takes", default=0.0, at_least=0)
+    control_power: float = quantity("W", "what its control takes all the time", default=0.0, at_least=0)
+
+    def control(self, port: Port) -> list[Product]:
+        return [Product(self.control_power, port.one, port.one)] if np.any(self.control_power) else []
 
     def on_time(self, capacitance: float) -> float:
         """Seconds that the switch stays closed; 0 where it acts at once."""
@@ -59,7 +71,7 @@ class SynchronisedShunt(Shunt):
             lag = cast(Any, np.where(early, 0.5 * period + lag, lag))
         return Switch(
             lag, self.on_time(capacitance), hold_off, early, self.harvested_share(), self.extraction_drop(),
-            self.detector_threshold,
+            self.detector_threshold, self.gate_energy,
         )  # fmt: skip
 
 

@@ -39,16 +39,27 @@ def cut_state(P, L, S, D, state):
 
 
 @compiled
+def drive_gate(P, L, S, D):
+    """Take the energy of one action of the switch from what is harvested."""
+    if D[st.ENERGIES]:
+        S[D[st.ENERGY] + pg.HARVESTED] -= P[L[pg.GATE_ENERGY]]
+        S[D[st.ENERGY] + pg.SHUNT_LOSS] += P[L[pg.GATE_ENERGY]]
+
+
+@compiled
 def operate_switch(P, L, S, D, polarity):
     """Operate the switch, at a maximum (polarity +1) or a minimum of sum T_i x_i."""
     if L[pg.SWITCHED] == 2:
         extract_charge(P, L, S, D)
+        drive_gate(P, L, S, D)
         log_event(S, D, pg.EXTRACT)
         return
-    if D[st.CLOSED]:
+    after = L[L[pg.CLOSED] + (L[pg.C] if polarity > 0 else 0) + D[st.CONFIGURATION]]
+    if D[st.CLOSED] or after == D[st.CONFIGURATION]:  # a switch without power stays as it is
         return
     D[st.CLOSED] = 1
-    D[st.CONFIGURATION] = L[L[pg.CLOSED] + (L[pg.C] if polarity > 0 else 0) + D[st.CONFIGURATION]]
+    drive_gate(P, L, S, D)
+    D[st.CONFIGURATION] = after
     S[D[st.CLOCK] + st.OPENS] = S[D[st.CLOCK] + st.NOW] + P[L[pg.ON_TIME]] * P[L[pg.STAGE] + D[st.CONFIGURATION]]
     for s in range(D[st.SENSITIVITIES]):
         S[D[st.OPENS_PHI] + s] = S[D[st.EVENT_PHI] + s]
@@ -91,6 +102,7 @@ def open_switch(P, L, S, D):
             cut_state(P, L, S, D, k)
     if L[L[pg.OPENED] + after] != after:
         S[D[st.CLOCK] + st.OPENS] = S[D[st.CLOCK] + st.NOW] + P[L[pg.ON_TIME]] * P[L[pg.STAGE] + after]
+        drive_gate(P, L, S, D)
         log_event(S, D, pg.STEP_ON)
         return
     D[st.CLOSED] = 0

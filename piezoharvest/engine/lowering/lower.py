@@ -12,6 +12,7 @@ from piezoharvest.description.excitation import Excitation, Ramps, Tones
 from piezoharvest.description.limits import check_size
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.cold_start import with_start
 from piezoharvest.description.shunts.harvesting.mppt import MPPT
 from piezoharvest.description.shunts.linear.short import Short
 from piezoharvest.description.shunts.stored import with_supply
@@ -62,7 +63,7 @@ def lower(system: System, excitation: Excitation, record: float | None = None) -
     check_size(system.transducer, excitation, system.shunt)
     signal = excitation.signal()
     system = settled(connected(system), excitation)
-    system = System(system.transducer, with_supply(system.shunt))
+    system = System(system.transducer, with_start(with_supply(system.shunt), system.shunt))
     drive = "displacement" if excitation.imposed else "base_acceleration" if excitation.base else "force"
     if excitation.imposed and system.transducer.modes:
         message = "found further modes, but only one is allowed where the displacement is imposed"
@@ -294,6 +295,7 @@ def _switching(
         "efficiency": scalar(timing.efficiency),
         "drop": scalar(timing.drop),
         "threshold": scalar(timing.threshold),
+        "gate_energy": scalar(timing.gate_energy),
         "closed": np.array([[index.get(shunt.closed(c, polarity), -1) for c in index] for polarity in (-1, 1)]),
         "opened": np.array([index[shunt.opened(c)] for c in index]),
         "cut": np.array([name in {"current", *recovered} for name in layout.names]),

@@ -25,7 +25,9 @@ NONE = -1  # number of a guard, a configuration or a table that does not exist
 DERIVATIVES = 4
 
 # Codes of events, in the order of their names in results.
-CLOSE, OPEN, CONDUCT, BLOCK, EXTRACT, SLIP, STICK, STEP_ON, TICK, TURN_ON, TURN_OFF, FILL = range(12)
+(
+    CLOSE, OPEN, CONDUCT, BLOCK, EXTRACT, SLIP, STICK, STEP_ON, TICK, TURN_ON, TURN_OFF, FILL, SENT, POWERED, UNPOWERED,
+) = range(15)  # fmt: skip
 EVENT_NAMES = (
     "switch closes",
     "switch opens",
@@ -91,6 +93,7 @@ class Program(NamedTuple):
     efficiency: float
     drop: float  # V, in the path of the charge that is taken at once
     threshold: float  # V, of the electrodes at an extremum: below it the switch does not act
+    gate_energy: float  # J, of each action of the switch
     early: float  # 1 if the lag is counted from the previous extremum
     step: float  # largest step, s
     assigned_row: np.ndarray  # (m, a) value of each assignment, over the augmented state
@@ -126,8 +129,8 @@ _SIZES = 12
 (
     RATE, STOP_RESPONSE, EXOSYSTEM, OMEGA, PHASE, EXO_SCALE, SCALE, STORAGE, STOP_INPUT, STOP_LIMIT, STOP_WEIGHT,
     VOLTAGE_ROW, GUARD_Z, GUARD_D, TRIGGER_ROW, PRODUCT_COEFFICIENT, PRODUCT_Z, PRODUCT_D, OUTPUT_Z, OUTPUT_D,
-    EQUILIBRIUM, ELEMENT_Z, LAG, ON_TIME, STAGE, RECOVERED, HOLD_OFF, EFFICIENCY, DROP, THRESHOLD, EARLY, STEP,
-    ASSIGNED_ROW, ASSIGNED_STEP, ASSIGNED_LIMIT, DRIFT, PERIOD,
+    EQUILIBRIUM, ELEMENT_Z, LAG, ON_TIME, STAGE, RECOVERED, HOLD_OFF, EFFICIENCY, DROP, THRESHOLD, GATE_ENERGY, EARLY,
+    STEP, ASSIGNED_ROW, ASSIGNED_STEP, ASSIGNED_LIMIT, DRIFT, PERIOD,
     SIGNAL_KIND, CHARGE, SWITCHED, SHORTED, CATEGORY_COUNT,
     ODD, STOP_STATE, GUARD_TARGET, GUARD_CUT, GUARD_CODE, CLOSED, OPENED, CUT, MIRROR, PRODUCT_CATEGORY,
     ELEMENT_POWER, ASSIGNED_STATE, ASSIGNED_FIRST,
@@ -196,6 +199,6 @@ def _shapes(program: Program) -> dict[str, tuple[int, ...]]:
     shapes = (
         (c, n, a), (c, n, h), (w, w), (k,), (k,), (w,), (n,), (m, m), (h, n), (h,), (h,), (a,), (c, g, a), (c, g, n),
         (a,), (c, p), (c, p, 2, a), (c, p, 2, n), (c, o, a), (c, o, n), (n,), (e, 2, a),
-        (), (), (c,), (n,), (), (), (), (), (), (), (r, a), (r,), (r,), (), (),
+        (), (), (c,), (n,), (), (), (), (), (), (), (), (r, a), (r,), (r,), (), (),
     )  # fmt: skip
     return dict(zip(NUMBERS, shapes, strict=True))

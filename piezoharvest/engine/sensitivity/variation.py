@@ -125,6 +125,8 @@ class Variation:
                 leg.shift = leg.shift + lag.change
             if acts or (motion.what == OPENS and self._closed(following)):
                 closing = leg.shift  # of a later stage, too
+                gate = self._number("gate_energy")
+                self._add(-float(gate.value), -gate.change)
             before = leg.rate(state)
             columns = self._reset(columns + np.outer(leg.shift, before), state, motion, following)
             after = self._mode(following)[0].matrix.value @ following.start

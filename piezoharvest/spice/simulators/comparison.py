@@ -55,7 +55,8 @@ def compare(
     """
     period, transient = excitation.period, None
     window: dict[str, Any] = {}
-    if period is not None and getattr(system.shunt, "storage", None) is not None:
+    stores = any(getattr(system.shunt, name, None) is not None for name in ("storage", "start_voltage"))
+    if period is not None and stores:
         transient, window = STORE_PERIODS * period, {"periods": STORE_PERIODS, "measured_periods": STORE_PERIODS}
     elif period is not None and diodes is None:
         window = {"periods": PERIODS}

@@ -23,6 +23,7 @@ class Doubler(Rectifier):
     kind: ClassVar[str] = "doubler"
     source: ClassVar[str] = "Greinacher, Z. Phys. 4(2), 195-205, 1921; Delon, L'Eclairage Electrique, 1908"
     diodes: ClassVar[int] = 1
+    resistive: ClassVar[bool] = False
     gain: ClassVar[float] = 2.0
 
     @property
@@ -59,7 +60,8 @@ class Doubler(Rectifier):
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
         rectified = sign_of(configuration) * self.forward(port, z)
         powers = self.bridge_powers(0.5 * rectified, port, z)
-        powers["shunt_loss"] = [*self.dc_loss(port, z), *self.path_loss(rectified, port), *self.leads_loss(port, z)]
+        leaks = [*self.dc_loss(self.dc_side(port, z)), *self.leads_loss(port, z)]
+        powers["shunt_loss"] = [*self.path_loss(rectified, port), *leaks]
         return powers
 
     def leads_loss(self, port: Port, z: SimpleNamespace) -> list[Product]:

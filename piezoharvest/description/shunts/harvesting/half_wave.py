@@ -24,6 +24,7 @@ class HalfWave(Rectifier):
     kind: ClassVar[str] = "half_wave"
     source: ClassVar[str] = "Ramadass & Chandrakasan, IEEE J. Solid-State Circuits 45(1), 189-204, 2010, section III"
     mirrors: ClassVar[bool] = False
+    resistive: ClassVar[bool] = False
     diodes: ClassVar[int] = 1
     gain: ClassVar[float] = 2.0
 
@@ -50,7 +51,7 @@ class HalfWave(Rectifier):
         sign = sign_of(configuration)
         powers = self.bridge_powers(self._charging(sign, port, z), port, z)
         lost = self.path_loss(sign * self.forward(port, z), port)
-        powers["shunt_loss"] = [*self.dc_loss(port, z), *lost, *self.leads_loss(port, z)]
+        powers["shunt_loss"] = [*self.dc_loss(self.dc_side(port, z)), *lost, *self.leads_loss(port, z)]
         return powers
 
     def leads_loss(self, port: Port, z: SimpleNamespace) -> list[Product]:

@@ -6,12 +6,13 @@ from types import SimpleNamespace
 from typing import ClassVar
 
 from piezoharvest.description.circuit import Guard, Port, Product, Row, State
-from piezoharvest.description.shunts.bridge import Bridge, diode_guards, sign_of
+from piezoharvest.description.shunts.bridge import diode_guards, sign_of
+from piezoharvest.description.shunts.cold_start import StartedSwitch
 from piezoharvest.description.shunts.switching import InductiveSwitch
 
 
 @dataclass(frozen=True, kw_only=True)
-class ParallelSSHI(InductiveSwitch, Bridge):
+class ParallelSSHI(InductiveSwitch, StartedSwitch):
     """Rectifier with a switched inductance across the electrodes that inverts their voltage at every extremum.
 
     The bridge and the inductance may conduct at the same time, as they do when the switch acts early or late.

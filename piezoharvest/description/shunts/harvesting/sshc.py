@@ -26,7 +26,8 @@ class SSHC(StagedFlip):
     Of n capacitors, each is put across the electrodes for a phase, from the first to the last; then the electrodes are
     shorted, and the capacitors follow with the other sign from the last to the first: 2 n + 1 phases of equal length.
     `switch_resistance` is that of the closed path in every phase. Capacitors equal to C invert n/(n + 2) of the
-    voltage, much larger ones n/(n + 1).
+    voltage, much larger ones n/(n + 1). With one capacitor, in three phases, this is the flipping- or flying-capacitor
+    rectifier of Chen, Law, Mak, Ki & Martins (IEEE J. Solid-State Circuits 52(12), 3168-3180, 2017).
     """
 
     kind: ClassVar[str] = "sshc"

@@ -146,7 +146,6 @@ class ElectronicBreaker(SwitchedCoil):
         return losses
 
     def control(self, port: Port) -> list[Product]:
-        """Power that control takes."""
         return [Product(self.consumption, port.one, port.one)] if np.any(self.consumption) else []
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:

@@ -31,9 +31,7 @@ class SelfPoweredSECE(ElectronicBreaker):
         return [port.i - self.breaker_current(breakers, port, z), *self.breaker_equations(breakers, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        control = self.control(port)
-        taken = [product._replace(coefficient=-product.coefficient) for product in control]
-        return {"harvested": taken, "shunt_loss": [*self.breaker_losses(breakers_of(configuration), port, z), *control]}
+        return {"shunt_loss": self.breaker_losses(breakers_of(configuration), port, z)}
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
         breakers, guards = breakers_of(configuration), list(super().guards(configuration, port, z))

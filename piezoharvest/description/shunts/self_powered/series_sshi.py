@@ -23,6 +23,7 @@ class SelfPoweredSeriesSSHI(ElectronicBreaker, Bridge):
     kind: ClassVar[str] = "self_powered_series_sshi"
     source: ClassVar[str] = "Lallart & Guyomar, Smart Mater. Struct. 17(3), 035030, 2008"
     path_diodes: ClassVar[int] = 3
+    resistive: ClassVar[bool] = False
 
     def states(self, capacitance: float) -> tuple[State, ...]:
         return (*self.breaker_states(capacitance), *self.bridge_states())
@@ -37,10 +38,9 @@ class SelfPoweredSeriesSSHI(ElectronicBreaker, Bridge):
         return [port.i - self.breaker_current(breakers, port, z), *own, *self.dc_equations(rectified, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        breakers, control = breakers_of(configuration), self.control(port)
+        breakers = breakers_of(configuration)
         powers = self.bridge_powers(breakers.sign * z.current, port, z)
         # The drops of the bridge are those of the breaker's path, too, and counted there.
-        lost = [Product(self.path_resistance, z.current, z.current), *self.dc_loss(port, z)]
-        powers["harvested"] += [product._replace(coefficient=-product.coefficient) for product in control]
-        powers["shunt_loss"] = [*lost, *self.breaker_losses(breakers, port, z), *control]
+        lost = [Product(self.path_resistance, z.current, z.current), *self.dc_loss(self.dc_side(port, z))]
+        powers["shunt_loss"] = [*lost, *self.breaker_losses(breakers, port, z)]
         return powers

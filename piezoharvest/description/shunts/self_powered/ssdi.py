@@ -26,6 +26,8 @@ class SelfPoweredSSDI(ElectronicBreaker):
         return [port.i - self.breaker_current(breakers, port, z), *self.breaker_equations(breakers, port, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        control = self.control(port)
-        losses = [*self.breaker_losses(breakers_of(configuration), port, z), *control]
-        return {"shunt_loss": losses, "source": control} if control else {"shunt_loss": losses}
+        losses, control = self.breaker_losses(breakers_of(configuration), port, z), super().control(port)
+        return {"shunt_loss": [*losses, *control], "source": control} if control else {"shunt_loss": losses}
+
+    def control(self, port: Port) -> list[Product]:
+        return []  # nothing is harvested that it could be taken from

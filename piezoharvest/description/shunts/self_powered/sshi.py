@@ -45,10 +45,9 @@ class SelfPoweredSSHI(ElectronicBreaker, Bridge):
         return [port_equation, *own, *self.dc_equations(rectified, z, dz)]
 
     def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
-        breakers, control = breakers_of(configuration), self.control(port)
+        breakers = breakers_of(configuration)
         powers = self.bridge_powers(self._bridge(breakers, port, z)[1], port, z)
-        powers["harvested"] += [product._replace(coefficient=-product.coefficient) for product in control]
-        powers["shunt_loss"] += [*self.leads_loss(port, z), *self.breaker_losses(breakers, port, z), *control]
+        powers["shunt_loss"] += [*self.leads_loss(port, z), *self.breaker_losses(breakers, port, z)]
         return powers
 
     def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
@@ -68,7 +67,7 @@ class SelfPoweredSSHI(ElectronicBreaker, Bridge):
     @property
     def _rests(self) -> bool:
         """Whether the voltage stays while the bridge conducts: nothing is left for envelope capacitors to follow."""
-        return self.dc_voltage is not None and not np.any(self.path_resistance)
+        return self.dc_voltage is not None and not np.any(self.conducting_resistance)
 
     def following(self, breakers: Breakers, port: Port, z: SimpleNamespace) -> list[Guard]:
         return [] if breakers.bridge and self._rests else super().following(breakers, port, z)

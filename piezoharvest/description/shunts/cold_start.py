@@ -1,0 +1,134 @@
+"""Switches whose control lives on the dc side: until that has a voltage, the circuit is a plain rectifier."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from piezoharvest.description.circuit import Guard, Port, Product, Row, State, Switch
+from piezoharvest.description.parameters import ParameterError, quantity
+from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.bridge import Bridge
+from piezoharvest.description.shunts.switching import SynchronisedShunt
+
+COLD, WARM = "cold", "warm"
+REACHED = 1e-9  # of the voltage to start at, within which it is reached: a capacitor that begins with it is warm
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartedSwitch(SynchronisedShunt, Bridge):
+    """Bridge beside a synchronised switch, which the smoothing capacitor may have to power.
+
+    With a `start_voltage` no action happens before the dc voltage has reached it, and none after it has fallen to
+    `stop_voltage` until it is reached again: a cold start. What the control takes is `control_power`.
+
+    Raises
+    ------
+    ParameterError
+        One of the two is given without its capacitor, or the second without the first or not below it.
+    """
+
+    start_voltage: float | None = quantity(
+        "V", "dc voltage at which the control begins to work; default: it always does", default=None, above=0
+    )
+    stop_voltage: float | None = quantity(
+        "V", "dc voltage at which it ceases to; default: never", default=None, at_least=0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.start_voltage is None and self.stop_voltage is not None:
+            raise ParameterError("stop_voltage", "found without start_voltage, give both")
+        if self.start_voltage is not None and self.smoothing_capacitance is None:
+            raise ParameterError("start_voltage", "found beside dc_voltage, but belongs to a smoothing_capacitance")
+        if self.start_voltage is not None and self.stop_voltage is not None:
+            start, stop = np.real(self.start_voltage), np.real(self.stop_voltage)
+            if np.any(stop >= start):
+                allowed = f"must be less than start_voltage ({np.min(start):g} V)"
+                raise ParameterError("stop_voltage", f"found {np.max(stop):g} V, {allowed}")
+
+
+def with_start(whole: Shunt, shunt: Shunt) -> Shunt:
+    """The `whole` circuit, of which `shunt` may have a control that starts cold, with that."""
+    if isinstance(shunt, StartedSwitch) and shunt.start_voltage is not None:
+        return ColdStart(circuit=whole, start=shunt.start_voltage, stop=shunt.stop_voltage)
+    return whole
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColdStart(Shunt):
+    """A circuit in those of its configurations in which its switch waits, "cold open+", and in all, "warm open+"."""
+
+    circuit: Shunt
+    start: Any
+    stop: Any
+
+    @property
+    def kind(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Kind of the circuit."""
+        return self.circuit.kind
+
+    @property
+    def mirrors(self) -> bool:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Whether swapped leads make no difference to the circuit."""
+        return self.circuit.mirrors
+
+    def configurations(self) -> tuple[str, ...]:
+        every = self.circuit.configurations()
+        return (*(f"{COLD} {own}" for own in every if self._waits(own)), *(f"{WARM} {own}" for own in every))
+
+    def states(self, capacitance: float) -> tuple[State, ...]:
+        return self.circuit.states(capacitance)
+
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
+        return self.circuit.equations(_own(configuration), port, z, dz)
+
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
+        return self.circuit.powers(_own(configuration), port, z)
+
+    def control(self, port: Port) -> Sequence[Product]:
+        return self.circuit.control(port)
+
+    def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
+        power, own = configuration.split(" ", 1)
+        guards = [
+            guard._replace(target=f"{power} {guard.target}", conducts=guard.begins_to_conduct)
+            for guard in self.circuit.guards(own, port, z)
+        ]
+        if power == COLD:
+            reached = z.dc - (1 - REACHED) * self.start * port.one
+            guards.append(Guard(reached, f"{WARM} {own}", event="switch is powered"))
+        elif self.stop is not None and self._waits(own):
+            guards.append(Guard(self.stop * port.one - z.dc, f"{COLD} {own}", event="switch loses its power"))
+        return guards
+
+    def switch(self, capacitance: float, period: float | None) -> Switch | None:
+        return self.circuit.switch(capacitance, period)
+
+    def closed(self, configuration: str, polarity: int) -> str:
+        if configuration.startswith(COLD):
+            return configuration
+        return f"{WARM} {self.circuit.closed(_own(configuration), polarity)}"
+
+    def opened(self, configuration: str) -> str:
+        power, own = configuration.split(" ", 1)
+        return f"{power} {self.circuit.opened(own)}"
+
+    def stage(self, configuration: str, capacitance: float) -> Any:
+        return self.circuit.stage(_own(configuration), capacitance)
+
+    def dc_side(self, port: Port, z: SimpleNamespace) -> Row:
+        return self.circuit.dc_side(port, z)
+
+    def _waits(self, own: str) -> bool:
+        """Whether the switch is open in a configuration of the circuit."""
+        return self.circuit.opened(own) == own
+
+
+def _own(configuration: str) -> str:
+    """Configuration of the circuit itself."""
+    return configuration.split(" ", 1)[1]

@@ -1,0 +1,65 @@
+"""Negative capacitance made of an operational amplifier, with the limits of that."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import ClassVar
+
+import numpy as np
+
+from piezoharvest.description.circuit import Guard, Port, Product, Row, State
+from piezoharvest.description.parameters import quantity
+from piezoharvest.description.shunts.base import Shunt
+from piezoharvest.description.shunts.bridge import sign_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpAmpNegativeCapacitance(Shunt):
+    """Negative impedance converter across the electrodes, beside a load resistance.
+
+    An amplifier of the gain 2 (two equal resistors, which take nothing here) drives the far end of a `capacitance`, so
+    that its current is that of -`capacitance`. With the gain-bandwidth product f_t the output follows as
+    u' = 2 pi f_t (v - u/2): the current lags, which is a negative conductance of about
+    4 omega^2 capacitance/(2 pi f_t). The output stays within `saturation`; while it is held there the capacitance is a
+    positive one.
+    What the amplifier delivers is the power of a source; its own supply is not counted.
+    """
+
+    kind: ClassVar[str] = "op_amp_negative_capacitance"
+    source: ClassVar[str] = "Forward, J. Spacecraft Rockets 16(1), 11-17, 1979; de Marneffe & Preumont, SMS 17, 2008"
+
+    capacitance: float = quantity("F", "size of the negative capacitance", above=0)
+    resistance: float = quantity("ohm", "load resistance beside it", above=0)
+    gain_bandwidth: float = quantity("Hz", "gain-bandwidth product of the amplifier", above=0)
+    saturation: float = quantity("V", "largest output voltage, of either sign", above=0)
+
+    def states(self, capacitance: float) -> tuple[State, ...]:
+        return (State("across", self.capacitance),)
+
+    def configurations(self) -> tuple[str, ...]:
+        return ("linear", "linear+", "linear-")
+
+    def equations(self, configuration: str, port: Port, z: SimpleNamespace, dz: SimpleNamespace) -> Sequence[Row]:
+        output_rate = port.dv - dz.across
+        if not sign_of(configuration):
+            output_rate = output_rate - 2 * np.pi * self.gain_bandwidth * self._error(port, z)
+        return [self._current(port) - self.capacitance * dz.across, output_rate]
+
+    def powers(self, configuration: str, port: Port, z: SimpleNamespace) -> Mapping[str, Sequence[Product]]:
+        delivered = Product(-1.0, port.v - z.across, self._current(port))
+        return {"harvested": [Product(1.0 / self.resistance, port.v, port.v)], "source": [delivered]}
+
+    def guards(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Guard]:
+        sign = sign_of(configuration)
+        if sign:
+            return [Guard(-sign * self._error(port, z), "linear", event="")]
+        output, limit = port.v - z.across, self.saturation * port.one
+        return [Guard(side * output - limit, f"linear{mark}", event="") for side, mark in ((1, "+"), (-1, "-"))]
+
+    def _current(self, port: Port) -> Row:
+        """Current into the capacitor."""
+        return port.i - port.v / self.resistance
+
+    def _error(self, port: Port, z: SimpleNamespace) -> Row:
+        """Voltage between the inputs of the amplifier."""
+        return port.v - 0.5 * (port.v - z.across)

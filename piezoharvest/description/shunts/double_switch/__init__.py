@@ -1,0 +1,1 @@
+"""Harvesting circuits with a capacitor between two switched converters, one file each."""
