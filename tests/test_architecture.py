@@ -61,7 +61,7 @@ LAYERS = [
     {"records.checks"},
     {"records.loading"},
     {"records.specimens"},
-    {"bench.devices", "bench.solver", "predict"},
+    {"bench.devices", "bench.solver", "exchange", "predict"},
     {"bench.effects"},
     {"bench.settings"},
     {"bench.sensors"},
