@@ -77,7 +77,7 @@ LAYERS = [
     {"diagnose"},
     {"population"},
     {"report"},
-    {"demo"},
+    {"demo", "explore"},
     {"cli"},
     {"__main__"},
 ]
@@ -89,6 +89,8 @@ ONLY = {
     "matplotlib": {"report", "notebook"},
     "pandas": {"notebook"},
     "jinja2": {"report"},
+    "bokeh": {"explore"},
+    "tornado": {"explore"},
     "dask": {"sweep"},
     "distributed": {"sweep"},
     "typer": {"cli"},

@@ -19,7 +19,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 DEPENDENCIES, TEST = PROJECT["dependencies"], PROJECT["optional-dependencies"]["test"]
 EXTRAS = PROJECT["optional-dependencies"]
 # Of single uses and formats, imported where they are asked for.
-OPTIONAL = [*EXTRAS["notebook"], *EXTRAS["rf"], *EXTRAS["uff"]]
+OPTIONAL = [part for extra in ("explore", "notebook", "rf", "uff") for part in EXTRAS[extra]]
 
 
 def normal(name):

@@ -249,6 +249,26 @@ def plan(
 
 
 @app.command()
+def explore(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Study or campaign (TOML).", show_default=False)],
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page on 127.0.0.1; 0: any free one.")] = 0,
+    save: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Where the page saves the study; default beside it, FILE-explored.toml."),
+    ] = None,
+    effects: EffectFiles = None,
+) -> Work:
+    """Serve a page with sliders for a study or a campaign, on this machine alone.
+
+    The address is printed. The page needs no internet; power, attenuation, waveforms, loops and the bound follow the
+    sliders. Of a campaign it shows records and residuals, with effects switched on and off. Ctrl-C ends.
+    """
+    from piezoharvest.cli import explore_command
+
+    return partial(explore_command.explore, file, port=port, save=save)
+
+
+@app.command()
 def export(
     study: StudyFile,
     out: Annotated[Path, typer.Option(metavar="FILE", help="File to write.", show_default=False)],
