@@ -1,8 +1,8 @@
-"""The command line: `piezoharvest simulate | design | sweep | measure | identify | diagnose | plan | export | import`.
+"""The command line: `piezoharvest simulate | design | sweep | measure | identify | diagnose | plan`.
 
-Beside these there are `new`, `catalogue` and `demo`. typer only parses the arguments; each command returns the work to
-be done, which `main` runs. Exit status: 0 done; 1 done, but the result is unreliable; 2 bad input; 130 interrupted, 143
-terminated.
+Beside these there are `export`, `import`, `explore`, `new`, `catalogue` and `demo`. typer only parses the arguments;
+each command returns the work to be done, which `main` runs. Exit status: 0 done; 1 done, but the result is unreliable;
+2 bad input; 130 interrupted, 143 terminated.
 """
 
 from __future__ import annotations
@@ -184,9 +184,9 @@ def measure(
     table [bench]. DIR, which has to be new, empty or an earlier campaign, gets campaign.toml and a CSV file for each
     record.
     """
-    from piezoharvest.cli import measure_command
+    from piezoharvest.cli import commands
 
-    return partial(measure_command.measure, study, out)
+    return partial(commands.measure, study, out)
 
 
 @app.command()

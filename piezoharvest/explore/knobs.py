@@ -57,8 +57,8 @@ class Knob(NamedTuple):
         """Value at a position of the slider."""
         return 10.0**position if self.logarithmic else position
 
-    def slider(self) -> Slider:
-        """Slider of the page."""
+    def slider(self, title: str = "") -> Slider:
+        """Slider of the page, with its label as the title where there is no other."""
         from bokeh.models import CustomJSTickFormatter, Slider
 
         low, high = self.to_slider(self.low), self.to_slider(self.high)
@@ -66,7 +66,7 @@ class Knob(NamedTuple):
         plain = "return Number(tick.toPrecision(5)) + ' ' + unit;"
         shown = CustomJSTickFormatter(code=_ENGINEERING if self.logarithmic else plain, args={"unit": unit})
         return Slider(
-            title=self.label, start=low, end=high, value=self.to_slider(self.value), step=(high - low) / STEPS,
+            title=title or self.label, start=low, end=high, value=self.to_slider(self.value), step=(high - low) / STEPS,
             format=shown, sizing_mode="stretch_width", name=self.path,
         )  # fmt: skip
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bokeh.document import Document
     from bokeh.models import ColumnDataSource, UIElement
 
-_COLOUR = "#1f5fa8"
+_COLOUR, _SECOND = "#1f5fa8", "#c4541a"
 _HEIGHT = 230  # pixels of a plot
 _TICKS = 5  # about, of an axis
 # A number with an SI prefix.
@@ -49,8 +49,10 @@ class Coalesced:
         self._run()
 
 
-def plot(source: ColumnDataSource, x: str, y: str, units: Mapping[str, str], **options: Any) -> figure:
-    """Curve of one column over another, whose values are shown where the pointer is."""
+def plot(
+    source: ColumnDataSource, x: str, y: str, units: Mapping[str, str], *, of: str | None = None, **options: Any
+) -> figure:
+    """Curve of one column over another, and of a second one where it is given; the pointer reads its values."""
     drawn = figure(
         height=_HEIGHT, sizing_mode="stretch_width", tools="pan,box_zoom,reset,save", toolbar_location="above",
         x_axis_label=_axis(x, units), y_axis_label=_axis(y, units), **options,
@@ -58,14 +60,19 @@ def plot(source: ColumnDataSource, x: str, y: str, units: Mapping[str, str], **o
     for axis in (drawn.xaxis, drawn.yaxis):
         axis.ticker.desired_num_ticks = _TICKS
         axis.formatter = CustomJSTickFormatter(code=_TICK)
-    drawn.line(x, y, source=source, color=_COLOUR, line_width=1.5)
-    tips = [(_axis(name, units), f"@{name}{{0.0000e+0}}") for name in (x, y)]
-    drawn.add_tools(HoverTool(tooltips=tips, mode="vline" if x == "time" else "mouse"))
+    names = {"legend_label": y} if of else {}
+    curve = drawn.line(x, y, source=source, color=_COLOUR, line_width=1.5, **names)
+    if of:
+        drawn.line(x, of, source=source, color=_SECOND, line_width=1.5, legend_label=of)
+        drawn.legend.update(location="top_left", orientation="horizontal", padding=2, background_fill_alpha=0.6)
+    shown = [name for name in (x, y, of) if name]
+    tips = [(name, f"@{name}{{0.0000e+0}}") for name in shown]
+    drawn.add_tools(HoverTool(tooltips=tips, renderers=[curve], mode="vline" if x in ("time", "x") else "mouse"))
     return drawn
 
 
 def _axis(name: str, units: Mapping[str, str]) -> str:
-    return f"{name}, {pretty_unit(units[name])}"
+    return f"{name}, {pretty_unit(units[name])}" if units[name] else name
 
 
 def report_table(rows: Mapping[str, str]) -> str:
