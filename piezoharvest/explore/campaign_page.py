@@ -36,14 +36,14 @@ class CampaignPage:
     def __init__(self, explorer: CampaignExplorer, document: Document):
         self._explorer = explorer
         self._knobs: dict[str, list[Knob]] = {}
-        names = [(str(n), f"{record.name} ({record.role})") for n, record in enumerate(explorer.records)]
+        names: list[Any] = [(str(n), f"{record.name} ({record.role})") for n, record in enumerate(explorer.records)]
         self._record = Select(title="record", options=names, value="0", sizing_mode="stretch_width")
         self._channel = Select(title="channel", sizing_mode="stretch_width")
         self._effects = MultiChoice(
             title="effects switched on", options=[(label, label.replace("_", " ")) for label in explorer.effects],
             value=list(explorer.identified), max_items=_MOST_EFFECTS, sizing_mode="stretch_width", name="effects",
         )  # fmt: skip
-        self._sliders = column(sizing_mode="stretch_width")
+        self._sliders: Any = column(sizing_mode="stretch_width")
         self._figures, self._message = Div(sizing_mode="stretch_width"), Div(sizing_mode="stretch_width")
         self._curves = ColumnDataSource({"x": [], "measured": [], "predicted": [], "residual": []})
         self._update = Coalesced(document, self._show)
@@ -96,7 +96,7 @@ class CampaignPage:
             return
         silent = [label for label, own in self._knobs.items() if not own]
         self._say(f"this record does not show: {', '.join(silent)}" if silent else "")
-        channels = list(shown.measured)
+        channels: list[Any] = list(shown.measured)
         if self._channel.options != channels:
             self._channel.options, self._channel.value = channels, channels[0]
         channel = self._channel.value

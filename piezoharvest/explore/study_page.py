@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from bokeh.layouts import column
 from bokeh.models import Button, ColumnDataSource, Div, Select
-from bokeh.plotting import figure
 
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.explore.study import Answer, StudyExplorer
@@ -37,9 +36,9 @@ class StudyPage:
     def __init__(self, explorer: StudyExplorer, document: Document, saved: Path):
         self._explorer, self._saved = explorer, saved
         shunts = explorer.study.shunts
-        kinds = [(str(n), f"{n + 1}: {shunt.kind.replace('_', ' ')}") for n, shunt in enumerate(shunts)]
+        kinds: list[Any] = [(str(n), f"{n + 1}: {shunt.kind.replace('_', ' ')}") for n, shunt in enumerate(shunts)]
         self._choice = Select(title="circuit", options=kinds, value="0", sizing_mode="stretch_width")
-        self._sliders = column(sizing_mode="stretch_width")
+        self._sliders: Any = column(sizing_mode="stretch_width")
         self._figures, self._message = Div(sizing_mode="stretch_width"), Div(sizing_mode="stretch_width")
         self._waves = ColumnDataSource({name: [] for name in ("time", *_SIGNALS)})
         self._update = Coalesced(document, self._show)
@@ -50,7 +49,7 @@ class StudyPage:
         page_of(document, explorer.study.title or "study", beside(controls, self._plots()))
         self._choose()
 
-    def _plots(self) -> list[figure]:
+    def _plots(self) -> list[Any]:
         """Waveforms and loops."""
         drive = "m/s^2" if "base" in self._explorer.study.excitation.kind else "N"
         units = {**_SIGNALS, "drive": drive, "time": "s"}

@@ -53,7 +53,7 @@ def plot(
     source: ColumnDataSource, x: str, y: str, units: Mapping[str, str], *, of: str | None = None, **options: Any
 ) -> figure:
     """Curve of one column over another, and of a second one where it is given; the pointer reads its values."""
-    drawn = figure(
+    drawn: Any = figure(
         height=_HEIGHT, sizing_mode="stretch_width", tools="pan,box_zoom,reset,save", toolbar_location="above",
         x_axis_label=_axis(x, units), y_axis_label=_axis(y, units), **options,
     )  # fmt: skip
