@@ -80,4 +80,4 @@ def to_network(two_port: TwoPort, *, reference: Any = 50.0) -> Network:
     except ModuleNotFoundError:
         message = "scikit-rf is not installed, which makes networks: pip install 'piezoharvest[rf]'"
         raise ParameterError("two_port", message) from None
-    return Network(f=two_port.frequencies, f_unit="hz", z=two_port.z, z0=np.asarray(reference, float))
+    return Network(f=two_port.frequencies, f_unit="Hz", z=two_port.z, z0=np.asarray(reference, float))
