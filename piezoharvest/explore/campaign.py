@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields, replace
 from itertools import islice
 from typing import Any, NamedTuple
@@ -186,8 +187,9 @@ def _others(data: Sequence[Data | FrequencyData], found: Identification) -> dict
     labelled: dict[str, Effect] = {}
     for _, kind in sorted(registered().items()):
         if kind not in present and _is_switchable(kind) and any(map(kind.acts_on, shunts)):
-            for start in islice(kind.starts(scales), _STARTS):
-                labelled.setdefault(_label(start), start)
+            with suppress(ParameterError):  # of one that only records over time have a scale for
+                for start in islice(kind.starts(scales), _STARTS):
+                    labelled.setdefault(_label(start), start)
     return labelled
 
 

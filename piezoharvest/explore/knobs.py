@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 DECADES = 2.0  # of a slider to either side of a size, as a load or an inductance
 STEPS = 400  # of a slider
+_INSIDE = 1.001  # of a bound that is not allowed itself
 # A logarithm as the number that it stands for, with an SI prefix.
 _ENGINEERING = """
 const power = Math.max(-5, Math.min(4, Math.floor(tick / 3 + 1e-9)));
@@ -79,12 +80,10 @@ def size(component: Component, name: str, path: str, decades: float = DECADES) -
         return None
     if not 0 < value < math.inf:
         return None
-    low, high = value * 10.0**-decades, value * 10.0**decades
-    bounds = [field.metadata.get(key) for key in ("at_least", "above")], [field.metadata.get(key) for key in
-                                                                        ("at_most", "below")]  # fmt: skip
-    low = max([low, *(bound for bound in bounds[0] if bound)])
-    high = min([high, *(bound for bound in bounds[1] if bound is not None)])
-    return Knob(path, field.metadata["unit"], value, low, high, logarithmic=True)
+    least = max(value * 10.0**-decades, field.metadata["at_least"] or 0.0, _INSIDE * (field.metadata["above"] or 0.0))
+    most = min(bound for bound in (value * 10.0**decades, field.metadata["at_most"],
+                                   (field.metadata["below"] or math.inf) / _INSIDE) if bound is not None)  # fmt: skip
+    return Knob(path, field.metadata["unit"], value, min(least, value), max(most, value), logarithmic=True)
 
 
 def around(component: Component, name: str, path: str, width: float, *, relative: bool = False) -> Knob | None:

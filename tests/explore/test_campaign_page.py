@@ -56,6 +56,24 @@ def test_an_effect_that_is_on_changes_the_prediction_as_it_does(explorer):
         assert found.rms[channel] == pytest.approx(np.sqrt(np.mean(found.residual[channel] ** 2)))
 
 
+def test_a_frequency_response_follows_too():
+    """Against 1/(k - m w^2 + jwb + jw T^2/(jwC + 1/R)); the start values of some effects need a record over time."""
+    frequency = np.linspace(40.0, 60.0, 60)
+
+    def receptance(t, resistance):
+        s = 2j * np.pi * frequency
+        shunted = s * t.coupling**2 / (s * t.capacitance + 1 / resistance)
+        return 1 / (t.mass * s**2 + t.damping * s + t.stiffness + shunted)
+
+    data = {"frequency_Hz": frequency, "response": receptance(NOMINAL, LOAD)}
+    record = {"kind": "frf", "output": "displacement", "load_resistance": LOAD, "data": data}
+    found = CampaignExplorer(identify(Campaign.from_arrays(NOMINAL, [record])))
+    (shown,) = found.seen(0, [Leakage(resistance=LEAK)]).predicted.values()
+    wanted = receptance(found.found.transducer, 1 / (1 / LOAD + 1 / LEAK))
+    np.testing.assert_allclose(shown, 20 * np.log10(np.abs(wanted)), atol=1e-6)
+    assert found.knobs("leakage", 0)
+
+
 def test_a_strength_begins_where_it_is_just_seen(explorer):
     (knob,) = explorer.knobs("leakage", 0)
     assert knob.logarithmic and knob.low < LEAK < knob.high
