@@ -132,11 +132,11 @@ class StudyExplorer:
 
 @lru_cache(maxsize=8)  # a circuit's sliders leave it as it is
 def _bound(transducer: Transducer, excitation: Excitation) -> Bound | None:
-    """Bound of the harvested power at the frequency of a sine, which has a closed form."""
+    """Bounds of the harvested power and of the attenuation at the frequency of a sine, which have closed forms."""
     if not is_sine(excitation):
         return None
     try:
         operation = operation_of(excitation, None, transducer)
     except ParameterError:  # no drive
         return None
-    return bound_of(LinearView(transducer, operation, Goal(DesignOptions(objective="harvest"))).working())
+    return bound_of(LinearView(transducer, operation, Goal(DesignOptions(objective="trade_off"))).working())

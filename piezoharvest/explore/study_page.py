@@ -115,6 +115,8 @@ def _figures(answer: Answer) -> str:
             "bound of passive linear circuits": engineering(bound.harvested_power, "W"),
             "bound of any circuit": engineering(bound.any_interface, "W"),
         }
+        if bound.attenuation_db is not None:
+            rows["bound of the attenuation, linear"] = engineering(bound.attenuation_db, "dB")
         if bound.harvested_power:
             rows["share of the linear bound"] = engineering(100 * found.harvested_power / bound.harvested_power, "%")
     if not found.converged:
