@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts.damping.digital import Digital
 from piezoharvest.description.shunts.linear.network import Network
-from piezoharvest.exchange.synthesis import NotRealisableError, Ratio, network_elements
+from piezoharvest.exchange.synthesis import MOST_COPIED, NotRealisableError, Ratio, check_passive, network_elements
 from piezoharvest.linear.circuits import admittance
 
 _AGREES = 1e-6  # relative, of the admittances: far below the tolerance of any part
@@ -37,8 +38,7 @@ def shunt_from(system: Any, *, sample_time: float | None = None, **keys: Any) ->
     Raises
     ------
     ParameterError
-        The admittance is not that of a network of series and parallel parts and no sample time is given, or it is not
-        allowed in a digital shunt.
+        The admittance is not passive and no sample time is given, or it is not allowed in a digital shunt.
 
     Examples
     --------
@@ -63,27 +63,32 @@ Element(name='R1', kind='R', nodes=(2, 0), value=100.0, load=False))
 
 
 def _network(numerator: np.ndarray, denominator: np.ndarray) -> Network:
-    """Network with an admittance, compared with it."""
+    """Network with an admittance: the first that has it of those without copies of parts and with them."""
+    ratio = Ratio(numerator, denominator).cleaned().reduced()
+    poles = len(ratio.below) - 1
     instead = "a digital shunt has it all the same, give its sample_time"
-    try:
-        with np.errstate(all="ignore"):
-            ratio = Ratio(numerator, denominator).cleaned().reduced()
-            network = Network(netlist=network_elements(ratio))
-    except NotRealisableError as error:
-        raise ParameterError(
-            "system", f"no network of series and parallel parts has this admittance: {error}; {instead}"
-        ) from None
-    except (ParameterError, np.linalg.LinAlgError):
-        raise ParameterError(
-            "system", f"no network of sensible parts is found with this admittance; {instead}"
-        ) from None
+    reason = (
+        "rounding hides its parts" if poles <= MOST_COPIED else f"it has {poles} poles, but no series or parallel parts"
+    )
+    with np.errstate(all="ignore"):
+        try:
+            check_passive(ratio)
+        except NotRealisableError as error:
+            raise ParameterError("system", f"no network has this admittance: {error}; {instead}") from None
+        for copies in (False, True) if poles <= MOST_COPIED else (False,):
+            with suppress(NotRealisableError, ParameterError, np.linalg.LinAlgError):
+                network = Network(netlist=network_elements(ratio, copies=copies))
+                if _distance(network, ratio) <= _AGREES:
+                    return network
+    raise ParameterError("system", f"no network is found with this admittance: {reason}; {instead}")
+
+
+def _distance(network: Network, ratio: Ratio) -> float:
+    """Largest relative difference of a network's admittance, beyond its poles and zeros too."""
     corners = ratio.corners()
     omega = np.geomspace(0.1 * corners.min(), 10 * corners.max(), _POINTS)
-    wanted = np.polyval(numerator, 1j * omega) / np.polyval(denominator, 1j * omega)
-    wrong = np.max(np.abs(admittance(network, omega / (2 * np.pi)) / wanted - 1))
-    if not wrong <= _AGREES:
-        raise ParameterError("system", f"rounding leaves no network with this admittance ({wrong:.2g}); {instead}")
-    return network
+    wanted = np.polyval(ratio.above, 1j * omega) / np.polyval(ratio.below, 1j * omega)
+    return float(np.max(np.abs(admittance(network, omega / (2 * np.pi)) / wanted - 1)))
 
 
 def _polynomials(system: Any) -> tuple[np.ndarray, np.ndarray, float]:

@@ -2,17 +2,19 @@
 
 What an admittance is a sum of lies in parallel: its poles on the imaginary axis (Foster), and all others by partial
 fractions where each is passive by itself or with a share of the constant; else the least conductance, where that lies
-at zero or infinite frequency. What remains is inverted, and the sum of the impedance lies in series (Cauer). There are
-neither transformers nor the copies of Bott and Duffin: where the least conductance and the least resistance lie at
-other frequencies there is no network here.
+at zero or infinite frequency. What remains is inverted, and the sum of the impedance lies in series (Cauer). Where the
+least conductance and the least resistance lie at other frequencies, what remains is built twice (Bott and Duffin), as
+there are no transformers.
 
-Source: Guillemin, Synthesis of Passive Networks, Wiley, 1957, chapters 3, 4 and 9.
+Sources: Guillemin, Synthesis of Passive Networks, Wiley, 1957, chapters 3, 4, 9 and 10; Bott & Duffin, J. Appl. Phys.
+20(8), 816, 1949.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import count
 from typing import NamedTuple
 
@@ -23,15 +25,12 @@ from piezoharvest.description.netlist import Element
 _ROUNDING = 1e-9  # relative; coefficients, real parts and differences of poles this small are rounded zeros
 
 _MOST_POLES = 12  # the ways to split an admittance may double with each
+MOST_COPIED = 6  # poles, with about 40 elements: two more double them (Bott & Duffin)
 _CANCELS = 1e-6  # relative distance of a zero from a pole; nearer ones move no admittance by more than is compared
 
 
 class NotRealisableError(ValueError):
-    """No network of series and parallel parts has the admittance."""
-
-
-class _StuckError(Exception):
-    """Nothing more can be split off."""
+    """No network has the admittance, or none is found."""
 
 
 class Part(NamedTuple):
@@ -59,9 +58,12 @@ class Ratio(NamedTuple):
         return Ratio(self.below, self.above)
 
     def corners(self) -> np.ndarray:
-        """Sizes of poles and zeros, rad/s, without those at zero; 1 if there are none."""
+        """Sizes of poles and zeros, rad/s, without those at zero and infinity but for rounding; 1 if there are none."""
         roots = np.abs(np.concatenate([np.roots(part) for part in self]))
-        return roots[roots > _ROUNDING * np.max(roots)] if np.any(roots) else np.ones(1)
+        if not np.any(roots):
+            return np.ones(1)
+        middle = np.median(roots[roots > 0])
+        return roots[(roots > _ROUNDING * middle) & (roots < middle / _ROUNDING)]
 
     def size(self) -> float:
         """Largest magnitude at the corners."""
@@ -69,8 +71,8 @@ class Ratio(NamedTuple):
         return float(np.max(np.abs(np.polyval(self.above, s) / np.polyval(self.below, s))))
 
     def cleaned(self) -> Ratio:
-        """Without what rounding has left of coefficients that are zero, at the mean size of poles and zeros."""
-        scale = np.exp(np.mean(np.log(self.corners())))
+        """Without what rounding has left of coefficients that are zero, at the median of poles and zeros."""
+        scale = np.median(self.corners())
 
         def clean(coefficients: np.ndarray) -> np.ndarray:
             size = np.abs(coefficients) * scale ** np.arange(len(coefficients) - 1, -1, -1.0)
@@ -105,19 +107,22 @@ class Ratio(NamedTuple):
         return end if end[0] <= least[0] + _ROUNDING * size else least
 
 
-def network_elements(ratio: Ratio) -> tuple[Element, ...]:
-    """Elements between the port's nodes 1 and 0 with an admittance in S, s being in 1/s.
+def network_elements(ratio: Ratio, *, copies: bool) -> tuple[Element, ...]:
+    """Elements between the port's nodes 1 and 0 with a positive-real admittance in S, s being in 1/s.
+
+    Parameters
+    ----------
+    ratio : Ratio
+        What it has is to be compared with this: rounding may have hidden parts.
+    copies : bool
+        Build twice what cannot be split into series and parallel parts; of at most `MOST_COPIED` poles.
 
     Raises
     ------
     NotRealisableError
-        It is not passive, or needs transformers; the message says where.
+        None is found.
     """
-    _check_passive(ratio)
-    try:
-        tree = _admittance(ratio)
-    except _StuckError:
-        raise NotRealisableError("it needs transformers, or its parts differ by more than rounding leaves") from None
+    tree = _admittance(ratio, copies=copies)
     numbers: Counter[str] = Counter()
     nodes = count(2)
 
@@ -133,43 +138,84 @@ def network_elements(ratio: Ratio) -> tuple[Element, ...]:
     return tuple(elements(tree, 1, 0))
 
 
-def _check_passive(ratio: Ratio) -> None:
-    """Raise `NotRealisableError` unless an admittance is positive real, but for residues of poles on the axis."""
-    poles = np.roots(ratio.below)
-    if np.any(poles.real > _ROUNDING * np.abs(poles)):
+def check_passive(ratio: Ratio) -> None:
+    """Raise `NotRealisableError` unless an admittance is positive real."""
+    poles, corner = np.roots(ratio.below).astype(complex), ratio.corners().max()
+    if np.any(np.real(poles) > _ROUNDING * np.abs(poles)):
         raise NotRealisableError("it is not stable")
     if len(ratio.above) > len(ratio.below) + 1:
         raise NotRealisableError("it grows faster than that of a capacitor")
     if len(poles) > _MOST_POLES:
         raise NotRealisableError(f"it has {len(poles)} poles, at most {_MOST_POLES} are tried")
+    for n, pole in enumerate(poles):
+        repeated = np.any(np.abs(np.delete(poles, n) - pole) <= _CANCELS * corner)
+        if repeated or abs(np.real(pole)) > _ROUNDING * abs(pole):
+            continue
+        residue = np.polyval(ratio.above, pole) / np.polyval(np.polyder(ratio.below), pole)
+        if not abs(np.imag(residue)) <= _CANCELS * np.real(residue):
+            raise NotRealisableError(f"a resonance without losses gives power at {abs(pole) / (2 * np.pi):.4g} Hz")
     least, at = ratio.least_real_part()
     if least < -_ROUNDING * ratio.size():
         raise NotRealisableError(f"its real part is negative at {at / (2 * np.pi):.4g} Hz")
 
 
-def _admittance(ratio: Ratio, inverted: bool = False) -> Part:
+def _admittance(ratio: Ratio, *, copies: bool, inverted: bool = False) -> Part:
     """Part with an admittance, the sum of what lies in parallel: of the ways to split it the first that ends well.
 
+    `copies`: where nothing can be split off, what remains is built twice, after Bott and Duffin.
     `inverted`: nothing was split off its inverse, so that inverting it again leads nowhere.
     """
     lossless, rest, constant = _without_axis_poles(ratio.cleaned())
     if len(rest.below) == 1 or not np.any(rest.above):
         return _parallel(lossless, constant, [])
     for terms, left in _splits(rest, constant):
-        try:
-            return _parallel(lossless, left, [_admittance(term.inverse()).dual() for term in terms])
-        except _StuckError:
-            continue
-    if inverted and not lossless:
-        raise _StuckError
-    return _parallel(lossless, 0.0, [_admittance(_raised(rest, constant).inverse(), inverted=True).dual()])
+        with suppress(NotRealisableError):
+            return _parallel(lossless, left, [_admittance(term.inverse(), copies=copies).dual() for term in terms])
+    whole = _raised(rest, constant)
+    if not inverted or lossless:
+        with suppress(NotRealisableError):
+            return _parallel(lossless, 0.0, [_admittance(whole.inverse(), copies=False, inverted=True).dual()])
+    if not copies:
+        raise NotRealisableError
+    least, at = whole.least_real_part()
+    return _parallel(lossless, max(least, 0.0), [_twice(_raised(whole, -least), at)])
+
+
+def _twice(ratio: Ratio, at: float) -> Part:
+    """Part with an admittance whose real part is zero at a frequency in rad/s (Bott & Duffin).
+
+    With F(jw) = jX, X > 0, and F(k)/k = X/w, R = (k F - s F(k))/(k F(k) - s F) is positive real and zero at jw, and
+    F is the sum of 1/(1/(F(k) R) + s/(k F(k))) and 1/(k/(s F(k)) + R/F(k)).
+    """
+    if not 0 < at < np.inf:
+        raise NotRealisableError
+    slope = float(np.imag(np.polyval(ratio.above, 1j * at) / np.polyval(ratio.below, 1j * at))) / at
+    if slope < 0:
+        return _twice(ratio.inverse(), at).dual()
+    above, below = ratio
+    roots = np.roots(np.polysub(above, slope * np.polymul(below, [1.0, 0.0])))
+    roots = roots[(np.abs(roots.imag) <= _ROUNDING * np.abs(roots)) & (roots.real > 0)].real
+    if not slope > 0 or not len(roots):
+        raise NotRealisableError
+    k = float(roots[0])
+    value, resonance = slope * k, np.array([1.0, 0.0, at**2])
+    through = np.polysub(k * above, value * np.polymul(below, [1.0, 0.0]))
+    zeros = np.polydiv(through, np.polymul([1.0, -k], resonance))[0]
+    poles = np.polydiv(np.polysub(k * value * below, np.polymul(above, [1.0, 0.0])), [1.0, -k])[0]
+    reactance = Ratio(value * np.polymul(zeros, resonance), poles)
+    first = _admittance(reactance.inverse(), copies=True).dual()
+    second = _admittance(Ratio(value * poles, np.polymul(zeros, resonance)), copies=True)
+    return Part("parallel", parts=(
+        Part("series", parts=(Part("L", 1.0 / (k * value)), first)),
+        Part("series", parts=(Part("C", value / k), second)),
+    ))  # fmt: skip
 
 
 def _parallel(lossless: list[Part], conductance: float, others: list[Part]) -> Part:
     """Parts and a resistor side by side."""
     parts = [*lossless, *([Part("R", 1.0 / conductance)] if conductance > 0 else []), *others]
     if not parts:
-        raise _StuckError
+        raise NotRealisableError
     return parts[0] if len(parts) == 1 else Part("parallel", parts=tuple(parts))
 
 
@@ -178,7 +224,7 @@ def _without_axis_poles(ratio: Ratio) -> tuple[list[Part], Ratio, float]:
     quotient, remainder = np.polydiv(ratio.above, ratio.below)
     rising, constant = (quotient[0], quotient[1]) if len(quotient) == 2 else (0.0, quotient[0])
     if rising < 0:
-        raise _StuckError
+        raise NotRealisableError
     poles = np.roots(ratio.below).astype(complex)
     on_axis = np.abs(np.real(poles)) <= _ROUNDING * np.abs(poles)
     poles = np.where(on_axis, 1j * np.imag(poles), poles)
@@ -188,7 +234,7 @@ def _without_axis_poles(ratio: Ratio) -> tuple[list[Part], Ratio, float]:
     for pole in poles[on_axis & (np.imag(poles) >= 0)]:
         residue = float(np.real(np.polyval(remainder, pole) / np.polyval(derivative, pole)))
         if not residue > 0:
-            raise _StuckError
+            raise NotRealisableError
         factor = np.array([1.0, 0.0]) if pole == 0 else np.array([1.0, 0.0, pole.imag**2])
         own = np.array([residue]) if pole == 0 else np.array([2 * residue, 0.0])
         others = np.polydiv(ratio.below, factor)[0]

@@ -96,6 +96,16 @@ class TestShunt:
             assert isinstance(found, Network)
             np.testing.assert_allclose(admittance(found, FREQUENCIES), admittance(wanted, FREQUENCIES), rtol=1e-5)
 
+    def test_where_parts_have_to_be_built_twice(self):
+        """Biquadratic admittances whose conductance is least between the ends, and a sum of two of them."""
+        first = control.tf([1.0, 1.0, 1.0], [1.0, 1.0, 4.0])
+        for wanted in (first, 1 / first, first + control.tf([1.0, 2.0, 9.0], [1.0, 1.0, 2.0])):
+            network = shunt_from(wanted)
+            frequencies = np.geomspace(0.01, 10.0, 30)
+            s = 2j * np.pi * frequencies
+            np.testing.assert_allclose(admittance(network, frequencies), wanted(s), rtol=1e-6)
+            assert all(element.value > 0 for element in network.netlist)
+
     def test_digital_has_the_filter(self):
         shunt = shunt_from(control.tf([1.0], [240.0, -5e3]), sample_time=1e-4, delay=2e-5)  # no passive one
         assert isinstance(shunt, Digital) and shunt.delay == 2e-5
@@ -114,7 +124,7 @@ class TestShunt:
             (control.tf([1.0], [1, -2]), "not stable"),
             (control.tf([1.0], [1, 1, 100]), "negative at"),
             (control.tf([1.0, 0, 0], [1]), "grows faster"),
-            (control.tf([1.0], [1, 0, 1]), "it needs"),
+            (control.tf([1.0], [1, 0, 1]), "without losses"),
             (control.tf([0.0], [1]), "open electrodes"),
             (control.tf([1.0], [1, 0.5], True), "without a sample time"),
             (linearize(PLAIN), "one of each"),
