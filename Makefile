@@ -21,6 +21,7 @@ BIN := .venv/bin
 MEETING := tests/test_cli.py tests/test_study.py tests/test_linear.py tests/test_packaging.py \
 	tests/records/test_readers.py tests/records/test_campaign.py tests/records/test_instrument_formats.py \
 	tests/report/test_every_report.py tests/report/test_report_records.py \
+	tests/exchange/test_exchange.py tests/explore/test_study_page.py \
 	tests/sweep/test_sweep_results.py tests/sweep/test_sweep_dask.py tests/identify/test_identify_cli.py \
 	tests/identify/test_loops.py tests/engine/test_vector.py
 

@@ -48,7 +48,10 @@ _HOMES = {
     ),
     "linear": (
         "TwoPort", "admittance", "anticipating", "closed_loop", "coupling_factor", "frequency_response", "linearize",
-        "resonances", "sampled_loop", "stability_limit",
+        "linearize_shunt", "resonances", "sampled_loop", "stability_limit",
+    ),
+    "exchange": (
+        "response_record", "shunt_from", "to_frd", "to_network", "transducer_from", "two_port_from", "write_touchstone",
     ),
     "study": ("DesignOptions", "Study", "StudyError", "load_study"),
     "design": ("DesignResult", "design"),

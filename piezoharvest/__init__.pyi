@@ -89,6 +89,15 @@ from piezoharvest.description.transducer import Electrode, Mode, Transducer
 from piezoharvest.design import DesignResult, design
 from piezoharvest.diagnose import Diagnosis, diagnose
 from piezoharvest.engine import Gradient, NoGradientError, Response, Waveforms, gradient, simulate, simulate_many
+from piezoharvest.exchange import (
+    response_record,
+    shunt_from,
+    to_frd,
+    to_network,
+    transducer_from,
+    two_port_from,
+    write_touchstone,
+)
 from piezoharvest.identify import Identification, identify
 from piezoharvest.linear import (
     TwoPort,
@@ -98,6 +107,7 @@ from piezoharvest.linear import (
     coupling_factor,
     frequency_response,
     linearize,
+    linearize_shunt,
     resonances,
     sampled_loop,
     stability_limit,
@@ -220,6 +230,7 @@ __all__ = [
     "gradient",
     "identify",
     "linearize",
+    "linearize_shunt",
     "load_campaign",
     "load_specimen",
     "load_study",
@@ -227,12 +238,19 @@ __all__ = [
     "measured_diode",
     "quantity",
     "resonances",
+    "response_record",
     "sampled_loop",
+    "shunt_from",
     "simulate",
     "simulate_many",
     "stability_limit",
     "sweep",
+    "to_frd",
+    "to_network",
+    "transducer_from",
+    "two_port_from",
     "write_diagnosis",
     "write_identification",
     "write_report",
+    "write_touchstone",
 ]

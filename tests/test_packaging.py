@@ -18,7 +18,8 @@ ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 DEPENDENCIES, TEST = PROJECT["dependencies"], PROJECT["optional-dependencies"]["test"]
 EXTRAS = PROJECT["optional-dependencies"]
-OPTIONAL = [*EXTRAS["notebook"], *EXTRAS["uff"]]  # of single uses and formats, imported where they are asked for
+# Of single uses and formats, imported where they are asked for.
+OPTIONAL = [part for extra in ("explore", "notebook", "rf", "uff") for part in EXTRAS[extra]]
 
 
 def normal(name):

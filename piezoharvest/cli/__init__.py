@@ -1,8 +1,8 @@
-"""The command line: `piezoharvest simulate | design | sweep | measure | identify | diagnose | plan | export | import`.
+"""The command line: `piezoharvest simulate | design | sweep | measure | identify | diagnose | plan`.
 
-Beside these there are `new`, `catalogue` and `demo`. typer only parses the arguments; each command returns the work to
-be done, which `main` runs. Exit status: 0 done; 1 done, but the result is unreliable; 2 bad input; 130 interrupted, 143
-terminated.
+Beside these there are `export`, `import`, `explore`, `new`, `catalogue` and `demo`. typer only parses the arguments;
+each command returns the work to be done, which `main` runs. Exit status: 0 done; 1 done, but the result is unreliable;
+2 bad input; 130 interrupted, 143 terminated.
 """
 
 from __future__ import annotations
@@ -184,9 +184,9 @@ def measure(
     table [bench]. DIR, which has to be new, empty or an earlier campaign, gets campaign.toml and a CSV file for each
     record.
     """
-    from piezoharvest.cli import measure_command
+    from piezoharvest.cli import commands
 
-    return partial(measure_command.measure, study, out)
+    return partial(commands.measure, study, out)
 
 
 @app.command()
@@ -246,6 +246,26 @@ def plan(
     from piezoharvest.cli import plan_command
 
     return partial(plan_command.plan, campaign, out=out, parameter=parameter, as_json=json)
+
+
+@app.command()
+def explore(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Study or campaign (TOML).", show_default=False)],
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page on 127.0.0.1; 0: any free one.")] = 0,
+    save: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Where the page saves the study; default beside it, FILE-explored.toml."),
+    ] = None,
+    effects: EffectFiles = None,
+) -> Work:
+    """Serve a page with sliders for a study or a campaign, on this machine alone.
+
+    The address is printed. The page needs no internet; power, attenuation, waveforms, loops and the bound follow the
+    sliders. Of a campaign it shows records and residuals, with effects switched on and off. Ctrl-C ends.
+    """
+    from piezoharvest.cli import explore_command
+
+    return partial(explore_command.explore, file, port=port, save=save)
 
 
 @app.command()

@@ -64,13 +64,19 @@ class TwoPort:
             slope=slope, operating_point=operating_point, electrical=("current",),
         )  # fmt: skip
         transfer = model.phasors(angular(frequencies))
-        u, v = transfer(model.rows["velocity"]), transfer(model.rows["voltage"])
-        if np.any(u[:, 0] == 0):
+        responses = np.stack((transfer(model.rows["velocity"]), transfer(model.rows["voltage"])), axis=-2)
+        if np.any(responses[:, 0, 0] == 0):
             raise ParameterError("force_participation", "no mode takes force, at least one must")
+        return cls.from_responses(frequencies, responses)
+
+    @classmethod
+    def from_responses(cls, frequencies: np.ndarray, responses: np.ndarray) -> TwoPort:
+        """Two-port from its responses (f, 2, 2), defined as `responses`."""
+        u, v = responses[:, 0], responses[:, 1]
         # u = u_F F - u_i i_p and v = v_F F - v_i i_p, solved for F and v; the input was the load current, -i_p.
         force = np.stack((1 / u[:, 0], u[:, 1] / u[:, 0]), axis=-1)
         voltage = v[:, :1] * force - np.stack((0 * v[:, 1], v[:, 1]), axis=-1)
-        return cls(frequencies, np.stack((force, voltage), axis=-2))
+        return cls(np.asarray(frequencies, float), np.stack((force, voltage), axis=-2))
 
     @classmethod
     def from_abcd(cls, frequencies: np.ndarray, abcd: np.ndarray) -> TwoPort:
@@ -96,6 +102,12 @@ class TwoPort:
         """Chain matrix: (F, u) = abcd (v, i) with the load current i = -i_p."""
         z11, z12, z21, z22 = self._elements()
         return _matrix(z11, z11 * z22 - z12 * z21, np.ones_like(z11), z22) / z21[..., None, None]
+
+    @property
+    def responses(self) -> np.ndarray:
+        """What force and load current move: (u, v) = responses (F, i), as `linearize` gives it."""
+        z11, z12, z21, z22 = self._elements()
+        return _matrix(1 / z11, z12 / z11, z21 / z11, z12 * z21 / z11 - z22)
 
     def _elements(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         return self.z[..., 0, 0], self.z[..., 0, 1], self.z[..., 1, 0], self.z[..., 1, 1]

@@ -1,12 +1,16 @@
 """The report in a real browser: headless Chromium opens it and shows what is there."""
 
 import re
+from importlib import resources
+from io import BytesIO
 
 import matplotlib.image
 import numpy as np
 import pytest
 from report_studies import report, untrusted_report
 from selection import with_slow
+
+from piezoharvest.report.figures.style import frequency_axis, grid_of_axes, inline_svg, log_axis, write_png
 
 pytestmark = pytest.mark.browser
 
@@ -39,6 +43,7 @@ def test_on_a_telephone_tables_are_cards_and_nothing_is_off_the_screen(measured)
 def test_dom_of_the_page_as_it_is(browse):
     dom = browse(report("step"), "--dump-dom")
     assert re.search(r"<title>.*design report</title>", dom)
+    assert "pointermove" in dom  # values can be read off the curves
     assert dom.count("<svg") == dom.count("</svg>") == dom.count("<figure ")
     assert not re.findall(r'(?:src|href)="(?!#|data:)', dom)
 
@@ -67,3 +72,36 @@ def test_prints(browse, tmp_path):
     browse(report("step"), "--no-pdf-header-footer", f"--print-to-pdf={tmp_path / 'page.pdf'}")
     pages = len(re.findall(rb"/Type\s*/Page\b", (tmp_path / "page.pdf").read_bytes()))
     assert 3 <= pages <= 14
+
+
+# The pointer is moved to the middle one of the three points of each line.
+POINT = """<script>document.body.dataset.read = [...document.querySelectorAll('[id*="axes_"] > [id*="line2d_"] > path')]
+  .map(path => {
+    const svg = path.ownerSVGElement;
+    const [x, y] = path.getAttribute("d").match(/L *([\\d.]+) ([\\d.]+)/).slice(1).map(Number);
+    const place = new DOMPoint(x, y).matrixTransform(svg.getScreenCTM());
+    svg.dispatchEvent(new PointerEvent("pointermove", { clientX: place.x, clientY: place.y }));
+    return svg.nextSibling.textContent;
+  }).join("\\n");</script>"""
+
+
+def test_values_are_read_off_the_curves(browse, tmp_path):
+    """Of a logarithmic, a plain and a scaled axis: what the pointer shows is what was drawn."""
+    figure, (upper, lower) = grid_of_axes(2, height=4.0)
+    upper.plot([10.0, 2e3, 3e4], [1.0, -2.5, 3.0])
+    upper.set(xlabel="load (as tuned)", ylabel="power\nin mW")
+    log_axis(upper.xaxis, "Ω")
+    lower.plot([1e4, 1.25e4, 2e4], [0.0, 7.5, 5.0])
+    frequency_axis(lower, logarithmic=False)
+    write_png(figure, BytesIO())  # which fixes the layout
+    script = resources.files("piezoharvest.report").joinpath("templates/readings.js").read_text()
+    svg = inline_svg(figure, "figure", "test")
+    page = tmp_path / "page.html"
+    page.write_text(f"<body><figure>{svg}</figure><script>{script}</script>{POINT}</body>", encoding="utf-8")
+    shown = re.search(r'data-read="([^"]*)"', browse(page, "--dump-dom"))[1].splitlines()
+    words = [re.fullmatch(r"(.*): (-?[\d.]+)(.*)", line).groups() for line in shown]
+    assert [(label, unit) for label, _, unit in words] == [
+        ("load", " kΩ"), ("power in mW", ""), ("frequency in kHz", ""), ("y", ""),
+    ]  # fmt: skip
+    # Points have two digits behind the point, of axes a hundred points high.
+    assert [float(value) for _, value, _ in words] == pytest.approx([2.0, -2.5, 12.5, 7.5], rel=1e-3)

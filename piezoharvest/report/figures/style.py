@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import warnings
 from collections.abc import Callable, Sequence
@@ -18,6 +19,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogFormatterSciNotation, LogLocator, NullFormatter
+
+from piezoharvest.report.frame.axis_scales import axis_scales
 
 _Draw = TypeVar("_Draw", bound=Callable[..., Any])
 WIDTH = 6.2  # inches: at 390 px its fonts are still 8 px high, at the page's width 15 px
@@ -125,6 +128,14 @@ class Powers(LogFormatterSciNotation):
         return re.sub(r"\^\{([-\d]+)\}", lambda power: power[1].translate(_RAISED), text)
 
 
+class Scaled(FuncFormatter):
+    """Tick labels in a multiple of the data's unit."""
+
+    def __init__(self, factor: float):
+        super().__init__(lambda value, _: f"{value / factor:.10g}")
+        self.factor = factor
+
+
 def power_ticks(axis: Axis) -> None:
     """Label a logarithmic axis by powers of ten, for units without an engineering prefix."""
     axis.set_major_formatter(Powers())
@@ -139,7 +150,7 @@ def frequency_axis(axes: Axes, logarithmic: bool, label: str = "frequency") -> N
         return
     low, high = axes.get_xlim()
     factor, unit = (1e3, "kHz") if high >= 1e4 else (1.0, "Hz")
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / factor:.10g}"))
+    axes.xaxis.set_major_formatter(Scaled(factor))
     axes.set_xlim(low, high)
     axes.set_xlabel(f"{label} in {unit}")
 
@@ -185,4 +196,5 @@ def inline_svg(figure: Figure, name: str, label: str) -> str:
     body = re.sub(r'xlink:href="#', f'href="#{name}-', body).replace("url(#", f"url(#{name}-")
     # A hundredth of a point is finer than any screen, and saves two thirds of the page.
     body = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path.group()), body)
-    return f'<svg {box.group() if box else ""} role="img" aria-label="{escape(label)}">{body}'
+    scales = escape(json.dumps(axis_scales(figure)))
+    return f'<svg {box.group() if box else ""} role="img" aria-label="{escape(label)}" data-axes="{scales}">{body}'

@@ -1,0 +1,97 @@
+"""What the pages have in common: curves, tables, the arrangement, and updates that do not pile up."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from bokeh.layouts import column, row
+from bokeh.models import CustomJSTickFormatter, HoverTool
+from bokeh.plotting import figure
+
+from piezoharvest.report.units import pretty_unit
+
+if TYPE_CHECKING:
+    from bokeh.document import Document
+    from bokeh.models import ColumnDataSource, UIElement
+
+_COLOUR, _SECOND = "#1f5fa8", "#c4541a"
+_HEIGHT = 230  # pixels of a plot
+_TICKS = 5  # about, of an axis
+# A number with an SI prefix.
+_TICK = """
+if (tick == 0) return "0";
+const power = Math.max(-5, Math.min(4, Math.floor(Math.log10(Math.abs(tick)) / 3 + 1e-9)));
+return Number((tick / 10 ** (3 * power)).toPrecision(4)) + ["f", "p", "n", "µ", "m", "", "k", "M", "G", "T"][power + 5];
+"""
+# A telephone shows the page at its own width.
+_HEAD = """{% block preamble %}<meta name="viewport" content="width=device-width, initial-scale=1">
+<style>body { font-family: sans-serif; margin: 8px; } h1 { font-size: 1.1em; }</style>{% endblock %}"""
+# Columns stand side by side where the window is wide enough for two, and below each other on a telephone.
+_WRAPS = ":host { display: flex; flex-flow: row wrap; gap: 12px; }"
+
+
+class Coalesced:
+    """Runs a function once after any number of requests, when the messages that have arrived are all read."""
+
+    def __init__(self, document: Document, run: Callable[[], None]):
+        self._document, self._run, self._waiting = document, run, False
+
+    def request(self) -> None:
+        """Ask for a run."""
+        if not self._waiting:
+            self._waiting = True
+            self._document.add_next_tick_callback(self._now)
+
+    def _now(self) -> None:
+        self._waiting = False
+        self._run()
+
+
+def plot(
+    source: ColumnDataSource, x: str, y: str, units: Mapping[str, str], *, of: str | None = None, **options: Any
+) -> figure:
+    """Curve of one column over another, and of a second one where it is given; the pointer reads its values."""
+    drawn: Any = figure(
+        height=_HEIGHT, sizing_mode="stretch_width", tools="pan,box_zoom,reset,save", toolbar_location="above",
+        x_axis_label=_axis(x, units), y_axis_label=_axis(y, units), **options,
+    )  # fmt: skip
+    for axis in (drawn.xaxis, drawn.yaxis):
+        axis.ticker.desired_num_ticks = _TICKS
+        axis.formatter = CustomJSTickFormatter(code=_TICK)
+    names = {"legend_label": y} if of else {}
+    curve = drawn.line(x, y, source=source, color=_COLOUR, line_width=1.5, **names)
+    if of:
+        drawn.line(x, of, source=source, color=_SECOND, line_width=1.5, legend_label=of)
+        drawn.legend.update(location="top_left", orientation="horizontal", padding=2, background_fill_alpha=0.6)
+    shown = [name for name in (x, y, of) if name]
+    tips = [(name, f"@{name}{{0.0000e+0}}") for name in shown]
+    drawn.add_tools(HoverTool(tooltips=tips, renderers=[curve], mode="vline" if x in ("time", "x") else "mouse"))
+    return drawn
+
+
+def _axis(name: str, units: Mapping[str, str]) -> str:
+    return f"{name}, {pretty_unit(units[name])}" if units[name] else name
+
+
+def report_table(rows: Mapping[str, str]) -> str:
+    """Table of two columns, as HTML."""
+    cells = (f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>" for name, value in rows.items())
+    style = "<style>th { text-align: left; font-weight: normal; padding-right: 1em } td { font-weight: bold }</style>"
+    return f"{style}<table>{''.join(cells)}</table>"
+
+
+def beside(controls: Sequence[UIElement], plots: Sequence[UIElement]) -> UIElement:
+    """Controls, and the plots two abreast where there is room."""
+    left = column(*controls, sizing_mode="stretch_width", styles={"flex": "1 1 300px", "max-width": "420px"})
+    cells = [column(one, sizing_mode="stretch_width", styles={"flex": "1 1 320px", "min-width": "0"}) for one in plots]
+    right = row(*cells, sizing_mode="stretch_width", stylesheets=[_WRAPS], styles={"flex": "3 1 340px"})
+    return row(left, right, sizing_mode="stretch_width", stylesheets=[_WRAPS])
+
+
+def page_of(document: Document, title: str, content: UIElement) -> None:
+    """Put the content into the window's document."""
+    document.template = _HEAD  # pyright: ignore[reportAttributeAccessIssue]
+    document.title = f"piezoharvest: {title}"
+    document.add_root(content)
