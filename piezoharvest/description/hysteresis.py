@@ -30,11 +30,12 @@ def stop(signal: np.ndarray, threshold: float, initial: float = 0.0) -> np.ndarr
     -------
     (n,) array
     """
-    out = np.empty(len(signal))
-    out[0] = value = min(max(initial, -threshold), threshold)
-    for n, increment in enumerate(np.diff(signal), 1):
-        out[n] = value = min(max(value + increment, -threshold), threshold)
-    return out
+    value = min(max(initial, -threshold), threshold)
+    out = [value]
+    for increment in np.diff(signal).tolist():  # numbers of Python's own are added and compared faster than NumPy's
+        value = min(max(value + increment, -threshold), threshold)
+        out.append(value)
+    return np.array(out)
 
 
 def play(signal: np.ndarray, threshold: float, initial: float = 0.0) -> np.ndarray:
@@ -42,11 +43,12 @@ def play(signal: np.ndarray, threshold: float, initial: float = 0.0) -> np.ndarr
 
     Parameters and return value as in `stop`; `initial` is the play's output before the first sample.
     """
-    out = np.empty(len(signal))
     value = initial
-    for n, sample in enumerate(signal):
-        out[n] = value = min(max(value, sample - threshold), sample + threshold)
-    return out
+    out = []
+    for sample in np.asarray(signal).tolist():
+        value = min(max(value, sample - threshold), sample + threshold)
+        out.append(value)
+    return np.array(out)
 
 
 @dataclass(frozen=True, kw_only=True)
