@@ -1,5 +1,6 @@
 """What holds for all tests."""
 
+import gc
 import os
 
 # Tests run in as many processes as there are cores: threads of the linear algebra would only wait for each other.
@@ -12,3 +13,13 @@ from hypothesis import settings  # noqa: E402
 if os.environ.get("CI"):
     settings.register_profile("repeatable", derandomize=True)
     settings.load_profile("repeatable")
+
+
+gc.disable()  # while ten thousand tests are collected, of which nothing is garbage
+
+
+def pytest_collection_finish():
+    """Search for garbage from here on, but not among what is there: tests that do so by themselves take a tenth."""
+    gc.collect()
+    gc.freeze()
+    gc.enable()

@@ -14,7 +14,8 @@ ROOT = Path(piezoharvest.__file__).parent
 # From the bottom to the top; what stands in one line does not know of each other. A folder stands for all in it; the
 # front of a package, its `__init__`, above all its parts.
 LAYERS = [
-    {"callable_package", "former_names", "input", "notebook", "description.circuit", "description.parameters"},
+    {"callable_package", "former_names", "input", "notebook", "threads"},
+    {"description.circuit", "description.parameters"},
     {"readers"},
     {"description.excitation", "description.hysteresis", "description.netlist"},
     {"description.spice_language"},
@@ -67,7 +68,7 @@ LAYERS = [
     {"bench.sensors"},
     {"bench.measuring"},
     {"bench.writing"},
-    {"identify.noise", "identify.threads", "design", "sweep"},
+    {"identify.noise", "design", "sweep"},
     {"identify.frequency"},
     {"identify.fitting"},
     {"identify.confidence", "identify.hysteresis", "identify.identifiability", "identify.saving"},

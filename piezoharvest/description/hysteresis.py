@@ -30,11 +30,12 @@ def stop(signal: np.ndarray, threshold: float, initial: float = 0.0) -> np.ndarr
     -------
     (n,) array
     """
-    out = np.empty(len(signal))
-    out[0] = value = min(max(initial, -threshold), threshold)
-    for n, increment in enumerate(np.diff(signal), 1):
-        out[n] = value = min(max(value + increment, -threshold), threshold)
-    return out
+    signal = np.asarray(signal, float)
+    starts, run = _monotone(signal)
+    values = [min(max(initial, -threshold), threshold)]
+    for increment in np.diff(signal[starts]).tolist():
+        values.append(min(max(values[-1] + increment, -threshold), threshold))
+    return np.clip(np.array(values)[run] + (signal - signal[starts][run]), -threshold, threshold)
 
 
 def play(signal: np.ndarray, threshold: float, initial: float = 0.0) -> np.ndarray:
@@ -42,11 +43,18 @@ def play(signal: np.ndarray, threshold: float, initial: float = 0.0) -> np.ndarr
 
     Parameters and return value as in `stop`; `initial` is the play's output before the first sample.
     """
-    out = np.empty(len(signal))
-    value = initial
-    for n, sample in enumerate(signal):
-        out[n] = value = min(max(value, sample - threshold), sample + threshold)
-    return out
+    signal = np.asarray(signal, float)
+    starts, run = _monotone(signal)
+    values = [initial]
+    for sample in signal[starts].tolist():
+        values.append(min(max(values[-1], sample - threshold), sample + threshold))
+    return np.clip(np.array(values[1:])[run], signal - threshold, signal + threshold)
+
+
+def _monotone(signal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First samples of the monotone runs of a signal, and the run of every sample: within one, operators only clip."""
+    starts = np.concatenate([[0], 1 + np.flatnonzero(np.diff(np.sign(np.diff(signal))))])
+    return starts, np.repeat(np.arange(len(starts)), np.diff(starts, append=len(signal)))
 
 
 @dataclass(frozen=True, kw_only=True)

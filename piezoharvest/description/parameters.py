@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import operator
 from collections.abc import Collection
 from dataclasses import MISSING, dataclass
 from typing import Any, TypeVar
@@ -85,10 +86,10 @@ def described(doc: str, *, default: Any = MISSING, default_factory: Any = MISSIN
 
 
 _COMPARISONS = {
-    "above": ("greater than", np.greater),
-    "at_least": ("at least", np.greater_equal),
-    "below": ("less than", np.less),
-    "at_most": ("at most", np.less_equal),
+    "above": ("greater than", operator.gt),
+    "at_least": ("at least", operator.ge),
+    "below": ("less than", operator.lt),
+    "at_most": ("at most", operator.le),
 }
 
 
@@ -120,7 +121,7 @@ def check_quantity(field: dataclasses.Field, value: Any) -> None:
     ParameterError
         The value is not a number, not finite or outside the bounds.
     """
-    if value is None and field.default is None:
+    if (value is None and field.default is None) or (isinstance(value, float) and _is_fine(field, value)):
         return
     numbers = np.asarray(value)
     try:
@@ -137,6 +138,16 @@ def check_quantity(field: dataclasses.Field, value: Any) -> None:
         found = value if numbers.ndim == 0 else numbers[~fine].flat[0]
         raise ParameterError(field.name, f"found {found}, must be {allowed(field)}")
     check_range(field.name, numbers, inverted=field.metadata.get("above") == 0)
+
+
+def _is_fine(field: dataclasses.Field, number: float) -> bool:
+    """True if a number passes `check_quantity`, in a tenth of its time: most components have plain numbers."""
+    least = SMALLEST if field.metadata.get("above") == 0 else 0.0
+    return least <= abs(number) <= LARGEST and all(
+        compare(number, field.metadata[key])
+        for key, (_, compare) in _COMPARISONS.items()
+        if field.metadata.get(key) is not None
+    )
 
 
 def check_choice(key: str, value: Any, allowed_: Collection[Any]) -> None:

@@ -23,10 +23,12 @@ from piezoharvest.design.trial import Trial
 from piezoharvest.design.tuning.frequency import SEARCH_WORK, FrequencySearch
 from piezoharvest.design.tuning.starts import Host
 from piezoharvest.study import SYNTHESISED, DesignOptions, Study
+from piezoharvest.threads import single_threaded
 
 _BEYOND = 2e-3  # relative, or dB: twice the error of a simulated mean over a band
 
 
+@single_threaded
 @np.errstate(all="ignore")  # results report figures that are not finite
 def design(study: Study, progress: Progress | None = None) -> DesignResult:
     """Tune every candidate of a study, check it by nonlinear simulation and rank them.

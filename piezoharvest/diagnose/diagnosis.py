@@ -54,11 +54,11 @@ from piezoharvest.identify.identification import (
 )
 from piezoharvest.identify.saving import save
 from piezoharvest.identify.start_values.quasi_static import as_quasi_static
-from piezoharvest.identify.threads import single_threaded
 from piezoharvest.notebook import Shown, axes_for
 from piezoharvest.predict.parameters import value_at
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.campaign import Campaign
+from piezoharvest.threads import single_threaded
 
 OFFSET_CHANNELS = ("displacement",)  # channels whose origin is arbitrary: where the sensor was mounted
 MIN_EXCESS = 9.0  # of the sum of squares: a smaller excess may be chance and is not divided between effects

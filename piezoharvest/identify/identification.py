@@ -45,7 +45,6 @@ from piezoharvest.identify.start_values.quasi_static import (
     quasi_static_fits_as_well,
     resonance_above_nyquist,
 )
-from piezoharvest.identify.threads import single_threaded
 from piezoharvest.notebook import Shown, axes_for
 from piezoharvest.predict.parameters import Parameter, is_of_circuit, parameters_of, value_at
 from piezoharvest.predict.prediction import PredictionError
@@ -53,6 +52,7 @@ from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.errors import CampaignError
 from piezoharvest.records.finding import counted
 from piezoharvest.records.record import FrequencyRecord, Record
+from piezoharvest.threads import single_threaded
 
 Progress = Callable[[str], None]
 INITIAL_SAMPLES = 1 << 19  # samples of a record that are fitted first

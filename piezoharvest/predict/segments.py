@@ -31,7 +31,8 @@ class Propagation:
         self.inputs, self.lanes = len(matrices.O) - len(matrices.channels), dz.shape[1]
         m, n, elements, lanes = self.inputs, len(z), len(w), self.lanes
         self.local = np.zeros((elements, 2))  # sum of the elements' slopes with respect to their inputs
-        self._elements = Elements(matrices.kinds, matrices.places, np.ascontiguousarray(np.real(matrices.parameters)))
+        limits = np.real(matrices.parameters).astype(float)  # whole exponents, too: another type compiles all anew
+        self._elements = Elements(matrices.kinds, matrices.places, limits)
         self._state = PropagatedState(
             y=np.concatenate([z, w, np.zeros(4)]), inputs=np.zeros(m), d=np.vstack([dz, dw]),
             dinputs=np.zeros((m, lanes)), local=self.local, sizes=np.zeros(m),

@@ -29,7 +29,7 @@ from piezoharvest.linear import TwoPort, check_stability, frequency_response
 from piezoharvest.predict.parameters import put
 from piezoharvest.study import build, build_excitation, build_shunt, build_transducer
 
-UNITS = pint.UnitRegistry()
+UNITS = pint.get_application_registry()
 PLAIN = Transducer(**BENCH)
 HYSTERETIC = dataclasses.replace(PLAIN, hysteresis=Hysteresis(**STOPS))
 DRIVE_TABLE, DRIVE = DRIVE, SineForce(amplitude=DRIVE["amplitude"], frequency=DRIVE["frequency"])

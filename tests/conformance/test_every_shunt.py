@@ -19,7 +19,7 @@ from piezoharvest.engine import simulate
 from piezoharvest.linear import check_stability, frequency_response
 
 EXAMPLES = examples(shunts.registered())
-UNITS = pint.UnitRegistry()
+UNITS = pint.get_application_registry()
 BENCH = Transducer(**BENCH)
 DRIVE = SineForce(amplitude=DRIVE["amplitude"], frequency=DRIVE["frequency"])
 LEAKY = (

@@ -16,7 +16,7 @@ from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Transducer
 from piezoharvest.engine import simulate
 
-UNITS = pint.UnitRegistry()
+UNITS = pint.get_application_registry()
 DIMENSIONS = ("[mass]", "[length]", "[time]", "[current]")
 DEVICE = Transducer(**BENCH, hysteresis=Hysteresis(**STOPS), effects=(effects.Leakage(resistance=1e6),))
 DRIVE = SineForce(amplitude=DRIVE["amplitude"], frequency=DRIVE["frequency"])

@@ -21,6 +21,7 @@ from piezoharvest.predict.discrete_model import setting_of
 from piezoharvest.predict.drive import JUMP_PARTS, RISE_PARTS, corners_of, divided, drive_of, rise_steps
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
 from piezoharvest.predict.prediction import Prediction
+from piezoharvest.predict.propagation.propagate import propagate_block
 from piezoharvest.predict.sensors import Course, sensed
 from piezoharvest.study import build, build_excitation, build_shunt, build_transducer
 
@@ -537,3 +538,10 @@ def test_a_contact_under_tension_agrees_with_the_bench(tension):
     )
     wanted = truth.sensed("displacement")
     assert np.abs(found["displacement"] - wanted).max() < 1e-6 * np.abs(wanted).max()
+
+
+def test_elements_of_any_kind_take_the_same_compiled_code():
+    """Whole exponents alone once were integers, for which all was compiled anew."""
+    for effects in ({"stiffening": {"cubic_stiffness": 1e18}}, {"friction": {"stiffness": 1e7, "threshold": 3e-7}}):
+        predicted(build_transducer({**LINEAR, "effects": effects}), "force", np.sin(TIMES[:50]))
+    assert len(propagate_block.nopython_signatures) == 1

@@ -100,7 +100,7 @@ class TestFiles:
 
         monkeypatch.setattr(gallery.Gallery, "_bode", fail)
         with pytest.raises(RuntimeError):
-            write_report(*designed("noise"), tmp_path)
+            write_report(*designed("bench"), tmp_path)
         assert path.read_text() == before
         assert not [file for file in tmp_path.iterdir() if ".part" in file.name]
 

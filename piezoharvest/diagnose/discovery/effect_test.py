@@ -51,8 +51,9 @@ def test_energy_closes():
 
 def test_every_quantity_has_a_unit_and_says_what_it_is():
     assert FIELDS
+    units = pint.UnitRegistry()
     for field in FIELDS:
-        pint.UnitRegistry()(field.metadata["unit"] or "dimensionless")
+        units(field.metadata["unit"] or "dimensionless")
         assert field.metadata["doc"]
         assert isinstance(field.default, float)
 

@@ -34,7 +34,10 @@ def joined(parts, axis: int) -> np.ndarray:
     """
     shapes = {part.shape for part in parts}
     shape = shapes.pop() if len(shapes) == 1 else np.broadcast_shapes(*shapes)
-    kind, where = np.result_type(*{part.dtype for part in parts}), len(shape) + 1 + axis
+    where = len(shape) + 1 + axis
+    if where == 0 and not shapes:  # no batch
+        return np.array(parts)
+    kind = np.result_type(*{part.dtype for part in parts})
     out = np.empty((*shape[:where], len(parts), *shape[where:]), kind)
     by_part = np.moveaxis(out, where, 0)
     for k, part in enumerate(parts):

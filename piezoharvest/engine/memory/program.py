@@ -176,8 +176,11 @@ def numbers(program: Program) -> np.ndarray:
         value = np.asarray(getattr(program, name))
         batch = value.shape[: value.ndim - len(shape)]
         blocks.append(value.reshape(*batch, -1))
-    batch = np.broadcast_shapes(*(block.shape[:-1] for block in blocks))
-    return np.concatenate([np.broadcast_to(b, (*batch, b.shape[-1])) for b in blocks], axis=-1)
+    batches = {block.shape[:-1] for block in blocks}
+    if len(batches) > 1:  # what is the same for all designs of a batch has no axis for them
+        batch = np.broadcast_shapes(*batches)
+        blocks = [np.broadcast_to(block, (*batch, block.shape[-1])) for block in blocks]
+    return np.concatenate(blocks, axis=-1)
 
 
 def part(program: Program, which: int | slice) -> Program:

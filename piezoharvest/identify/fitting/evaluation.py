@@ -14,8 +14,8 @@ from piezoharvest.identify.fitting.measured_responses import FrequencyData, Resp
 from piezoharvest.identify.fitting.model import Model, prediction_of
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.noise.noise_model import Noise
-from piezoharvest.identify.threads import cores
 from piezoharvest.predict.circuit.setting import by_engine
+from piezoharvest.threads import cores
 
 R = TypeVar("R")
 

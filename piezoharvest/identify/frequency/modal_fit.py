@@ -10,7 +10,7 @@ from piezoharvest.identify.frequency.modal_unknowns import linearised, pack, sca
 from piezoharvest.identify.frequency.modes import ModalFit, Modes
 from piezoharvest.identify.frequency.multisine import FrequencyError, MultisineResponse, multisine_response
 from piezoharvest.identify.frequency.vector_fitting import vector_fit
-from piezoharvest.identify.threads import single_threaded
+from piezoharvest.threads import single_threaded
 
 __all__ = [
     "FrequencyError", "ModalFit", "Modes", "MultisineResponse", "fit_modes", "multisine_response", "select_modes",

@@ -15,7 +15,7 @@ from piezoharvest.identify.hysteresis.loop_fit import Kind, Loop, LoopError, Loo
 from piezoharvest.identify.hysteresis.loop_model import MAX_THRESHOLD, LoopData, Shape, convex_fit
 from piezoharvest.identify.hysteresis.threshold_placement import place_thresholds, refine_shape
 from piezoharvest.identify.noise.coloured_noise import covariance, noise_floor
-from piezoharvest.identify.threads import single_threaded
+from piezoharvest.threads import single_threaded
 
 __all__ = ["Loop", "LoopError", "LoopFit", "identify_loop"]
 _MIN_SAMPLES = 30  # least number of samples

@@ -109,7 +109,7 @@ class TextLayout:
     named: bool
 
 
-@dataclass(frozen=True)
+@dataclass
 class _NumberRows:
     """Run of rows of equal width that are numbers: first and last line, from 0, and the columns that are numeric."""
 
@@ -192,22 +192,23 @@ def _runs(lines: Sequence[str], begin: int, dialect: Dialect, strict: bool, leas
         cells = dialect.split(lines[n]) if (dialect.delimiter or "") in lines[n] else []
         numeric = _numbers(dialect, cells, strict) if len(cells) >= least_width else frozenset[int]()
         if run is not None and len(cells) == run.width and _matches_run(run.numeric & numeric, cells, strict):
-            run = replace(run, last=n, numeric=run.numeric & numeric, count=run.count + 1)
+            run.last, run.numeric, run.count = n, run.numeric & numeric, run.count + 1
             continue
         if run is not None:
             yield run
         run = _NumberRows(dialect, n, n, len(cells), numeric, 1, False) if numeric else None
     if run is not None:
-        yield replace(run, whole=True)
+        run.whole = True
+        yield run
 
 
 def _numbers(dialect: Dialect, cells: Sequence[str], strict: bool) -> frozenset[int]:
     """Columns of a row that are numbers; none if they are too few: all filled cells if `strict`, else half of them."""
     filled = [n for n, cell in enumerate(cells) if cell]
-    found = frozenset(n for n in filled if dialect.is_number(cells[n]))
+    found = [n for n in filled if dialect.is_number(cells[n])]
     enough = len(found) == len(filled) if strict else 2 * len(found) >= len(filled)
-    real = any(_NUMBER.fullmatch(cells[n].replace(dialect.decimal, ".")) for n in found)
-    return found if enough and real else frozenset()
+    real = enough and any(_NUMBER.fullmatch(cells[n].replace(dialect.decimal, ".")) for n in found)
+    return frozenset(found) if real else frozenset()
 
 
 def _matches_run(common: frozenset[int], cells: Sequence[str], strict: bool) -> bool:

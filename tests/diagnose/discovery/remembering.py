@@ -11,7 +11,7 @@ from scipy.signal import lsim
 from piezoharvest.diagnose.discovery.search import search
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.identification import identify, prepared
-from piezoharvest.identify.threads import single_threaded
+from piezoharvest.threads import single_threaded
 
 FINER = 20  # values of a reading for each sample, while it is filtered
 

@@ -41,9 +41,9 @@ from piezoharvest.diagnose.score_tests import effect_parameters, extended
 from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
 from piezoharvest.identify.identification import identify, prepared
-from piezoharvest.identify.threads import single_threaded
 from piezoharvest.predict.discrete_model import setting_of
 from piezoharvest.predict.prediction import Prediction
+from piezoharvest.threads import single_threaded
 
 DEVICE = {"mass": 0.010, "damping": 0.0628, "stiffness": 986.96, "coupling": 1e-3, "capacitance": 40e-9}
 NAMED = [
