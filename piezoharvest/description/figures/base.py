@@ -94,7 +94,6 @@ def one_of(figures: Component, first: str, second: str) -> None:
         raise ParameterError(first, f"missing key, {first} or {second} is needed")
 
 
-
 def clamped(capacitance: float, condition: Condition, coupling_squared: float) -> tuple[float, tuple[str, ...]]:
     """Clamped capacitance in F from one that is free or clamped, and what is assumed.
 
