@@ -63,6 +63,8 @@ def judged(response: Response) -> dict[str, Any]:
         return {"outcome": "impossible", "what": f"closure {closure:.1e}", "closure": closure}
     if response.harvested_power > incoming * (1 + EXCESS) + EXCESS * abs(response.mechanical_power):
         return {"outcome": "impossible", "what": "harvests more than comes in", "closure": closure}
-    if response.harvested_power < 0:
-        return {"outcome": "impossible", "what": "harvests a negative power", "closure": closure}
+    # What control and gates take is a loss of the shunt, and may be more than the circuit gives.
+    spent = max(response.energy.get("shunt_loss", 0.0), 0.0) / response.period
+    if response.harvested_power < -spent * (1 + EXCESS):
+        return {"outcome": "impossible", "what": "harvests less than nothing", "closure": closure}
     return {"outcome": "converged", "what": response.message, "closure": closure}
