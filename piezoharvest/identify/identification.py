@@ -56,9 +56,9 @@ from piezoharvest.threads import single_threaded
 
 Progress = Callable[[str], None]
 INITIAL_SAMPLES = 1 << 19  # samples of a record that are fitted first
-# Of many records: those of each kind that are fitted first, and how many times as many there have to be. They determine
-# where the fit of all begins, which then takes a few iterations.
-SOME_RECORDS, MANY_TIMES = 8, 4
+# Of many records: those of each kind that are fitted first, fewer where there are many kinds, and how many times as
+# many there have to be. They determine where the fit of all begins, which then takes a few iterations.
+SOME_RECORDS, OF_ALL_KINDS, MANY_TIMES = 8, 16, 4
 # Behind circuits: periods of the nominal resonance in the first fit, over which one that is 5 % off loses less than
 # half a turn, and the factor by which the records then grow, as the resonance is known that much better.
 FIRST_PERIODS, MIN_FIRST_SAMPLES, GROWTH, MAX_STAGES = 8, 200, 4, 6
@@ -442,7 +442,7 @@ def growing_fit(
 
 
 def _some(problem: Problem) -> Problem:
-    """The problem with `SOME_RECORDS` records of each drive, circuit and set of channels, from small to large drives.
+    """The problem with some records of each drive, circuit and set of channels, from small to large drives.
 
     The problem itself if it has not many more.
     """
@@ -450,10 +450,10 @@ def _some(problem: Problem) -> Problem:
     for each in problem.data:
         if isinstance(each, Data):
             kinds.setdefault((each.drive, each.setting.shunt, each.channels), []).append(each)
-    kept = set[int]()
+    kept, most = set[int](), min(SOME_RECORDS, max(2, OF_ALL_KINDS // max(len(kinds), 1)))
     for alike in kinds.values():
         alike.sort(key=lambda each: float(np.ptp(each.record[each.drive])))
-        places = np.linspace(0, len(alike) - 1, min(SOME_RECORDS, len(alike))).round().astype(int)
+        places = np.linspace(0, len(alike) - 1, min(most, len(alike))).round().astype(int)
         kept |= {id(alike[k]) for k in places}
     some = [each for each in problem.data if not isinstance(each, Data) or id(each) in kept]
     if len(some) * MANY_TIMES > len(problem.data):
