@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from piezoharvest.description.effects import Effect, registered
+from piezoharvest.description.parameters import ParameterError
 from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.start_values import CampaignScales
 from piezoharvest.identify.fitting.data import Data
@@ -120,7 +121,15 @@ def starts_of(scales: CampaignScales, found: Fit, library: Sequence[type[Effect]
     """Starts of all effects that the records can show and that the model does not have yet."""
     library = list(registered().values()) if library is None else library
     classes = [cls for cls in library if any(map(cls.acts_on, scales.shunts or (None,)))]
-    return [start for cls in classes for start in cls.starts(scales) if _is_new(start, found)]
+    return [start for cls in classes for start in _of_class(cls, scales) if _is_new(start, found)]
+
+
+def _of_class(cls: type[Effect], scales: CampaignScales) -> list[Effect]:
+    """Starts of an effect; none where it needs a size, as of a displacement, that responses alone do not show."""
+    try:
+        return list(cls.starts(scales))
+    except ParameterError:
+        return []
 
 
 def _grows(start: Effect) -> bool:
