@@ -40,5 +40,6 @@ def test_a_leakage_is_found(tmp_path):
     assert "leakage" in names
     (leakage,) = [named for named in found.effects if named.effect.name == "leakage"]
     value, std = leakage.values["resistance"][:2]
+    assert std is not None and value is not None
     assert value == pytest.approx(1e6, abs=4.0 * std)
     assert std < 0.05e6
