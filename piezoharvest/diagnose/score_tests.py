@@ -129,6 +129,8 @@ def _of_class(cls: type[Effect], scales: CampaignScales) -> list[Effect]:
     try:
         return list(cls.starts(scales))
     except ParameterError:
+        if np.isfinite(scales.displacement):
+            raise
         return []
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from piezoharvest.engine.compilation.compiled import compiled
 from piezoharvest.engine.memory import program as pg
 from piezoharvest.engine.sensitivity.dual_modes import nominal
+from piezoharvest.engine.transient.bending import value_of
 from piezoharvest.equations.terms import HINGE, PRODUCT, TIMED
 
 # Of an element's largest output: error of a cubic in the middle of a step. A derivative then has this error at most,
@@ -92,21 +93,12 @@ def forcing_of(batch: pg.Program, starts: np.ndarray, bent: bool) -> Forcing:
 
 
 @compiled
-def _dot(row, z):
-    """Value of a form."""
-    total = 0.0
-    for j in range(len(z)):
-        total += row[j] * z[j]
-    return total
-
-
-@compiled
 def _rate_of(row, A, z):
     """Rate of a form."""
     total = 0.0
     for j in range(len(z)):
         if row[j] != 0.0:
-            total += row[j] * _dot(A[j], z)
+            total += row[j] * value_of(A[j], z)
     return total
 
 
@@ -115,9 +107,9 @@ def set_outputs(forcing, A, z, time):
     """Set the outputs of all elements at a state, and their rates; an input may be the output of an earlier element."""
     for k in range(len(forcing.power)):
         power, into, place = forcing.power[k], forcing.inputs[k], forcing.place + 4 * k
-        first, rate = _dot(into[0], z), _rate_of(into[0], A, z)
+        first, rate = value_of(into[0], z), _rate_of(into[0], A, z)
         if power == PRODUCT:
-            second, other = _dot(into[1], z), _rate_of(into[1], A, z)
+            second, other = value_of(into[1], z), _rate_of(into[1], A, z)
             value, slope = first * second, rate * second + first * other
         elif power == TIMED:
             value, slope = forcing.drift * time * first, forcing.drift * (first + time * rate)
@@ -141,7 +133,7 @@ def set_straight(forcing, z):
 def _propagate(growth, z, out):
     """State after a step."""
     for i in range(len(z)):
-        out[i] = z[i] + _dot(growth[i], z)
+        out[i] = z[i] + value_of(growth[i], z)
 
 
 @compiled

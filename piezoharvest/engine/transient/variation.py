@@ -18,7 +18,8 @@ from piezoharvest.engine.transient.bending import bending_of
 from piezoharvest.engine.transient.forcing import forcing_of
 from piezoharvest.engine.transient.sampled_system import SampledSystem
 
-# Of the outputs of smooth elements in a step, and measured, of a whole record: a converter of 24 bits resolves 6e-8.
+# Of the outputs of smooth elements in a step; a whole record is then right to 6e-8 (measured, rms), what a
+# converter of 24 bits resolves.
 TOLERANCE = 1e-8
 MOTIONS_A_SAMPLE = 3  # room for motions, of which one ends at each sample, enlarged where it is too small
 
