@@ -1,6 +1,7 @@
-"""`python -m reports.reliability [--first N] [--workers N]`: random studies of every shunt and effect, simulated.
+"""`python -m reports.reliability [--first N] [--oracle] [--workers N]`: random studies of every shunt and effect.
 
-What is done stands in trials.jsonl beside this file, a line for each study: the same command goes on from there.
+They are simulated; with `--oracle` some are run by the bench's solver, too. What is done stands beside this file, a
+line for each study: the same command goes on from there.
 """
 
 import argparse
@@ -9,25 +10,30 @@ from pathlib import Path
 from reports.kept import rows_of, run
 
 HERE = Path(__file__).parent
-KEPT = HERE / "trials.jsonl"
+KEPT, COMPARED = HERE / "trials.jsonl", HERE / "oracle.jsonl"
 ALL = 50_000
 
 
 def main() -> None:
+    """Run the studies that are not done yet, and write the page."""
     parser = argparse.ArgumentParser(prog="python -m reports.reliability", description=__doc__)
     parser.add_argument("--first", type=int, default=ALL, metavar="N", help="the first N studies")
     parser.add_argument("--begin", type=int, default=0, metavar="SEED", help="the seed of the first")
+    parser.add_argument("--oracle", action="store_true", help="compare a stratified sample with the bench's solver")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
+    from reports.reliability.oracle import compare, sample
     from reports.reliability.page import write
     from reports.reliability.trial import attempt
 
-    done = {row["seed"] for row in rows_of(KEPT)}
-    wanted = [seed for seed in range(options.begin, options.begin + options.first) if seed not in done]
-    for row in run(KEPT, attempt, wanted, options.workers) if wanted else ():
-        if row["outcome"] in ("impossible", "internal error", "slow"):
+    seeds = sample(options.begin) if options.oracle else range(options.begin, options.begin + options.first)
+    path, trial = (COMPARED, compare) if options.oracle else (KEPT, attempt)
+    done = {row["seed"] for row in rows_of(path)}
+    wanted = [seed for seed in seeds if seed not in done]
+    for row in run(path, trial, wanted, options.workers) if wanted else ():
+        if row["outcome"] in ("impossible", "internal error", "slow", "not followed"):
             print(row["seed"], row["kind"], row["outcome"], row["what"])
-    write(rows_of(KEPT), HERE / "reliability.md")
+    write(rows_of(KEPT), rows_of(COMPARED), HERE / "reliability.md")
 
 
 if __name__ == "__main__":
