@@ -1,6 +1,6 @@
 """Run the trials that are not done yet, make the page.
 
-`python -m reports.diagnosis [--small | --page | --alone N | --held-out | --circuits]`
+`python -m reports.diagnosis [--small | --page | --alone N | --held-out | --others | --circuits]`
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import track
 
-from reports.diagnosis import circuits, sensitivity
+from reports.diagnosis import circuits, sensitivity, trials
 from reports.diagnosis.plan import circuits as plan_of_circuits
 from reports.diagnosis.plan import held_out, plan
 from reports.diagnosis.trials import Trial, attempt
@@ -20,7 +20,8 @@ from reports.kept import rows_of, run
 
 HERE = Path(__file__).parent
 FILE, ALONE, HELD_OUT = HERE / "trials.jsonl", HERE / "alone.jsonl", HERE / "held_out.jsonl"
-CIRCUITS = HERE / "circuits.jsonl"
+CIRCUITS, OTHERS = HERE / "circuits.jsonl", HERE / "others.jsonl"
+ADDED = 5_000_000  # to the seeds of the held-out campaigns, for those of `--others`
 
 
 def main() -> int:
@@ -30,6 +31,7 @@ def main() -> int:
     parser.add_argument("--page", action="store_true", help="only make the page of what is done")
     parser.add_argument("--alone", type=int, default=0, help="diagnose those again that took longest, one at a time")
     parser.add_argument("--held-out", action="store_true", help="held-out campaigns, with every threshold varied")
+    parser.add_argument("--others", action="store_true", help="the same with other seeds, thresholds as they are")
     parser.add_argument("--circuits", action="store_true", help="held-out campaigns behind diodes and switches")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
@@ -43,6 +45,10 @@ def main() -> int:
         done = {result["key"] for result in rows_of(HELD_OUT)}
         todo = [trial for trial in held_out() if trial.key not in done]
         runs = run(HELD_OUT, sensitivity.attempt, todo, options.workers)
+    elif options.others:
+        done = {result["key"] for result in rows_of(OTHERS)}
+        todo = [trial for trial in held_out(ADDED) if trial.key not in done]
+        runs = run(OTHERS, trials.held_out, todo, options.workers)
     elif options.circuits:
         done = {result["key"] for result in rows_of(CIRCUITS)}
         todo = [trial for trial in plan_of_circuits(held_out=True) if trial.key not in done]
@@ -56,7 +62,8 @@ def main() -> int:
     from reports.diagnosis.page import write_page
 
     results = rows_of(FILE)
-    print(write_page(results, HERE, rows_of(ALONE), rows_of(HELD_OUT), rows_of(CIRCUITS)))
+    kept = {"alone": ALONE, "held_out": HELD_OUT, "others": OTHERS, "circuits": CIRCUITS}
+    print(write_page(results, HERE, **{name: rows_of(path) for name, path in kept.items()}))
     return 1 if any(result["verdict"] == "failed" for result in results) else 0
 
 

@@ -222,21 +222,8 @@ def _table(shunt: Shunt) -> dict[str, Any]:
 
 
 attempt = partial(trials.attempt, bench=bench_of)
-KEPT = (
-    "key",
-    "kind",
-    "names",
-    "sigma",
-    "seed",
-    "diagnosed",
-    "cpu",
-    "reached",
-    "right",
-    "error",
-)  # an error is no answer
 
 
 def held_out(trial: Trial) -> dict[str, Any]:
     """Run a held-out trial, of whose answer only whether it is right is kept."""
-    result = attempt(trial)
-    return {key: result[key] for key in KEPT if key in result}
+    return trials.kept(attempt(trial))

@@ -34,7 +34,13 @@ HELD_OUT_KINDS = {
 
 
 def write_page(
-    results: Results, directory: Path, alone: Results = (), held_out: Results = (), circuits: Results = ()
+    results: Results,
+    directory: Path,
+    *,
+    alone: Results = (),
+    held_out: Results = (),
+    others: Results = (),
+    circuits: Results = (),
 ) -> Path:
     """Write figures, results.json and, last, the page.
 
@@ -47,14 +53,15 @@ def write_page(
         The same of trials that had the machine to themselves.
     held_out : sequence of dict
         As `sensitivity.attempt` gives them.
-    circuits : sequence of dict
-        As `circuits.held_out` gives them.
+    others, circuits : sequence of dict
+        As `trials.held_out` and `circuits.held_out` give them.
     """
     figures = {name: figure for name, figure in _figures(results) if figure is not None}
     for name, figure in figures.items():
         style.write_png(figure, directory / f"{name}.png")
     numbers = {
         **summary(results), "alone": _alone(alone), "held_out": held_out_shares(held_out),
+        "others": held_out_shares(others),
         "circuits": held_out_shares(circuits), "circuit_effects": circuit_effects(circuits),
     }  # fmt: skip
     write_text(json.dumps(numbers, indent=1, allow_nan=False) + "\n", directory / "results.json")

@@ -5,6 +5,7 @@ Kinds are mixed, the weak ones for the power curves last, so that a run that was
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations, cycle
 
 import numpy as np
@@ -51,8 +52,11 @@ def plan(*, small: bool) -> list[Trial]:
     return _mixed(kinds) + faint
 
 
-def held_out() -> list[Trial]:
-    """Trials for which no code was ever changed: only their share of right answers is looked at, never one of them."""
+def held_out(added: int = 0) -> list[Trial]:
+    """Trials for which no code was ever changed: only their share of right answers is looked at, never one of them.
+
+    With a number added to every seed they are others.
+    """
     names, faults = list(DRAWS), list(FAULTS)
     pairs = _pairs(names)[::-1]
     kinds = [
@@ -63,7 +67,7 @@ def held_out() -> list[Trial]:
         [Trial("foreign", (faults[k],), FAULT, 940_000 + k) for k in range(4)],
         [Trial("ideal", (names[2 * k],) if k else (), _size(950_000 + k) if k else 0.0, 950_000 + k) for k in range(5)],
     ]
-    return _mixed(kinds)
+    return [replace(trial, seed=trial.seed + added) for trial in _mixed(kinds)]
 
 
 def _mixed(kinds: list[list[Trial]]) -> list[Trial]:

@@ -154,6 +154,8 @@ def _limit(measured: BenchCampaign, limit: float, channel: str) -> float:
     return low
 
 
+# Of a held-out trial; an error is no answer.
+KEPT = ("key", "kind", "names", "sigma", "seed", "diagnosed", "cpu", "reached", "right", "error")
 Bench = Callable[[Trial], tuple[BenchCampaign, Transducer, dict[str, dict[str, Any]]]]
 # Pairs of names for one law: withholding one of them withholds neither.
 TWINS = {"voltage_reversion": "dielectric_relaxation", "probe_loading": "leakage"}
@@ -197,6 +199,16 @@ def attempt(trial: Trial, bench: Bench = bench_of) -> dict[str, Any]:
     except Exception as error:
         base = {"key": trial.key, **asdict(trial)}
         return {**base, "verdict": "failed", "right": False, "found": [], "error": f"{type(error).__name__}: {error}"}
+
+
+def kept(result: dict[str, Any]) -> dict[str, Any]:
+    """What is kept of a held-out trial: whether it is answered right, not the answer."""
+    return {key: result[key] for key in KEPT if key in result}
+
+
+def held_out(trial: Trial) -> dict[str, Any]:
+    """Run a held-out trial with all thresholds as they are."""
+    return kept(attempt(trial))
 
 
 def right(trial: Trial, verdict: str, found: Diagnosis) -> bool:

@@ -1,7 +1,7 @@
 """Random studies run from rest by the engine and by the bench's solver, whose equations and method are its own.
 
 The bench integrates with implicit Runge-Kutta steps (Radau IIA) between events that it locates itself. Of the studies a
-share has hysteresis, and a share is stiff: the structure turns or decays a hundred times in the time in which the drive
+share has hysteresis, and a share is stiff: the structure turns or decays ten times in the time in which the drive
 turns once.
 """
 
@@ -24,7 +24,7 @@ from reports.reliability.studies import study_of
 
 OF_EACH = 350  # studies of a stratum
 PERIODS, SAMPLES = 8, 64  # of the drive, from rest; samples in a period
-STIFF = 100.0  # fastest rate of the open-circuit structure over that of the drive
+STIFF = 10.0  # fastest rate of the open-circuit structure over that of the drive
 NO_VOLTAGE = 1e-6  # of the open-circuit voltage
 SIGNALS = ("displacement", "voltage", "dc_voltage")
 

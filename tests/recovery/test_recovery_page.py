@@ -82,7 +82,7 @@ def test_page(tmp_path):
 
 def test_page_says_how_long_those_took_that_had_the_machine_to_themselves(tmp_path):
     alone = [{**RESULTS[0], "wall": wall} for wall in (9.0, 11.0, 22.0)]
-    page = write_page(RESULTS, tmp_path, alone).read_text(encoding="utf-8")
+    page = write_page(RESULTS, tmp_path, alone=alone).read_text(encoding="utf-8")
     said = "the 3 that took longest were diagnosed again with both cores to themselves (2026-01-02)"
     assert said in page
     assert "11 s (median) and at most 22 s" in page
