@@ -14,7 +14,7 @@ from piezoharvest.study import StudyError
 
 if TYPE_CHECKING:
     from piezoharvest.identify import Estimate, Identification
-    from piezoharvest.identify.identification import Quality
+    from piezoharvest.identify.result import Quality
 
 _T = TypeVar("_T")
 _S = TypeVar("_S")

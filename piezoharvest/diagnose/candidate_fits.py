@@ -21,8 +21,8 @@ from piezoharvest.identify.fitting.levenberg_marquardt import MAX_ITERATIONS, NO
 from piezoharvest.identify.fitting.model import Model, begun_effects, inner_values
 from piezoharvest.identify.fitting.output_error import covariance, excess_of, fit, inflation, inverse, linearised
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model, prior_of, starts_as_shown
+from piezoharvest.identify.growing_fit import growing_fit
 from piezoharvest.identify.identifiability import size_of, undetermined
-from piezoharvest.identify.identification import growing_fit
 from piezoharvest.identify.start_values.initial_hysteresis_state import search_initial_states
 from piezoharvest.predict.parameters import Parameter, parameters_of, put, value_at
 from piezoharvest.predict.prediction import PredictionError

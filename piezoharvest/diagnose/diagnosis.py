@@ -43,15 +43,10 @@ from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import covariance
 from piezoharvest.identify.fitting.problem import Problem
 from piezoharvest.identify.identifiability import experiment, relative_error
-from piezoharvest.identify.identification import (
-    Estimate,
-    Identification,
-    Quality,
-    combined_quality,
-    identify,
-    judged,
-    prepared,
-)
+from piezoharvest.identify.identification import identify
+from piezoharvest.identify.preparation import prepared
+from piezoharvest.identify.residual_quality import combined_quality, judged
+from piezoharvest.identify.result import Estimate, Identification, Quality
 from piezoharvest.identify.saving import save
 from piezoharvest.identify.start_values.quasi_static import as_quasi_static
 from piezoharvest.notebook import Shown, axes_for

@@ -14,7 +14,8 @@ from piezoharvest.diagnose.validation import validated
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.identify.identification import judged, prepared
+from piezoharvest.identify.preparation import prepared
+from piezoharvest.identify.residual_quality import judged
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,9 @@ from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
-from piezoharvest.identify.identification import Identification, prepared
 from piezoharvest.identify.noise.noise_model import Noise
+from piezoharvest.identify.preparation import prepared
+from piezoharvest.identify.result import Identification
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.campaign import Campaign
 

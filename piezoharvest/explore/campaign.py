@@ -17,7 +17,8 @@ from piezoharvest.explore.knobs import Knob, around, size
 from piezoharvest.identify.fitting.data import Data
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import nuisance_names, unexplained_blocks
-from piezoharvest.identify.identification import Identification, RecordQuality, prepared
+from piezoharvest.identify.preparation import prepared
+from piezoharvest.identify.result import Identification, RecordQuality
 from piezoharvest.predict.prediction import PredictionError
 
 _JUST_SEEN = 1e-3  # share of a channel's range: the least change that one sees in a plot of it

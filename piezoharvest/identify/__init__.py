@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from piezoharvest.identify.frequency.multisine import FrequencyError, MultisineResponse, multisine_response
     from piezoharvest.identify.hysteresis.loop_fit import Loop, LoopError, LoopFit
     from piezoharvest.identify.hysteresis.loops import identify_loop
-    from piezoharvest.identify.identification import Estimate, Identification, identify
+    from piezoharvest.identify.identification import identify
+    from piezoharvest.identify.result import Estimate, Identification
 
 __all__ = [
     "Estimate", "FrequencyError", "Identification", "Loop", "LoopError", "LoopFit", "ModalFit", "Modes",
@@ -22,7 +23,8 @@ __all__ = [
 
 _PLACES = {
     "frequency.modal_fit": ("fit_modes", "select_modes"),
-    "identification": ("Estimate", "Identification", "identify"),
+    "identification": ("identify",),
+    "result": ("Estimate", "Identification"),
     "hysteresis.loop_fit": ("Loop", "LoopError", "LoopFit"),
     "hysteresis.loops": ("identify_loop",),
     "frequency.modes": ("ModalFit", "Modes"),

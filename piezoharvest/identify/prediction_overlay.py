@@ -10,7 +10,8 @@ import numpy as np
 
 from piezoharvest.identify.fitting.measured_responses import FrequencyData
 from piezoharvest.identify.fitting.model import unexplained_blocks
-from piezoharvest.identify.identification import Identification, RecordQuality, prepared
+from piezoharvest.identify.preparation import prepared
+from piezoharvest.identify.result import Identification, RecordQuality
 from piezoharvest.records.finding import Finding
 from piezoharvest.records.record import FrequencyRecord, Record
 

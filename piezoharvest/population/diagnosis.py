@@ -14,7 +14,8 @@ from piezoharvest.diagnose.diagnosis import Diagnosis, diagnose
 from piezoharvest.diagnose.residual_tests import ResidualTest, failed_tests, whitened_squares
 from piezoharvest.diagnose.validation import validated
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
-from piezoharvest.identify.identification import Estimate, Quality, combined_quality, judged
+from piezoharvest.identify.residual_quality import combined_quality, judged
+from piezoharvest.identify.result import Estimate, Quality
 from piezoharvest.population.forms import JointForm, joint_form
 from piezoharvest.population.identification import odd_sentence
 from piezoharvest.population.naming import errors_of, kind_of, named_progress

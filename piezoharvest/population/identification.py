@@ -8,14 +8,10 @@ from functools import cached_property
 from pathlib import Path
 
 from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.identify.identification import (
-    Identification,
-    Quality,
-    combined_quality,
-    identification_of,
-    identify,
-    prepared,
-)
+from piezoharvest.identify.identification import identification_of, identify
+from piezoharvest.identify.preparation import prepared
+from piezoharvest.identify.residual_quality import combined_quality
+from piezoharvest.identify.result import Identification, Quality
 from piezoharvest.population.naming import errors_of, named_progress
 from piezoharvest.population.pooling import Member, Pooled, pooled
 from piezoharvest.population.results import OfKind, estimates_of, of_kind

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piezoharvest.identify.identifiability import MAX_RELATIVE_ERROR, relative_error
-from piezoharvest.identify.identification import Estimate
+from piezoharvest.identify.result import Estimate
 from piezoharvest.population.pooling import Pooled, names_of
 from piezoharvest.predict.parameters import Parameter, value_at
 

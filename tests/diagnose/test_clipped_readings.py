@@ -8,7 +8,7 @@ from piezoharvest.description.effects import Clipping, Leakage, Stiffening
 from piezoharvest.diagnose import diagnose
 from piezoharvest.identify import identify
 from piezoharvest.identify.fitting.model import unexplained_blocks
-from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.preparation import prepared
 
 
 def test_a_range_that_ends_before_the_noise_is_found(tmp_path):

@@ -8,7 +8,7 @@ from piezoharvest.diagnose.residual_regression import SYMBOLS, hints
 from piezoharvest.identify.fitting.data import RESPONSES
 from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.preparation import prepared
 from piezoharvest.records.reading.channels import DRIVES
 
 

@@ -8,7 +8,7 @@ from piezoharvest.diagnose import diagnose
 from piezoharvest.diagnose.score_tests import extended
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
-from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.preparation import prepared
 from piezoharvest.records import load_campaign
 
 LIBRARY = [CouplingDrift, Leakage, NonlinearCoupling, Stiffening]

@@ -9,7 +9,7 @@ from piezoharvest.diagnose import diagnose
 from piezoharvest.diagnose.score_tests import effect_parameters, extended
 from piezoharvest.identify.fitting.output_error import covariance, fit
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
-from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.preparation import prepared
 
 FREQUENCY, AMPLITUDE = 50.013, 2e-3  # Hz, V
 

@@ -19,8 +19,8 @@ from piezoharvest.identify.fitting.likelihood import Whitener, spectra_of
 from piezoharvest.identify.fitting.model import Model, residual_blocks, unexplained_blocks
 from piezoharvest.identify.fitting.output_error import covariance, fit, inflation
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
-from piezoharvest.identify.identification import prepared
 from piezoharvest.identify.noise.noise_model import Noise
+from piezoharvest.identify.preparation import prepared
 from piezoharvest.predict.parameters import parameters_of
 from piezoharvest.records import load_campaign
 from piezoharvest.study import build_transducer, study_from

@@ -23,7 +23,7 @@ from piezoharvest.diagnose.stepwise_selection import Searcher
 from piezoharvest.diagnose.thresholds import MAX_EFFECTS, MIN_UNDOUBTED_GAIN
 from piezoharvest.identify.fitting import levenberg_marquardt
 from piezoharvest.identify.fitting.output_error import fit
-from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.preparation import prepared
 from piezoharvest.predict.parameters import put
 
 PRESENT = BiasCurrent(current=2e-8), Leakage(resistance=1e7)

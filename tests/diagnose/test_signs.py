@@ -12,7 +12,7 @@ from piezoharvest.diagnose.scanning.signs import OtherSign, better_signs, turned
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.identify.identification import prepared
+from piezoharvest.identify.preparation import prepared
 from piezoharvest.predict.parameters import Parameter, parameters_of
 from piezoharvest.records import load_campaign
 from piezoharvest.study import study_from

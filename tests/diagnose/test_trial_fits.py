@@ -18,8 +18,8 @@ from piezoharvest.diagnose.score_tests import effect_parameters, extended
 from piezoharvest.identify.fitting.model import Model
 from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
-from piezoharvest.identify.identification import prepared
 from piezoharvest.identify.noise.noise_model import Noise
+from piezoharvest.identify.preparation import prepared
 from piezoharvest.predict.parameters import parameters_of
 
 

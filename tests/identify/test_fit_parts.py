@@ -13,10 +13,10 @@ from piezoharvest.identify.fitting.bounded_step import least_within
 from piezoharvest.identify.fitting.data import begins_abruptly, unclipped_noise
 from piezoharvest.identify.fitting.levenberg_marquardt import _expected_decrease, _updated_correction
 from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.identify.identification import prepared
 from piezoharvest.identify.noise.noise_gain import _solved
 from piezoharvest.identify.noise.noise_model import Noise, estimate, initial_noise
 from piezoharvest.identify.noise.spectra import gram, whitened
+from piezoharvest.identify.preparation import prepared
 from piezoharvest.predict.parameters import parameters_of
 from piezoharvest.records import load_campaign
 

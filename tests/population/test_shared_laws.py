@@ -1,4 +1,4 @@
-"""Three stacks whose load conducts beyond a voltage, each with values of its own: one law, from an independent solver."""
+"""Three stacks whose load conducts beyond a voltage, each with values of its own: one law, by an independent solver."""
 
 from dataclasses import replace
 

@@ -18,7 +18,8 @@ from piezoharvest.diagnose.stepwise_selection import Search
 from piezoharvest.diagnose.validation import failed_on, validated
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.identify.identification import Identification, Quality, combined_quality, judged
+from piezoharvest.identify.residual_quality import combined_quality, judged
+from piezoharvest.identify.result import Identification, Quality
 from piezoharvest.predict.prediction import PredictionError
 from piezoharvest.records.campaign import Campaign
 

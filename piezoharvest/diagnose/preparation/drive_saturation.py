@@ -12,7 +12,7 @@ from piezoharvest.diagnose import thresholds
 from piezoharvest.diagnose.residual_tests import whitened_squares
 from piezoharvest.diagnose.validation import validated
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
-from piezoharvest.identify.identification import Identification
+from piezoharvest.identify.result import Identification
 from piezoharvest.records.campaign import Campaign
 from piezoharvest.records.finding import Finding, index_of
 from piezoharvest.records.record import FrequencyRecord, Record

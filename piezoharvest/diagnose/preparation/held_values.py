@@ -17,7 +17,8 @@ from piezoharvest.description.transducer import Transducer
 from piezoharvest.diagnose import thresholds
 from piezoharvest.identify.fitting.levenberg_marquardt import Fit
 from piezoharvest.identify.fitting.output_error import inverse
-from piezoharvest.identify.identification import Identification, identify, with_parameters_held
+from piezoharvest.identify.identification import identify, with_parameters_held
+from piezoharvest.identify.result import Identification
 from piezoharvest.predict.parameters import Parameter, value_at
 from piezoharvest.records.campaign import Campaign
 

@@ -10,7 +10,8 @@ from scipy.signal import lsim
 
 from piezoharvest.diagnose.discovery.search import search
 from piezoharvest.identify.fitting.problem import Problem
-from piezoharvest.identify.identification import identify, prepared
+from piezoharvest.identify.identification import identify
+from piezoharvest.identify.preparation import prepared
 from piezoharvest.threads import single_threaded
 
 FINER = 20  # values of a reading for each sample, while it is filtered

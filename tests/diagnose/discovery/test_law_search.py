@@ -40,7 +40,8 @@ from piezoharvest.diagnose.discovery.verdict import found_laws, without_riders
 from piezoharvest.diagnose.score_tests import effect_parameters, extended
 from piezoharvest.identify.fitting.output_error import fit
 from piezoharvest.identify.fitting.problem import Problem, nuisance_for_model
-from piezoharvest.identify.identification import identify, prepared
+from piezoharvest.identify.identification import identify
+from piezoharvest.identify.preparation import prepared
 from piezoharvest.predict.discrete_model import setting_of
 from piezoharvest.predict.prediction import Prediction
 from piezoharvest.threads import single_threaded
