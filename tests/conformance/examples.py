@@ -54,6 +54,13 @@ GIVEN = {
     "mppt": {"fraction": 0.4, "sampling_duty": 0.1},
     "network": {"netlist": "L1 1 2 150\nC1 2 0 30n\nR1 2 0 100k load"},
     "spice": {"netlist": SPICE, "load": ("Rload",)},
+    # Begins off the electrical resonance; of currents of 0.1 mA.
+    "adaptive_rl": {
+        "inductance": 1.1 * IMPEDANCE / OMEGA,
+        "resistance": 0.3 * IMPEDANCE,
+        "adaptation_rate": 0.003 * OMEGA / 1e-8,
+        "averaging_time": 3 / DRIVE["frequency"],
+    },
     # A series RL circuit at 200 samples a period.
     "digital": {
         "numerator": (1.0,),
@@ -131,6 +138,7 @@ VARIANTS = {
         }
     ],
     "digital": [{"delay": 0.0065 / DRIVE["frequency"]}],
+    "adaptive_rl": [{"topology": "parallel", "resistance": 3 * IMPEDANCE}],
     "negative_capacitance": [{"topology": "series", "capacitance": 3 * BENCH["capacitance"]}],
 }
 

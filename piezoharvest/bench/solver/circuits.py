@@ -35,6 +35,10 @@ class Circuit:
         Peak current of its switched loop per volt, A/V.
     switch : Switch or None
         Its timing, if it has one.
+    smooth : bool
+        It is nonlinear between events.
+    turning : (instants,) array
+        sum T_i u_i, which controllers watch, A.
     """
 
     storage: tuple[float, ...] = ()
@@ -42,6 +46,8 @@ class Circuit:
     branch = 0
     surge = 0.0
     switch: Switch | None = None
+    smooth = False
+    turning: np.ndarray
 
     def __init__(self, shunt: Shunt) -> None:
         # Every key of the shunt's table as an attribute of that name.
@@ -195,6 +201,52 @@ class CurrentBlocking(Circuit):
             left[n] = left[n] - voltage
             rates += [(voltage - loss * coil) / inductance, (z[n] - coil) / capacitance]
         return sum(z[:count]), (*(u / part for u, part in zip(left, self.inductances, strict=True)), *rates)
+
+
+class AdaptiveRL(Circuit):
+    """Coil that adapts itself; states are its current, the filtered product of the detector, and L_0/L - 1.
+
+    Its branch is 0 while it adapts, 1 where it is shortest and -1 where it is longest.
+    """
+
+    inductance: float
+    resistance: float
+    adaptation_rate: float
+    averaging_time: float
+    min_inductance: float | None
+    max_inductance: float | None
+    topology: str
+    guard_count = 2
+    smooth = True
+
+    def __init__(self, shunt):
+        super().__init__(shunt)
+        least, most = self.min_inductance or self.inductance / 2, self.max_inductance or self.inductance * 2
+        self.highest, self.lowest = self.inductance / least - 1, self.inductance / most - 1
+        squared = 1 / (
+            self.adaptation_rate * self.averaging_time
+        )  # A^2, of a product that adapts as fast as it is seen
+        self.storage = (self.inductance, self.inductance / squared, self.inductance * squared)
+
+    def flow(self, z, v, free, elastance):
+        current, product, excess = z
+        series = self.topology == "series"
+        across = v - self.resistance * current if series else v
+        moves = 0.0 * product if self.branch else self.adaptation_rate * product
+        rates = (
+            (1 + excess) * across / self.inductance,
+            (current * self.turning - product) / self.averaging_time,
+            moves,
+        )
+        return current if series else current + v / self.resistance, rates
+
+    def guards(self, z, v, i):
+        if self.branch:
+            return [-self.branch * z[1], 0.0 * v - 1.0]
+        return [z[2] - self.highest, self.lowest - z[2]]
+
+    def fire(self, guard):
+        self.branch = 0 if self.branch else 1 - 2 * guard
 
 
 class Rectifier(Circuit):
@@ -391,6 +443,7 @@ UNSWITCHED: dict[str, type[Circuit]] = {
     "current_flowing": CurrentFlowing,
     "parallel_branches": CurrentFlowing,
     "current_blocking": CurrentBlocking,
+    "adaptive_rl": AdaptiveRL,
     "rectifier": Rectifier,
     "battery": Battery,
     "half_wave": HalfWave,

@@ -38,6 +38,8 @@ class Digital(Shunt):
         "J. Intell. Mater. Syst. Struct. 33(16), 2022"
     )
     mirrors: ClassVar[bool] = False  # its clock does not
+    sampled: ClassVar[bool] = True
+    unrecorded: ClassVar[str] = "whose clock no record shows, allowed are circuits without a controller"
 
     numerator: tuple[float, ...] = quantity("", "of the admittance in S, highest power of s (1/s) first")
     denominator: tuple[float, ...] = quantity("", "of the admittance, highest power of s (1/s) first")
