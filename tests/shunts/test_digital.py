@@ -1,6 +1,7 @@
 """Synthetic impedances: the engine against an independent recursion, stability against closed forms."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from scipy.linalg import expm
 from scipy.signal import bilinear
 from studies import BENCH, DRIVE
 
-from piezoharvest import simulate, simulate_many
+from piezoharvest import design, simulate, simulate_many
+from piezoharvest.bench.solver import CIRCUITS, Model, integrate
 from piezoharvest.description.excitation import SineForce
 from piezoharvest.description.parameters import ParameterError
 from piezoharvest.description.shunts import Digital, Resistor, SeriesRL
@@ -18,6 +20,7 @@ from piezoharvest.description.system import System
 from piezoharvest.description.transducer import Electrode, Transducer
 from piezoharvest.linear import anticipating, frequency_response, poles, sampled_loop, stability_limit
 from piezoharvest.spice import export_spice
+from piezoharvest.study import study_from
 
 DEVICE = Transducer(**BENCH)
 SINE = SineForce(amplitude=DRIVE["amplitude"], frequency=DRIVE["frequency"])
@@ -85,6 +88,18 @@ def test_agrees_with_a_recursion(changes):
     found = response.waveforms
     wanted = recursion(shunt, found.time[1:])
     assert found.displacement[1:] == pytest.approx(wanted, abs=1e-9 * np.max(np.abs(wanted)))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"delay": 1.3 * RL.sample_time, "resolution": 0.05}, {"saturation": 2e-5}],
+    ids=["late and coarse", "weak"],
+)
+def test_bench_has_the_same_recursion(changes):
+    shunt, times = dataclasses.replace(RL, **changes), np.arange(81) * PERIOD / 10
+    model = Model(DEVICE, CIRCUITS[shunt.kind](shunt), base=False)
+    found, wanted = integrate(model, SINE, times), recursion(shunt, times[1:])
+    assert found.displacement[1:] == pytest.approx(wanted, abs=1e-7 * np.max(np.abs(wanted)))
 
 
 def test_tends_to_the_circuit_that_it_stands_for():
@@ -213,3 +228,17 @@ def test_netlist_samples_and_holds(changes):
     assert found.mechanical_power == pytest.approx(wanted["mechanical_power"], rel=0.01)
     assert 2 * found.displacement_amplitude == pytest.approx(wanted["displacement_pp"], rel=0.01)
     assert 2 * found.voltage_amplitude == pytest.approx(wanted["voltage_pp"], rel=0.01)
+
+
+def test_design_tunes_its_coefficients():
+    """To more damping than as given; there is no gradient, and the result says how it was found."""
+    shunt = {"kind": "digital", "numerator": [1.0], "denominator": [247.0, 4e4], "sample_time": PERIOD / 100}
+    study = {
+        "transducer": {**BENCH, "damping": 0.6}, "excitation": DRIVE, "shunts": [shunt],
+        "design": {"objective": "damping", "candidates": ["digital"]},
+    }  # fmt: skip
+    found = design(study_from(study, Path("study.toml"))).candidates[0]
+    plain = Digital(numerator=(1.0,), denominator=(247.0, 4e4), sample_time=PERIOD / 100)
+    given = simulate(System(Transducer(**study["transducer"]), plain), SINE)
+    assert "simplex search" in found.method
+    assert found.attenuation_db < given.attenuation_db - 3.0

@@ -7,6 +7,8 @@ derivative, and held when it began.
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -37,8 +39,8 @@ class Circuit:
         Its timing, if it has one.
     smooth : bool
         It is nonlinear between events.
-    turning : (instants,) array
-        sum T_i u_i, which controllers watch, A.
+    turning, voltage : (instants,) array
+        What controllers watch: sum T_i u_i (A), and the electrode voltage (V).
     """
 
     storage: tuple[float, ...] = ()
@@ -48,6 +50,7 @@ class Circuit:
     switch: Switch | None = None
     smooth = False
     turning: np.ndarray
+    voltage: np.ndarray
 
     def __init__(self, shunt: Shunt) -> None:
         # Every key of the shunt's table as an attribute of that name.
@@ -59,8 +62,18 @@ class Circuit:
     def driven(self, period: float | None) -> None:
         """Set what depends on the period of the excitation (s), if it has one."""
 
+    @property
+    def timed(self) -> bool:
+        """Whether it acts at instants of its own."""
+        return self.switch is not None
+
+    @property
+    def due(self) -> float:
+        """Next instant at which it acts, s."""
+        return self.switch.due if self.switch else math.inf
+
     def act(self, z: np.ndarray) -> bool:
-        """Carry out what is due of a switch; True if the electrodes are to be discharged at once."""
+        """Carry out what is due; True if the electrodes are to be discharged at once."""
         return False
 
     def dc(self, z: np.ndarray) -> np.ndarray | None:
@@ -247,6 +260,56 @@ class AdaptiveRL(Circuit):
 
     def fire(self, guard):
         self.branch = 0 if self.branch else 1 - 2 * guard
+
+
+class Digital(Circuit):
+    """Sampled filter behind a current source; its state is the current that is held."""
+
+    numerator: tuple[float, ...]
+    denominator: tuple[float, ...]
+    sample_time: float
+    delay: float
+    resolution: float
+    saturation: float | None
+    timed = True
+
+    def __init__(self, shunt):
+        from scipy.signal import bilinear
+
+        super().__init__(shunt)
+        above, self.below = bilinear(self.numerator, self.denominator, 1.0 / self.sample_time)
+        self.above = np.pad(above, (len(self.below) - len(above), 0))
+        self.inputs, self.outputs = np.zeros(len(self.above)), np.zeros(len(self.below) - 1)
+        late = self.delay / self.sample_time % 1.0
+        late = 0.0 if 1.0 - late < 1e-9 else late
+        # The clock begins amid the longer part of it: before a current and after the sample, or the other way round.
+        self.sample = self.sample_time * (0.5 * (1.0 - late) if late <= 0.5 else 1.0 - 0.5 * late)
+        self.waiting: deque[tuple[float, float]] = deque()
+
+    def meet(self, capacitance):
+        self.storage = (self.sample_time**2 / capacitance,)
+
+    @property
+    def due(self):
+        return min(self.sample, self.waiting[0][0]) if self.waiting else self.sample
+
+    def act(self, z):
+        if self.waiting and self.waiting[0][0] <= self.sample:
+            z[0] = self.waiting.popleft()[1]
+            return False
+        read = float(self.voltage[0])
+        if self.resolution:
+            read = self.resolution * math.floor(read / self.resolution + 0.5)
+        self.inputs = np.append(read, self.inputs[:-1])
+        output = self.above @ self.inputs - self.below[1:] @ self.outputs
+        self.outputs = np.append(output, self.outputs)[: len(self.outputs)]
+        limit = math.inf if self.saturation is None else self.saturation
+        self.waiting.append((self.sample + self.delay, min(max(output, -limit), limit)))
+        self.sample += self.sample_time
+        return False
+
+    def flow(self, z, v, free, elastance):
+        return z[0] + 0.0 * v, (0.0 * z[0],)
 
 
 class Rectifier(Circuit):
@@ -444,6 +507,7 @@ UNSWITCHED: dict[str, type[Circuit]] = {
     "parallel_branches": CurrentFlowing,
     "current_blocking": CurrentBlocking,
     "adaptive_rl": AdaptiveRL,
+    "digital": Digital,
     "rectifier": Rectifier,
     "battery": Battery,
     "half_wave": HalfWave,

@@ -161,6 +161,7 @@ class Model:
         m.v_t, softness = self.dielectric(m.q - strain_charge - sum(y[row] for row in self.slow_charges))
         slope, level = _line(self.weights, self.stops)
         m.v, m.elastance = m.v_t + slope * m.q + level, softness + slope
+        self.circuit.voltage = m.v
         for row, rate in enumerate(self.own_rates, own.start):
             rates[row] = rate(m)
         m.turning = self.circuit.turning = (self.coupling * m.u).sum(axis=0)  # what a switch watches

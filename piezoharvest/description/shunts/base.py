@@ -34,7 +34,6 @@ class Shunt(Component):
     tracks: ClassVar[bool] = False  # it is at work as `tracked`, by the voltage of open electrodes
     unrecorded: ClassVar[str] = ""  # why no measured record may have it, in words
     multiplied: ClassVar[tuple[str, ...]] = ()  # names of products of two rows, which its equations have among z
-    tuned: ClassVar[tuple[str, ...]] = ()  # keys that a design tunes, beside those that circuits of its class have
 
     electrode: int = described("number of the electrodes at which it is; 0 are the transducer's own", default=0)
     others: tuple[Shunt, ...] = described(
@@ -131,6 +130,11 @@ class Shunt(Component):
 
     def assignments(self, configuration: str, port: Port, z: SimpleNamespace) -> Sequence[Assignment]:
         """What a clocked controller sets, one after the other, at the end of its time in a configuration."""
+        return ()
+
+    @property
+    def tuned(self) -> tuple[str, ...]:
+        """Keys, or places in lists as "numerator.0", that a design tunes where circuits of its class have none."""
         return ()
 
     def tracked(self, open_voltage: Any) -> Self:

@@ -42,7 +42,6 @@ class AdaptiveRL(Shunt):
     mirrors: ClassVar[bool] = False  # g keeps its sign
     unrecorded: ClassVar[str] = "whose inductance no record shows, allowed are circuits without a controller"
     multiplied: ClassVar[tuple[str, ...]] = ("beyond", "phase")
-    tuned: ClassVar[tuple[str, ...]] = ("resistance",)
 
     inductance: float = quantity("H", "inductance where a transient begins", above=0)
     resistance: float = quantity("ohm", "resistance in series with the coil, or beside it", above=0)

@@ -64,6 +64,12 @@ class Digital(Shunt):
         if np.any(np.real(self.delay) > MOST_DELAYS * np.real(self.sample_time)):
             raise ParameterError("delay", f"found {self.delay} s, must be at most {MOST_DELAYS} sample times")
 
+    @property
+    def tuned(self) -> tuple[str, ...]:
+        """Coefficients above zero, but for the first of the denominator, to which they are relative."""
+        above = [f"numerator.{k}" for k, value in enumerate(self.numerator) if value > 0]
+        return (*above, *(f"denominator.{k}" for k, value in enumerate(self.denominator) if k and value > 0))
+
     def _polynomial(self, coefficients: tuple[float, ...]) -> list[Any]:
         """Coefficients in z, highest power first, of p(2/T (z - 1)/(z + 1)) (z + 1)^n."""
         order = len(self.denominator) - 1
